@@ -150,15 +150,13 @@ class RulerReading:
     placement_stderr: float | None = None
 
     def __post_init__(self) -> None:
-        for name, unit, least in (
-            ("pitch", "m", ">"), ("expected_px_per_m", "px/m", ">"), ("placement_stderr", "m", ">="),
-        ):  # fmt: skip
+        for name, least in (("pitch", ">"), ("expected_px_per_m", ">"), ("placement_stderr", ">=")):
             value = getattr(self, name)
             if value is None or (
                 np.isfinite(value) and (value > 0 or (value == 0 and least == ">="))
             ):
                 continue
-            raise ValueError(f"{name} must be finite and {least} 0, got {value} {unit}")
+            raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
 
 
 @dataclasses.dataclass(frozen=True)

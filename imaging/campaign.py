@@ -52,38 +52,22 @@ _FIRST = (
 )  # fmt: skip
 _TEXTS = "path", "error", "sha256", "warnings"
 _PROFILES = "diameter", "diameter_stderr", "braid_angle", "braid_angle_stderr"
-# fmt: off
-_COLUMNS: dict[str, tuple[str | None, str]] = {
-    "time": ("time", "when the picture was taken, after the first stamped one, by the camera's clock"),
-    "length": ("length", "between the inner edges of the two tapes, along the axis"),
-    "mean_diameter": ("length", "mean of the diameter over the length"),
-    "max_diameter": ("length", "largest diameter"),
-    "volume": ("volume", "enclosed by the outside of the braid"),
-    "contraction": (None, "(rest length - length) / rest length"),
-    "px_per_m": (None, "scale at the mid-plane of the muscle"),
-    "roll_deg": (None, "angle of the axis to the columns of the picture"),
-    "braid_angle_deg": (None, "between yarns and circumference, mean over where the weave is resolved"),
-    "braid_angle_resolved": (None, "part of the length over which the braid angle is resolved"),
-    "yarns": (None, "of the braid around the circumference in each direction"),
-    "turns": (None, "of a yarn about the axis over the length, from the braid angle"),
-    "x0": ("length", "distance of the axis from the optical axis, to the right"),
-    "distance": ("length", "of the camera to the axis: as stated, or by the tapes' arcs"),
-    "tilt_deg": (None, "of the axis in depth, its lower end away from the camera"),
-    "bow": ("length", "largest deviation of the mid-line from a straight one"),
-    "log_time": ("time", "time of the picture by the machine's clock"),
-    "displacement": ("length", "of the machine, at the time of the picture"),
-    "force": ("force", "of the machine's log at the time of the picture"),
-    "pressure": ("pressure", "gauge, of the machine's log at the time of the picture"),
+_KINDS = {
+    **dict.fromkeys(("time", "log_time"), "time"),
+    **dict.fromkeys(("length", "mean_diameter", "max_diameter", "x0"), "length"),
+    **dict.fromkeys(("distance", "bow", "displacement"), "length"),
+    "volume": "volume",
+    "force": "force",
+    "pressure": "pressure",
 }
-# fmt: on
-"""Kind of unit, None where the name says the unit, and meaning; of others the name says both."""
+"""Kind of unit of a column; the names of the others say theirs."""
 
 
 def column_unit(name: str, system: str) -> tuple[str, float]:
     """Unit of a column, and SI per unit; a standard error has those of its quantity."""
     if name == "px_per_m":
         return "", factor(unit_system(system)["scale"], "scale")
-    kind, _ = _COLUMNS.get(name.removesuffix("_stderr"), (None, ""))
+    kind = _KINDS.get(name.removesuffix("_stderr"))
     unit = "" if kind is None else unit_system(system)[kind]
     return unit, 1.0 if kind is None else factor(unit, kind)
 
@@ -100,17 +84,12 @@ def column_name(name: str, system: str) -> str:
     return f"{name}_{unit}" if unit else name
 
 
-def _about(name: str) -> dict[str, str]:
-    """Unit in the spelling of the CF conventions, and meaning, as attributes of a variable."""
+def _cf_unit(name: str) -> dict[str, str]:
+    """Unit of a column in the spelling of the CF conventions, as attributes of a variable."""
     bare = name.removesuffix("_stderr")
     spelt = {"_deg": "degree", "_px": "pixel", "px_per_m": "pixel m-1"}
-    unit = column_unit(name, "si")[0] or next(
-        (u for end, u in spelt.items() if bare.endswith(end)), "1"
-    )
-    meaning = _COLUMNS.get(bare, (None, ""))[1]
-    if meaning and bare != name:
-        meaning = f"standard error: {meaning}"
-    return {"units": unit, "long_name": meaning or name.replace("_", " ")}
+    by_name = (unit for end, unit in spelt.items() if bare.endswith(end))
+    return {"units": column_unit(name, "si")[0] or next(by_name, "1")}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,7 +205,11 @@ class Table:
         error: "ClassName: message", empty where the picture was measured.
         warnings: of each picture, empty where there are none.
         sha256: of each file.
-        columns: numbers by name, each of shape (n,); nan where a picture has none.
+        columns: numbers by name, each of shape (n,); nan where a picture has none. `time` counts from
+            the first stamped picture, `contraction` is (rest length - length) / rest length, `x0` the
+            distance of the axis from the optical axis, `tilt_deg` that of the axis in depth, `bow` the
+            largest deviation of the mid-line from a straight one, `yarns` those around the
+            circumference in each direction; figures of quality as in `Quality`.
         diameter: at z/L = `position`, shape (n, 201) [m].
         diameter_stderr: its standard error, shape (n, 201) [m].
         braid_angle: at z/L = `position`, shape (n, 201) [deg]; nan where it is not resolved, as it is
@@ -347,7 +330,7 @@ class Table:
             "sha256": (picture, np.array(self.sha256, "U"), {"long_name": "of the file"}),
         }
         for name, values in self.columns.items():
-            data[column_name(name, "si")] = picture, values, _about(name)
+            data[column_name(name, "si")] = picture, values, _cf_unit(name)
         data["diameter_m"] = grid, self.diameter, {"units": "m", "long_name": "D(z), outside"}
         data["diameter_stderr_m"] = grid, self.diameter_stderr, {"units": "m"}
         if "braid_angle_deg" in self.columns:

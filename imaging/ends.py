@@ -1,6 +1,5 @@
 """The tapes at the ends: where their inner edges lie, and what they say of the axis in depth."""
 
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -90,8 +89,7 @@ _FEWEST_ROWS = 12
 _SOFTER = 1.25  # times the outline's blur, from which a tape's edge is looked at in luma as well
 
 
-@dataclasses.dataclass(frozen=True)
-class Ring:
+class Ring(NamedTuple):
     """The inner edge of one tape.
 
     Attributes:
@@ -148,12 +146,8 @@ class _Front:
         self, photo: Photograph, tone: Tone, coarse: Segmentation, body: Silhouette, blur: float,
         *, lower: bool,
     ) -> None:  # fmt: skip
-        self.photo, self.tone, self.body, self.colours = (
-            photo,
-            tone,
-            body,
-            (coarse.tape, coarse.braid),
-        )
+        self.photo, self.tone, self.body = photo, tone, body
+        self.colours = coarse.tape, coarse.braid
         camera, self.plane = photo.camera, (0.0, 0.0)
         self.step = (-1 if lower else 1) / camera.px_per_m  # inward [m]
         band = coarse.lower if lower else coarse.upper
@@ -183,11 +177,8 @@ class _Front:
     def _spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
         """The amount at picture positions u, v; beyond the patch that of its border."""
         clipped = np.clip(np.asarray(amounts, float), -_BRIGHTEST, _BRIGHTEST)
-        spline, u0, v0 = (
-            spline_filter(clipped, 3, mode="mirror"),
-            self.columns.start,
-            self.rows.start,
-        )
+        spline = spline_filter(clipped, 3, mode="mirror")
+        u0, v0 = self.columns.start, self.rows.start
         return lambda u, v: map_coordinates(
             spline, [v - v0, u - u0], order=3, mode="mirror", prefilter=False
         )
@@ -273,7 +264,7 @@ def find_ring(
             f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; "
             "something covers it, or shines on it: clear it, or move the lamp",
             seen=seen,
-        )
+        )  # fmt: skip
     delta, where = _along(grid, lateral, t, s)
     (offset, left_over), teeth = _line(where / px, delta), 0.0
     if _scatter(left_over) > _RAGGED:
@@ -282,7 +273,7 @@ def find_ring(
         s, delta, where = _pieces(grid, lateral, t, s)
         offset, left_over = _line(where / px, delta)
     if s > _SOFTER * max(blur, 1.0) and coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA):
-        s = _less_colour(front, front.around(y, t), shows, t, s, teeth)
+        s = _less_colour(front, y, shows, t, s, teeth)
     spread, radius = _scatter(left_over), float(body.radius_at(y))
     at = np.array([y + offset * front.step])
     u, v = on_cylinder(photo.camera, body, at, lateral, radius, front.plane)
@@ -300,17 +291,14 @@ def find_ring(
     )
 
 
-def _less_colour(
-    front: _Front, around: tuple[Array, Array, Array], shows: Flags, t: Array, s: float, teeth:
-    float,
-) -> float:  # fmt: skip
+def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teeth: float) -> float:
     """Blur of an edge less what colour adds to it [px], from its blur and that in luma.
 
     Colour is softer than luma: a camera's mosaic has it in every second pixel, and most JPEG files
     once more, each joined by straight lines (2/3 px^2 of variance), JPEG's a mean over two pixels
     (1/4 px^2). More than that is the lens', or motion.
     """
-    lateral, u, v = around
+    lateral, u, v = front.around(y, t)
     grid = front.lumas()(u, v)
     use, in_luma = _lit(grid, t - teeth) & shows, s
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
@@ -336,10 +324,8 @@ def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Arra
 
 def _means(grid: Array, lateral: Array, parts: int) -> tuple[Array, Array]:
     """Means of neighbours along the edge, shape (parts, k), and of where they lie."""
-    split = np.array_split(grid, parts), np.array_split(lateral, parts)
-    return np.stack([part.mean(axis=0) for part in split[0]]), np.array(
-        [p.mean() for p in split[1]]
-    )
+    means = [part.mean(axis=0) for part in np.array_split(grid, parts)]
+    return np.stack(means), np.array([part.mean() for part in np.array_split(lateral, parts)])
 
 
 def plane_through(lateral: Array, shift: Array, radius: float) -> tuple[list[float], list[float]]:
@@ -452,16 +438,16 @@ class Lean(NamedTuple):
     middle: float
     middle_stderr: float
 
-    @classmethod
-    def of(cls, ring: Ring, radius: float) -> "Lean":
-        """The lean of a ring of this radius [m], by least squares.
 
-        Unrolled about an upright cylinder at the camera's distance, a ring square to it is straight.
-        The front of one that leans lies lower by p sqrt(R^2 - X^2) at X across the axis, as does that
-        of a square one around a tilted axis, or seen from another distance.
-        """
-        found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
-        return cls(found[2], stderr[2], found[0], stderr[0])
+def lean_of(ring: Ring, radius: float) -> Lean:
+    """The lean of a ring of this radius [m], by least squares.
+
+    Unrolled about an upright cylinder at the camera's distance, a ring square to it is straight.
+    The front of one that leans lies lower by p sqrt(R^2 - X^2) at X across the axis, as does that
+    of a square one around a tilted axis, or seen from another distance.
+    """
+    found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
+    return Lean(found[2], stderr[2], found[0], stderr[0])
 
 
 def check_tape_diameter(
@@ -527,8 +513,7 @@ _ASIDE = 0.6  # of the bow in the picture: the bow in depth that goes with it
 _WAVE = 2 / math.pi  # mean of half a sine wave
 
 
-@dataclasses.dataclass(frozen=True)
-class Depth:
+class Depth(NamedTuple):
     """The axis in depth, by the arcs of both tapes' edges.
 
     The front of a tape's edge lies lower than its middle by p_i = tilt + y_i (1/d - 1/d0) over the
@@ -549,8 +534,7 @@ class Depth:
     against: float
 
 
-@dataclasses.dataclass(frozen=True)
-class Axis:
+class Axis(NamedTuple):
     """What is made of the axis.
 
     Attributes:
@@ -581,7 +565,7 @@ class Axis:
 
 def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> tuple[Depth, tuple[Lean, Lean]]:
     """Tilt and distance by the leans of both tapes' edges, and these."""
-    up, low = (Lean.of(ring, float(body.radius_at(ring.y))) for ring in (upper, lower))
+    up, low = (lean_of(ring, float(body.radius_at(ring.y))) for ring in (upper, lower))
     span = lower.y - upper.y
     nearer, nearer_stderr = (low.slope - up.slope) / span, math.hypot(low.stderr, up.stderr) / span
     weight = np.array([up.stderr, low.stderr]) ** -2.0
@@ -620,8 +604,7 @@ def axis_of(
     """
     depth, (up, low) = depth_of_axis(body, upper, lower)
     length, d = lower.y - upper.y, camera.distance
-    warnings = []
-    parts, wide = [], 0.0
+    warnings, parts, wide = [], [], 0.0
     nearer_stderr = math.hypot(depth.nearer_stderr, math.sqrt(2) * _WOUND / length)
     radius = float(np.mean(body.radius))
     ends = (0.0, 0.0)
@@ -650,8 +633,7 @@ def axis_of(
     factor = 1.0
     if abs(tilt) > max(_SEEN * depth.tilt_stderr, _LEAST):
         factor = 1 + turned / 2
-        parts.append(length * abs(turned) / 2)
-        parts.append(length * (abs(tilt) + abs(aside)) * depth.tilt_stderr)
+        parts += [length * abs(turned) / 2, length * (abs(tilt) + abs(aside)) * depth.tilt_stderr]
         warnings.append(
             f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} deg, "
             f"+-{math.degrees(depth.tilt_stderr):.1f}: half of the {abs(turned):.2%} that this does to "
@@ -698,7 +680,7 @@ def distance_by_tapes(
             "each other more than that: say --distance, wind the tapes square to the axis, and hang "
             "the muscle straight",
             lean=depth.against,
-        )
+        )  # fmt: skip
     return 1 / inverse
 
 
