@@ -22,15 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from famjax.boundary.extras import import_extra
-from famjax.boundary.files import write_whole
-from famjax.boundary.settings import differing, some_of
+from famjax.boundary.settings import some_of
 from famjax.boundary.units import factor, unit_system
 
 from .camera import Array
-from .errors import CampaignChanged, ImagingError, MixedSizes, WorkerDied
+from .errors import ImagingError, MixedSizes, WorkerDied
 from .measurement import Measurement
 from .photograph import Timestamp, read_timestamp, shown_size
-from .recipe import Recipe, recipe_as_dict, recipe_text
+from .recipe import Recipe, recipe_text
 
 if TYPE_CHECKING:
     import xarray
@@ -42,7 +41,6 @@ POSITION = np.linspace(0, 1, 201)
 SCALE_STDERR = "scale_relative_stderr"
 """Entry of the provenance: relative standard error of px/m, common to all lengths and diameters."""
 
-_FORMAT = "famjax measure 4"
 _START = 2.0  # s, in which a worker starts: what workers save must be more
 _NONE = (math.nan,) * POSITION.size
 _NUMBER = re.compile(r"[-+]*[\d.]+")
@@ -415,101 +413,59 @@ def _notes(rows: Sequence[Row], resolution: float) -> Iterator[str]:
 
 
 class _Kept:
-    """The finished rows of a campaign on the disk, from which a stopped one goes on.
-
-    One line for the settings and one for each picture, added as soon as it is measured and never
-    changed again. What the file holds is known by the paths in it, so that pictures may be added, left
-    out and divided otherwise later.
+    """The rows of a campaign on the disk, one line of JSON each, added as soon as it is measured.
 
     Args:
         folder: created if missing; None keeps nothing.
-        settings: what every row depends on, by name; values of JSON.
-        resume: go on with the rows that are there; else they are removed.
+        settings: what a row depends on besides its picture.
 
     Raises:
-        CampaignChanged: the rows there were measured with other settings.
-        ImagingError: the folder cannot be read or written, or the rows in it are damaged.
+        ImagingError: the folder cannot be read or written.
     """
 
-    def __init__(self, folder: Path | None, settings: dict[str, Any], *, resume: bool) -> None:
+    def __init__(self, folder: Path | None, settings: str) -> None:
         self.file = None if folder is None else folder / "rows.jsonl"
+        self.settings = hashlib.sha256(settings.encode()).hexdigest()
         self.rows: dict[str, Row] = {}
         if folder is None or self.file is None:
             return
         with _on_disk(folder, "the finished part of the campaign cannot be used"):
             folder.mkdir(parents=True, exist_ok=True)
-            head, *rows = (_read(self.file) if resume else []) or [settings]
-            if rows and (changes := differing(head, settings)):
-                raise CampaignChanged(
-                    f"the pictures there were measured otherwise: {some_of(changes, '; ')}. Measure all "
-                    "again without resuming (--no-resume), give another output folder, or the same "
-                    "settings",
-                    path=folder,
-                )
-            write_whole(self.file, b"".join(map(_line, [settings, *rows])))
-        self.rows = {row["path"]: Row(**row) for row in rows}
+            lines = self.file.read_bytes().splitlines() if self.file.exists() else []
+        for line in lines:
+            with contextlib.suppress(ValueError):  # a line that a stop cut short
+                entry = json.loads(line)
+                if entry.pop("settings") == self.settings:
+                    self.rows[entry["sha256"]] = Row(**entry)
 
     def rows_of(self, paths: Sequence[str]) -> dict[str, Row]:
-        """The rows of those pictures that need not be measured again, by path as given here.
-
-        A picture that failed is measured again if its file has changed since.
-
-        Raises:
-            CampaignChanged: a file that was measured has changed since.
-        """
-        known = {path: row for path in paths if (row := self.rows.get(os.path.abspath(path)))}
-        same = {path for path, row in known.items() if row.sha256 == _sha256(path)}
-        changed = [path for path, row in known.items() if path not in same and not row.error]
-        if changed:
-            raise CampaignChanged(
-                f"{len(changed)} pictures have changed since they were measured, so that the table "
-                f"would no longer describe them: {some_of(changed)}. Measure all again without "
-                "resuming (--no-resume), or give another output folder",
-                path=self.file,
-            )
-        return {path: dataclasses.replace(known[path], path=path) for path in same}
+        """The rows of those pictures that need not be measured again, by path as given here."""
+        known = {path: self.rows.get(_sha256(path)) for path in paths if self.rows}
+        return {path: dataclasses.replace(row, path=path) for path, row in known.items() if row}
 
     def add(self, row: Row) -> None:
         """Keep a finished row; it is on the disk when this returns."""
-        if self.file is None:
+        if self.file is None or not row.sha256:
             return
+        line = json.dumps(vars(row) | {"settings": self.settings}).encode()
         what = "the finished part of the campaign cannot be written"
         with _on_disk(self.file.parent, what), self.file.open("ab") as file:
-            file.write(_line(vars(row) | {"path": os.path.abspath(row.path)}))
+            file.write(b"\n" + line)  # ahead of it, so that it is apart from one cut short
             file.flush()
             os.fsync(file.fileno())
 
 
-def _line(entry: dict[str, Any]) -> bytes:
-    return json.dumps(entry).encode() + b"\n"
-
-
-def _read(file: Path) -> list[dict[str, Any]]:
-    """What the lines of a file hold; a last one that was not written to its end is left out."""
-    entries, lines = {}, file.read_bytes().split(b"\n")[:-1] if file.exists() else []
-    for number, line in enumerate(lines, start=1):
-        try:
-            entry = json.loads(line)
-        except ValueError:
-            raise ImagingError(
-                f"the finished rows are damaged in line {number}: take that line out to measure its "
-                "picture again, or measure all again without resuming (--no-resume)",
-                path=file,
-            ) from None
-        entries[entry.get("path")] = entry  # of a picture the latest
-    return list(entries.values())
-
-
 def process(
     paths: Iterable[str | Path], recipe: Recipe, output: str | Path | None = None,
-    executor: Any = "auto", resume: bool = True, progress: Callable[[int, int], None] | None = None,
-    *, rest_length: float | None = None, reader: Callable[..., Any] | None = None,
+    executor: Any = "auto", progress: Callable[[int, int], None] | None = None, *,
+    rest_length: float | None = None, reader: Callable[..., Any] | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
     """The shape in every picture, each measured on its own; a picture that fails is a row with the reason.
 
     Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
-    extended goes on with the pictures that are not there yet. A picture with which a process of this
+    extended goes on with the pictures that are not there yet, or were measured otherwise: a row is known
+    by the content of its picture and the recipe. A picture with which a process of this
     function dies costs that picture: it is a row with the reason.
 
     Args:
@@ -519,7 +475,6 @@ def process(
         executor: a number of processes, None for this one, or an object with `map` as that of
             `concurrent.futures.Executor`, whose workers must see the files. "auto" measures the first
             picture here, and takes a process for each core where these then save more than their start.
-        resume: go on with what is in `output`; else begin anew.
         progress: called with (pictures done, pictures) whenever some are done.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         reader: see `measure`; must be picklable.
@@ -531,7 +486,6 @@ def process(
     Raises:
         ImagingError: no paths, or a folder that cannot be used.
         MixedSizes: the pictures differ in size; nothing has been measured.
-        CampaignChanged: `output` holds rows of another recipe, or of a picture that has changed.
         WorkerDied: the executor that was given is gone; the finished rows are kept.
     """
     unique: dict[str, str] = {}
@@ -548,8 +502,8 @@ def process(
         except ValueError as error:
             raise ImagingError(f"the recipe does not fit the pictures: {error}") from None
     version = importlib.metadata.version("famjax")
-    settings = {"format": _FORMAT, "version": version, "recipe": recipe_as_dict(recipe)}
-    kept = _Kept(None if output is None else Path(output) / PARTS, settings, resume=resume)
+    told = {"famjax_version": version, "recipe": recipe_text(recipe)}
+    kept = _Kept(None if output is None else Path(output) / PARTS, json.dumps(told))
     rows = kept.rows_of(names)
     if progress is not None:
         progress(len(rows), len(names))
@@ -559,10 +513,9 @@ def process(
         rows[row.path] = row
         if progress is not None:
             progress(len(rows), len(names))
-    told = {"famjax_version": version, "recipe": recipe_text(recipe), **(provenance or {})}
     return Table.from_rows(
         [rows[name] for name in names], scale_relative_stderr=recipe.scale.relative_stderr,
-        rest_length=rest_length, provenance=told,
+        rest_length=rest_length, provenance={**told, **(provenance or {})},
     )  # fmt: skip
 
 

@@ -108,7 +108,6 @@ def measure(
     jobs: Jobs = None,
     units: Units = "us",
     output: Path = Path("famjax-measure"),
-    resume: Annotated[bool, Parameter(negative="--no-resume")] = True,
     overlays: int = 12,
     json_: bool = False,
     read_log: Annotated[Callable[..., Any] | None, Parameter(parse=False)] = None,
@@ -147,8 +146,6 @@ def measure(
         Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
         Folder for the files, created if missing.
-    resume
-        Go on with what is in the folder, or measure all again.
     overlays
         Number of pictures drawn with what was found in them, for a check by eye.
     json_
@@ -185,7 +182,7 @@ def measure(
             outcome = measure_pictures(
                 photos, recipe=recipe, provenance=provenance, add_log=add_log, rest_length=rest,
                 executor="auto" if jobs is None else jobs, system=units, output=output,
-                resume=resume, overlays=overlays, progress=count,
+                overlays=overlays, progress=count,
             )  # fmt: skip
     except InputError as error:
         # What a picture was refused for has a name, which the documentation explains.

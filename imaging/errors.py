@@ -118,9 +118,5 @@ class ScaleContradiction(ImagingError):
     """The scale and a known diameter in the picture exclude each other."""
 
 
-class CampaignChanged(ImagingError):
-    """What a campaign has measured so far was measured from other pictures, or otherwise."""
-
-
 class WorkerDied(ImagingError):
     """The process that measured a picture ended abnormally, for lack of memory for example."""

@@ -186,7 +186,7 @@ def measure_pictures(
     photos: Sequence[str], *, recipe: Recipe, provenance: dict[str, str],
     add_log: Callable[[Table], Table] | None = None, rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto", system: str = "us",
-    output: Path = Path("famjax-measure"), resume: bool = True, overlays: int = 12,
+    output: Path = Path("famjax-measure"), overlays: int = 12,
     progress: Callable[[int, int], None] | None = None,
 ) -> CampaignOutcome:  # fmt: skip
     """Measure the pictures; write table, recipe and check pictures.
@@ -199,8 +199,7 @@ def measure_pictures(
         rest_length: [m]; the longest measured picture if None.
         executor: as of `process`.
         system: units of CSV and plots.
-        output: folder, created if missing.
-        resume: continue from the results in the folder.
+        output: folder, created if missing; what was measured there in the same way is taken from it.
         overlays: number of pictures drawn with what was found in them.
         progress: called with (pictures done, pictures).
 
@@ -209,7 +208,7 @@ def measure_pictures(
     """
     paths = expand(photos, without=provenance.get("ruler"))
     table = process(
-        paths, recipe, output, executor, resume, progress, rest_length=rest_length,
+        paths, recipe, output, executor, progress, rest_length=rest_length,
         provenance=provenance,
     )  # fmt: skip
     if others := skipped(photos):

@@ -101,9 +101,9 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
     assert (bad["ok"], bad["length_mm"]) == ("false", "")
     again = tmp_path / "a" / "recipe.toml"
     assert again.read_text() == recipe.read_text()
-    # Another scale into the same folder is refused; nothing is overwritten.
-    assert run(*arguments, "--output", tmp_path / "a", "--scale", "60+-0.1 px/in") == 2
-    assert "CampaignChanged" in capsys.readouterr().err
+    # Another scale into the same folder measures again.
+    assert run(*arguments, "--output", tmp_path / "a", "--scale", "60+-0.1 px/in") == 3
+    assert float(table(tmp_path / "a" / "measurements.csv")[0]["px_per_mm"]) < 2.4
 
 
 @pytest.mark.parametrize(
