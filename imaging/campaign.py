@@ -28,7 +28,7 @@ from famjax.boundary.units import factor, unit_system
 from .camera import Array
 from .errors import ImagingError, MixedSizes, WorkerDied
 from .measurement import Measurement
-from .photograph import Timestamp, read_timestamp, shown_size
+from .photograph import Timestamp, read_timestamp, sizes_of
 from .recipe import Recipe, recipe_text
 
 if TYPE_CHECKING:
@@ -583,13 +583,10 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     Raises:
         MixedSizes: names the pictures that differ from the most common size.
     """
-    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 -- loaded when pictures are
-
     by_size: dict[tuple[int, int], list[str]] = {}
     for path in paths:
-        unread = contextlib.suppress(OSError, UnidentifiedImageError, SyntaxError)
-        with unread, Image.open(path) as picture:
-            by_size.setdefault(shown_size(picture), []).append(path)
+        for size in sizes_of(path)[:1]:
+            by_size.setdefault(size, []).append(path)
     if len(by_size) < 2:
         return next(iter(by_size), None)
     (usual, most), *others = sorted(by_size.items(), key=lambda item: -len(item[1]))

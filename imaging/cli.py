@@ -52,8 +52,7 @@ class RecipeOptions:
     crop_offset
         Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
     frame_size
-        Width and height of the camera's frame, which a crop offset is counted in; `5568,3712`, the
-        reference work's camera, unless given.
+        Width and height of the camera's frame, which a crop offset is counted in, `5568,3712`.
     scale
         Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
     k1
@@ -109,6 +108,7 @@ def measure(
     units: Units = "us",
     output: Path = Path("famjax-measure"),
     overlays: int = 12,
+    rescaled: bool = False,
     json_: bool = False,
     read_log: Annotated[Callable[..., Any] | None, Parameter(parse=False)] = None,
 ) -> int:
@@ -148,6 +148,8 @@ def measure(
         Folder for the files, created if missing.
     overlays
         Number of pictures drawn with what was found in them, for a check by eye.
+    rescaled
+        The ruler's picture has another size than the others on purpose: its scale is taken as it is.
     json_
         Print one JSON object to standard output and nothing else there.
     read_log
@@ -182,7 +184,8 @@ def measure(
             outcome = measure_pictures(
                 photos, recipe=recipe, provenance=provenance, add_log=add_log, rest_length=rest,
                 executor="auto" if jobs is None else jobs, system=units, output=output,
-                overlays=overlays, progress=count,
+                overlays=overlays,
+                rescaled=rescaled, progress=count,
             )  # fmt: skip
     except InputError as error:
         # What a picture was refused for has a name, which the documentation explains.
@@ -197,8 +200,6 @@ def measure(
         )
         return 130
     document = as_document(outcome, units)
-    if "frame_size" in provenance:
-        document["notes"].append(f"The camera's frame is {provenance['frame_size']}.")
     document["set_up"] = setting
     if json_:
         print_json(document)

@@ -17,14 +17,11 @@ from famjax.boundary.units import factor, finite_or_none, parse_quantity, unit_s
 
 from .camera import Indices, Scale
 from .campaign import Table, column_name, process
-from .errors import ImagingError
+from .errors import ImagingError, MixedSizes
 from .measurement import draw_overlay, measure
-from .photograph import read_image
+from .photograph import read_image, sizes_of
 from .recipe import Recipe, read_recipe, write_recipe
 from .ruler import calibrate_ruler
-
-REFERENCE_FRAME = (5568, 3712)
-"""Width and height [px] of the frames of the reference work's camera."""
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""
@@ -105,12 +102,6 @@ def picture_recipe(
     fields = dict(choices)
     base = None if recipe is None else read_recipe(recipe)
     provenance = {} if recipe is None else {"recipe_file": str(recipe)}
-    if "crop_offset" in fields and "frame_size" not in fields and base is None:
-        fields["frame_size"] = REFERENCE_FRAME
-        width, height = REFERENCE_FRAME
-        provenance["frame_size"] = (
-            f"assumed: {width} x {height} px, the reference work's camera; say --frame-size for another"
-        )
     if scale is not None:
         fields["scale"] = parse_scale(scale)
     elif base is None and ruler is None:
@@ -168,6 +159,28 @@ def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
         raise error.at(ruler) from None
 
 
+def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
+    """Refuse a ruler's picture that was cropped or scaled otherwise than those of the muscle.
+
+    A ruler in the whole frame serves pictures that the recipe says to be cropped from it.
+
+    Raises:
+        MixedSizes: other pixels, or other ones as the camera took them, with their ratio.
+    """
+    others = next((sizes for path in paths if (sizes := sizes_of(path))), [])
+    for one, other in zip(sizes_of(ruler), others, strict=False):
+        if one == recipe.frame_size:
+            return
+        if one != other:
+            raise MixedSizes(
+                "the ruler must be photographed, cropped and scaled as the muscle is; its picture has "
+                f"{one[0]} x {one[1]} px, the others have {other[0]} x {other[1]} px, by file or camera, a "
+                f"ratio of {one[0] / other[0]:.4g} in width and {one[1] / other[1]:.4g} in height: say how "
+                "the pictures were cropped (--crop-offset, --frame-size), or that it is meant (--rescaled)",
+                path=ruler,
+            )  # fmt: skip
+
+
 class CampaignOutcome(NamedTuple):
     """The result of a campaign.
 
@@ -187,7 +200,7 @@ def measure_pictures(
     add_log: Callable[[Table], Table] | None = None, rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto", system: str = "us",
     output: Path = Path("famjax-measure"), overlays: int = 12,
-    progress: Callable[[int, int], None] | None = None,
+    rescaled: bool = False, progress: Callable[[int, int], None] | None = None,
 ) -> CampaignOutcome:  # fmt: skip
     """Measure the pictures; write table, recipe and check pictures.
 
@@ -201,12 +214,16 @@ def measure_pictures(
         system: units of CSV and plots.
         output: folder, created if missing; what was measured there in the same way is taken from it.
         overlays: number of pictures drawn with what was found in them.
+        rescaled: that the ruler's picture has another size than the others is meant.
         progress: called with (pictures done, pictures).
 
     Raises:
         ImagingError: input that cannot be used.
     """
-    paths = expand(photos, without=provenance.get("ruler"))
+    ruler = provenance.get("ruler")
+    paths = expand(photos, without=ruler)
+    if ruler is not None and not rescaled:
+        check_sizes(ruler, paths, recipe)
     table = process(
         paths, recipe, output, executor, progress, rest_length=rest_length,
         provenance=provenance,

@@ -126,42 +126,35 @@ class Quality:
 _LEAST = {"eta_value", "eta_hue"}
 """Figures that a limit bounds from below; the others are bounded from above."""
 
+_SMEARED = (
+    "edges must be as sharp as the lens makes them, along the axis as across it; these are smeared: expose "
+    "shorter, or hold the muscle still, check the focus, and take the picture again"
+)
+_ALIKE = (
+    "the two sides must be smooth and mirror each other: is the picture damaged, one side in the shade, "
+    "or something in front of the muscle or beside it?"
+)
 _CHECKS: tuple[tuple[str, type[errors.ImagingError], str], ...] = (
-    ("saturated", errors.Overexposed,
-     "expose shorter: where the light is cut off there is no edge to find"),
-    ("eta_value", errors.NoMuscle,
-     "muscle and cloth must differ in brightness: give more light, or darker cloth"),
-    ("eta_hue", errors.AmbiguousHue,
-     "tape and braid must differ in colour: use another tape, or give its hue"),
-    ("tape_hue_error_deg", errors.AmbiguousHue,
-     "the tapes found have another hue than the recipe's tape"),
-    ("blur_ratio", errors.MotionBlurred,
-     "edges must be as sharp along the axis as across it; these are smeared in one direction: expose "
-     "shorter, or hold the muscle still, and take the picture again"),
+    ("saturated", errors.Overexposed, "expose shorter: where light is cut off there is no edge to find"),
+    ("eta_value", errors.NoMuscle, "muscle and cloth must differ in brightness: give more light, or "
+     "darker cloth"),
+    ("eta_hue", errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or give "
+     "its hue"),
+    ("tape_hue_error_deg", errors.AmbiguousHue, "the tapes found have another hue than the recipe's"),
+    ("blur_ratio", errors.MotionBlurred, _SMEARED),
     ("blur_px", errors.Defocused, "focus on the muscle's limb, and take the picture again"),
-    ("tape_blur_px", errors.MotionBlurred,
-     "the tapes' edges must be sharp as well; these are smeared: expose shorter, or hold the muscle "
-     "still, check the focus, and take the picture again"),
-    ("flank", errors.MotionBlurred,
-     "the muscle's edges must rise within the blur of a lens; these go on to rise: expose shorter, or "
-     "hold the muscle still, check the focus, and take the picture again"),
-    ("outlier_fraction", errors.DamagedImage,
-     "too many rows have no edge near the others: is the picture damaged, or something in front "
-     "of the muscle?"),
-    ("residual_rms", errors.DamagedImage,
-     "the outline must be smooth: is the picture damaged, or the muscle's edge covered?"),
-    ("kappa", errors.Underexposed,
-     "a limb is as dark as the cloth: light the muscle from both sides; if it is lit, it moved: expose "
-     "shorter, and take the picture again"),
-    ("axis_deviation", errors.NoMuscle,
-     "the two sides must mirror each other: is one in the shade, or covered?"),
-    ("axis_kink", errors.DamagedImage,
-     "the two sides must mirror each other all along: is something in front of one, or beside it?"),
-    ("misfit", errors.DamagedImage,
-     "the mean edge must look like that of a lit body behind a lens: is another edge behind it, or "
-     "does the camera sharpen?"),
-    ("tape_sd_px", errors.AmbiguousHue,
-     "the tapes' edges must be straight rings: is a tape torn, or covered?"),
+    ("tape_blur_px", errors.MotionBlurred, _SMEARED),
+    ("flank", errors.MotionBlurred, _SMEARED),
+    ("outlier_fraction", errors.DamagedImage, _ALIKE),
+    ("residual_rms", errors.DamagedImage, _ALIKE),
+    ("kappa", errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; if "
+     "it is lit, it moved: expose shorter, and take the picture again"),
+    ("axis_deviation", errors.NoMuscle, _ALIKE),
+    ("axis_kink", errors.DamagedImage, _ALIKE),
+    ("misfit", errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: is "
+     "another edge behind it, or does the camera sharpen?"),
+    ("tape_sd_px", errors.AmbiguousHue, "the tapes' edges must be straight rings: is a tape torn, or "
+     "covered?"),
 )  # fmt: skip
 
 

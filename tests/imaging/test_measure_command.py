@@ -18,10 +18,10 @@ from rendering import (
 )
 
 from famjax.__main__ import main
-from imaging import read_recipe
+from imaging import ImagingError, Recipe, Scale, read_recipe
 from imaging.cli import RecipeOptions, command_recipe
-from imaging.errors import AmbiguousRuler
-from imaging.pictures import parse_scale
+from imaging.errors import AmbiguousRuler, MixedSizes
+from imaging.pictures import check_sizes, parse_scale
 
 IN = 0.0254
 SIZE = (660, 280)
@@ -86,7 +86,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
 def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
     recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
-    from imaging import Recipe, Scale, write_recipe
+    from imaging import write_recipe
 
     write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
     picture.write_bytes(b"\xff\xd8 no picture")
@@ -179,7 +179,7 @@ def test_a_scale_by_hand_has_the_error_given_or_that_of_its_digits():
 
 
 def test_options_override_the_recipe_file(tmp_path):
-    from imaging import Recipe, Scale, write_recipe
+    from imaging import write_recipe
 
     path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
     found, provenance = command_recipe(
@@ -213,16 +213,36 @@ def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
 
 
-def test_a_crop_without_its_frame_is_of_the_reference_camera_and_says_so() -> None:
-    recipe, provenance = command_recipe(RecipeOptions(scale="226.63 px/in", crop_offset="2234,531"))
-    assert recipe.frame_size == (5568, 3712)
-    assert "assumed" in provenance["frame_size"]
-    assert recipe.camera(1100, 2650).centre == pytest.approx((549.5, 1324.5), abs=1)
-    own, provenance = command_recipe(
-        RecipeOptions(scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700")
-    )
-    assert own.frame_size == (1200, 2700)
-    assert "frame_size" not in provenance
+def test_a_crop_needs_its_frame():
+    with pytest.raises(ImagingError, match="needs the frame_size"):
+        command_recipe(RecipeOptions(scale="226.63 px/in", crop_offset="2234,531"))
+    own = RecipeOptions(scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700")
+    assert command_recipe(own)[0].frame_size == (1200, 2700)
+
+
+def test_a_ruler_of_another_size_is_refused_with_its_ratio(tmp_path):
+    """Other pixels; or the same ones, of a frame that the camera took with others."""
+    from PIL import Image
+
+    def saved(name, size, taken):
+        exif = Image.Exif()
+        exif.get_ifd(0x8769).update({0xA002: taken[0], 0xA003: taken[1]})
+        Image.new("RGB", size).save(tmp_path / name, exif=exif)
+        return str(tmp_path / name)
+
+    plain = Recipe(Scale.manual(9000.0))
+    muscle = saved("muscle.jpg", (300, 200), (600, 400))
+    check_sizes(saved("alike.jpg", (300, 200), (600, 400)), [muscle], plain)
+    for size, taken, ratio in (
+        ((450, 300), (600, 400), "1.5 in"),
+        ((300, 200), (300, 200), "0.5 in"),
+    ):
+        ruler = saved("ruler.jpg", size, taken)
+        with pytest.raises(MixedSizes, match=f"{ratio} width"):
+            check_sizes(ruler, [muscle], plain)
+    whole = saved("whole.jpg", (600, 400), (600, 400))
+    cropped = Recipe(Scale.manual(9000.0), crop_offset=(10, 10), frame_size=(600, 400))
+    check_sizes(whole, [muscle], cropped)
 
 
 def test_a_picture_that_is_not_there_is_missed_before_its_ruler(capsys, tmp_path):
