@@ -166,7 +166,7 @@ def shown(image: Image, orientation: int) -> Image:
 def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
     """Width and height [px] by a file's header: as shown, then those of the camera's own if EXIF has them.
 
-    None where the header cannot be read; the measurement reports what is wrong with the file.
+    Empty where the header cannot be read; the measurement reports what is wrong with the file.
     """
     from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 -- loaded when pictures are
 

@@ -309,7 +309,7 @@ def draw_profiles(table: Table, path: Path, system: str, number: int = 40) -> Pa
     figure = Figure(figsize=(5.5 * (1 + len(profiles)), 4), layout="constrained")
     *left, right = figure.subplots(1, 1 + len(profiles))
     shown = by_contraction(table, number)
-    colours = colormaps["viridis"](np.linspace(0, 1, max(1, shown.size)))
+    colours = colormaps["viridis"](np.linspace(0, 1, shown.size))
     for axes, (label, values) in zip(left, profiles.items(), strict=True):
         axes.set(xlabel=f"z, {unit}", ylabel=label, title=f"{shown.size} pictures, dark: longest")
         for k, colour in zip(shown.tolist(), colours, strict=True):
