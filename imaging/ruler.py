@@ -383,7 +383,7 @@ def choose_strip(luma: Image, light: Single, pitch: float | None, expected: floa
         )  # fmt: skip
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
     if expected is None:
-        _check_unique(light, best, strips)
+        _check_unique(light, best, strips, pitch or _KNOWN[0])
     return best
 
 
@@ -402,7 +402,7 @@ def is_ruler(marks: Numbered) -> bool:
     )
 
 
-def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
+def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
     """Every other strip must show the same marks, or the longer ones of them.
 
     Numbers beside every eighth mark repeat themselves as well, but less exactly.
@@ -429,6 +429,8 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
             "given can be that of either: say which scale to expect (expected_px_per_m, "
             "--expected-px-per-in), or cover one edge",
             pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
+            px_per_in=best.marks.pitch / pitch * INCH,
+            other_px_per_in=other.marks.pitch / pitch * INCH,
         )  # fmt: skip
 
 
