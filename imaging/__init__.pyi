@@ -7,15 +7,19 @@ from .camera import (
 )
 from .campaign import Table as Table, process as process
 from .errors import ImagingError as ImagingError
-from .measurement import draw_overlay as draw_overlay, measure as measure
+from .measurement import (
+    Measurement as Measurement,
+    MeasurementErrors as MeasurementErrors,
+    draw_overlay as draw_overlay,
+    measure as measure,
+)
 from .photograph import (
     read_image as read_image,
     read_timestamp as read_timestamp,
-    readable_part as readable_part,
 )
-from .profile import Measurement as Measurement, MeasurementErrors as MeasurementErrors
-from .quality import Quality as Quality, QualityLimits as QualityLimits
 from .recipe import (
+    Quality as Quality,
+    QualityLimits as QualityLimits,
     Recipe as Recipe,
     read_recipe as read_recipe,
     recipe_text as recipe_text,

@@ -4,11 +4,25 @@ import dataclasses
 import functools
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.ndimage import correlate1d
 
-from .arrays import Array, Single
+Array = NDArray[np.float64]
+"""Positions, brightnesses, errors."""
+
+Single = NDArray[np.float32]
+"""The same in half the memory, where a whole picture or many windows are worked on."""
+
+Image = NDArray[np.uint8]
+"""A picture: RGB, shape (h, w, 3), or one value for each pixel, shape (h, w)."""
+
+Flags = NDArray[np.bool_]
+"""Which of some things are meant."""
+
+Indices = NDArray[np.int64]
+"""Rows of a picture, numbers of marks."""
+
 
 _NEWTON_STEPS = 6  # quadratic from an error of k1 r^2, at most a few percent
 
@@ -136,15 +150,13 @@ class RulerReading:
     placement_stderr: float | None = None
 
     def __post_init__(self) -> None:
-        for name, unit, least in (
-            ("pitch", "m", ">"), ("expected_px_per_m", "px/m", ">"), ("placement_stderr", "m", ">="),
-        ):  # fmt: skip
+        for name, least in (("pitch", ">"), ("expected_px_per_m", ">"), ("placement_stderr", ">=")):
             value = getattr(self, name)
             if value is None or (
                 np.isfinite(value) and (value > 0 or (value == 0 and least == ">="))
             ):
                 continue
-            raise ValueError(f"{name} must be finite and {least} 0, got {value} {unit}")
+            raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
 
 
 @dataclasses.dataclass(frozen=True)

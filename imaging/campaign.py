@@ -12,9 +12,9 @@ import math
 import multiprocessing
 import os
 import re
-import zlib
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from famjax.boundary.extras import import_extra
-from famjax.boundary.files import write_whole
-from famjax.boundary.settings import differing, some_of
+from famjax.boundary.settings import some_of
 from famjax.boundary.units import factor, unit_system
 
-from .errors import CampaignChanged, ImagingError, MixedSizes, WorkerDied
-from .photograph import Timestamp, read_timestamp, shown_size
-from .profile import Measurement
-from .recipe import Recipe, recipe_as_dict, recipe_text
+from .camera import Array
+from .errors import ImagingError, MixedSizes, WorkerDied
+from .measurement import Measurement
+from .photograph import Timestamp, read_timestamp, sizes_of
+from .recipe import Recipe, recipe_text
 
 if TYPE_CHECKING:
     import xarray
@@ -41,8 +41,7 @@ POSITION = np.linspace(0, 1, 201)
 SCALE_STDERR = "scale_relative_stderr"
 """Entry of the provenance: relative standard error of px/m, common to all lengths and diameters."""
 
-_FORMAT = "famjax measure 3"
-_FEW = 4  # pictures, which take less time than the start of a process
+_START = 2.0  # s, in which a worker starts: what workers save must be more
 _NONE = (math.nan,) * POSITION.size
 _NUMBER = re.compile(r"[-+]*[\d.]+")
 _FIRST = (
@@ -51,40 +50,22 @@ _FIRST = (
 )  # fmt: skip
 _TEXTS = "path", "error", "sha256", "warnings"
 _PROFILES = "diameter", "diameter_stderr", "braid_angle", "braid_angle_stderr"
-# fmt: off
-_COLUMNS: dict[str, tuple[str | None, str]] = {
-    "time": ("time", "when the picture was taken, after the first stamped one, by the camera's clock"),
-    "length": ("length", "between the inner edges of the two tapes, along the axis"),
-    "mean_diameter": ("length", "mean of the diameter over the length"),
-    "max_diameter": ("length", "largest diameter"),
-    "volume": ("volume", "enclosed by the outside of the braid"),
-    "contraction": (None, "(rest length - length) / rest length"),
-    "px_per_m": (None, "scale at the mid-plane of the muscle"),
-    "roll_deg": (None, "angle of the axis to the columns of the picture"),
-    "braid_angle_deg": (None, "between yarns and circumference, mean over where the weave is resolved"),
-    "braid_angle_resolved": (None, "part of the length over which the braid angle is resolved"),
-    "yarns": (None, "of the braid around the circumference in each direction"),
-    "turns": (None, "of a yarn about the axis over the length, from the braid angle"),
-    "triangle_angle_deg": (None, "braid angle of the cylinder with the mean diameter, atan(L / (pi N D)), "
-                           "N the recipe's turns"),
-    "x0": ("length", "distance of the axis from the optical axis, to the right"),
-    "distance": ("length", "of the camera to the axis: as stated, or by the tapes' arcs"),
-    "tilt_deg": (None, "of the axis in depth, its lower end away from the camera"),
-    "bow": ("length", "largest deviation of the mid-line from a straight one"),
-    "log_time": ("time", "time of the picture by the machine's clock"),
-    "displacement": ("length", "of the machine, at the time of the picture"),
-    "force": ("force", "of the machine's log at the time of the picture"),
-    "pressure": ("pressure", "gauge, of the machine's log at the time of the picture"),
+_KINDS = {
+    **dict.fromkeys(("time", "log_time"), "time"),
+    **dict.fromkeys(("length", "mean_diameter", "max_diameter", "x0"), "length"),
+    **dict.fromkeys(("distance", "bow", "displacement"), "length"),
+    "volume": "volume",
+    "force": "force",
+    "pressure": "pressure",
 }
-# fmt: on
-"""Kind of unit, None where the name says the unit, and meaning; of others the name says both."""
+"""Kind of unit of a column; the names of the others say theirs."""
 
 
 def column_unit(name: str, system: str) -> tuple[str, float]:
     """Unit of a column, and SI per unit; a standard error has those of its quantity."""
     if name == "px_per_m":
         return "", factor(unit_system(system)["scale"], "scale")
-    kind, _ = _COLUMNS.get(name.removesuffix("_stderr"), (None, ""))
+    kind = _KINDS.get(name.removesuffix("_stderr"))
     unit = "" if kind is None else unit_system(system)[kind]
     return unit, 1.0 if kind is None else factor(unit, kind)
 
@@ -101,17 +82,12 @@ def column_name(name: str, system: str) -> str:
     return f"{name}_{unit}" if unit else name
 
 
-def _about(name: str) -> dict[str, str]:
-    """Unit in the spelling of the CF conventions, and meaning, as attributes of a variable."""
+def _cf_unit(name: str) -> dict[str, str]:
+    """Unit of a column in the spelling of the CF conventions, as attributes of a variable."""
     bare = name.removesuffix("_stderr")
     spelt = {"_deg": "degree", "_px": "pixel", "px_per_m": "pixel m-1"}
-    unit = column_unit(name, "si")[0] or next(
-        (u for end, u in spelt.items() if bare.endswith(end)), "1"
-    )
-    meaning = _COLUMNS.get(bare, (None, ""))[1]
-    if meaning and bare != name:
-        meaning = f"standard error: {meaning}"
-    return {"units": unit, "long_name": meaning or name.replace("_", " ")}
+    by_name = (unit for end, unit in spelt.items() if bare.endswith(end))
+    return {"units": column_unit(name, "si")[0] or next(by_name, "1")}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,8 +107,6 @@ class Row:
         resolution: of the time stamp [s].
         sha256: of the file; empty where it could not be read.
         warnings: of the measurement, on one line; empty where there are none.
-        size: of the file [bytes]; -1 where it could not be read.
-        modified: when the file was last changed [ns since 1970].
     """
 
     path: str
@@ -147,8 +121,6 @@ class Row:
     resolution: float = math.nan
     sha256: str = ""
     warnings: str = ""
-    size: int = -1
-    modified: int = -1
 
 
 def measured_row(path: str, recipe: Recipe, reader: Callable[..., Any] | None = None) -> Row:
@@ -177,10 +149,10 @@ def measured_row(path: str, recipe: Recipe, reader: Callable[..., Any] | None = 
         profiles |= dict(zip(_PROFILES[2:], angles, strict=True))
         facts["braid_refusal"] = found.braid.refusal
     warnings = " | ".join(found.warnings)
-    return Row(path, numbers=_numbers(found, recipe), warnings=warnings, **profiles, **facts)
+    return Row(path, numbers=_numbers(found), warnings=warnings, **profiles, **facts)
 
 
-def _numbers(found: Measurement, recipe: Recipe) -> dict[str, float]:
+def _numbers(found: Measurement) -> dict[str, float]:
     """The columns of a measurement in SI, its quality figures after them."""
     names = (
         "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "volume",
@@ -192,16 +164,14 @@ def _numbers(found: Measurement, recipe: Recipe) -> dict[str, float]:
         "tilt_deg": math.degrees(found.tilt),
         **dataclasses.asdict(found.quality),
     }
-    if found.braid is not None:
+    if (braid := found.braid) is not None:
         numbers |= {
-            "braid_angle_deg": math.degrees(found.braid.mean),
-            "braid_angle_deg_stderr": math.degrees(found.braid.mean_stderr),
-            "braid_angle_resolved": found.braid.part,
-            "yarns": found.braid.yarns,
-            "turns": found.braid.turns,
+            "braid_angle_deg": math.degrees(braid.mean),
+            "braid_angle_deg_stderr": math.degrees(braid.mean_stderr),
+            "braid_angle_resolved": braid.part,
+            "yarns": braid.yarns,
+            "turns": braid.turns,
         }
-        if recipe.turns is not None:
-            numbers["triangle_angle_deg"] = math.degrees(found.triangle_angle(recipe.turns))
     return {name: float(value) for name, value in numbers.items()}
 
 
@@ -212,15 +182,16 @@ def _error_text(error: BaseException) -> str:
 
 
 def _file_facts(path: str) -> dict[str, Any]:
-    """Size, time of change, content hash and time stamp of a file, as fields of a `Row`."""
-    try:
-        status, content = os.stat(path), Path(path).read_bytes()
-    except OSError:
-        return {}
+    """Content hash and time stamp of a file, as fields of a `Row`."""
     stamp = read_timestamp(path)
-    facts = {"size": status.st_size, "modified": status.st_mtime_ns}
-    digest = hashlib.sha256(content).hexdigest()
-    return {**facts, "sha256": digest, **({} if stamp is None else stamp._asdict())}
+    return {"sha256": _sha256(path), **({} if stamp is None else stamp._asdict())}
+
+
+def _sha256(path: str) -> str:
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError:
+        return ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,39 +201,43 @@ class Table:
     Args:
         path: of each picture, n of them.
         error: "ClassName: message", empty where the picture was measured.
-        columns: numbers by name, each of shape (n,); nan where a picture has none.
+        warnings: of each picture, empty where there are none.
+        sha256: of each file.
+        columns: numbers by name, each of shape (n,); nan where a picture has none. `time` counts from
+            the first stamped picture, `contraction` is (rest length - length) / rest length, `x0` the
+            distance of the axis from the optical axis, `tilt_deg` that of the axis in depth, `bow` the
+            largest deviation of the mid-line from a straight one, `yarns` those around the
+            circumference in each direction; figures of quality as in `Quality`.
         diameter: at z/L = `position`, shape (n, 201) [m].
         diameter_stderr: its standard error, shape (n, 201) [m].
         braid_angle: at z/L = `position`, shape (n, 201) [deg]; nan where it is not resolved, as it is
             next to the tapes, and where the recipe does not ask for it.
         braid_angle_stderr: its standard error, shape (n, 201) [deg].
-        sha256: of each file.
         rest_length: against which contraction is counted [m]; nan if no picture was measured.
         time_origin: where `time` is zero, by the camera's clock [s since 1970]; nan if no picture
             has a time stamp.
         stamp_resolution: coarsest step of the time stamps [s]; nan if there are none.
-        warnings: of each picture, empty where there are none.
         notes: what a reader must know, in sentences.
         provenance: version, recipe, sources and their hashes.
     """
 
     path: tuple[str, ...]
     error: tuple[str, ...]
-    columns: Mapping[str, np.ndarray]
-    diameter: np.ndarray
-    diameter_stderr: np.ndarray
-    braid_angle: np.ndarray
-    braid_angle_stderr: np.ndarray
+    warnings: tuple[str, ...]
     sha256: tuple[str, ...]
+    columns: Mapping[str, Array]
+    diameter: Array
+    diameter_stderr: Array
+    braid_angle: Array
+    braid_angle_stderr: Array
     rest_length: float
     time_origin: float
     stamp_resolution: float
-    warnings: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    provenance: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...]
+    provenance: Mapping[str, str]
 
     @property
-    def position(self) -> np.ndarray:
+    def position(self) -> Array:
         """z/L of the profiles, shape (201,)."""
         return POSITION
 
@@ -274,7 +249,7 @@ class Table:
     def __len__(self) -> int:
         return len(self.path)
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Array:
         return self.columns[name]
 
     @classmethod
@@ -297,25 +272,19 @@ class Table:
         }
         seconds = np.array([row.seconds for row in rows])
         origin = float(np.nanmin(seconds)) if np.isfinite(seconds).any() else math.nan
-        steps = (row.resolution for row in rows if not row.error and row.resolution > 0)
         columns["time"] = np.round(seconds - origin, 6)  # what float64 keeps of a date
+        steps = (row.resolution for row in rows if not row.error and row.resolution > 0)
         resolution = max(steps, default=math.nan)
         rest, note = _contract(columns, scale_relative_stderr, rest_length, rows)
-        fields: dict[str, Any] = {
-            **{name: tuple(getattr(row, name) for row in rows) for name in _TEXTS},
-            **{name: np.array([getattr(row, name) for row in rows]) for name in _PROFILES},
-        }
+        texts = {name: tuple(getattr(row, name) for row in rows) for name in _TEXTS}
+        profiles = {name: np.array([getattr(row, name) for row in rows]) for name in _PROFILES}
         return cls(
-            **fields,
-            columns=columns,
-            rest_length=rest,
-            time_origin=origin,
-            stamp_resolution=resolution,
-            notes=(note, *_notes(rows, resolution)),
+            **texts, **profiles, columns=columns, rest_length=rest, time_origin=origin,
+            stamp_resolution=resolution, notes=(note, *_notes(rows, resolution)),
             provenance={**(provenance or {}), SCALE_STDERR: f"{scale_relative_stderr:.6g}"},
         )  # fmt: skip
 
-    def in_units(self, name: str, system: str) -> np.ndarray:
+    def in_units(self, name: str, system: str) -> Array:
         """A column in the units of a system, those of `column_name`."""
         return self.columns[name] / column_unit(name, system)[1]
 
@@ -325,18 +294,23 @@ class Table:
         Args:
             system: "us", "metric" or "si".
         """
-        columns = {column_name(name, system): self.in_units(name, system) for name in self.columns}
+        numbers = {column_name(name, system): self.in_units(name, system) for name in self.columns}
+        dates = self.time_origin + self.columns["time"]
+        columns = {
+            "path": self.path,
+            "ok": ["false" if error else "true" for error in self.error],
+            "error": self.error,
+            "warnings": self.warnings,
+            "taken": ["" if math.isnan(at) else Timestamp(at, 1e-3).text for at in dates],
+            **{
+                name: ["" if math.isnan(value) else f"{value:.10g}" for value in values]
+                for name, values in numbers.items()
+            },
+            "sha256": self.sha256,
+        }
         lines = csv.writer(text := io.StringIO(), lineterminator="\n")
-        lines.writerow(["path", "ok", "error", "warnings", "taken", *columns, "sha256"])
-        for k, path in enumerate(self.path):
-            seconds = self.time_origin + self.columns["time"][k]
-            taken = "" if math.isnan(seconds) else Timestamp(seconds, 1e-3).text
-            ok, warning = (
-                "false" if self.error[k] else "true",
-                self.warnings[k] if self.warnings else "",
-            )
-            cells = ("" if math.isnan(v[k]) else f"{v[k]:.10g}" for v in columns.values())
-            lines.writerow([path, ok, self.error[k], warning, taken, *cells, self.sha256[k]])
+        lines.writerow(columns)
+        lines.writerows(zip(*columns.values(), strict=True))
         return text.getvalue()
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -347,27 +321,23 @@ class Table:
         Raises:
             ImagingError: xarray is not installed.
         """
-        picture, grid = ("picture",), ("picture", "position")
+        picture, grid = "picture", ("picture", "position")
         data: dict[str, Any] = {
             "ok": (picture, self.ok.astype(np.int8), {"long_name": "1 where measured"}),
             "error": (picture, np.array(self.error, "U")),
             "sha256": (picture, np.array(self.sha256, "U"), {"long_name": "of the file"}),
         }
         for name, values in self.columns.items():
-            data[column_name(name, "si")] = picture, values, _about(name)
+            data[column_name(name, "si")] = picture, values, _cf_unit(name)
         data["diameter_m"] = grid, self.diameter, {"units": "m", "long_name": "D(z), outside"}
         data["diameter_stderr_m"] = grid, self.diameter_stderr, {"units": "m"}
         if "braid_angle_deg" in self.columns:
-            words = (
-                "theta(z), between yarns and circumference; nan where it is not resolved, as it is "
-            )
-            about = {"units": "degree", "long_name": words + "next to the tapes"}
+            about = {"units": "degree", "long_name": "theta(z), nan where it is not resolved"}
             data["braid_angle_profile_deg"] = grid, self.braid_angle, about
-            stderr = grid, self.braid_angle_stderr, {"units": "degree"}
-            data["braid_angle_profile_deg_stderr"] = stderr
+            data["braid_angle_profile_deg_stderr"] = grid, self.braid_angle_stderr, about
         about = {"units": "1", "long_name": "z/L, from the upper tape edge to the lower one"}
         coordinates = {
-            "path": (picture, np.array(self.path, "U")), "position": (("position",), POSITION, about),
+            "path": (picture, np.array(self.path, "U")), "position": ("position", POSITION, about),
         }  # fmt: skip
         attributes = {
             "title": "Shape of a fluidic artificial muscle from photographs",
@@ -381,20 +351,23 @@ class Table:
 
     def write_csv(self, path: str | Path, system: str = "us") -> Path:
         """Write the CSV file; one that is there is replaced."""
-        return _written(path, lambda file: file.write_bytes(self.csv_text(system).encode()))
+        with _on_disk(path, "the table cannot be written"):
+            Path(path).write_bytes(self.csv_text(system).encode())
+        return Path(path)
 
     def write_netcdf(self, path: str | Path) -> Path:
         """Write a NetCDF 3 file (64-bit offsets), which any NetCDF reader opens."""
-        options: dict[str, Any] = {"engine": "scipy", "format": "NETCDF3_64BIT"}
-        return _written(path, lambda file: self.to_xarray().to_netcdf(file, **options))
+        with _on_disk(path, "the table cannot be written"):
+            self.to_xarray().to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+        return Path(path)
 
 
-def _written(path: str | Path, write: Callable[[Path], Any]) -> Path:
+@contextlib.contextmanager
+def _on_disk(path: str | Path, what: str) -> Iterator[None]:
     try:
-        write(Path(path))
+        yield
     except OSError as error:
-        raise ImagingError(f"the table cannot be written: {error}", path=path) from None
-    return Path(path)
+        raise ImagingError(f"{what}: {error}", path=path) from None
 
 
 def _contract(
@@ -440,121 +413,59 @@ def _notes(rows: Sequence[Row], resolution: float) -> Iterator[str]:
 
 
 class _Kept:
-    """The finished rows of a campaign on the disk, from which a stopped one goes on.
-
-    One line for the settings and one for each picture, added as soon as it is measured and never
-    changed again. What the file holds is known by the paths in it, so that pictures may be added, left
-    out and divided otherwise later.
+    """The rows of a campaign on the disk, one line of JSON each, added as soon as it is measured.
 
     Args:
         folder: created if missing; None keeps nothing.
-        settings: what every row depends on, by name; values of JSON.
-        resume: go on with the rows that are there; else they are removed.
+        settings: what a row depends on besides its picture.
 
     Raises:
-        CampaignChanged: the rows there were measured with other settings.
-        ImagingError: the folder cannot be read or written, or the rows in it are damaged.
+        ImagingError: the folder cannot be read or written.
     """
 
-    def __init__(self, folder: Path | None, settings: dict[str, Any], *, resume: bool) -> None:
-        self.file, self.rows = None if folder is None else folder / "rows.jsonl", {}
+    def __init__(self, folder: Path | None, settings: str) -> None:
+        self.file = None if folder is None else folder / "rows.jsonl"
+        self.settings = hashlib.sha256(settings.encode()).hexdigest()
+        self.rows: dict[str, Row] = {}
         if folder is None or self.file is None:
             return
-        with _on_disk(folder, "used"):
+        with _on_disk(folder, "the finished part of the campaign cannot be used"):
             folder.mkdir(parents=True, exist_ok=True)
-            head, *rows = (_read(self.file) if resume else []) or [settings]
-            if rows and (changes := differing(head, settings)):
-                raise CampaignChanged(
-                    f"the pictures there were measured otherwise: {some_of(changes, '; ')}. Measure all "
-                    "again without resuming (--no-resume), give another output folder, or the same "
-                    "settings",
-                    path=folder,
-                )
-            write_whole(self.file, b"".join(map(_line, [settings, *rows])))
-        self.rows = {row["path"]: Row(**row) for row in rows}
+            lines = self.file.read_bytes().splitlines() if self.file.exists() else []
+        for line in lines:
+            with contextlib.suppress(ValueError):  # a line that a stop cut short
+                entry = json.loads(line)
+                if entry.pop("settings") == self.settings:
+                    self.rows[entry["sha256"]] = Row(**entry)
 
     def rows_of(self, paths: Sequence[str]) -> dict[str, Row]:
-        """The rows of those pictures that need not be measured again, by path as given here.
-
-        A picture that failed is measured again if its file has changed since.
-
-        Raises:
-            CampaignChanged: a file that was measured has changed since.
-        """
-        known = {path: row for path in paths if (row := self.rows.get(os.path.abspath(path)))}
-        same = {path for path, row in known.items() if _same_file(row, path)}
-        changed = [path for path, row in known.items() if path not in same and not row.error]
-        if changed:
-            raise CampaignChanged(
-                f"{len(changed)} pictures have changed since they were measured, so that the table "
-                f"would no longer describe them: {some_of(changed)}. Measure all again without "
-                "resuming (--no-resume), or give another output folder",
-                path=self.file,
-            )
-        return {path: dataclasses.replace(known[path], path=path) for path in same}
+        """The rows of those pictures that need not be measured again, by path as given here."""
+        known = {path: self.rows.get(_sha256(path)) for path in paths if self.rows}
+        return {path: dataclasses.replace(row, path=path) for path, row in known.items() if row}
 
     def add(self, row: Row) -> None:
         """Keep a finished row; it is on the disk when this returns."""
-        if self.file is None:
+        if self.file is None or not row.sha256:
             return
-        with _on_disk(self.file.parent, "written"), self.file.open("ab") as file:
-            file.write(_line(vars(row) | {"path": os.path.abspath(row.path)}))
+        line = json.dumps(vars(row) | {"settings": self.settings}).encode()
+        what = "the finished part of the campaign cannot be written"
+        with _on_disk(self.file.parent, what), self.file.open("ab") as file:
+            file.write(b"\n" + line)  # ahead of it, so that it is apart from one cut short
             file.flush()
             os.fsync(file.fileno())
 
 
-@contextlib.contextmanager
-def _on_disk(folder: Path, what: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        text = f"the finished part of the campaign cannot be {what}: {error}"
-        raise ImagingError(text, path=folder) from None
-
-
-def _line(entry: dict[str, Any]) -> bytes:
-    """A checksum and JSON."""
-    text = json.dumps(entry).encode()
-    return b"%08x %s\n" % (zlib.crc32(text), text)
-
-
-def _read(file: Path) -> list[dict[str, Any]]:
-    """What the lines of a file hold; a last one that was not written to its end is left out."""
-    entries, lines = {}, file.read_bytes().split(b"\n")[:-1] if file.exists() else []
-    for number, line in enumerate(lines, start=1):
-        checksum, _, text = line.partition(b" ")
-        if checksum != b"%08x" % zlib.crc32(text):
-            raise ImagingError(
-                f"the finished rows are damaged in line {number}: take that line out to measure its "
-                "picture again, or measure all again without resuming (--no-resume)",
-                path=file,
-            )
-        entry = json.loads(text)
-        entries[entry.get("path")] = entry  # of a picture the latest
-    return list(entries.values())
-
-
-def _same_file(row: Row, path: str) -> bool:
-    """Whether the file is the one measured: untouched, or touched but with the same content."""
-    try:
-        status = os.stat(path)
-    except OSError:
-        return row.size == -1
-    if (status.st_size, status.st_mtime_ns) == (row.size, row.modified):
-        return True
-    return status.st_size == row.size and _file_facts(path).get("sha256") == row.sha256
-
-
 def process(
     paths: Iterable[str | Path], recipe: Recipe, output: str | Path | None = None,
-    executor: Any = "auto", resume: bool = True, progress: Callable[[int, int], None] | None = None,
-    *, rest_length: float | None = None, reader: Callable[..., Any] | None = None,
+    executor: Any = "auto", progress: Callable[[int, int], None] | None = None, *,
+    rest_length: float | None = None, reader: Callable[..., Any] | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
     """The shape in every picture, each measured on its own; a picture that fails is a row with the reason.
 
     Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
-    extended goes on with the pictures that are not there yet. A picture with which a process of this
+    extended goes on with the pictures that are not there yet, or were measured otherwise: a row is known
+    by the content of its picture and the recipe. A picture with which a process of this
     function dies costs that picture: it is a row with the reason.
 
     Args:
@@ -562,9 +473,8 @@ def process(
         recipe: how to measure, the same for all.
         output: folder for the finished rows, created if missing; None keeps them in memory only.
         executor: a number of processes, None for this one, or an object with `map` as that of
-            `concurrent.futures.Executor`, whose workers must see the files, or a dask client. "auto" is a
-            process for each core, or this one for up to four pictures.
-        resume: go on with what is in `output`; else begin anew.
+            `concurrent.futures.Executor`, whose workers must see the files. "auto" measures the first
+            picture here, and takes a process for each core where these then save more than their start.
         progress: called with (pictures done, pictures) whenever some are done.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         reader: see `measure`; must be picklable.
@@ -576,83 +486,91 @@ def process(
     Raises:
         ImagingError: no paths, or a folder that cannot be used.
         MixedSizes: the pictures differ in size; nothing has been measured.
-        CampaignChanged: `output` holds rows of another recipe, or of a picture that has changed.
         WorkerDied: the executor that was given is gone; the finished rows are kept.
     """
     unique: dict[str, str] = {}
     for path in paths:
         unique.setdefault(os.path.abspath(path), str(path))
-    if not (names := list(unique.values())):
+    names = list(unique.values())
+    if not names:
         raise ImagingError("there are no pictures to measure")
+    if isinstance(executor, int) and executor < 1:
+        raise ImagingError(f"there must be at least one worker, got {executor}")
     if (size := common_size(names)) is not None:
         try:
             recipe.camera(*size)
         except ValueError as error:
             raise ImagingError(f"the recipe does not fit the pictures: {error}") from None
     version = importlib.metadata.version("famjax")
-    settings = {"format": _FORMAT, "version": version, "recipe": recipe_as_dict(recipe)}
-    kept = _Kept(None if output is None else Path(output) / PARTS, settings, resume=resume)
+    told = {"famjax_version": version, "recipe": recipe_text(recipe)}
+    kept = _Kept(None if output is None else Path(output) / PARTS, json.dumps(told))
     rows = kept.rows_of(names)
-    missing = [name for name in names if name not in rows]
     if progress is not None:
         progress(len(rows), len(names))
-    if executor == "auto":
-        executor = None if len(missing) <= _FEW else os.cpu_count() or 1
     work = functools.partial(measured_row, recipe=recipe, reader=reader)
-    for row in _measured_by(executor, work, missing):
+    for row in _measured_by(executor, work, [name for name in names if name not in rows]):
         kept.add(row)
         rows[row.path] = row
         if progress is not None:
             progress(len(rows), len(names))
-    told = {"famjax_version": version, "recipe": recipe_text(recipe), **(provenance or {})}
     return Table.from_rows(
         [rows[name] for name in names], scale_relative_stderr=recipe.scale.relative_stderr,
-        rest_length=rest_length, provenance=told,
+        rest_length=rest_length, provenance={**told, **(provenance or {})},
     )  # fmt: skip
 
 
 def _measured_by(executor: Any, work: Callable[[str], Row], paths: list[str]) -> Iterator[Row]:
     """The rows of some pictures in their order, by this process, some processes, or an executor."""
-    import cv2  # noqa: PLC0415
-
     if executor is None:
-        threads = cv2.getNumThreads()
-        cv2.setNumThreads(1)  # as a worker has
+        yield from _measured_here(work, paths)
+    elif executor == "auto":
+        began = time.perf_counter()
+        yield from _measured_here(work, paths[:1])
+        each, left, cores = time.perf_counter() - began, paths[1:], os.cpu_count() or 1
+        pays = each * len(left) * (1 - 1 / cores) > _START
+        yield from _measured_by(cores if pays else None, work, left)
+    elif isinstance(executor, int):
+        yield from _measured_by_processes(executor, work, paths)
+    else:
         try:
-            yield from map(work, paths)
-        finally:
-            cv2.setNumThreads(threads)
-        return
-    if not isinstance(executor, int):
-        pool: Executor = executor.get_executor() if hasattr(executor, "get_executor") else executor
-        try:
-            yield from pool.map(work, paths)
+            yield from executor.map(work, paths)
         except BrokenExecutor as error:
             raise WorkerDied(
                 "the executor broke; what was measured is kept: run again to go on"
             ) from error
-        return
-    if executor < 1:
-        raise ImagingError(f"there must be at least one worker, got {executor}")
-    done = 0
+
+
+def _measured_here(work: Callable[[str], Row], paths: list[str]) -> Iterator[Row]:
+    import cv2  # noqa: PLC0415
+
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # as a worker has
+    try:
+        yield from map(work, paths)
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def _measured_by_processes(
+    number: int, work: Callable[[str], Row], paths: list[str]
+) -> Iterator[Row]:
+    import cv2  # noqa: PLC0415
+
+    context, done = multiprocessing.get_context("spawn"), 0
     while done < len(paths):
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(
-            min(executor, len(paths) - done), context, initializer=cv2.setNumThreads, initargs=(1,)
-        )
+        workers = min(number, len(paths) - done)
+        pool = ProcessPoolExecutor(workers, context, cv2.setNumThreads, (1,))
         try:
             for row in pool.map(work, paths[done:]):
                 yield row
                 done += 1
         except BrokenExecutor:
-            if executor == 1:  # then it is known with which picture the process died
-                why = (
-                    "the process that measured it ended abnormally, for lack of memory for example"
-                )
-                error = _error_text(WorkerDied(why, path=paths[done]))
-                yield Row(paths[done], error=error, **_file_facts(paths[done]))
+            if number == 1:  # then it is known with which picture the process died
+                path = paths[done]
+                error = WorkerDied("the process that measured it ended, for lack of memory perhaps")
+                yield Row(path, error=_error_text(error), **_file_facts(path))
                 done += 1
-            executor = 1
+            number = 1
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
@@ -665,13 +583,10 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     Raises:
         MixedSizes: names the pictures that differ from the most common size.
     """
-    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 -- loaded when pictures are
-
     by_size: dict[tuple[int, int], list[str]] = {}
     for path in paths:
-        unread = contextlib.suppress(OSError, UnidentifiedImageError, SyntaxError)
-        with unread, Image.open(path) as picture:
-            by_size.setdefault(shown_size(picture), []).append(path)
+        for size in sizes_of(path)[:1]:
+            by_size.setdefault(size, []).append(path)
     if len(by_size) < 2:
         return next(iter(by_size), None)
     (usual, most), *others = sorted(by_size.items(), key=lambda item: -len(item[1]))

@@ -52,8 +52,7 @@ class RecipeOptions:
     crop_offset
         Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
     frame_size
-        Width and height of the camera's frame, which a crop offset is counted in; `5568,3712`, the
-        reference work's camera, unless given.
+        Width and height of the camera's frame, which a crop offset is counted in, `5568,3712`.
     scale
         Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
     k1
@@ -71,8 +70,6 @@ class RecipeOptions:
         Measure the braid angle from the weave as well: profile, mean, error, turns.
     n_threads
         Threads of both families of the braid; counted in the picture unless given.
-    turns
-        Of a thread about the axis over the length, for atan(L / (pi N D)) beside the braid angle.
     orientation
         Of the muscle in the pictures.
     """
@@ -92,7 +89,6 @@ class RecipeOptions:
     recipe: Path | None = None
     braid_angle: bool | None = None
     n_threads: int | None = None
-    turns: float | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None
 
 
@@ -111,15 +107,15 @@ def measure(
     jobs: Jobs = None,
     units: Units = "us",
     output: Path = Path("famjax-measure"),
-    resume: Annotated[bool, Parameter(negative="--no-resume")] = True,
     overlays: int = 12,
+    rescaled: bool = False,
     json_: bool = False,
     read_log: Annotated[Callable[..., Any] | None, Parameter(parse=False)] = None,
 ) -> int:
     """Measure the shape of a muscle in photographs, each picture with its errors.
 
     Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
-    `recipe.toml` (all choices), `contact_sheet.png`, `profiles.png` and `overlays/`. A stopped
+    `recipe.toml` (all choices), `profiles.png` and `overlays/`. A stopped
     campaign goes on when it is run again. Exit code 3 when some pictures could not be measured, or
     not be matched to the log: they are in the table with the reason.
 
@@ -145,15 +141,15 @@ def measure(
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given.
     jobs
-        Number of processes; unless given one for each core, and none for up to four pictures.
+        Number of processes; unless given one for each core, where that saves time.
     units
         Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
-        Folder for the files, made if need be.
-    resume
-        Go on with what is in the folder, or measure all again.
+        Folder for the files, created if missing.
     overlays
         Number of pictures drawn with what was found in them, for a check by eye.
+    rescaled
+        The ruler's picture has another size than the others on purpose: its scale is taken as it is.
     json_
         Print one JSON object to standard output and nothing else there.
     read_log
@@ -180,25 +176,17 @@ def measure(
             add_log = None
             if log is not None and read_log is not None:
                 add_log = read_log(
-                    log,
-                    offset=None if log_offset is None else parse_quantity(log_offset, "time"),
+                    log, offset=None if log_offset is None else parse_quantity(log_offset, "time"),
                     columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
-                    units=parse_entries(log_units, "log-units", "force=kN"),
-                    decimal=log_decimal,
-                )
+                    units=parse_entries(log_units, "log-units", "force=kN"), decimal=log_decimal,
+                )  # fmt: skip
+            rest = None if rest_length is None else parse_quantity(rest_length, "length")
             outcome = measure_pictures(
-                photos,
-                recipe=recipe,
-                provenance=provenance,
-                add_log=add_log,
-                rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
-                executor="auto" if jobs is None else jobs,
-                system=units,
-                output=output,
-                resume=resume,
+                photos, recipe=recipe, provenance=provenance, add_log=add_log, rest_length=rest,
+                executor="auto" if jobs is None else jobs, system=units, output=output,
                 overlays=overlays,
-                progress=count,
-            )
+                rescaled=rescaled, progress=count,
+            )  # fmt: skip
     except InputError as error:
         # What a picture was refused for has a name, which the documentation explains.
         named = type(error) not in (InputError, ImagingError)
@@ -212,36 +200,36 @@ def measure(
         )
         return 130
     document = as_document(outcome, units)
-    if "frame_size" in provenance:
-        document["notes"].append(f"The camera's frame is {provenance['frame_size']}.")
     document["set_up"] = setting
     if json_:
         print_json(document)
     else:
-        print_rows("set-up", setting)
-        _print_figures([row for row in document["rows"] if row["ok"]])
-        failed = [row for row in document["rows"] if not row["ok"]]
-        print(f"{document['ok']} of {document['pictures']} pictures measured")
-        shown = [{key: row[key] for key in ("path", "error")} for row in failed[:20]]
-        if failed:
-            print_rows(f"{len(shown)} of {len(failed)} that failed", shown)
-        for note in document["notes"]:
-            print(f"note: {note}")
-        print("written:", ", ".join(document["files"]))
+        _print(document)
     return 0 if outcome.complete else 3
 
 
-def _print_figures(rows: list[dict[str, Any]]) -> None:
-    """Length, diameter and distance of the first pictures, with their standard errors."""
+def _print(document: dict[str, Any]) -> None:
+    """Set-up, figures of the first pictures with their standard errors, reasons, notes and files."""
+    print_rows("set-up", document["set_up"])
+    good = [row for row in document["rows"] if row["ok"]]
+    failed = [
+        {key: row[key] for key in ("path", "error")} for row in document["rows"] if row["error"]
+    ]
     shown = []
-    for row in rows[:_SHOWN]:
+    for row in good[:_SHOWN]:
         figures: dict[str, Any] = {"path": row["path"]}
         for name in ("length", "mean_diameter", "distance"):
             key = next(key for key in row if re.fullmatch(rf"{name}_(in|mm|m)", key))
             figures[key] = f"{row[key]:.5g} +- {row[key.replace(name, f'{name}_stderr')]:.2g}"
         shown.append(figures | {"warned": "yes" if row["warnings"] else ""})
     if shown:
-        print_rows(f"{len(shown)} of {len(rows)} measured, with standard errors", shown)
+        print_rows(f"{len(shown)} of {len(good)} measured, with standard errors", shown)
+    print(f"{document['ok']} of {document['pictures']} pictures measured")
+    if failed:
+        print_rows(f"{len(failed[:_SHOWN])} of {len(failed)} that failed", failed[:_SHOWN])
+    for note in document["notes"]:
+        print(f"note: {note}")
+    print("written:", ", ".join(document["files"]))
 
 
 def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
@@ -254,19 +242,30 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     Raises:
         ImagingError: no scale or two, or an option that cannot be read.
     """
+    from .camera import Tone
     from .pictures import picture_recipe
 
     reading: dict[str, Any] = {}
     if options.pitch is not None:
-        reading["pitch"] = _length(options.pitch, "pitch")
+        reading["pitch"] = parse_quantity(options.pitch, "length")
     if options.expected_px_per_in is not None:
         reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
     if options.ruler_placement is not None:
         reading["placement_stderr"] = parse_quantity(options.ruler_placement, "length")
+    readers: dict[str, Callable[[Any, str], Any]] = {
+        **dict.fromkeys(
+            ("distance", "tape_diameter"), lambda text, _: parse_quantity(text, "length")
+        ),
+        "crop_offset": _pair,
+        "frame_size": lambda text, name: _pair(text, name, int),
+        "tape_hue": _angle,
+        "tone": lambda _text, _: Tone.srgb(),
+        **dict.fromkeys(("k1", "braid_angle", "n_threads", "orientation"), lambda given, _: given),
+    }
     choices = {
-        name: read(text, name)
-        for name, read in _READ.items()
-        if (text := getattr(options, name)) is not None
+        name: read(given, name.replace("_", " "))
+        for name, read in readers.items()
+        if (given := getattr(options, name)) is not None
     }
     return picture_recipe(
         ruler=options.ruler, recipe=options.recipe, scale=options.scale, reading=reading,
@@ -290,30 +289,22 @@ def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[st
 
     unit, size = ("in", 0.0254) if inch else ("mm", 1e-3)
     scale, stated = recipe.scale, "stated"
-    px = "measured, by the ruler" if scale.source == "ruler" else stated
-    rows = [("scale", f"{scale.px_per_m * size:.6g} +- {scale.stderr * size:.2g} px/{unit}", px)]
-    if recipe.distance is None:
-        rows.append(
-            (
-                "distance",
-                "see each picture",
-                "measured, by the arcs of the tapes' edges: say --distance",
-            )
-        )
-    else:
-        rows.append(("distance", f"{recipe.distance / size:.5g} {unit}", stated))
-    if scale.source == "ruler":
-        given = options.pitch is not None or (options.recipe is not None and not options.ruler)
-        read = stated if given else "measured, by the marks from number to number"
-        if scale.pitch is not None:
-            rows.append(("pitch of the ruler", f"{scale.pitch / size:.5g} {unit}", read))
+    ruler = scale.source == "ruler"
+    value = f"{scale.px_per_m * size:.6g} +- {scale.stderr * size:.2g} px/{unit}"
+    rows = [("scale", value, "measured, by the ruler" if ruler else stated)]
+    by_arcs = "see each picture", "measured, by the arcs of the tapes' edges: say --distance"
+    given = (f"{(recipe.distance or 0) / size:.5g} {unit}", stated)
+    rows.append(("distance", *(by_arcs if recipe.distance is None else given)))
+    if ruler and scale.pitch is not None:
+        said = options.pitch is not None or (options.recipe is not None and not options.ruler)
+        read = stated if said else "measured, by the marks from number to number"
+        rows.append(("pitch of the ruler", f"{scale.pitch / size:.5g} {unit}", read))
+    if ruler:
         placed = scale.placement_stderr
-        rows.append(
-            ("place of the ruler", "in the plane of the axis", "assumed: say --ruler-placement")
-            if placed is None
-            else ("place of the ruler", f"+-{placed / size:.3g} {unit} off the axis", stated)
-        )
-    lens = "assumed: say --k1" if recipe.scale.k1_stderr is None else "measured, by the ruler"
+        assumed = "in the plane of the axis", "assumed: say --ruler-placement"
+        given = (f"+-{(placed or 0) / size:.3g} {unit} off the axis", stated)
+        rows.append(("place of the ruler", *(assumed if placed is None else given)))
+    lens = "assumed: say --k1" if scale.k1_stderr is None else "measured, by the ruler"
     rows.append(("k1 of the lens", f"{recipe.lens_k1:.3g}", lens if recipe.k1 is None else stated))
     tone = "assumed, another is in the errors: say --tone srgb" if recipe.tone is None else stated
     curve = "sRGB" if recipe.tone_curve == Tone.srgb() else "of the recipe"
@@ -321,55 +312,19 @@ def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[st
     return [dict(zip(("what", "value", "source"), row, strict=True)) for row in rows]
 
 
-def _length(text: str, name: str) -> float:
-    value = parse_quantity(text, "length")
-    if not value > 0:
-        raise ImagingError(f"the {name.replace('_', ' ')} must be above zero, got {text!r}")
-    return value
-
-
-def _pair(text: str, name: str) -> tuple[float, float]:
+def _pair(text: str, name: str, kind: Callable[[str], float] = float) -> tuple[float, float]:
     try:
-        first, second = (float(part) for part in text.split(","))
+        first, second = map(kind, text.split(","))
     except ValueError:
+        whole = "whole " if kind is int else ""
         raise ImagingError(
-            f"the {name.replace('_', ' ')} is two numbers in px, 1459,531, got {text!r}"
+            f"the {name} is two {whole}numbers in px, 1459,531, got {text!r}"
         ) from None
     return first, second
-
-
-def _whole_pair(text: str, name: str) -> tuple[int, int]:
-    first, second = _pair(text, name)
-    if not (first.is_integer() and second.is_integer()):
-        raise ImagingError(f"the {name.replace('_', ' ')} is in whole px, got {text!r}")
-    return int(first), int(second)
 
 
 def _angle(text: str, name: str) -> float:
     try:
         return float(text.removesuffix("deg"))
     except ValueError:
-        raise ImagingError(
-            f"the {name.replace('_', ' ')} is an angle, 355deg, got {text!r}"
-        ) from None
-
-
-def _srgb() -> Any:
-    from .camera import Tone
-
-    return Tone.srgb()
-
-
-_READ: dict[str, Callable[[Any, str], Any]] = {
-    "distance": _length,
-    "tape_diameter": _length,
-    "crop_offset": _pair,
-    "frame_size": _whole_pair,
-    "tape_hue": _angle,
-    "k1": lambda k1, _: float(k1),
-    "tone": lambda _text, _: _srgb(),
-    "braid_angle": lambda given, _: given,
-    "n_threads": lambda given, _: given,
-    "turns": lambda given, _: given,
-    "orientation": lambda text, _: text,
-}
+        raise ImagingError(f"the {name} is an angle, 355deg, got {text!r}") from None

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import leastsq
 from scipy.special import ndtr
 
-from .arrays import Array, Flags
+from .camera import Array, Flags
 
 LARGEST_DISK = 0.86  # of a blur's variance: with more, the nodes of its integral would show
 _REACH = 40.0  # end of the table of blurred roots, in blurs
@@ -238,7 +238,7 @@ class EdgeProfile:
 
 def edge_profile(
     profiles: list[Array], t: Array, blur: float, radius: float, kappas: tuple[float, ...], disk:
-    float | None = None, *, fixed: bool = False,
+    float | None = None,
 ) -> EdgeProfile:  # fmt: skip
     """Blur and place of the edges, from the mean profiles of both sides.
 
@@ -252,14 +252,11 @@ def edge_profile(
         radius: of the body [px].
         kappas: of both sides, from `limb_strength`.
         disk: of the pass before; None in the first.
-        fixed: the blur is taken as it is, and Gaussian; else it is found.
     """
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
     def blur_and_disk(unknown: Array) -> tuple[Array, ...]:
-        if fixed:
-            return np.array([blur]), np.zeros(1)
         s = np.minimum(np.maximum(np.exp(unknown[..., 2:3]), _BLURS[0]), _BLURS[1])
         return s, LARGEST_DISK * np.sin(unknown[..., 3:]) ** 2
 
@@ -270,7 +267,7 @@ def edge_profile(
         return height_and_rest(parts, model)[1].reshape(*unknown.shape[:-1], -1)
 
     angle = np.arcsin(np.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
-    first = [0.0, 0.0, *([] if fixed else [np.log(blur), max(float(angle), _LEAST_ANGLE)])]
+    first = [0.0, 0.0, np.log(blur), max(float(angle), _LEAST_ANGLE)]
     best = least_squares(left_over, np.array(first), 1e-3)
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
     shifts = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()

@@ -43,7 +43,7 @@ class ImagingError(InputError):
 
     def at(self, path: str | PathLike[str]) -> Self:
         """The same error with the file it concerns; a path already known is kept."""
-        return type(self)(self.message, path=self.path or path, **self.figures)
+        return type(self)(self.message, path=self.path or path or None, **self.figures)
 
 
 def _figure(value: object) -> str:
@@ -116,10 +116,6 @@ class DistanceContradiction(ImagingError):
 
 class ScaleContradiction(ImagingError):
     """The scale and a known diameter in the picture exclude each other."""
-
-
-class CampaignChanged(ImagingError):
-    """What a campaign has measured so far was measured from other pictures, or otherwise."""
 
 
 class WorkerDied(ImagingError):

@@ -1,30 +1,276 @@
-"""From one photograph to a muscle's shape."""
+"""From one photograph to a muscle's shape D(z) and its errors."""
 
 import dataclasses
 import math
 from os import PathLike, fspath
+from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Image
-from .axis import axis_of, distance_by_tapes, ends_aside
-from .camera import Silhouette, profile_from_silhouette
-from .ends import Ring, check_tape_diameter, find_ring
-from .errors import (
-    AmbiguousHue,
-    DamagedImage,
-    ImagingError,
-    MotionBlurred,
-    NoMuscle,
-    WrongOrientation,
+from . import errors
+from .camera import Array, Image, Silhouette, profile_from_silhouette
+from .edge import moved_by_limb, shine_of
+from .ends import Axis, Ring, axis_of, check_tape_diameter, distance_by_tapes, ends_aside, find_ring
+from .outline import (
+    Outline,
+    axis_deviation,
+    axis_kink,
+    correlated_points,
+    find_outline,
+    off_smooth_midline,
+    smooth,
+    without_dents,
 )
-from .outline import Outline, axis_deviation, axis_kink, find_outline, without_dents
-from .photograph import Reader, read_image
-from .profile import Measurement, Photograph, Trace, measurement_of_body
-from .quality import Quality
-from .recipe import Recipe
+from .photograph import Photograph, Reader, read_image
+from .recipe import Quality, Recipe
 from .segment import Segmentation, edge_light, hue_of, hues_apart, segment
-from .weave import braid_angle
+from .weave import BraidAngle, braid_angle
+
+
+class Trace(NamedTuple):
+    """Where the edges were found in the picture [px], for a check by eye.
+
+    Attributes:
+        rows: v, shape (n,).
+        left, right: u of the outline, shape (n,).
+        upper, lower: u, v of the inner edges of the tapes, shape (2, k).
+        turned: the picture was turned a quarter turn clockwise first, and these positions are in
+            the turned one.
+    """
+
+    rows: Array
+    left: Array
+    right: Array
+    upper: Array
+    lower: Array
+    turned: bool = False
+
+
+class MeasurementErrors(NamedTuple):
+    """The parts of the standard error of a diameter and a length.
+
+    Each has its cause in the picture itself. The random part of D is the scatter of the edges that
+    passes the smoothing, no less than that of the mid-line, which a body of revolution has smooth,
+    and what the smoothing rounds off. The systematic part of an edge is the root of the summed
+    squares of the larger of the first two and of the third, with blur s, kappa and misfit m as in
+    `Quality`, each coefficient read off rendered pictures of known truth:
+
+    - 0.018 s, s no less than 1: the shade of the outermost threads, within whose width the edge is fitted,
+      beyond what the light of the first one says of it (see `EdgeProfile.shifts`);
+    - the light of one lamp, where it is the larger: 0.6 of what kappa moves the edges by, on average of
+      both, since light falls off as the root of the distance only on a limb that the lamp reaches; and
+      0.8 s times the waves (see `EdgeProfile`) beyond the 0.055 of braids that are lit from both sides,
+      as threads throw shades on a limb that is lit from the front;
+    - 16 m s, of the misfit m beyond the 0.001 s^2, s up to 1.5, that threads leave within the part of the
+      edge that is fitted: a lens or a camera program that spreads light otherwise than the model, as
+      halo and sharpening do.
+
+    Where black threads hide some of the edge, 0.03 px for each edge are added: dents that both sides have
+    in the same rows, and what stands out beside hidden ones.
+
+    A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
+    that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
+
+    The length has the scatter of both edges along their tapes, and for each tape 0.035 px, the shade
+    of the threads there, and the same 16 m s.
+
+    A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of
+    what a gamma of 0.75 or 1.25 does to a step, and an S-curve of 0.8. Axis, distance and bow add
+    to the length as `axis_of` says.
+
+    What no picture shows is not in it: a tone curve that was stated and is not the camera's, and
+    threads so coarse that their pattern, mirrored on both sides, passes the smoothing whole. Where
+    px_per_m is below 4500 (115 px/in), D(z) of rendered braids is off by up to twice its standard
+    error; length and mean diameter by 1.3 times theirs at 50 to 110 px/in.
+
+    Attributes:
+        edge: systematic part of the diameter, of both edges, common to all of it [m].
+        density: of the diameter's random part along the axis, variance times length [m^3].
+        ends: of the length, from the tapes' edges [m].
+        scale: relative, of the scale.
+    """
+
+    edge: float
+    density: float
+    ends: float
+    scale: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """A muscle's shape in one photograph; perspective, roll and lens are undone.
+
+    The optical edge is the mean outline of the woven threads; a caliper touches their crests.
+
+    Attributes:
+        path: of the picture; empty for an array.
+        z: positions from the upper tape's edge, 0 to the length [m], shape (n,).
+        diameter: D at z [m], shape (n,).
+        diameter_stderr: its standard error, that of the scale included [m], shape (n,).
+        length: between the inner edges of the tapes along the axis [m].
+        px_per_m: scale in the mid-plane [px/m].
+        roll: of the axis, clockwise positive [rad].
+        x0: distance of the axis from the optical axis [m].
+        errors: the parts of the standard errors.
+        quality: the figures by which to judge it.
+        distance: of the camera to the axis [m]: the stated one, or that of the tapes' arcs.
+        distance_stderr: its standard error, 0 where it was stated [m].
+        tilt, tilt_stderr: of the axis in depth, its lower end away from the camera [rad].
+        bow: largest deviation of the mid-line from a straight one [m].
+        warnings: what the errors do not hold, or hold only in part, in words.
+        trace: the edges in the picture.
+        braid: the braid angle along it; None where the recipe does not ask for it.
+    """
+
+    path: str
+    z: Array
+    diameter: Array
+    diameter_stderr: Array
+    length: float
+    px_per_m: float
+    roll: float
+    x0: float
+    errors: MeasurementErrors
+    quality: Quality
+    trace: Trace
+    distance: float = math.nan
+    distance_stderr: float = 0.0
+    tilt: float = 0.0
+    tilt_stderr: float = math.nan
+    bow: float = 0.0
+    warnings: tuple[str, ...] = ()
+    braid: BraidAngle | None = None
+
+    @property
+    def length_stderr(self) -> float:
+        """Standard error of the length [m]."""
+        return math.hypot(self.errors.ends, self.length * self.errors.scale)
+
+    @property
+    def mean_diameter(self) -> float:
+        """Mean of D over the length [m]."""
+        return float(np.trapezoid(self.diameter, self.z) / self.length)
+
+    @property
+    def mean_diameter_stderr(self) -> float:
+        """Standard error of the mean diameter [m]."""
+        mean = self.mean_diameter
+        at_ends = float(self.diameter[[0, -1]].mean() - mean) / self.length * self.errors.ends
+        random = math.sqrt(self.errors.density / self.length)
+        return math.hypot(self.errors.edge, random, at_ends, mean * self.errors.scale)
+
+    @property
+    def maximum_diameter(self) -> float:
+        """Largest D [m]."""
+        return float(self.diameter.max())
+
+    @property
+    def volume(self) -> float:
+        """Volume within the outline by discs, integral of pi D^2 / 4 [m^3]."""
+        return float(np.trapezoid(np.pi / 4 * self.diameter**2, self.z))
+
+    @property
+    def volume_stderr(self) -> float:
+        """Standard error of the volume [m^3]."""
+        by_edge = np.pi / 2 * float(np.trapezoid(self.diameter, self.z)) * self.errors.edge
+        squared = float(np.trapezoid((np.pi / 2 * self.diameter) ** 2, self.z))
+        at_ends = np.pi / 4 * float(np.mean(self.diameter[[0, -1]] ** 2)) * self.errors.ends
+        random = math.sqrt(self.errors.density * squared)
+        return math.hypot(by_edge, random, at_ends, 3 * self.volume * self.errors.scale)
+
+
+_SHADE = 0.018  # of the blur, per edge
+_OF_TONE = 0.09  # of the blur, per edge and per tape
+_OF_LIGHT = 0.6  # of what the fall of light towards the limb moves an edge by
+_OF_WAVES = 0.8  # of the blur, per edge
+_PLAIN = 0.055  # waves of braids that are lit from both sides
+_OF_MISFIT = 16.0  # px per edge and px of blur
+_OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
+_WIDEST = 1.5  # px of blur, up to which it grows
+_HIDDEN = 0.03  # px per edge, where black threads hide some of it
+_RING_BIAS = 0.035  # px
+_OF_GLOSS = 0.13  # of the blur, per edge
+_OF_AXIS = ("distance", "distance_stderr", "tilt", "tilt_stderr", "bow")
+
+
+def measurement_of_body(
+    photo: Photograph, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, recipe: Recipe,
+    quality: Quality, axis: Axis,
+) -> Measurement:  # fmt: skip
+    """The measurement; `MeasurementErrors` describes how the standard errors are composed."""
+    px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
+    px = 1 / px_per_m
+    first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))
+    length = (last - first) * axis.length_factor
+    part = np.linspace(0, 1, max(16, round(length * px_per_m) + 1))
+    y = first + (last - first) * part
+    random, density = _random_part(outline)
+    at = np.linspace(body.y[0], body.y[-1], random.size)
+    edge, both_rings = _systematic_part(quality, outline, stated=recipe.tone is not None)
+    edge = math.hypot(edge, 2 * _HIDDEN * (outline.left.hidden + outline.right.hidden > 0))
+    diameter = 2 * body.radius_at(y) * np.interp(y, at, axis.cosine)
+    edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
+    stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
+    sides = outline.left.column, outline.right.column
+    return Measurement(
+        path=photo.path, z=length * part, diameter=diameter, diameter_stderr=stderr, length=length,
+        px_per_m=px_per_m, roll=body.roll, x0=body.x0,
+        errors=MeasurementErrors(
+            edge=edge * px,
+            density=density * px**3,
+            ends=math.hypot(upper.stderr, lower.stderr, both_rings * px, axis.length_stderr),
+            scale=relative,
+        ),
+        quality=quality, **{name: getattr(axis, name) for name in _OF_AXIS},
+        warnings=(*axis.warnings, *_of_recipe(recipe, length)),
+        trace=Trace(outline.rows.astype(float), *sides, upper.arc, lower.arc, photo.turned),
+    )  # fmt: skip
+
+
+def _random_part(outline: Outline) -> tuple[Array, float]:
+    """Random error of the width in every row [px], and its density, variance times length [px^3].
+
+    The larger of two: what passes the smoothing of the edges' scatter, and the scatter of the
+    mid-line, which is the width's where the edges err independently. Threads that both sides show
+    mirrored are in the first alone, waves longer than the smoothing in the second alone.
+    """
+    random = np.hypot(outline.left.stderr, outline.right.stderr)
+    off = off_smooth_midline(*outline.columns)
+    scatter, stretch = 2 * float(np.sqrt(np.mean(off**2))), correlated_points(off)
+    square = float(np.mean(random**2))
+    random = random * math.sqrt(max(1.0, scatter**2 / square))
+    width = np.diff(outline.columns, axis=0)[0]
+    rounded = width - smooth(width, outline.resolution)  # by a second smoothing as by the first
+    return np.hypot(random, rounded), max(square, scatter**2) * stretch
+
+
+def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tuple[float, float]:
+    """Systematic error of the width and of the length [px]."""
+    radius, s = float(np.median(np.diff(outline.columns, axis=0))) / 2, quality.blur_px
+    moved = [moved_by_limb(side.kappa, s, radius) for side in (outline.left, outline.right)]
+    by_lamp = _OF_LIGHT * abs(sum(moved)) / 2  # the same law on both sides
+    shine = shine_of(quality.rim, quality.flank)
+    waves = (1 - shine) * math.sqrt(max(outline.edge.waves**2 - _PLAIN**2, 0.0))
+    light = math.hypot(by_lamp, _OF_WAVES * waves * max(1.0, s))
+    misfit = math.sqrt(max(quality.misfit**2 - (_OF_THREADS * min(s, _WIDEST) ** 2) ** 2, 0.0))
+    lens, tone = _OF_MISFIT * misfit * s, 0.0 if stated else _OF_TONE * s
+    shade, gloss = _SHADE * max(1.0, s), _OF_GLOSS * shine * max(1.0, s)
+    edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
+    # Both tapes' edges move towards them, or from them, by the same tone curve.
+    return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
+
+
+def _of_recipe(recipe: Recipe, length: float) -> tuple[str, ...]:
+    """What the recipe leaves open and no picture shows."""
+    scale = recipe.scale
+    if scale.source != "ruler" or scale.placement_stderr is not None:
+        return ()
+    off = 0.1 * length / recipe.camera_distance
+    return (
+        "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes the "
+        f"length wrong by {off:.3f} in; say how well it lay there, --ruler-placement 0.01in",
+    )
+
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
 _BITS = 4  # of the fraction of a pixel in which OpenCV draws
@@ -109,11 +355,11 @@ def measure(
             return _measured(photo.clockwise(), recipe)
         try:
             return _measured(photo, recipe)
-        except WrongOrientation:
+        except errors.WrongOrientation:
             if recipe.orientation == "vertical":
                 raise
             return _measured(photo.clockwise(), recipe)
-    except ImagingError as error:
+    except errors.ImagingError as error:
         raise error.at(path) from error if path else None
 
 
@@ -121,11 +367,11 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     coarse = segment(photo.rgb, recipe.tape_hue)
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
-        raise NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
+        raise errors.NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
     image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
     seen = find_outline(
         image, amount, coarse.rows, coarse.left, coarse.right,
-        resolution=recipe.smoothing_px, blur=recipe.blur_px,
+        resolution=recipe.smoothing_px,
     )  # fmt: skip
     outline = without_dents(seen)
     body, upper, lower = _placed(photo, coarse, outline, recipe)
@@ -157,11 +403,10 @@ def _placed(
     photo: Photograph, coarse: Segmentation, outline: Outline, recipe: Recipe
 ) -> tuple[Silhouette, Ring, Ring]:
     """The body behind the outline, and the edges of its upper and lower tape."""
-    offset = recipe.edge_offset_px * np.array([[-1.0], [1.0]])
     try:
-        body = profile_from_silhouette(photo.camera, outline.rows, *(outline.columns + offset))
+        body = profile_from_silhouette(photo.camera, outline.rows, *outline.columns)
     except ValueError as error:
-        raise NoMuscle(f"the outline is that of no muscle: {error}") from error
+        raise errors.NoMuscle(f"the outline is that of no muscle: {error}") from error
     upper, lower = (
         find_ring(
             photo, recipe.tone_curve, coarse, dataclasses.replace(body, x0=body.x0 + aside),
@@ -176,26 +421,23 @@ def _check(quality: Quality, recipe: Recipe) -> None:
     """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
     try:
         quality.check(recipe.limits)
-    except MotionBlurred as error:
+    except errors.MotionBlurred as error:
         smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise
-        raise AmbiguousHue(
+        raise errors.AmbiguousHue(
             "the tapes' edges must be cut straight; these are so ragged that they look like "
             "ones that moved: wind fresh tape with a straight edge",
-            tape_sd_px=quality.tape_sd_px,
-            tape_blur_px=quality.tape_blur_px,
-        ) from error
-    except DamagedImage as error:
+            tape_sd_px=quality.tape_sd_px, tape_blur_px=quality.tape_blur_px,
+        ) from error  # fmt: skip
+    except errors.DamagedImage as error:
         if not math.isnan(quality.eta_value):
             raise
-        raise NoMuscle(
+        raise errors.NoMuscle(
             "the muscle must stand out from its background all along its outline; the background is "
             "too much like it in places: put a dark cloth behind it",
-            axis_kink=quality.axis_kink,
-            residual_rms=quality.residual_rms,
-            misfit=quality.misfit,
-        ) from error
+            axis_kink=quality.axis_kink, residual_rms=quality.residual_rms, misfit=quality.misfit,
+        ) from error  # fmt: skip
 
 
 def _quality(

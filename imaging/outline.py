@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import grey_opening, median_filter, percentile_filter
 
-from .arrays import Array, Flags, Image, Indices, Single
+from .camera import Array, Flags, Image, Indices, Single
 from .edge import (
     DEEPEST,
     EdgeProfile,
@@ -417,8 +417,7 @@ class Outline:
 
 
 def find_outline(
-    image: Image, amount: Single, rows: Indices, left: Array, right: Array, *, resolution: float,
-    blur: float | None = None,
+    image: Image, amount: Single, rows: Indices, left: Array, right: Array, *, resolution: float
 ) -> Outline:  # fmt: skip
     """Both edges of an upright muscle in every row, from a coarse outline.
 
@@ -433,7 +432,6 @@ def find_outline(
         left: columns of the left side to within 10 px, shape (n,).
         right: the same of the right side.
         resolution: wavelength that passes at half its height [px].
-        blur: s [px]; None estimates it.
 
     Raises:
         NoMuscle: no edge where the coarse outline has one.
@@ -464,9 +462,7 @@ def find_outline(
         t = _window(before.blur, radius, DEEPEST * max(1.0, before.blur))
         aligned = windows(curves, t, spacing)
         profiles = [side.profile for side in aligned]
-        fit = edge_profile(
-            profiles, t, before.blur, radius, kappas, before.disk, fixed=blur is not None
-        )
+        fit = edge_profile(profiles, t, before.blur, radius, kappas, before.disk)
         left, right = (
             _side(one, t, fit, shift, kappa, radius, resolution / spacing)
             for one, kappa, shift in zip(aligned, kappas, fit.shifts, strict=True)
@@ -476,8 +472,7 @@ def find_outline(
     # Over a third of the radius threads average out. These windows stay where they are: a kappa of
     # windows about the last pass's curve would feed on itself, as one that is too large puts the edge
     # too far out, and there the next one is larger still.
-    start = _WIDEST_START if blur is None else blur
-    t = _window(start, radius, _BROAD)
+    t = _window(_WIDEST_START, radius, _BROAD)
     far = windows(curves, t, _EVERY)
 
     def kappas(inside: Array, s: float) -> tuple[float, ...]:
@@ -487,9 +482,7 @@ def find_outline(
         )
 
     profiles = [side.profile for side in far]
-    first = edge_profile(
-        profiles, t, start, radius, kappas(np.zeros(2), start), fixed=blur is not None
-    )
+    first = edge_profile(profiles, t, _WIDEST_START, radius, kappas(np.zeros(2), _WIDEST_START))
     inside = np.array(first.shifts)
     curves = curves + (_INWARD * inside)[:, None]
     outline = improved(curves, first, kappas(inside, first.blur), _ALIGNED)

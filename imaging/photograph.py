@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Image, Single
-from .camera import Camera
+from .camera import Camera, Image, Single
 from .errors import DamagedImage, UnreadableImage
 
 if TYPE_CHECKING:
@@ -28,12 +27,9 @@ Reader = Callable[[str], Image]
 _COMPLAINTS = ("corrupt", "premature", "extraneous", "invalid", "bogus", "unsupported marker")
 _stderr_lock = threading.Lock()
 _JPEG, _END = b"\xff\xd8", b"\xff\xd9"
-_ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = (
-    0x0112,
-    0x8769,
-    0x9003,
-    0x9291,
-)  # CIPA DC-008, EXIF 2.32
+# CIPA DC-008, EXIF 2.32
+_ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = 0x0112, 0x8769, 0x9003, 0x9291
+_DIMENSIONS = 0xA002, 0xA003
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
 _LEAST_JUMP = 4.0  # levels; a seam of 4 moves the diameter by half of its standard error
 _STEPS = 2.5  # of the coding of the means, by which a sound picture may jump along a row of blocks
@@ -131,16 +127,6 @@ def read_image(path: str | PathLike[str]) -> Image:
     return shown(image, header.orientation)
 
 
-def readable_part(path: str | PathLike[str]) -> Image | None:
-    """The part of a picture that can be decoded, for display; None where nothing can."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError:
-        return None
-    image = _decoded(data)[0] if data else None
-    return None if image is None else shown(image, read_header(data).orientation)
-
-
 def _decoded(data: bytes) -> tuple[Image | None, str]:
     """The picture, and what the decoder wrote to the standard error about it."""
     flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
@@ -177,10 +163,21 @@ def shown(image: Image, orientation: int) -> Image:
     return np.ascontiguousarray(image)
 
 
-def shown_size(picture: "Picture") -> tuple[int, int]:
-    """Width and height of an opened picture as it is to be shown [px], by its header."""
-    width, height = picture.size
-    return (height, width) if _tag(picture) in _ACROSS else (width, height)
+def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
+    """Width and height [px] by a file's header: as shown, then those of the camera's own if EXIF has them.
+
+    Empty where the header cannot be read; the measurement reports what is wrong with the file.
+    """
+    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 -- loaded when pictures are
+
+    try:
+        with Image.open(path) as picture:
+            across = _tag(picture) in _ACROSS
+            entries = picture.getexif().get_ifd(_EXIF_IFD) if picture.format == "JPEG" else {}
+            sizes = [picture.size, tuple(entries.get(tag, 0) for tag in _DIMENSIONS)]
+    except (OSError, UnidentifiedImageError, SyntaxError):
+        return []
+    return [(h, w) if across else (w, h) for w, h in sizes if w and h]
 
 
 def _tag(picture: "Picture") -> int:

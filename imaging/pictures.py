@@ -1,4 +1,4 @@
-"""From files by their names to a folder of results: pictures, recipe with its ruler's scale, campaign."""
+"""From files by their names to a folder of results: recipe, campaign, and pictures for a check by eye."""
 
 import dataclasses
 import glob
@@ -8,26 +8,25 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.units import finite_or_none, parse_quantity
+from famjax.boundary.units import factor, finite_or_none, parse_quantity, unit_system
 
-from .camera import Scale
+from .camera import Indices, Scale
 from .campaign import Table, column_name, process
-from .check_pictures import write_check_pictures
-from .errors import ImagingError
-from .photograph import read_image
+from .errors import ImagingError, MixedSizes
+from .measurement import draw_overlay, measure
+from .photograph import read_image, sizes_of
 from .recipe import Recipe, read_recipe, write_recipe
 from .ruler import calibrate_ruler
 
-REFERENCE_FRAME = (5568, 3712)
-"""Width and height [px] of the frames of the reference work's camera."""
-
-_SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
-
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""
+
+_SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
 def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
@@ -43,8 +42,7 @@ def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
     found: list[str] = []
     for photo in photos:
         if os.path.isdir(photo):
-            inside = [entry.path for entry in os.scandir(photo)
-                      if entry.is_file() and entry.name.lower().endswith(SUFFIXES)]  # fmt: skip
+            inside = [entry.path for entry in os.scandir(photo) if _is_picture(entry)]
         elif os.path.exists(photo):
             inside = [photo]
         else:
@@ -58,19 +56,31 @@ def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
     return [path for path in found if without is None or not os.path.samefile(path, without)]
 
 
+def _is_picture(entry: os.DirEntry[str]) -> bool:
+    # macOS writes ._name beside each name on disks that are not its own.
+    return (
+        entry.is_file()
+        and entry.name.lower().endswith(SUFFIXES)
+        and not entry.name.startswith("._")
+    )
+
+
 def _natural(path: str) -> list[tuple[int, str]]:
     """img2 before img10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path)]
 
 
+def skipped(photos: Sequence[str]) -> list[str]:
+    """Names of the files in the folders named that are not taken for pictures."""
+    folders = [photo for photo in photos if os.path.isdir(photo)]
+    files = [entry for folder in folders for entry in os.scandir(folder) if entry.is_file()]
+    return sorted(entry.name for entry in files if not _is_picture(entry))
+
+
 def picture_recipe(
-    *,
-    ruler: Path | None,
-    recipe: Path | None,
-    scale: str | None,
-    reading: Mapping[str, Any],
+    *, ruler: Path | None, recipe: Path | None, scale: str | None, reading: Mapping[str, Any],
     choices: Mapping[str, Any],
-) -> tuple[Recipe, dict[str, str]]:
+) -> tuple[Recipe, dict[str, str]]:  # fmt: skip
     """The recipe for some pictures, and what their table shall say of its origin.
 
     Args:
@@ -87,16 +97,11 @@ def picture_recipe(
         raise ImagingError(
             "pitch, expected scale and ruler placement say how a ruler is read; there is no ruler"
         )
+    if ruler is not None and scale is not None:
+        raise ImagingError("the scale is given twice, by ruler and by number; keep one")
     fields = dict(choices)
     base = None if recipe is None else read_recipe(recipe)
     provenance = {} if recipe is None else {"recipe_file": str(recipe)}
-    if "crop_offset" in fields and "frame_size" not in fields and base is None:
-        fields["frame_size"] = REFERENCE_FRAME
-        provenance["frame_size"] = (
-            "assumed: {} x {} px, the reference work's camera; say --frame-size for another"
-        ).format(*REFERENCE_FRAME)
-    if ruler is not None and scale is not None:
-        raise ImagingError("the scale is given twice, by ruler and by number; keep one")
     if scale is not None:
         fields["scale"] = parse_scale(scale)
     elif base is None and ruler is None:
@@ -109,10 +114,10 @@ def picture_recipe(
     try:
         found = Recipe(**fields) if base is None else dataclasses.replace(base, **fields)
         if ruler is not None:
-            found = dataclasses.replace(found, ruler=dataclasses.replace(found.ruler, **reading))
-            found = dataclasses.replace(found, scale=_ruler_scale(ruler, found))
-            read = dataclasses.replace(found.ruler, pitch=found.scale.pitch)
-            found = dataclasses.replace(found, ruler=read)
+            how = dataclasses.replace(found.ruler, **reading)
+            read = _ruler_scale(ruler, dataclasses.replace(found, ruler=how))
+            how = dataclasses.replace(how, pitch=read.pitch)
+            found = dataclasses.replace(found, scale=read, ruler=how)
             digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
             provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
     except ImagingError:
@@ -134,11 +139,9 @@ def parse_scale(text: str) -> Scale:
             f"a scale is a number with its error and unit, 226.63+-0.02 px/in, got {text!r}"
         )
     number, stderr, unit = match.groups()
-    if stderr is None:
-        decimals = len(number.partition(".")[2])
-        stderr = str(10.0**-decimals / math.sqrt(12))
-    px_per_m = parse_quantity(f"{number} {unit}", "scale")
-    return Scale.manual(px_per_m, parse_quantity(f"{stderr} {unit}", "scale"))
+    stderr = stderr or str(10.0 ** -len(number.partition(".")[2]) / math.sqrt(12))
+    px_per_m, error = (parse_quantity(f"{one} {unit}", "scale") for one in (number, stderr))
+    return Scale.manual(px_per_m, error)
 
 
 def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
@@ -148,22 +151,40 @@ def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
     whole = (width, height) == recipe.frame_size
     try:
         return calibrate_ruler(
-            image,
-            **dataclasses.asdict(recipe.ruler),
-            distance=recipe.camera_distance,
-            centre=None if whole else recipe.camera(width, height).centre,
-            k1=recipe.k1,
+            image, **dataclasses.asdict(recipe.ruler), distance=recipe.camera_distance,
+            centre=None if whole else recipe.camera(width, height).centre, k1=recipe.k1,
             tone=recipe.tone_curve,
-        )
+        )  # fmt: skip
     except ImagingError as error:
         raise error.at(ruler) from None
 
 
-@dataclasses.dataclass(frozen=True)
-class CampaignOutcome:
+def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
+    """Refuse a ruler's picture that was cropped or scaled otherwise than those of the muscle.
+
+    A ruler in the whole frame serves pictures that the recipe says to be cropped from it.
+
+    Raises:
+        MixedSizes: other pixels, or other ones as the camera took them, with their ratio.
+    """
+    others = next((sizes for path in paths if (sizes := sizes_of(path))), [])
+    for one, other in zip(sizes_of(ruler), others, strict=False):
+        if one == recipe.frame_size:
+            return
+        if one != other:
+            raise MixedSizes(
+                "the ruler must be photographed, cropped and scaled as the muscle is; its picture has "
+                f"{one[0]} x {one[1]} px, the others have {other[0]} x {other[1]} px, by file or camera, a "
+                f"ratio of {one[0] / other[0]:.4g} in width and {one[1] / other[1]:.4g} in height: say how "
+                "the pictures were cropped (--crop-offset, --frame-size), or that it is meant (--rescaled)",
+                path=ruler,
+            )  # fmt: skip
+
+
+class CampaignOutcome(NamedTuple):
     """The result of a campaign.
 
-    Args:
+    Attributes:
         table: of the pictures.
         files: that were written.
         complete: whether every picture was measured, and the log, if there is one, was merged.
@@ -175,19 +196,12 @@ class CampaignOutcome:
 
 
 def measure_pictures(
-    photos: Sequence[str],
-    *,
-    recipe: Recipe,
-    provenance: dict[str, str],
-    add_log: Callable[[Table], Table] | None = None,
-    rest_length: float | None = None,
-    executor: AnyExecutor | Literal["auto"] = "auto",
-    system: str = "us",
-    output: Path = Path("famjax-measure"),
-    resume: bool = True,
-    overlays: int = 12,
-    progress: Callable[[int, int], None] | None = None,
-) -> CampaignOutcome:
+    photos: Sequence[str], *, recipe: Recipe, provenance: dict[str, str],
+    add_log: Callable[[Table], Table] | None = None, rest_length: float | None = None,
+    executor: AnyExecutor | Literal["auto"] = "auto", system: str = "us",
+    output: Path = Path("famjax-measure"), overlays: int = 12,
+    rescaled: bool = False, progress: Callable[[int, int], None] | None = None,
+) -> CampaignOutcome:  # fmt: skip
     """Measure the pictures; write table, recipe and check pictures.
 
     Args:
@@ -198,57 +212,111 @@ def measure_pictures(
         rest_length: [m]; the longest measured picture if None.
         executor: as of `process`.
         system: units of CSV and plots.
-        output: folder, made if need be.
-        resume: continue from the results in the folder.
-        overlays: number of check pictures.
+        output: folder, created if missing; what was measured there in the same way is taken from it.
+        overlays: number of pictures drawn with what was found in them.
+        rescaled: that the ruler's picture has another size than the others is meant.
         progress: called with (pictures done, pictures).
 
     Raises:
         ImagingError: input that cannot be used.
     """
-    paths = expand(photos, without=provenance.get("ruler"))
+    ruler = provenance.get("ruler")
+    paths = expand(photos, without=ruler)
+    if ruler is not None and not rescaled:
+        check_sizes(ruler, paths, recipe)
     table = process(
-        paths,
-        recipe,
-        output,
-        resume=resume,
-        progress=progress,
-        executor=executor,
-        rest_length=rest_length,
+        paths, recipe, output, executor, progress, rest_length=rest_length,
         provenance=provenance,
-    )
-    merged = table if add_log is None else add_log(table)
+    )  # fmt: skip
+    if others := skipped(photos):
+        note = f"{len(others)} files are no pictures by their names and were skipped, {others[0]} first."
+        table = dataclasses.replace(table, notes=(*table.notes, note))
+    if add_log is not None:
+        table = add_log(table)
     try:
         files = [
-            merged.write_csv(output / "measurements.csv", system),
-            merged.write_netcdf(output / "measurements.nc"),
+            table.write_csv(output / "measurements.csv", system),
+            table.write_netcdf(output / "measurements.nc"),
             write_recipe(recipe, output / "recipe.toml"),
-            *write_check_pictures(merged, recipe, output, overlays, system),
+            draw_profiles(table, output / "profiles.png", system),
+            draw_overlays(table, recipe, output / "overlays", overlays),
         ]
     except OSError as error:
         raise ImagingError(f"a file cannot be written: {error}", path=output) from None
-    complete = bool(table.ok.all()) and (add_log is None or "log_time" in merged.columns)
-    return CampaignOutcome(merged, files, complete)
+    complete = bool(table.ok.all()) and (add_log is None or "log_time" in table.columns)
+    return CampaignOutcome(table, files, complete)
 
 
 def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
     """For JSON: what is not known is null."""
     table = outcome.table
     columns = {column_name(name, system): table.in_units(name, system) for name in table.columns}
+    rows = []
+    for k, (path, error, warnings) in enumerate(
+        zip(table.path, table.error, table.warnings, strict=True)
+    ):
+        figures = {name: finite_or_none(values[k]) for name, values in columns.items()}
+        rows.append({"path": path, "ok": not error, "error": error, "warnings": warnings} | figures)
     return {
         "pictures": len(table),
         "ok": int(table.ok.sum()),
         "complete": outcome.complete,
         "notes": list(table.notes),
         "files": [str(path) for path in outcome.files],
-        "rows": [
-            {
-                "path": path,
-                "ok": not table.error[k],
-                "error": table.error[k],
-                "warnings": table.warnings[k] if table.warnings else "",
-            }
-            | {name: finite_or_none(values[k]) for name, values in columns.items()}
-            for k, path in enumerate(table.path)
-        ],
+        "rows": rows,
     }
+
+
+def by_contraction(table: Table, number: int) -> Indices:
+    """That many of the measured pictures, evenly over the contraction, the longest muscle first."""
+    good = np.flatnonzero(table.ok)
+    ordered = good[np.argsort(table["contraction"][good])]
+    at = np.linspace(0, good.size - 1, min(number, good.size))
+    return ordered[np.round(at).astype(int)]
+
+
+def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Path:
+    """Draw what was found into some pictures, which are measured once more; the folder of them."""
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for k in by_contraction(table, number).tolist():
+        path = Path(table.path[k])
+        if path.exists():
+            image = read_image(path)
+            drawn = draw_overlay(image, measure(image, recipe).trace)
+            Image.fromarray(drawn).save(folder / f"{k + 1:06d}_{path.stem}.jpg", quality=95)
+    return folder
+
+
+def draw_profiles(table: Table, path: Path, system: str, number: int = 40) -> Path:
+    """Draw D(z), and the braid angle if it was measured, coloured by contraction, beside L over time.
+
+    Args:
+        table: of a campaign.
+        path: of the file.
+        system: "us", "metric" or "si".
+        number: of profiles drawn, evenly over the contraction.
+    """
+    from matplotlib import colormaps
+    from matplotlib.figure import Figure
+
+    unit = unit_system(system)["length"]
+    size = factor(unit, "length")
+    profiles = {f"D, {unit}": table.diameter / size}
+    if "braid_angle_deg" in table.columns:
+        profiles["braid angle, deg"] = table.braid_angle
+    figure = Figure(figsize=(5.5 * (1 + len(profiles)), 4), layout="constrained")
+    *left, right = figure.subplots(1, 1 + len(profiles))
+    shown = by_contraction(table, number)
+    colours = colormaps["viridis"](np.linspace(0, 1, shown.size))
+    for axes, (label, values) in zip(left, profiles.items(), strict=True):
+        axes.set(xlabel=f"z, {unit}", ylabel=label, title=f"{shown.size} pictures, dark: longest")
+        for k, colour in zip(shown.tolist(), colours, strict=True):
+            axes.plot(table.position * table["length"][k] / size, values[k], color=colour, lw=0.8)
+    stamped = table.ok.any() and np.isfinite(table["time"][table.ok]).all()
+    at = table["time"] if stamped else np.arange(len(table))
+    right.set(xlabel="time, s" if stamped else "picture", ylabel=f"L, {unit}")
+    right.errorbar(at, table["length"] / size, table["length_stderr"] / size, fmt=".", lw=0.6)
+    figure.savefig(path, dpi=130)
+    return path

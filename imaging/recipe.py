@@ -1,7 +1,8 @@
-"""Every choice that turns a photograph into figures, and the TOML file of them."""
+"""Every choice that turns a photograph into figures, with its TOML file, and the limits of quality."""
 
 import dataclasses
 import functools
+import math
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,9 +10,153 @@ import numpy as np
 
 from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
 
+from . import errors
 from .camera import Camera, RulerReading, Scale, Tone
-from .errors import ImagingError
-from .quality import QualityLimits
+
+_SOFTER = 1.25  # blur of a tape's edge over that of the outline, by the same lens
+
+
+@dataclasses.dataclass(frozen=True)
+class QualityLimits:
+    """The worst quality that still is a measurement.
+
+    Attributes:
+        eta_value: least separability of muscle and cloth.
+        eta_hue: least separability of tape and braid.
+        blur_px: largest blur of the outline [px]; that of the tapes' edges, which are softer by
+            themselves, may be a quarter larger.
+        blur_ratio: largest blur of the tapes' edges along the axis over that of the outline across
+            it, or the reverse; a way of 4 px during the exposure reaches it with a lens of 1 px.
+        flank: largest excess of the mean edge over the model's, see `EdgeProfile`; a way of 25 px
+            during the exposure reaches it.
+        outlier_fraction: largest part of stray rows.
+        residual_rms: largest scatter of the edge about its smooth curve [px].
+        kappa: largest strength of the limb's root [px^-0.5]; the limb of a larger one is lost in
+            the cloth.
+        axis_deviation: largest deviation of the mid-line from a straight one, over the mean radius.
+        axis_kink: the same from a smooth one.
+        misfit: largest misfit of the limb model, over the step; sound pictures have 0.005 at most,
+            ones sharpened by an unsharp mask of 2 about 0.012.
+        tape_sd_px: largest scatter of a tape's edge about a straight one [px].
+        saturated: largest saturated part of the muscle.
+        tape_hue_deg: largest distance from the recipe's hue [deg].
+        scale_contradiction: largest relative difference between the tapes' diameter in the picture
+            and the recipe's; a ruler 7.6 mm off the muscle's plane makes 0.005 at 60 in.
+    """
+
+    eta_value: float = 0.7
+    eta_hue: float = 0.75
+    blur_px: float = 3.5
+    blur_ratio: float = 1.5
+    flank: float = 0.2
+    outlier_fraction: float = 0.2
+    residual_rms: float = 1.5
+    kappa: float = 5.9
+    axis_deviation: float = 0.15
+    axis_kink: float = 0.05
+    misfit: float = 0.02
+    tape_sd_px: float = 5.0
+    saturated: float = 0.2
+    tape_hue_deg: float = 40.0
+    scale_contradiction: float = 0.005
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Quality:
+    """Quality figures of one measurement; nan where the method has none.
+
+    Attributes:
+        eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1.
+        blur_px: standard deviation of the spread of light across the outline [px].
+        kappa: strength of the limb's root against its step, the larger of both sides [px^-0.5]; 0
+            for a plateau, above 2 where the limb is nearly as dark as the cloth.
+        axis_deviation: root mean square of the mid-line about a straight one, over the mean radius.
+        axis_kink: largest deviation of the mid-line from a smooth one, over the mean radius.
+        misfit: of the limb model to the mean edge, over the step; halo and sharpening leave one.
+        flank: excess of the mean edge over the model inside of it, over the step; a smeared edge has one.
+        rim: brightness of the limb over that of what lies inside of it, see `EdgeProfile`; more than 1
+            is gloss, or a lamp behind the muscle.
+        outlier_fraction: part of stray rows.
+        residual_rms: scatter of the edge about its smooth curve [px].
+        tape_sd_px: scatter of the tapes' edges about straight ones [px].
+        tape_blur_px: blur of the tapes' edges along the axis, the larger [px].
+        saturated: saturated part of the muscle.
+        tape_hue_deg: hue of the tapes [deg].
+        tape_hue_error_deg: its distance from the recipe's, by itself or beside the braid as white,
+            whichever is smaller; 0 where the recipe gives none.
+    """
+
+    eta_value: float
+    eta_hue: float
+    blur_px: float = math.nan
+    kappa: float = math.nan
+    axis_deviation: float = math.nan
+    axis_kink: float = math.nan
+    misfit: float = math.nan
+    flank: float = math.nan
+    rim: float = math.nan
+    outlier_fraction: float = math.nan
+    residual_rms: float = math.nan
+    tape_sd_px: float = math.nan
+    tape_blur_px: float = math.nan
+    saturated: float
+    tape_hue_deg: float
+    tape_hue_error_deg: float = 0.0
+
+    def check(self, limits: QualityLimits) -> None:
+        """Refuse what is worse than the limits.
+
+        Raises:
+            ImagingError: of the class that the first figure beyond its limit calls for.
+        """
+        ratio = max(
+            self.tape_blur_px / max(self.blur_px, 1.0), self.blur_px / max(self.tape_blur_px, 1.0)
+        )
+        values = vars(self) | {"blur_ratio": ratio}
+        allowed = vars(limits) | {
+            "tape_hue_error_deg": limits.tape_hue_deg, "tape_blur_px": _SOFTER * limits.blur_px,
+        }  # fmt: skip
+        for name, error, text in _CHECKS:
+            value, limit = float(values[name]), float(allowed[name])
+            if value < limit if name in _LEAST else value > limit:
+                figures: dict[str, Any] = {name: value, "limit": limit}
+                raise error(text, **figures)
+
+
+_LEAST = {"eta_value", "eta_hue"}
+"""Figures that a limit bounds from below; the others are bounded from above."""
+
+_SMEARED = (
+    "edges must be as sharp as the lens makes them, along the axis as across it; these are smeared: expose "
+    "shorter, or hold the muscle still, check the focus, and take the picture again"
+)
+_ALIKE = (
+    "the two sides must be smooth and mirror each other: is the picture damaged, one side in the shade, "
+    "or something in front of the muscle or beside it?"
+)
+_CHECKS: tuple[tuple[str, type[errors.ImagingError], str], ...] = (
+    ("saturated", errors.Overexposed, "expose shorter: where light is cut off there is no edge to find"),
+    ("eta_value", errors.NoMuscle, "muscle and cloth must differ in brightness: give more light, or "
+     "darker cloth"),
+    ("eta_hue", errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or give "
+     "its hue"),
+    ("tape_hue_error_deg", errors.AmbiguousHue, "the tapes found have another hue than the recipe's"),
+    ("blur_ratio", errors.MotionBlurred, _SMEARED),
+    ("blur_px", errors.Defocused, "focus on the muscle's limb, and take the picture again"),
+    ("tape_blur_px", errors.MotionBlurred, _SMEARED),
+    ("flank", errors.MotionBlurred, _SMEARED),
+    ("outlier_fraction", errors.DamagedImage, _ALIKE),
+    ("residual_rms", errors.DamagedImage, _ALIKE),
+    ("kappa", errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; if "
+     "it is lit, it moved: expose shorter, and take the picture again"),
+    ("axis_deviation", errors.NoMuscle, _ALIKE),
+    ("axis_kink", errors.DamagedImage, _ALIKE),
+    ("misfit", errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: is "
+     "another edge behind it, or does the camera sharpen?"),
+    ("tape_sd_px", errors.AmbiguousHue, "the tapes' edges must be straight rings: is a tape torn, or "
+     "covered?"),
+)  # fmt: skip
+
 
 REFERENCE_DISTANCE = 1.524  # m, 60 in
 _RESOLUTION = 0.0093  # m, 83 px at 226.63 px/in: a quarter of the smallest feature of a profile
@@ -36,16 +181,12 @@ class Recipe:
             one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
         tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
-        blur_px: of the outline [px]; None estimates it from the picture.
-        edge_offset_px: added outward to each side of the outline [px], from a reference cylinder.
         resolution_px: wavelength along the axis that passes at half its height [px]; None takes
             9.3 mm, which is 83 px at 226.63 px/in.
         limits: the worst quality that still is a measurement.
         ruler: how the photograph of a ruler, if the scale comes from one, is read.
         braid_angle: measure it from the weave as well, which takes as long again.
         n_threads: of both families of the braid, if known [-]; None counts them in the picture.
-        turns: N of a thread about the axis over the length, if known [-]: what the braid angle is
-            compared with is atan(L / (pi N D)).
 
     Raises:
         ValueError: an option that is not known, a figure outside its range, or half of a crop.
@@ -61,14 +202,11 @@ class Recipe:
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
     tape_diameter: float | None = None
-    blur_px: float | None = None
-    edge_offset_px: float = 0.0
     resolution_px: float | None = None
     limits: QualityLimits = dataclasses.field(default_factory=QualityLimits)
     ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
     braid_angle: bool = False
     n_threads: int | None = None
-    turns: float | None = None
 
     def __post_init__(self) -> None:
         if self.orientation not in (known := ("vertical", "horizontal", "auto")):
@@ -78,7 +216,7 @@ class Recipe:
                 "n_threads counts both families of the braid, an even number of 8 or more; got "
                 f"{self.n_threads}"
             )
-        for name in ("distance", "tape_diameter", "blur_px", "resolution_px", "turns"):
+        for name in ("distance", "tape_diameter", "resolution_px"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be finite and > 0, got {value}")
@@ -173,7 +311,7 @@ def write_recipe(recipe: Recipe, path: str | Path) -> Path:
     try:
         path.write_text(recipe_text(recipe), encoding="utf-8")
     except OSError as error:
-        raise ImagingError(f"the recipe cannot be written: {error}", path=path) from None
+        raise errors.ImagingError(f"the recipe cannot be written: {error}", path=path) from None
     return path
 
 
@@ -184,7 +322,7 @@ def read_recipe(path: str | Path) -> Recipe:
         ImagingError: no such file, not TOML, an unknown key, unit or format, a missing scale, or a value
             that cannot be.
     """
-    error = functools.partial(ImagingError, path=path)
+    error = functools.partial(errors.ImagingError, path=path)
     given = dict(read_toml(path, "recipe", error, where=""))
     if (found := given.pop("format", _FORMAT)) != _FORMAT:
         raise error(f"a recipe has the format {_FORMAT!r}, got {found!r}")

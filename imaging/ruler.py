@@ -4,19 +4,334 @@ import dataclasses
 import math
 from collections import Counter
 from os import PathLike, fspath
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.optimize import curve_fit
 
-from .arrays import Array, Image, Single
-from .camera import Camera, RulerReading, Scale, Tone
+from .camera import Array, Camera, Flags, Image, Indices, RulerReading, Scale, Single, Tone
 from .errors import AmbiguousRuler, ImagingError, RulerNotFound
-from .marks import Line, Numbered, marks_of, numbered, regular_strips
 from .photograph import Reader, read_image
 
-FEWEST = 8
 INCH = 0.0254  # [m]
+_PITCHES = (5.0, 220.0)  # px between marks
+_STRIP = 6  # columns that are averaged in the search
+_REGULAR = 0.35  # least autocorrelation one pitch on
+_HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
+_MOST = 12  # strips tried
+_BAND = 32  # rows worked on at once, which fit a processor's cache
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """A straight line in a picture and the strip about it that is averaged.
+
+    Attributes:
+        origin: u, v of its first sample [px].
+        along: unit vector to the next sample, shape (2,).
+        samples: number of them, 1 px apart.
+        width: of the strip [px].
+        pitch: from mark to mark, about [px].
+    """
+
+    origin: Array
+    along: Array
+    samples: int
+    width: float
+    pitch: float
+
+    @property
+    def across(self) -> Array:
+        """Unit vector across the line, shape (2,)."""
+        return np.array([-self.along[1], self.along[0]])
+
+    def profile(self, light: Single, *, part: float = 0.0) -> Array:
+        """Mean across the strip at each sample, shape (samples,).
+
+        Args:
+            light: picture, shape (h, w).
+            part: -1 and 1 take the strip's halves, 0 the whole.
+        """
+        n = max(3, round(self.width))
+        offset = (np.arange(n) - (n - 1) / 2) * (0.5 if part else 1.0) + part * self.width / 4
+        at = np.arange(self.samples)
+        u, v = (
+            self.origin[i] + at[:, None] * self.along[i] + offset * self.across[i] for i in (0, 1)
+        )
+        return map_coordinates(light, [v, u], order=1, mode="nearest").mean(axis=1)
+
+    def turned(self, angle: float) -> "Line":
+        """The same line turned by a small angle [rad] about its middle."""
+        along = np.cos(angle) * self.along + np.sin(angle) * self.across
+        origin = self.origin + (self.samples - 1) / 2 * (self.along - along)
+        return dataclasses.replace(self, origin=origin, along=along)
+
+
+def regular_strips(luma: Image) -> list[Line]:
+    """Strips whose brightness repeats itself along the ruler, the most regular first.
+
+    Marks and sides of a ruler are square to each other: the gradients' mean direction modulo a
+    quarter turn gives the ruler's, in one of two ways, and both are searched.
+
+    Args:
+        luma: picture, shape (h, w).
+    """
+    angle, found = square_direction(luma), []
+    for turn in (angle, angle + np.pi / 2):
+        upright, back = _upright(luma, turn)
+        for score, column, width, pitch in _periodic(upright):
+            origin = back @ np.array([column, 0.0, 1.0])
+            line = Line(origin, back[:, 1].copy(), upright.shape[0], width, pitch)
+            found.append((score, line))
+    found.sort(key=lambda each: -each[0])
+    return [line for _, line in found[:_MOST]]
+
+
+def square_direction(luma: Image) -> float:
+    """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
+    soft = cv2.GaussianBlur(luma, (0, 0), 1.5)
+    gx, gy = (
+        np.asarray(cv2.Sobel(soft, cv2.CV_16S, *order), np.int16) for order in ((1, 0), (0, 1))
+    )
+    least = np.percentile(_power(gx[::4, ::4], gy[::4, ::4]), 90)
+    fourth = []
+    for top in range(0, luma.shape[0], _BAND):
+        du, dv = (slope[top : top + _BAND].astype(np.float32) for slope in (gx, gy))
+        power = _power(du, dv)
+        strong = power > least
+        fourth.append((du[strong] + 1j * dv[strong]) ** 4 / power[strong])
+    return float(np.angle(np.sum(np.concatenate(fourth))) / 4)
+
+
+def _power(gx: NDArray[np.number], gy: NDArray[np.number]) -> Array:
+    return gx.astype(float) ** 2 + gy.astype(float) ** 2
+
+
+def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
+    """The picture turned so that the ruler stands, and the matrix from its pixels back (2, 3)."""
+    h, w = luma.shape
+    c, s = np.cos(turn), np.sin(turn)
+    size = (int(abs(w * c) + abs(h * s)) + 1, int(abs(h * c) + abs(w * s)) + 1)
+    back = np.array([[c, -s, 0.0], [s, c, 0.0]])
+    middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
+    back[:, 2] = np.array([(w - 1) / 2, (h - 1) / 2]) - back[:, :2] @ middle
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    upright = cv2.warpAffine(luma, back, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return upright.astype(np.float32), back
+
+
+def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
+    """Score, middle column, width and pitch of the runs of columns that repeat along the rows."""
+    means = cv2.blur(upright, (_STRIP, 1), borderType=cv2.BORDER_REFLECT)
+    strips = np.asarray(means)[:, _STRIP // 2 :: _STRIP // 2].T
+    slope = np.diff(strips, axis=1)
+    slope = slope - slope.mean(axis=1, keepdims=True)
+    lags = np.arange(int(_PITCHES[0]), min(int(_PITCHES[1]), slope.shape[1] // 4))
+    likeness = _autocorrelation(slope, lags[-1] + 2)
+    power = likeness[:, 0]
+    part = likeness[:, lags[0] - 1 : lags[-1] + 2] / np.maximum(power, 1e-9)[:, None]
+    peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] > part[:, 2:])
+    height = np.where(peak, part[:, 1:-1], 0.0)
+    top = height.max(axis=1)
+    first = np.argmax(height >= _HARMONICS * top[:, None], axis=1)
+    regular = (top > _REGULAR) & (power > 0.05 * power.max())
+    return _runs(regular, lags[first], top * np.sqrt(power))
+
+
+def _autocorrelation(rows: Single, lags: int) -> Single:
+    """Of each row with itself at lags 0, 1, ... below `lags`, shape (m, lags)."""
+    size = next_fast_len(rows.shape[1] + lags, real=True)
+    likeness = np.empty((rows.shape[0], lags), np.float32)
+    for first in range(0, rows.shape[0], _BAND):
+        spectrum = np.fft.rfft(rows[first : first + _BAND], size, axis=1)
+        power = spectrum.real**2 + spectrum.imag**2
+        likeness[first : first + _BAND] = np.fft.irfft(power, size, axis=1)[:, :lags]
+    return likeness
+
+
+def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float, float, float]]:
+    """Neighbouring strips of one pitch, joined."""
+    runs: list[list[int]] = []
+    for i in np.flatnonzero(regular).tolist():
+        start = runs[-1][0] if runs and runs[-1][-1] == i - 1 else None
+        if start is not None and abs(lag[i] - lag[start]) <= 1 + 0.03 * lag[start]:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
+    half, found = _STRIP // 2, []
+    for run in runs:
+        middle, width = ((run[0] + run[-1]) / 2 + 1) * half, max(len(run) * half - 2.0, _STRIP / 2)
+        found.append((float(score[run].sum()), middle, width, float(np.median(lag[run]))))
+    return found
+
+
+_EDGE_SMOOTHING = (1.0, 1 / 16, 2.0)  # px; pitches; px: least, wanted, most
+_FINER = 4  # samples per px: a parabola through the slope's extremum is good to 0.04 of their step
+_STRONG = 8  # th strongest edge, which is a mark's: the ruler's own ends are two
+_FAINT = 0.3  # of its height, below which an edge is none of a mark
+_OFF = 0.2  # pitches by which a mark may be off the model and still be numbered
+_REJECT = 4.0  # robust standard deviations
+_NUMBERINGS = 4
+
+
+class Numbered(NamedTuple):
+    """Marks that are numbered and fitted.
+
+    Attributes:
+        number: n, whole, shape (m,).
+        place: position along the strip [px], shape (m,).
+        coefficients: a, b, c of px(n) = (a + b n) / (1 + c n).
+        covariance: of them, shape (3, 3).
+        residual: root mean square about the fit [px].
+    """
+
+    number: Indices
+    place: Array
+    coefficients: Array
+    covariance: Array
+    residual: float
+
+    @property
+    def pitch(self) -> float:
+        """From mark to mark, the mean [px]."""
+        return float(np.ptp(self.place) / np.ptp(self.number))
+
+    @property
+    def expected(self) -> int:
+        """Marks between the first and the last, both included."""
+        return int(self.number[-1] - self.number[0]) + 1
+
+
+def marks_of(profile: Array, pitch: float) -> Array:
+    """Middles of the marks along a profile [px], dark on light or light on dark.
+
+    Each mark has two gradient extrema, one of each sign; their midpoint does not depend on blur,
+    exposure or tone curve. A mark is the narrower of mark and gap.
+
+    Args:
+        profile: brightness, shape (n,).
+        pitch: from mark to mark, about [px].
+
+    References:
+        Chambers 2021, section 4.2.1, finds hatch marks by their gradient extrema.
+    """
+    least, wanted, most = _EDGE_SMOOTHING
+    sigma = float(np.clip(wanted * pitch, least, most))
+    smooth = gaussian_filter1d(profile, sigma, mode="nearest")
+    fine = np.arange(0, profile.size - 1 + 1 / (2 * _FINER), 1 / _FINER)
+    slope = CubicSpline(np.arange(profile.size), smooth)(fine, 1)
+    pitch *= _FINER
+    places, _ = min((_pairs(sign * slope, pitch) for sign in (1, -1)), key=lambda pair: pair[1])
+    return places / _FINER
+
+
+def _pairs(slope: Array, pitch: float) -> tuple[Array, float]:
+    """Midpoints of each maximum and the minimum that follows it, and their median distance."""
+    rise, fall = _extrema(slope), _extrema(-slope)
+    after = np.append(fall, np.inf)[np.searchsorted(fall, rise)]
+    width = after - rise
+    good = width < 0.75 * pitch
+    if not good.any():
+        return np.empty(0), np.inf
+    return (rise + width / 2)[good], float(np.median(width[good]))
+
+
+def _extrema(slope: Array) -> Array:
+    """Places of the strong maxima, by a parabola through three samples."""
+    inner = slope[1:-1]
+    peak = np.flatnonzero((inner >= slope[:-2]) & (inner > slope[2:]) & (inner > 0)) + 1
+    if peak.size == 0:
+        return np.empty(0)
+    height = slope[peak]
+    strong = height > _FAINT * np.sort(height)[-min(_STRONG, height.size)]
+    peak = peak[strong]
+    before, at, after = slope[peak - 1], slope[peak], slope[peak + 1]
+    return peak + 0.5 * (before - after) / (before - 2 * at + after)
+
+
+def numbered(places: Array, pitch: float) -> Numbered | None:
+    """The largest set of marks that one projective scale explains, or None for fewer than four.
+
+    A plane ruler at any tilt has px(n) = (a + b n) / (1 + c n). Numbers are counted on from mark
+    to mark, then taken from the fit, until neither changes.
+
+    Args:
+        places: middles of marks, increasing [px], shape (m,).
+        pitch: from mark to mark, about [px].
+    """
+    steps = np.diff(places)
+    near = steps[np.abs(steps / pitch - 1) < 0.15]
+    pitch = float(np.median(near)) if near.size >= 3 else pitch
+    if places.size < 4:
+        return None
+    number, keep = _counted(places, pitch)
+    for _ in range(_NUMBERINGS):
+        if np.unique(number[keep]).size < 4:
+            return None
+        a, b, c = fit = _projective(number[keep], places[keep])[0]
+        n = (places - a) / (b - c * places)
+        number = np.rint(n).astype(np.int64)
+        off = places - _place(number, *fit)
+        spread = 1.4826 * float(np.median(np.abs(off[keep])))
+        now = (np.abs(n - number) < _OFF) & (np.abs(off) <= max(_REJECT * spread, 0.05))
+        now &= _one_each(number, np.abs(off), now)
+        if np.array_equal(now, keep):
+            break
+        keep = now
+    if keep.sum() < 4:
+        return None
+    number, kept = number[keep], places[keep]
+    fit, covariance = _projective(number, kept)
+    residual = float(np.sqrt(np.mean((kept - _place(number, *fit)) ** 2)))
+    return Numbered(number, kept, fit, covariance, residual)
+
+
+def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
+    """Numbers from mark to mark within the longest run without a step that fits no number."""
+    steps = np.diff(places) / pitch
+    whole = np.rint(steps)
+    good = (np.abs(steps - whole) < 0.15 * np.maximum(whole, 1)) & (whole >= 1)
+    number = np.concatenate([[0], np.cumsum(whole)]).astype(np.int64)
+    run = np.concatenate([[0], np.cumsum(~good)])
+    longest = np.argmax(np.bincount(run))
+    return number, run == longest
+
+
+def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
+    """The mark nearest to the model for each number."""
+    order = np.lexsort((off, ~among, number))
+    nearest = np.zeros(order.size, bool)
+    nearest[order[np.unique(number[order], return_index=True)[1]]] = True
+    return nearest
+
+
+def _place(number: Indices, a: float, b: float, c: float) -> Array:
+    return (a + b * number) / (1 + c * number)
+
+
+def _projective(number: Indices, place: Array) -> tuple[Array, Array]:
+    """Coefficients a, b, c of least squares and their covariance."""
+    slope, start = np.polyfit(number, place, 1)
+    size = np.array([1.0, 1.0 / np.ptp(number), 1.0 / (np.ptp(number) * np.ptp(place))])
+
+    def slopes(n: Indices, *unknown: float) -> Array:
+        c = unknown[2] * size[2]
+        at = _place(n, *(np.array(unknown) * size))
+        return np.stack([np.ones(n.size), n, -at * n], axis=1) / (1 + c * n)[:, None] * size
+
+    best, covariance = curve_fit(
+        lambda n, *unknown: _place(n, *(np.array(unknown) * size)), number, place,
+        np.array([start, slope, 0.0]) / size, jac=slopes, xtol=1e-14, ftol=1e-14,
+    )  # fmt: skip
+    return best * size, covariance * np.outer(size, size)
+
+
+FEWEST = 8
 _ON_MODEL = 0.8  # of the marks between the first and the last
 _AT_ALL = 0.5  # of them, from which another scale may not be passed over
 _SHARP = 0.05  # pitches; marks that scatter more are none of a ruler
@@ -24,11 +339,11 @@ _EXPECTED = 0.25  # relative, by which the scale that is expected may be off
 _SAME = 0.03  # relative, by which two pitches, or a multiple of one, may differ
 _AS_EXACT = (3.0, 0.1)  # times, px
 _STRAND = 3.0  # px, width of the lines along which marks are followed from strip to strip
+_KNOWN = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)  # m
 _ON_MARK = 0.12  # pitches by which a mark may seem to wander between two strips
 
 
-@dataclasses.dataclass(frozen=True)
-class Strip:
+class Strip(NamedTuple):
     """A strip of a ruler with its marks.
 
     Attributes:
@@ -40,13 +355,13 @@ class Strip:
     marks: Numbered
 
 
-def choose_strip(luma: Image, light: Single, pitch: float, expected: float | None) -> Strip:
+def choose_strip(luma: Image, light: Single, pitch: float | None, expected: float | None) -> Strip:
     """The strip with the most marks of those that have the scale to expect.
 
     Args:
         luma: picture, shape (h, w).
         light: the same in linear light.
-        pitch: of the marks [m].
+        pitch: of the marks [m]; None is that of any ruler.
         expected: scale [px/m]; None expects that of the finest marks, and no other.
 
     Raises:
@@ -57,24 +372,18 @@ def choose_strip(luma: Image, light: Single, pitch: float, expected: float | Non
     strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
     good = [strip for strip in strips if is_ruler(strip.marks)]
     if expected is not None:
-        near = expected * pitch
-        good = [strip for strip in good if abs(strip.marks.pitch / near - 1) < _EXPECTED]
+        near = expected * np.array(_KNOWN if pitch is None else [pitch])
+        good = [one for one in good if np.abs(one.marks.pitch / near - 1).min() < _EXPECTED]
     if not good:
-        figures: dict[str, Any] = {
-            "marks": max((strip.marks.number.size for strip in strips), default=0),
-            "strips": len(lines),
-        }
-        if expected is not None:
-            figures["expected_pitch_px"] = expected * pitch
         raise RulerNotFound(
             f"a ruler must show {FEWEST} or more marks at even distances, {_ON_MODEL:.0%} of those "
-            "between the first and the last; is it in the picture, in focus, and is the pitch that "
-            "of its finest regular marks?",
-            **figures,
-        )
+            "between the first and the last; is it in the picture, in focus, and are pitch and expected "
+            "scale those of its finest regular marks?",
+            strips=len(lines), marks=max((strip.marks.number.size for strip in strips), default=0),
+        )  # fmt: skip
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
     if expected is None:
-        _check_unique(light, best, strips, pitch)
+        _check_unique(light, best, strips, pitch or _KNOWN[0])
     return best
 
 
@@ -94,7 +403,10 @@ def is_ruler(marks: Numbered) -> bool:
 
 
 def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
-    """Every other strip must show the same marks, or the longer ones of them."""
+    """Every other strip must show the same marks, or the longer ones of them.
+
+    Numbers beside every eighth mark repeat themselves as well, but less exactly.
+    """
     others = [
         strip
         for strip in strips
@@ -108,7 +420,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         whole = abs(ratio / round(ratio) - 1) < _SAME
         if whole and (
             round(ratio) == 1
-            or not _as_exact(other, best)
+            or other.marks.residual > _AS_EXACT[0] * best.marks.residual + _AS_EXACT[1]
             or any(_run_together(light, fine, other) for fine in alike)
         ):
             continue
@@ -120,12 +432,6 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
             px_per_in=best.marks.pitch / pitch * INCH,
             other_px_per_in=other.marks.pitch / pitch * INCH,
         )  # fmt: skip
-
-
-def _as_exact(strip: Strip, best: Strip) -> bool:
-    """Whether what repeats itself can be marks: the numbers beside every eighth do not as well."""
-    times, more = _AS_EXACT
-    return strip.marks.residual <= times * best.marks.residual + more
 
 
 def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
@@ -144,7 +450,6 @@ def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
     return True
 
 
-INCH = 0.0254  # [m]
 _PERIODS = (2, 4, 5, 8, 10, 16, 20, 32, 64)
 _READINGS = {
     8: (0.125 * INCH,), 16: (0.0625 * INCH,), 32: (INCH / 32,), 64: (INCH / 64,),
@@ -160,7 +465,6 @@ _FEWEST = 4  # numbers
 _CLEAR = 0.6  # of the ink's variance from mark to mark, that its period explains
 _AS_CLEAR = 0.75  # of the clearest period
 _INK = 0.15  # of the light on the face
-_EXPECTED = 0.25  # relative, by which the scale that is expected may be off
 
 
 def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
@@ -188,10 +492,10 @@ def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
             pitch_px=strip.marks.pitch,
         )
     seen = f"every {period}th mark is longest or numbered, which is no ruler's that is known"
-    if period is None:
-        seen = "no numbers and no longest marks are seen that would tell the pitch"
     raise AmbiguousRuler(
-        f"how far is it from mark to mark? {seen}: say --pitch 0.125in, 1mm, or what the ruler has",
+        "how far is it from mark to mark? "
+        + (seen if period else "No numbers and no longest marks are seen that would tell the pitch")
+        + ": say --pitch 0.125in, 1mm, or what the ruler has",
         pitch_px=strip.marks.pitch,
     )
 
@@ -218,8 +522,8 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
     profiles = np.asarray(seen, float).reshape(away.size, 3, -1).mean(axis=1)
     ink = _ink(profiles, marks.coefficients, first, last) / face
     counts = Counter(period for period in _periods(ink) if period)
-    most = max(counts.values(), default=0)
-    return max((one for one, n in counts.items() if n >= max(2, _SUPPORT * most)), default=None)
+    least = max(2, _SUPPORT * max(counts.values(), default=0))
+    return max((one for one, n in counts.items() if n >= least), default=None)
 
 
 def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
@@ -280,17 +584,14 @@ def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
         here, there = (
             _left_over(strip, dataclasses.replace(camera, k1=k1 + step)) for step in (0.0, _OF_K1)
         )
-        if here is None or there is None:
-            return camera, None
         slope = (there - here) / _OF_K1
         power = float(slope @ slope)
-        free = max(here.size - 4, 1)
-        if not power > 0:
+        if here.size < 8 or not power > 0:
             return camera, None
         k1 -= float(slope @ here) / power
         if abs(k1) > _LARGEST:
             return camera, None
-        stderr = math.sqrt(float(here @ here) / free / power)
+        stderr = math.sqrt(float(here @ here) / max(here.size - 4, 1) / power)
     seen = abs(k1) > _SEEN * stderr
     return (dataclasses.replace(camera, k1=k1) if seen else camera), stderr
 
@@ -311,12 +612,10 @@ def _shown(strip: Strip, camera: Camera) -> Array:
     return (centre + rays * camera.focal_px - line.origin) @ line.along
 
 
-def _left_over(strip: Strip, camera: Camera) -> Array | None:
+def _left_over(strip: Strip, camera: Camera) -> Array:
     """What the best projective scale leaves of the marks' places, for this lens [px]."""
     place, n = _shown(strip, camera), strip.marks.number
     x = (n - n.mean()) / max(np.ptp(n), 1)
-    if n.size < 8:
-        return None
     # px = (a + b n) / (1 + c n) is linear in a, b, c but for px in the last column.
     model = np.column_stack([np.ones_like(x), x, -x * place])
     fit = np.linalg.lstsq(model, place, rcond=None)[0]
@@ -324,7 +623,6 @@ def _left_over(strip: Strip, camera: Camera) -> Array | None:
 
 
 _TURNS = 3
-_PITCHES = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)
 _LEAST_EXACT = 1e-3  # standard error of the scale, relative
 
 
@@ -380,7 +678,8 @@ def calibrate_ruler(
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)
         light = np.asarray(cv2.LUT(luma, table), np.float32)
-        strip, step = _strip_and_pitch(luma, light, pitch, expected_px_per_m)
+        strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
+        step = pitch or pitch_of(light, strip, expected_px_per_m)
         middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
         lens = Camera(strip.marks.pitch / step, distance, middle, k1 or 0.0)
         bent = None
@@ -392,9 +691,7 @@ def calibrate_ruler(
             scale, k1=lens.k1, k1_stderr=bent, pitch=step, placement_stderr=placement_stderr
         )
     except ImagingError as error:
-        if path:
-            raise error.at(path) from error
-        raise
+        raise error.at(path) from error if path else None
 
 
 def _aligned(light: Single, strip: Strip) -> Strip:
@@ -413,23 +710,6 @@ def _aligned(light: Single, strip: Strip) -> Strip:
         line = line.turned(-np.arctan(angle)) if abs(angle) > 1e-5 else line
     again = read_strip(light, line)
     return again if again is not None and is_ruler(again.marks) else Strip(line, strip.marks)
-
-
-def _strip_and_pitch(
-    luma: Image, light: Single, pitch: float | None, expected: float | None
-) -> tuple[Strip, float]:
-    """The marks and their pitch [m], the stated one or that of the numbers beside them."""
-    if pitch is not None:
-        return _aligned(light, choose_strip(luma, light, pitch, expected)), pitch
-    wanted = _PITCHES if expected is not None else _PITCHES[:1]
-    for one in wanted:
-        try:
-            strip = _aligned(light, choose_strip(luma, light, one, expected))
-            return strip, pitch_of(light, strip, expected)
-        except (RulerNotFound, AmbiguousRuler):
-            if one == wanted[-1]:
-                raise
-    raise AssertionError  # the loop returns or raises
 
 
 def _scale(

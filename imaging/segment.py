@@ -4,35 +4,282 @@ import colorsys
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from skimage.filters.thresholding import threshold_otsu
 
-from .arrays import Array, Flags, Image, Indices, Single
-from .camera import LUMA, Tone, amount_of_look, amount_of_luma
-from .errors import (
-    AmbiguousHue,
-    Clipped,
-    ExtraFitting,
-    ImagingError,
-    MissingFitting,
-    NoMuscle,
-    WrongOrientation,
-)
-from .masks import (
-    TWO_CLASSES,
-    Mask,
-    MuscleMask,
-    areas,
-    light_behind,
-    mask_against_border,
-    muscle_mask,
-    otsu_split,
-    parts,
-    sampled,
-    shaped,
-)
+from . import errors
+from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_look, amount_of_luma
+
+Mask = Image
+
+
+def above(image: Image, level: float) -> Mask:
+    """Where an 8-bit image is brighter than a level."""
+    return np.where(image > level, 255, 0).astype(np.uint8)
+
+
+def shaped(mask: Mask, operation: int, size: int) -> Mask:
+    """A mask after an operation with a square of `size` px.
+
+    Args:
+        mask: shape (h, w).
+        operation: `cv2.MORPH_OPEN` takes away what is narrower than the square, `cv2.MORPH_CLOSE`
+            fills gaps that are, `cv2.MORPH_ERODE` takes away a border of half of its size, and
+            `cv2.MORPH_DILATE` adds one.
+        size: of the square [px].
+    """
+    return np.asarray(cv2.morphologyEx(mask, operation, np.ones((size, size), np.uint8)), np.uint8)
+
+
+def parts(mask: Mask) -> NDArray[np.int32]:
+    """Numbers of the connected parts, 0 outside."""
+    return np.asarray(cv2.connectedComponents(mask)[1], np.int32)  # thrice as fast as with areas
+
+
+def areas(labels: NDArray[np.int32]) -> Indices:
+    """Pixels of each part, that of the outside 0."""
+    area = np.bincount(labels.ravel())
+    area[0] = 0
+    return area
+
+
+def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
+    """The parts with these numbers."""
+    table = np.zeros(int(labels.max()) + 1, np.uint8)
+    table[numbers] = 255
+    return table.take(labels)
+
+
+def sampled(image: Image, mask: Mask, n: int) -> Image:
+    """About n pixels of a mask, from an even grid; all where it has fewer."""
+    every = max(1, int(np.sqrt(cv2.countNonZero(mask) / n)))
+    return image[::every, ::every][mask[::every, ::every] > 0]
+
+
+class Split(NamedTuple):
+    """A histogram of 8-bit values cut in two.
+
+    Attributes:
+        level: the last value of the lower class.
+        eta: between-class over total variance, 0 to 1; 0.64 for one normal distribution.
+        low, high: means of the classes.
+    """
+
+    level: int
+    eta: float
+    low: float
+    high: float
+
+
+def otsu_split(values: Image) -> Split:
+    """The cut of 8-bit values that maximises the variance between its two classes.
+
+    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2; scikit-image's level, of which only the separability is ours.
+
+    Args:
+        values: any shape.
+
+    Returns:
+        The cut; eta is zero where all values are the same.
+
+    References:
+        Otsu 1979, IEEE Trans. Syst. Man Cybern. 9, equations 14 to 16.
+
+    >>> split = otsu_split(np.repeat(np.arange(7, dtype=np.uint8), [5, 9, 1, 0, 2, 7, 3]))
+    >>> print(split.level, round(split.eta, 4), round(split.low, 4), round(split.high, 4))
+    2 0.9276 0.7333 5.0833
+    """
+    counts = cv2.calcHist([values], [0], None, [256], [0, 256]).ravel().astype(np.float64)
+    p, bins = counts / counts.sum(), np.arange(256)
+    mean = float(p @ bins)
+    spread = float(p @ (bins - mean) ** 2)
+    if spread == 0:
+        return Split(int(np.argmax(p)), 0.0, mean, mean)
+    level = int(threshold_otsu(hist=(p, bins)))
+    below = slice(None, level + 1)
+    share = 1 - float(p[below].sum())
+    low = float(p[below] @ bins[below]) / (1 - share)
+    high = (mean - low * (1 - share)) / share
+    return Split(level, share * (1 - share) * (high - low) ** 2 / spread, low, high)
+
+
+LEAST_CONTRAST = 30  # levels between cloth and muscle
+LEAST_AREA = 0.002  # of the picture
+TWO_CLASSES = 0.75  # eta of two separate classes; one normal distribution has 0.64
+_DARK = 40  # mean level of the bright class below which a muscle is under-exposed
+_SHADE = 0.15  # of the way from cloth to muscle at which its shaded side begins
+
+
+class MuscleMask(NamedTuple):
+    """The muscle with its tapes.
+
+    Attributes:
+        lit: its well lit part, 255 inside, shape (h, w).
+        whole: the shaded side as well, and rods that glare.
+        eta: separability of muscle and cloth, 0 to 1; nan where it was not found by its brightness.
+    """
+
+    lit: Mask
+    whole: Mask
+    eta: float
+
+
+def muscle_mask(rgb: Image) -> MuscleMask:
+    """The largest thing that is brighter, or stronger in colour, than the cloth.
+
+    Otsu's level on the brightest of the three colours, and on the strength of the colour, max -
+    min, where this has two classes: a dark blue tape is no brighter than cloth, but bluer.
+
+    Raises:
+        NoMuscle: nothing stands out and holds together.
+        Underexposed: it does, but is too dark.
+    """
+    red, green, blue = cv2.split(rgb)
+    value = np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
+    least = cv2.min(cv2.min(red, green), blue)
+    strength = np.asarray(cv2.subtract(value, least), np.uint8)
+    by_value, by_strength = otsu_split(value), otsu_split(strength)
+    lit = above(value, by_value.level)
+    if by_strength.eta > TWO_CLASSES and by_strength.high - by_strength.low > LEAST_CONTRAST:
+        lit = lit | above(strength, by_strength.level)
+    lit = shaped(lit, cv2.MORPH_OPEN, 3)
+    labels = parts(shaped(lit, cv2.MORPH_CLOSE, 5))
+    area = areas(labels)
+    _check(by_value, float(area.max() / value.size))
+    lit = lit & chosen(labels, int(np.argmax(area)))
+    return MuscleMask(lit, _with_shaded_side(lit, value, by_value), by_value.eta)
+
+
+def _check(split: Split, area: float) -> None:
+    dark = split.high < _DARK and area >= LEAST_AREA and split.eta > TWO_CLASSES
+    if not dark and split.high - split.low >= LEAST_CONTRAST and area >= LEAST_AREA:
+        return
+    kind, text = (
+        (errors.Underexposed, f"the muscle must be brighter than level {_DARK} of 255: expose longer, or "
+         "give it more light") if dark else
+        (errors.NoMuscle, f"the brighter class must stand {LEAST_CONTRAST} levels above the cloth and "
+         "hold together: is the muscle in the picture, and lit?")
+    )  # fmt: skip
+    raise kind(text, eta_value=split.eta, cloth_level=split.low, muscle_level=split.high, area=area)
+
+
+def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
+    """The muscle's lit part and what is darker beside it, but not as dark as the cloth."""
+    cloth = value[shaped(lit, cv2.MORPH_DILATE, 9) == 0]
+    if cloth.size == 0:
+        return lit
+    low, high = map(float, np.quantile(cloth, [0.5, 0.98], method="inverted_cdf"))
+    level = max(low + _SHADE * (split.high - low), high + 4)
+    shade = shaped(above(value, min(level, split.level)), cv2.MORPH_OPEN, 3)
+    labels = parts(lit | shade)
+    return chosen(labels, labels[::2, ::2][lit[::2, ::2] > 0])
+
+
+_BORDER = 1 / 60  # of the width: what is looked at on either side
+_ALONG = 1 / 30  # of the height, over which the border's colour is evened out
+_EVERY = 4  # pixels of which one is looked at
+_DIM = 0.3  # of the muscle's median brightness: what is darker is a rod or a black thread
+_STREAK = 0.12  # of the muscle's width, which the glare on a rod does not reach
+_TOUCHES = 0.03  # of the rows in which a muscle may reach the border
+_ROUNDS = 2  # of the cut that minimises energy
+_LEAST = 12.0  # levels that the muscle must stand off the border's colour
+
+
+def mask_against_border(rgb: Image) -> MuscleMask:
+    """The largest thing that differs from what the left and the right border show in its rows.
+
+    The background of a row has the colour of its left border, of its right one, or one between
+    them by place; two halves of different cloth and a wall in uneven light are such. From what is
+    off all three, a cut through the picture's graph of neighbours, with mixtures of colours learnt
+    on either side of it, takes the muscle.
+
+    Args:
+        rgb: picture, shape (h, w, 3).
+
+    References:
+        Rother, Kolmogorov and Blake 2004, "GrabCut".
+
+    Raises:
+        NoMuscle: nothing stands off the background and holds together.
+        Clipped: what does reaches the left or the right border.
+    """
+    off = _distance(rgb)
+    value = np.asarray(np.clip(off, 0, 255), np.uint8)
+    split = otsu_split(value)
+    sure = shaped(above(value, max(split.level, _LEAST)), cv2.MORPH_OPEN, 5)
+    if split.high - split.low < _LEAST or np.count_nonzero(sure) < LEAST_AREA * value.size:
+        raise errors.NoMuscle(
+            "the muscle must stand out from the background on its left and right; nothing does: "
+            "put a dark cloth behind it",
+            eta_value=split.eta, off_levels=split.high,
+        )  # fmt: skip
+    guess = np.full(value.shape, cv2.GC_PR_BGD, np.uint8)
+    guess[value > _LEAST] = cv2.GC_PR_FGD
+    guess[sure > 0] = cv2.GC_FGD
+    width = _border(value.shape[1])
+    guess[:, :width] = guess[:, -width:] = cv2.GC_BGD
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.setRNGSeed(0)
+    cv2.grabCut(rgb, guess, (0, 0, 1, 1), *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)
+    inside = np.where(guess & 1, 255, 0).astype(np.uint8)
+    lit = shaped(inside, cv2.MORPH_OPEN, 3)
+    labels = parts(shaped(lit, cv2.MORPH_CLOSE, 5))
+    found = _filled(chosen(labels, int(np.argmax(areas(labels)))))
+    at_border = [float((found[:, k] > 0).mean()) for k in (width, -width - 1)]
+    if max(at_border) > _TOUCHES:
+        raise errors.Clipped(
+            "the whole width of the muscle must be in the picture; its outline touches the border: "
+            "move the camera, or widen the crop",
+            left_part=at_border[0], right_part=at_border[1],
+        )  # fmt: skip
+    brightest = np.asarray(rgb.max(axis=2), np.uint8)
+    lit = found & above(brightest, _DIM * float(np.median(brightest[found > 0])))
+    return MuscleMask(lit & _without_streaks(lit), found, math.nan)
+
+
+def _border(width: int) -> int:
+    return max(3, round(_BORDER * width))
+
+
+def _without_streaks(lit: Mask) -> Mask:
+    """A mask without the streaks of light on a rod: black threads filled, what is narrow taken off."""
+    size = max(3, round(_STREAK * float((lit > 0).sum(axis=1).max())))
+    return shaped(_filled(shaped(lit, cv2.MORPH_CLOSE, 5)), cv2.MORPH_OPEN, size)
+
+
+def light_behind(rgb: Image) -> bool:
+    """Whether the picture's left and right borders both are of its brighter class."""
+    value = np.asarray(rgb.max(axis=2)[::_EVERY, ::_EVERY])
+    level = otsu_split(np.ascontiguousarray(value)).level
+    width = _border(value.shape[1])
+    return all(float(np.median(side)) > level for side in (value[:, :width], value[:, -width:]))
+
+
+def _distance(rgb: Image) -> Single:
+    """Levels by which each pixel is off its row's background, shape (h, w)."""
+    h, w = rgb.shape[:2]
+    width, height = _border(w), max(3, round(_ALONG * h)) | 1
+    picture, sides = rgb.astype(np.float32), []
+    for border in (picture[:, :width], picture[:, -width:]):
+        colour = np.median(border, axis=1).reshape(h, 1, 3)
+        smooth = np.asarray(cv2.blur(colour, (1, height), borderType=cv2.BORDER_REPLICATE))
+        sides.append(smooth.reshape(h, 1, 3).astype(np.float32))
+    place = np.linspace(0, 1, w, dtype=np.float32)[None, :, None]
+    backgrounds = (*sides, sides[0] + place * (sides[1] - sides[0]))
+    return np.min([np.linalg.norm(picture - each, axis=2) for each in backgrounds], axis=0)
+
+
+def _filled(mask: Mask) -> Mask:
+    """A part without the holes in it."""
+    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    filled = np.zeros_like(mask)
+    cv2.drawContours(filled, list(outlines), -1, 255, cv2.FILLED)
+    return filled
+
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
 _SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
@@ -62,17 +309,15 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
     sample = sampled(rgb, muscle, _COLOURS).astype(np.float32)
     colour = sample / (sample @ np.ones((3, 1), np.float32) + 1)
     along = np.linalg.eigh(np.cov(colour.T))[1][:, -1]
-    level, eta = _cut(colour @ along)
-    upper = colour @ along > level
-    if upper.all() or not upper.any():
-        return nothing
-    along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
-    if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
-        return nothing
-    level, eta = _cut(colour @ along)
-    upper = colour @ along > level
-    if upper.all() or not upper.any():
-        return nothing
+    for last in (False, True):
+        level, eta = _cut(colour @ along)
+        upper = colour @ along > level
+        if upper.all() or not upper.any():
+            return nothing
+        if not last:
+            along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
+            if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
+                return nothing
     take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
     if tape_hue is not None:
         sides = (sample[upper], sample[~upper])
@@ -110,8 +355,8 @@ def _cut(values: NDArray[np.floating]) -> tuple[float, float]:
     low, high = np.percentile(values, [0.2, 99.8])
     if not high > low:
         return float(high), 0.0
-    place = np.clip((values - low) * (256 / (high - low)), 0, 255).astype(np.intp)
-    split = otsu_split(np.bincount(place, minlength=256))
+    place = np.clip((values - low) * (256 / (high - low)), 0, 255).astype(np.uint8)
+    split = otsu_split(place)
     upper = place > split.level
     if upper.all() or not upper.any():
         return float(high), 0.0
@@ -124,8 +369,7 @@ _GAP = 0.4  # of the root of half the coloured area: how far apart parts of one 
 _LEAST_TAPE = 0.2  # of the larger tape's area
 
 
-@dataclasses.dataclass(frozen=True)
-class Patch:
+class Patch(NamedTuple):
     """The pixels of one tape.
 
     Attributes:
@@ -175,15 +419,15 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
     lines = {"top": muscle[0], "bottom": muscle[-1], "left": muscle[:, 0], "right": muscle[:, -1]}
     at_frame = " and ".join(name for name, line in lines.items() if line.any())
     for holds, error, text in (
-        (n < 2 and at_frame, Clipped,
+        (n < 2 and at_frame, errors.Clipped,
          f"both tapes must be in the picture; {n} is seen, and the muscle runs out at the {at_frame}: "
          "move the camera, or widen the crop"),
-        (n == 0 or (n != 2 and eta < TWO_CLASSES), AmbiguousHue,
+        (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
          "the tapes must differ in colour from the braid; no two classes of colour are seen: use "
          "another tape, or give its hue"),
-        (n == 1, MissingFitting,
+        (n == 1, errors.MissingFitting,
          "two tapes must be seen; one is: is the other covered, too dark, or without colour?"),
-        (n > 2, ExtraFitting,
+        (n > 2, errors.ExtraFitting,
          f"two tapes must be seen, and {n} are: remove the rest from the picture, crop it, or give "
          "the tape's hue"),
     ):  # fmt: skip
@@ -192,7 +436,7 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
     upper, lower = sorted(map(patch, numbers.tolist()), key=lambda patch: patch.centre[1])
     for x, y, (h, w) in ((each.x, each.y, each.mask.shape) for each in (upper, lower)):
         if min(x, y) == 0 or x + w == muscle.shape[1] or y + h == muscle.shape[0]:
-            raise Clipped(
+            raise errors.Clipped(
                 "the tapes must lie inside the picture; one touches its border: move the camera, "
                 "or widen the crop",
                 left_px=x * step, top_px=y * step, width_px=w * step, height_px=h * step,
@@ -200,7 +444,6 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
     return upper, lower
 
 
-_BY_BACKGROUND = Clipped, NoMuscle, ExtraFitting, AmbiguousHue, MissingFitting
 _SEPARATE = 0.7  # eta of brightness from which the background is dark and even
 _COARSE_PIXELS = 0.35e6  # the picture is thinned out to about this many for the first look
 _FINE_STEP = 4
@@ -209,8 +452,7 @@ _GUARD = 2  # pixels next to a tape that its blur may reach
 _MARGIN = 40  # pixels around the muscle that are kept as cloth
 
 
-@dataclasses.dataclass(frozen=True)
-class TapeBand:
+class TapeBand(NamedTuple):
     """One tape ring as it lies in the picture [px].
 
     Attributes:
@@ -263,8 +505,7 @@ class Segmentation:
     saturated: float
 
 
-@dataclasses.dataclass(frozen=True)
-class _Look:
+class _Look(NamedTuple):
     """Muscle and tapes in a picture of which every `step`-th pixel is looked at."""
 
     step: int
@@ -293,16 +534,18 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
         ImagingError: one of NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting,
             Clipped, WrongOrientation; see these classes.
     """
-    error: ImagingError | None = None
+    error: errors.ImagingError | None = None
     try:
         found = _segmented(rgb, tape_hue, muscle_mask)
         if found.eta_value >= _SEPARATE:
             return found
-    except _BY_BACKGROUND as refused:
+    except (errors.Underexposed, errors.WrongOrientation):
+        raise
+    except errors.ImagingError as refused:
         found, error = None, refused
     try:
         return _segmented(rgb, tape_hue, mask_against_border)
-    except ImagingError as also:
+    except errors.ImagingError as also:
         if found is not None:
             return found
         raise also if error is None or light_behind(rgb) else error from None
@@ -317,7 +560,7 @@ def _segmented(
     look = _look(rgb, step, tape_hue, mask_by)
     across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre)) * step
     if across > along:
-        raise WrongOrientation(
+        raise errors.WrongOrientation(
             "the muscle must stand in the picture as the recipe says; the line from tape to tape "
             'lies across it: turn the camera, or set the orientation to "auto"',
             across_px=float(across), along_px=float(along),
@@ -326,10 +569,8 @@ def _segmented(
     if step > _FINE_STEP:
         # The box of both tapes and the muscle between them, with a margin of cloth.
         top, bottom = look.upper.y, look.lower.y + look.lower.mask.shape[0]
-        columns, margin = (
-            np.flatnonzero(look.muscle.whole[top:bottom].any(axis=0)),
-            [-_MARGIN, _MARGIN],
-        )
+        columns = np.flatnonzero(look.muscle.whole[top:bottom].any(axis=0))
+        margin = [-_MARGIN, _MARGIN]
         v0, v1 = np.clip(np.array([top, bottom]) * step + margin, 0, rgb.shape[0]).tolist()
         u0, u1 = np.clip(columns[[0, -1]] * step + margin, 0, rgb.shape[1]).tolist()
         look = _look(rgb[v0:v1, u0:u1], _FINE_STEP, tape_hue, mask_by)
@@ -359,7 +600,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     )
     first, last = int(np.ceil(first)), int(last)
     if rows.size < _FEWEST_ROWS or last - first < _FEWEST_ROWS // step:
-        raise MissingFitting(
+        raise errors.MissingFitting(
             f"{_FEWEST_ROWS} or more rows of braid must show between the tapes",
             braid_rows=rows.size,
         )
@@ -367,7 +608,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     left = np.argmax(band, axis=1)
     right = band.shape[1] - 1 - np.argmax(band[:, ::-1], axis=1)
     if left.min() == 0 or right.max() == band.shape[1] - 1:
-        raise Clipped(
+        raise errors.Clipped(
             "the whole width of the muscle must be in the picture; its outline touches the border: "
             "move the camera, widen the crop, or put a dark cloth behind all of it",
             left_px=int(left.min() * step), right_px=int(right.max() * step),
@@ -381,7 +622,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         sampled(look.small, mask, _COLOURS) for mask in (cloth, inside, look.tape & body)
     )
     if min(cloth.size, braid.size, tape.size) == 0:
-        raise NoMuscle("cloth, braid and tapes must each show some pixels; one shows none")
+        raise errors.NoMuscle("cloth, braid and tapes must each show some pixels; one shows none")
     return Segmentation(
         rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
         right=np.interp(rows, at, right * step) + u0, upper=upper.moved(step, v0, u0),
@@ -435,9 +676,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
         return rgb, amount_of_luma(tone, coarse.cloth, coarse.braid)
     inside, outside = _beside(rgb, coarse, tone)
     looks, contrasts = [LUMA, *np.eye(3)], []
-    for (
-        look
-    ) in looks:  # the contrast that nine rows in ten have, negative where the muscle is darker
+    for look in looks:  # what nine rows in ten have, negative where the muscle is darker
         one, other = inside @ look, outside @ look
         relative = (one - other) / np.maximum(np.maximum(one, other), 1e-4)
         low, high = np.quantile(relative, [0.1, 0.9])
@@ -445,7 +684,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     least = np.abs(contrasts)
     best = 0 if least[0] >= _LUMA_FIRST * least.max() else int(np.argmax(least))
     if least[best] < _CONTRAST:
-        raise NoMuscle(
+        raise errors.NoMuscle(
             "all of the muscle's outline must be brighter than its background, or all of it darker; "
             "it is not: put a dark cloth behind it",
             contrast=float(least[best]), limit=_CONTRAST,

@@ -2,14 +2,15 @@
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from .arrays import Array, Flags, Image, Single
-from .camera import Camera, Silhouette, turned
+from .camera import Array, Camera, Flags, Image, Silhouette, Single, turned
+from .edge import parabola_peak
 from .photograph import Photograph
 
 BAND = 1.3
@@ -19,8 +20,7 @@ _AROUND = 0.25  # of the radius: brightness is taken relative to the mean over s
 _STRONGEST = 0.25  # of that mean: what sparkles or is black counts no more
 
 
-@dataclasses.dataclass(frozen=True)
-class Unrolled:
+class Unrolled(NamedTuple):
     """The contrast of a body's surface towards the camera.
 
     Attributes:
@@ -97,8 +97,7 @@ _OWN = np.deg2rad(4.0)  # that a window's ray may be off that of the kinematics
 _COSINES = np.linspace(0.12, 0.985, 400)
 
 
-@dataclasses.dataclass(frozen=True)
-class Directions:
+class Directions(NamedTuple):
     """What the whole pattern says.
 
     Attributes:
@@ -189,9 +188,9 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
     peaks, n = 1 + np.flatnonzero((along[1:-1] > along[:-2]) & (along[1:-1] >= along[2:])), math.nan
     if peaks.size:
         k = int(peaks[np.argmax((along * azimuthal)[peaks])])
-        before, here, after = np.log(along[k - 1 : k + 2] + 1e-30)
-        shift = (before - after) / 2 / (before - 2 * here + after)
-        n = 2 * np.pi * float(azimuthal[k] + (azimuthal[1] - azimuthal[0]) * shift)
+        near = np.log(along[None, k - 1 : k + 2] + 1e-30)
+        at = k - 1 + float(parabola_peak(near)[0])
+        n = 2 * np.pi * float(azimuthal[0] + (azimuthal[1] - azimuthal[0]) * at)
     return Directions(float(_COSINES[best] / radii.max()), float(score[best] / (2 * number)), n)
 
 
@@ -286,12 +285,9 @@ class Waves:
         for column, harmonic in enumerate(_HARMONICS):
             waves = np.exp(-2j * np.pi * harmonic * np.outer(f, off))
             power += harmonic * np.abs(waves @ (weight * rows[:, column])) ** 2
-        top = int(np.clip(np.argmax(power), 1, f.size - 2))
-        before, here, after = np.log(power[top - 1 : top + 2] + 1e-30)
-        shift = (before - after) / 2 / (before - 2 * here + after - 1e-30)
+        top = float(parabola_peak(np.log(power[None] + 1e-30))[0])
         total = sum(h * float(weight @ np.abs(rows[:, c]) ** 2) for c, h in enumerate(_HARMONICS))
-        found = f[top] + float(np.clip(shift, -1, 1)) * (f[1] - f[0])
-        return float(found), float(power[top]) / max(total, 1e-30)
+        return float(f[0] + top * (f[1] - f[0])), float(power.max()) / max(total, 1e-30)
 
     def phase_across(self, n: float, rates: Array, harmonic: int) -> tuple[float, float]:
         """Phase by which a harmonic's wave on the right is ahead of n yarns', against the left.

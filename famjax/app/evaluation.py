@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.report import svg_file, write_fit
 from imaging.campaign import PARTS
-from imaging.errors import CampaignChanged
 from rig.calibration import Calibration
 from rig.journal import read_journal, stored_calibration
 
@@ -28,9 +27,6 @@ from .checks import record_checks, settle, specimen_checks, warnings_of
 from .folder import RESULTS, FolderStep, Photographs, Sheet
 from .isobaric import Analysis, analyse, branches_csv, figures, plot_characterisation
 from .photographs import JournalTime, add_log, picture_checks, read_log_of_pictures
-
-if TYPE_CHECKING:
-    from imaging.pictures import CampaignOutcome
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
 CYLINDER, ELASTIC = "cylinder", "elastic-cylinder"
@@ -199,23 +195,16 @@ def _measure(
     path = sheet.records.machine_log
     log = None if path is None else read_log_of_pictures(sheet.path(path))
 
-    def measured(*, resume: bool) -> "CampaignOutcome":
-        return measure_pictures(
-            [str(sheet.folder / photographs.pictures)],
-            recipe=recipe,
-            provenance=dict(provenance),
-            add_log=None if log is None else add_log(log, photographs.log_offset),
-            rest_length=sheet.specimen.rest_length,
-            executor=executor,
-            system=system,
-            output=place,
-            resume=resume,
-        )
-
-    try:
-        outcome = measured(resume=True)
-    except CampaignChanged:  # the sheet or a picture was changed: what was measured is void
-        outcome = measured(resume=False)
+    outcome = measure_pictures(
+        [str(sheet.folder / photographs.pictures)],
+        recipe=recipe,
+        provenance=dict(provenance),
+        add_log=None if log is None else add_log(log, photographs.log_offset),
+        rest_length=sheet.specimen.rest_length,
+        executor=executor,
+        system=system,
+        output=place,
+    )
     if not outcome.table.ok.any():
         reasons = "; ".join(sorted({error.partition(":")[0] for error in outcome.table.error}))
         raise InputError(

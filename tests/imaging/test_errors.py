@@ -5,11 +5,11 @@ import pickle
 import pytest
 
 from imaging import ImagingError, errors
-from imaging.errors import CampaignChanged, Defocused, WorkerDied
+from imaging.errors import Defocused
 
 KINDS = [
     kind
-    for kind in [*vars(errors).values(), CampaignChanged, WorkerDied]
+    for kind in vars(errors).values()
     if isinstance(kind, type) and issubclass(kind, ImagingError)
 ]
 

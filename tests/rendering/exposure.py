@@ -10,7 +10,7 @@ from typing import Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from imaging.arrays import Image
+from imaging.camera import Image
 
 from .scene import CameraSensor, Jpeg, Lens, Setting
 from .truth import MuscleTruth, RulerTruth

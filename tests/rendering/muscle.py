@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from famjax.boundary.units import factor
-from imaging.arrays import Array, Flags, Indices
+from imaging.camera import Array, Flags, Indices
 
 INCH = factor("in", "length")
 TAN = (0.72, 0.58, 0.33)  # aramid thread, linear RGB

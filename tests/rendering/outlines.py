@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from imaging.arrays import Array
-from imaging.camera import Camera, turned
+from imaging.camera import Array, Camera, turned
 
 
 def apparent_diameter(diameter: ArrayLike, distance: float, x0: float = 0.0) -> Array:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from imaging.arrays import Array
+from imaging.camera import Array
 
 from .exposure import LinearPhoto, Photo, expose, through_lens
 from .ruler import Ruler, RulerScene

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imaging import Camera
-from imaging.arrays import Array, Flags
+from imaging.camera import Array, Flags
 
 from .muscle import INCH
 from .scene import PUBLISHED_CROP, PUBLISHED_DISTANCE, PUBLISHED_PX_PER_IN, Setting

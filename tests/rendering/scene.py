@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imaging import Camera, Tone
-from imaging.arrays import Array
+from imaging.camera import Array
 
 from .muscle import (
     INCH,

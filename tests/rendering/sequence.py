@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from imaging.arrays import Array
+from imaging.camera import Array
 
 from .exposure import Photo
 from .muscle import stroke_shape

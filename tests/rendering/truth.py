@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from imaging.arrays import Array
+from imaging.camera import Array
 
 from .world import World
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imaging import Camera
-from imaging.arrays import Array, Flags
-from imaging.camera import turned
+from imaging.camera import Array, Flags, turned
 
 from .muscle import MuscleScene, Tape, Weave
 

@@ -9,7 +9,7 @@ from slow_cases import slow_after
 
 from imaging import Scale, calibrate_ruler
 from imaging.errors import AmbiguousRuler, RulerNotFound, UnreadableImage
-from imaging.marks import marks_of, numbered
+from imaging.ruler import marks_of, numbered
 
 SCALE = 5e-5  # relative; the aim is 1e-5 at full resolution, and these pictures have half of it
 TILT_DEG = 0.1

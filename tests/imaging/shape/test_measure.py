@@ -239,28 +239,12 @@ def test_the_scales_error_enters_every_figure():
     assert np.all(found.diameter_stderr > 0.0099 * found.diameter)
 
 
-def test_contraction_and_its_error():
-    made, rest = scene(), scene(contraction=0.0)
-    short, long = (measure(photo(each).rgb, recipe_of(each)) for each in (made, rest))
-    value, stderr = short.contraction(long)
-    assert value == pytest.approx(0.2625, abs=4 * stderr)
-    assert stderr < 1e-3
-    exact, less = short.contraction(long.length)
-    assert exact == value
-    assert less < stderr
-    with pytest.raises(ValueError, match="rest length"):
-        short.contraction(0.0)
-
-
 def test_derived_figures_are_their_definitions():
     made = scene()
     found = measure(photo(made).rgb, recipe_of(made))
     D, z = found.diameter, found.z
     assert found.maximum_diameter == D.max()
     assert found.volume == pytest.approx(np.trapezoid(np.pi / 4 * D**2, z))
-    slope = np.gradient(D / 2, z)
-    assert found.arc_length() == pytest.approx(np.trapezoid(np.hypot(1, slope), z), rel=1e-3)
-    assert found.arc_length() > found.length
     fit = fit_fourier(found.z / found.length, found.diameter, n_terms=3)
     true = photo(made).truth
     x = np.linspace(0, 1, 200)
@@ -311,7 +295,7 @@ def test_tapes_of_any_hue(hue):
     assert told.length == found.length
 
 
-def test_blur_is_estimated_or_given():
+def test_blur_is_estimated():
     made = scene()
     found = {}
     for blur in (0.6, 1.6):
@@ -321,8 +305,6 @@ def test_blur_is_estimated_or_given():
         # The pixel's box and the weave's relief come on top.
         assert found[blur].quality.blur_px == pytest.approx(math.hypot(blur, 0.35), rel=0.15)
         check(found[blur], shown.truth)
-    given = measure(photo(made).rgb, recipe_of(made, blur_px=1.1))
-    assert given.quality.blur_px == 1.1
 
 
 def test_the_right_tone_curve_undoes_the_cameras():
@@ -335,15 +317,6 @@ def test_the_right_tone_curve_undoes_the_cameras():
     }
     assert bias["its own"] < BIAS_PX
     assert bias["its own"] < bias["srgb"]
-
-
-def test_an_edge_offset_moves_both_sides():
-    made = scene()
-    shown = photo(made)
-    plain = measure(shown.rgb, recipe_of(made))
-    moved = measure(shown.rgb, recipe_of(made, edge_offset_px=0.5))
-    grown = (moved.mean_diameter - plain.mean_diameter) * made.camera.px_per_m
-    assert grown == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_matching_tape_diameter_passes():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from imaging import draw_overlay
-from imaging.profile import Trace
+from imaging.measurement import Trace
 from tests.imaging.photographs import marked
 
 RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)

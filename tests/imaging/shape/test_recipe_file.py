@@ -44,14 +44,11 @@ FULL = Recipe(
     orientation="auto",
     tape_hue=222.0,
     tape_diameter=0.875 * 0.0254,
-    blur_px=1.1,
-    edge_offset_px=0.05,
     resolution_px=100.0,
     limits=dataclasses.replace(QualityLimits(), blur_px=4.0, saturated=0.1),
     ruler=RulerReading(0.001, 8900.0, 0.00025),
     braid_angle=True,
     n_threads=72,
-    turns=1.09,
 )
 
 
@@ -91,12 +88,12 @@ def written(tmp_path, text, scale="[scale]\npx_per_m = 8922.0\nstderr_px_per_m =
 
 
 def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
-    path = written(tmp_path, "distance_in = 60\ntape_diameter_mm = 22\nblur_px = 1\n")
-    expected = dataclasses.replace(PLAIN, distance=1.524, tape_diameter=0.022, blur_px=1.0)
+    path = written(tmp_path, "distance_in = 60\ntape_diameter_mm = 22\nresolution_px = 83\n")
+    expected = dataclasses.replace(PLAIN, distance=1.524, tape_diameter=0.022, resolution_px=83.0)
     found = read_recipe(path)
     assert found == dataclasses.replace(expected, distance=found.distance)
     assert found.distance == pytest.approx(1.524, rel=1e-15)
-    assert isinstance(found.blur_px, float)
+    assert isinstance(found.resolution_px, float)
 
 
 @pytest.mark.parametrize(
