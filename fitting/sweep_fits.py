@@ -47,6 +47,7 @@ _SPARE = 4  # rows of each path for points between its stations
 _TOGETHER = 64  # programmes that a compiled program takes
 _STEPS = 60
 _EXACT = 1e-11  # violation per largest coefficient, and relative change by the last step
+_VANISHED = 1e-3  # of the coefficient that alone would carry the force
 _CERTIFIED = 1e-9  # largest residual of the optimality conditions of an exact optimum
 _SHORTENED = np.array([1.0, 0.5, 0.25, 0.1, 0.02])  # parts of a step that are tried
 _ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
@@ -466,6 +467,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     share = 1 / (np.sqrt(of.readings.there.sum(axis=1)) * len(of.target))
     absent = np.eye(n) * ~given.used[:, None]
     G, x = _posed(of, given), np.zeros((count, n))
+    least_size = _VANISHED * _carrying_alone(W, c)
     loose, done, outside = np.full(count, _LOOSE), *np.zeros((2, count), bool)
     status = np.full(count, int(Status.STALLED))
     condition, value, kkt_residual, gap = np.full((4, count), np.nan)
@@ -488,7 +490,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         certificate = best.objective, best.kkt_residual, best.duality_gap
         if smooth:
             certificate = _certificate(W, c, new, share, G, best.multipliers)
-        violation = _pose_weakest(of, given, new, G, step % _SPARE)
+        violation = _pose_weakest(of, given, new, G, step % _SPARE, least_size)
         ended = ~done & ((still & (violation <= _EXACT)) | ~optimal)
         value, kkt_residual, gap = (
             np.where(done, old, one)
@@ -500,6 +502,9 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         x, done, outside = new, done | ended, violation > _EXACT
         if done.all():
             break
+    status = np.where(
+        done, status, best.status
+    )  # the last steps move by rounding: the certificate tells
     wrong = (status == int(Status.OPTIMAL)) & ~(kkt_residual < _CERTIFIED)
     status = np.where(wrong, int(Status.STALLED), status)
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
@@ -562,10 +567,14 @@ def _pose_weakest(
     x: Float[np.ndarray, "b n"],
     G: Float[np.ndarray, "b pressures points n"],
     slot: int,
+    least_size: Float[np.ndarray, " b"],
 ) -> Float[np.ndarray, " b"]:
-    """The largest violation per largest coefficient; the weakest point of each path becomes a row."""
+    """The largest violation per largest coefficient; the weakest point of each path becomes a row.
+
+    Of a law that all but vanishes it is per `least_size` [Pa].
+    """
     violation, E = np.zeros(len(x)), _coefficients(given, x)
-    size = np.maximum(np.abs(E).max(axis=(1, 2), initial=0.0), np.finfo(float).tiny)
+    size = np.maximum(np.abs(E).max(axis=(1, 2), initial=0.0), least_size)
     paths = np.arange(len(of.target))
     for name, table in of.tables.items():
         mine = given.constraint == name
@@ -576,6 +585,13 @@ def _pose_weakest(
         old = G[mine, :, _STATIONS + slot]
         G[mine, :, _STATIONS + slot] = np.where((own > _EXACT)[..., None], rows, old)
     return violation
+
+
+def _carrying_alone(W: np.ndarray, c: np.ndarray) -> Float[np.ndarray, " b"]:
+    """The largest coefficient [Pa] by which one unknown alone would carry the force."""
+    length = np.linalg.norm(W, axis=(1, 2))
+    alone = np.linalg.norm(c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
+    return np.maximum(alone.max(axis=1, initial=0.0), np.finfo(float).tiny)
 
 
 def _rounding(step: int) -> float:
