@@ -2,7 +2,6 @@ from .air import (
     AirLine as AirLine,
     HeldLength as HeldLength,
     HeldLoad as HeldLoad,
-    LinePressure as LinePressure,
     Passage as Passage,
     Volume as Volume,
     fluid_volume as fluid_volume,
@@ -10,12 +9,10 @@ from .air import (
 from .inverse import (
     Answer as Answer,
     CommandedPressure as CommandedPressure,
-    FollowedLength as FollowedLength,
     HasForce as HasForce,
     HasMemory as HasMemory,
     InversePressure as InversePressure,
     Outcome as Outcome,
-    length_along as length_along,
     pressure_along as pressure_along,
     pressure_for_force as pressure_for_force,
 )

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._arrays import Given, Real, RealArray, as_number, as_real, at_each, compiled
 from ..boundary.errors import InputError
 from ..muscle import AbstractMuscle
-from .inverse import Answer, Outcome, bracketed
+from .inverse import Answer, Outcome
 
 Volume = Callable[[RealArray], RealArray]
 """Volume of gas [m3] over gauge pressure [Pa]: a `HeldLength`, a `HeldLoad`, a function of your own."""
@@ -32,18 +32,6 @@ class Passage(Answer):
     """
 
     time: RealArray
-    code: Int[Array, "..."]
-
-
-class LinePressure(Answer):
-    """The pressure at a time, of the broadcast shape of what was asked.
-
-    Attributes:
-        pressure: gauge pressure [Pa]; nan where it is not known.
-        code: an `Outcome`: FEASIBLE, BEYOND_LINE or NO_STATE.
-    """
-
-    pressure: RealArray
     code: Int[Array, "..."]
 
 
@@ -120,23 +108,6 @@ class AirLine(eqx.Module):
         """
         return _passage(self, volume, as_real(start), as_real(end), False)
 
-    def filling(self, volume: Volume, start: Real, time: Real) -> LinePressure:
-        """Gauge pressure [Pa] a time [s] after filling began: the inverse of `fill`.
-
-        Args:
-            volume: as for `fill`.
-            start: gauge pressure [Pa] at time 0, below the supply.
-            time: [s], >= 0; the pressure stays at the supply once it is there.
-
-        Returns:
-            The pressure with its code, of broadcast shape. Differentiable.
-        """
-        return _after(self, volume, as_real(start), as_real(time), True)
-
-    def venting(self, volume: Volume, start: Real, time: Real) -> LinePressure:
-        """Gauge pressure [Pa] a time [s] after venting began: the inverse of `vent`."""
-        return _after(self, volume, as_real(start), as_real(time), False)
-
 
 class _Sweep(eqx.Module):
     """The way of the pressure, by a coordinate u: below 0 the flow is sonic, above it subsonic.
@@ -154,11 +125,6 @@ class _Sweep(eqx.Module):
         """The absolute pressure [Pa] that is held: of the supply or of the atmosphere."""
         return self.line.atmosphere + (self.line.supply if self.filling else 0.0)
 
-    @property
-    def last(self) -> RealArray:
-        """Coordinate u where the flow ends."""
-        return jnp.full_like(self._far, 0.5 * np.pi)
-
     def coordinate(self, pressure: RealArray) -> RealArray:
         """Coordinate u at a gauge pressure [Pa], of any shape."""
         p, b = pressure + self.line.atmosphere, self.line.critical_ratio
@@ -167,7 +133,7 @@ class _Sweep(eqx.Module):
         above = (ratio - b) / (1 - b)
         # The end itself, with no derivative: the flow is zero there.
         inside = (above > 0) & (above < 1)
-        angle = jnp.where(inside, jnp.arcsin(jnp.where(inside, above, 0.0)), self.last)
+        angle = jnp.where(inside, jnp.arcsin(jnp.where(inside, above, 0.0)), 0.5 * np.pi)
         return jnp.where(above > 0, angle, sonic)
 
     def pressure(self, u: RealArray) -> RealArray:
@@ -195,24 +161,18 @@ class _Sweep(eqx.Module):
         return capacity * jnp.where(u > 0, bend, 1.0) / (speed * line.conductance), known
 
     def time(self, start: RealArray, end: RealArray) -> RealArray:
-        """Time [s] from one u to another on the same side of 0; infinite where no volume is known."""
-        half = 0.5 * (end - start)
-        at = start + half * (1 + jnp.asarray(_NODES, half.dtype))
-        rates, known = jax.vmap(self.rate)(at)
-        time = half * jnp.sum(jnp.asarray(_WEIGHTS, half.dtype) * rates)
-        return jnp.where(jnp.all(known) | (half == 0), time, jnp.inf)
-
-    def panels(self, start: RealArray, end: RealArray) -> Float[Array, "2 panels"]:
-        """Both ends of the panels of the quadrature, in order; none has 0 inside."""
+        """Time [s] from one u to another; infinite where no volume is known."""
         even = jnp.linspace(0.0, 1.0, _PANELS + 1, dtype=start.dtype)
-        parts = [
-            side(start, 0.0) * (1 - even) + side(end, 0.0) * even
-            for side in (jnp.minimum, jnp.maximum)
-        ]
-        return jnp.stack([
-            jnp.concatenate([one[:-1] for one in parts]),
-            jnp.concatenate([one[1:] for one in parts]),
-        ])  # fmt: skip
+        total = jnp.zeros_like(start)
+        for side in (jnp.minimum, jnp.maximum):  # no panel has 0 inside
+            low, high = side(start, 0.0), side(end, 0.0)
+            ends = low * (1 - even) + high * even
+            half = 0.5 * jnp.diff(ends)[:, None]
+            at = ends[:-1, None] + half * (1 + jnp.asarray(_NODES, half.dtype))
+            rates, known = jax.vmap(jax.vmap(self.rate))(at)
+            time = jnp.sum(half * jnp.asarray(_WEIGHTS, half.dtype) * rates)
+            total += jnp.where(jnp.all(known) | (low == high), time, jnp.inf)
+        return total
 
     def code(self, start: RealArray, end: RealArray, found: Bool[Array, ""]) -> Int[Array, ""]:
         """The code of a passage between two gauge pressures [Pa], whose time is known or not."""
@@ -234,40 +194,11 @@ def _passage(
     sweep = _Sweep(line, volume, filling)
 
     def one(start: RealArray, end: RealArray) -> Passage:
-        ends = sweep.panels(sweep.coordinate(start), sweep.coordinate(end))
-        time = jnp.sum(jax.vmap(sweep.time)(*ends))
+        time = sweep.time(sweep.coordinate(start), sweep.coordinate(end))
         code = sweep.code(start, end, jnp.isfinite(time))
         return Passage(jnp.where(code == Outcome.FEASIBLE, time, jnp.nan), code)
 
     return at_each(one, start, end)
-
-
-@compiled
-def _after(
-    line: AirLine, volume: Volume, start: RealArray, time: RealArray, filling: bool
-) -> LinePressure:
-    sweep = _Sweep(line, volume, filling)
-    target = line.supply if filling else jnp.zeros_like(line.supply)
-
-    def one(start: RealArray, time: RealArray) -> LinePressure:
-        lows, highs = sweep.panels(sweep.coordinate(start), sweep.last)
-        times = jnp.cumsum(jax.vmap(sweep.time)(lows, highs))
-        times = jnp.concatenate([jnp.zeros_like(times[:1]), times])
-        held = jax.lax.stop_gradient(times)
-        # The last panel that begins by then: those without a length have no pressure of their own.
-        k = jnp.clip(jnp.searchsorted(held, time, side="right") - 1, 0, lows.size - 1)
-        within = (time <= held[k + 1]) & jnp.isfinite(held[k + 1])
-        scale = jnp.where(within & (held[k + 1] > held[k]), held[k + 1] - held[k], 1.0)
-        u = bracketed(
-            lambda u: (times[k] + sweep.time(lows[k], u) - time) / scale, lows[k], highs[k]
-        )
-        over = time > held[-1]
-        code = sweep.code(start, target, within | over)
-        code = jnp.where(time >= 0, code, Outcome.NO_STATE)
-        pressure = jnp.where(over, target, sweep.pressure(u))
-        return LinePressure(jnp.where(code == Outcome.FEASIBLE, pressure, jnp.nan), code)
-
-    return at_each(one, start, time)
 
 
 # --- the volume of gas

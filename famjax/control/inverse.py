@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .._arrays import Real, RealArray, as_real, at_each, compiled
-from ..muscle import AbstractMuscle, bisected, longest_equilibrium
+from ..muscle import bisected
 
 _CELLS = 16
 ROUNDED = 64  # times the precision, per largest value: a few sums and powers of rounded numbers
@@ -40,87 +40,18 @@ class Outcome(enum.IntEnum):
         return made
 
     FEASIBLE = 0, "what was asked for is attained"
-    FORCE_LOW = (
-        1,
-        (
-            "the force is less than the muscle pulls at any allowed pressure, or a push: ask for more, "
-            "lower the least pressure, or shorten the muscle"
-        ),
-    )
-    FORCE_HIGH = (
-        2,
-        (
-            "the force is more than the muscle pulls at any allowed pressure: ask for less, raise the "
-            "highest pressure, or lengthen the muscle"
-        ),
-    )
-    STIFFNESS_LOW = (
-        3,
-        (
-            "the joint is stiffer than that at any pressures that give the torque: ask for at least "
-            "stiffness_range(angle, torque).lowest, lower the lowest pressure or least_pull, or take "
-            "smaller moment arms"
-        ),
-    )
-    STIFFNESS_HIGH = (
-        4,
-        (
-            "the joint is softer than that at any pressures that give the torque: ask for at most "
-            "stiffness_range(angle, torque).highest, raise the highest pressure, or take larger moment arms"
-        ),
-    )
-    TORQUE_LOW = (
-        5,
-        ("the torque is below all that the taut pair has at that angle: see torque_range"),
-    )
-    TORQUE_HIGH = (
-        6,
-        ("the torque is above all that the taut pair has at that angle: see torque_range"),
-    )
-    SLACK = (
-        7,
-        (
-            "a muscle does not reach the least pull at the highest pressure, or pulls no more for more "
-            "pressure: it is too short at that angle; lengthen its path"
-        ),
-    )
-    NO_STATE = (
-        8,
-        (
-            "the muscle has no force at that length, or an input is not a number: look for nan among "
-            "the inputs, and compare the length, path.length(angle) of a joint, with "
-            "muscle.length_range(); a safe muscle, card.safe() or famjax.muscles, has a force at every "
-            "length"
-        ),
-    )
-    MOMENT_ARM = (
-        9,
-        (
-            "the flexor's moment arm must be positive and the extensor's negative at that angle: the "
-            "lever has passed its dead centre, or the paths are exchanged"
-        ),
-    )
-    NO_EQUILIBRIUM = (
-        10,
-        (
-            "the torque does not fall through the load within the angles of the joint: lower the load, "
-            "or widen the angles"
-        ),
-    )
-    BEYOND_LINE = (
-        11,
-        (
-            "the line does not get there: filling needs an end between the start and the supply, "
-            "venting one between atmosphere and the start"
-        ),
-    )
-    BEYOND_ANGLES = (
-        12,
-        (
-            "the angle is outside the joint's own, Antagonist.angles: ask within them, or widen them if "
-            "the joint turns further"
-        ),
-    )
+    FORCE_LOW = 1, "the muscle pulls more at any allowed pressure: ask for more, or shorten it"
+    FORCE_HIGH = 2, "the muscle pulls less at any allowed pressure: ask for less, or lengthen it"
+    STIFFNESS_LOW = 3, "too soft for that torque: ask for at least stiffness_range(...).lowest"
+    STIFFNESS_HIGH = 4, "too stiff for that torque: ask for at most stiffness_range(...).highest"
+    TORQUE_LOW = 5, "below all torques of the taut pair at that angle: see torque_range"
+    TORQUE_HIGH = 6, "above all torques of the taut pair at that angle: see torque_range"
+    SLACK = 7, "a muscle is too short for the least pull at that angle: lengthen its path"
+    NO_STATE = 8, "no force at that length, or an input is nan: compare muscle.length_range()"
+    MOMENT_ARM = 9, "the lever has passed its dead centre, or the paths are exchanged"
+    NO_EQUILIBRIUM = 10, "no equilibrium within the joint's angles: lower the load, or widen them"
+    BEYOND_LINE = 11, "the end is not between the start and the supply, or the atmosphere"
+    BEYOND_ANGLES = 12, "the angle is outside the joint's own: widen Antagonist.angles"
 
     def __str__(self) -> str:
         return f"{self.name}: {self.message}"
@@ -398,18 +329,6 @@ class CommandedPressure(Answer):
     code: Int[Array, "..."]
 
 
-class FollowedLength(Answer):
-    """Lengths that follow from a history of pressures, each leaf of shape (n,).
-
-    Attributes:
-        length: active length L [m] at each point; nan from where there is none.
-        code: an `Outcome` at each point: FEASIBLE or NO_EQUILIBRIUM.
-    """
-
-    length: RealArray
-    code: Int[Array, "..."]
-
-
 def pressure_along(
     muscle: HasForce,
     memory: HasMemory,
@@ -454,67 +373,13 @@ def _pressure_along(
 ) -> CommandedPressure:
     def step(state: Any, wanted: tuple[Array, Array]) -> tuple[Any, CommandedPressure]:
         L, F = wanted
-        found = _inverse(lambda P: _loaded(muscle, memory, state, L, P), F, low, high)
+
+        def pull(P: RealArray) -> RealArray:
+            return muscle.force(L, P) + memory.added(memory.moved(state, L, P), L, P)
+
+        found = _inverse(pull, F, low, high)
         # Where there is no state the history waits at the lowest pressure.
         P = jnp.where(jnp.isfinite(found.pressure), found.pressure, low)
         return memory.moved(state, L, P), CommandedPressure(found.pressure, found.code)
 
     return jax.lax.scan(step, memory.start(lengths[0], low), (lengths, forces))[1]
-
-
-def length_along(
-    muscle: AbstractMuscle,
-    memory: HasMemory,
-    pressure: Real,
-    load: Real,
-    *,
-    start: Real | None = None,
-) -> FollowedLength:
-    """The lengths to which a muscle with hysteresis goes under a load: the inverse of the commands.
-
-    Args:
-        muscle: its static force, with its `length_range`.
-        memory: its hysteresis.
-        pressure: gauge pressure P [Pa] in the order of time, shape (n,).
-        load: [N], shape (n,) or ().
-        start: length [m] at which the history begins, at the first pressure; None for the rest
-            length.
-
-    Returns:
-        Lengths and codes, shape (n,): of every state the longest at which the pull has fallen to
-        the load. Without an equilibrium the muscle stays where it was.
-    """
-    pressures, loads = jnp.broadcast_arrays(as_real(pressure), as_real(load))
-    first = muscle.rest_length if start is None else as_real(start)
-    return _length_along(muscle, memory, pressures, loads, first)
-
-
-@compiled
-def _length_along(
-    muscle: AbstractMuscle,
-    memory: HasMemory,
-    pressures: Float[Array, " n"],
-    loads: Float[Array, " n"],
-    first: RealArray,
-) -> FollowedLength:
-    shortest, longest = muscle.length_range()
-
-    def step(carry: tuple, given: tuple[Array, Array]) -> tuple[tuple, FollowedLength]:
-        (state, before), (P, load) = carry, given
-        length, found = longest_equilibrium(
-            lambda L: _loaded(muscle, memory, state, L, P), shortest, longest, load
-        )
-        L = jnp.where(found, length, before)
-        code = jnp.where(found, Outcome.FEASIBLE, Outcome.NO_EQUILIBRIUM)
-        return (memory.moved(state, L, P), L), FollowedLength(length, code)
-
-    first = jnp.asarray(first, jnp.result_type(pressures, first))
-    return jax.lax.scan(step, (memory.start(first, pressures[0]), first), (pressures, loads))[1]
-
-
-def _loaded(
-    muscle: HasForce, memory: HasMemory, state: Any, length: Real, pressure: Real
-) -> RealArray:
-    """Pull [N] of muscle and hysteresis after a motion from a state of the memory."""
-    moved = memory.moved(state, length, pressure)
-    return muscle.force(length, pressure) + memory.added(moved, length, pressure)
