@@ -93,15 +93,16 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> Muscle:
 def own_modules(card: Any) -> list[str]:
     """Modules of the classes in a card that are not famjax's, in order."""
     found = set()
-    for value in card.values() if isinstance(card, dict) else card:
+    for key, value in card.items() if isinstance(card, dict) else enumerate(card):
         if isinstance(value, dict | list):
             found.update(own_modules(value))
-    name = card.get("type") if isinstance(card, dict) else None
-    return sorted(found | ({name.partition(":")[0]} if ":" in str(name) else set()))
+        elif key == "type" and ":" in value:
+            found.add(value.partition(":")[0])
+    return sorted(found)
 
 
 @functools.cache
-def forms_of(cls: type[eqx.Module]) -> Forms:
+def forms_of(cls: type) -> Forms:
     """The entries of a class.
 
     Raises:
@@ -152,17 +153,18 @@ def _muscle_forms(*, usual: bool) -> Forms:
 
 def _written(part: Any, where: str) -> dict[str, Any]:
     """A part as an object: its type and its fields."""
-    forms = forms_of(type(part)) if type(part) is not Muscle else _muscle_forms(
-        usual=[*map(type, part.terms.terms)] == [terms.BladderWall, terms.PressurisedBraid]
-    )  # fmt: skip
+    forms = forms_of(type(part))
+    if isinstance(part, Muscle):
+        usual = [terms.BladderWall, terms.PressurisedBraid]
+        forms = _muscle_forms(usual=[*map(type, part.terms.terms)] == usual)
     card: dict[str, Any] = {"type": _type_written(type(part))}
     for key, form in forms.items():
         value, at = getattr(part, form.field), f"{where}.{form.field}"
-        value = value.terms if isinstance(value, terms.SumOfTerms) else value
         if value is None and form.optional:
             card[key] = None
         elif form.many:
-            card[key] = [_written(one, f"{at}[{k}]") for k, one in enumerate(value)]
+            many = value.terms if isinstance(value, terms.SumOfTerms) else value
+            card[key] = [_written(one, f"{at}[{k}]") for k, one in enumerate(many)]
         elif form.is_part:
             card[key] = _written(value, at)
         elif np.isfinite(np.asarray(value)).all():
@@ -261,7 +263,8 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
     if annotation in _PLAIN:
         return tuple(numbers.astype(float).tolist()) if numbers.ndim else float(numbers)
     axes = annotation.dim_str
-    if not isinstance(numbers.astype(float), Float[np.ndarray, axes]):
+    shaped: Any = Float[np.ndarray, axes]
+    if not isinstance(numbers.astype(float), shaped):
         raise InputError(
             f"{where} of the muscle card must be numbers of shape ({axes.strip()}), got shape "
             f"{numbers.shape}"

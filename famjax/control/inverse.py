@@ -40,8 +40,11 @@ class Outcome(enum.IntEnum):
         return made
 
     FEASIBLE = 0, "what was asked for is attained"
-    FORCE_LOW = 1, "the muscle pulls more at any allowed pressure: ask for more, or shorten it"
-    FORCE_HIGH = 2, "the muscle pulls less at any allowed pressure: ask for less, or lengthen it"
+    FORCE_LOW = 1, "less than the muscle pulls at any allowed pressure: ask for more, or shorten it"
+    FORCE_HIGH = (
+        2,
+        "more than the muscle pulls at any allowed pressure: ask for less, or lengthen it",
+    )
     STIFFNESS_LOW = 3, "too soft for that torque: ask for at least stiffness_range(...).lowest"
     STIFFNESS_HIGH = 4, "too stiff for that torque: ask for at most stiffness_range(...).highest"
     TORQUE_LOW = 5, "below all torques of the taut pair at that angle: see torque_range"

@@ -312,8 +312,10 @@ def _pressures_for(
     exists = jnp.isin(curve.code, jnp.array(_NEAREST))
     there = exists & jnp.isfinite(stiffness) & (code != Outcome.BEYOND_ANGLES)
     made = curve.pair.stiffness(flexor, extensor, slack=False)
-    shown = (jnp.where(there, one, jnp.nan) for one in (flexor, extensor, made, curve.torque))
-    return PairPressures(*shown, code)
+    flexor, extensor, made, torque = (
+        jnp.where(there, one, jnp.nan) for one in (flexor, extensor, made, curve.torque)
+    )
+    return PairPressures(flexor, extensor, made, torque, code)
 
 
 _NEAREST = (Outcome.FEASIBLE, Outcome.TORQUE_LOW, Outcome.TORQUE_HIGH)
@@ -383,7 +385,16 @@ class HeldPair(eqx.Module):
         )
         return jnp.where(jnp.isnan(total), jnp.nan, -slope)
 
-    def reach(self) -> tuple[RealArray, RealArray, RealArray, RealArray, RealArray, RealArray]:
+    def reach(
+        self,
+    ) -> tuple[
+        RealArray,
+        RealArray,
+        Float[Array, "2 2"],
+        Float[Array, "2"],
+        Float[Array, "2"],
+        Int[Array, ""],
+    ]:
         """Lowest and highest torque [N m] of taut muscles; limits and least pulls; arms; the code.
 
         Limits are the pulls [N], 0 for nan, at the least and the highest pressure, a row for each

@@ -283,8 +283,8 @@ def table_errors(muscle: SafeMuscle, pull: TabulatedPull) -> TableErrors:
     """How far the table of a safe muscle is from it; see `TableErrors`."""
     rng, half = np.random.default_rng(0), _STATES // 2
     L, P = (
-        np.concatenate([rng.uniform(*ends, half), rng.uniform(0, _LIMIT * ends[1], half)])
-        for ends in (np.asarray(muscle.region.length), np.asarray(muscle.region.pressure))
+        np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])
+        for low, high in (map(float, muscle.region.length), map(float, muscle.region.pressure))
     )
     force = np.asarray(_force(muscle, jnp.asarray(L), jnp.asarray(P)))
     states = [*zip(L.tolist(), P.tolist(), strict=True)]
