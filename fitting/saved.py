@@ -14,15 +14,16 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.class_path import Own
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import in_units
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 from famjax.cards import (
     Covariance,
-    Draws,
     MuscleCard,
     Provenance,
+    Sample,
     draw,
     muscle_as_dict,
     muscle_from_dict,
@@ -111,18 +112,20 @@ class SavedFit:
         return f"SavedFit({name}: law {self.document.get('law')}, RMSE {self.document.get('rmse_N')} N)"
 
 
-def load_fit(path: str | Path) -> SavedFit:
+def load_fit(path: str | Path, *, own: Own = ()) -> SavedFit:
     """The muscle and the figures of a saved fit.
 
     Args:
         path: a `fit.json`.
+        own: modules and classes that are trusted, such as `("my_rubber",)` or `(Gent,)`. A fit that names
+            a class of another module than these is refused: importing it would run its code.
 
     Returns:
         The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
 
     Raises:
-        InputError: no such file, not a fit of this program, of a schema it does not know, or one
-            that lacks what predictions are made of.
+        InputError: no such file, not a fit of this program, of a schema it does not know, one that
+            lacks what predictions are made of, or one with a class that is not trusted.
     """
     path = check_path("a saved fit", path)
     try:
@@ -135,13 +138,13 @@ def load_fit(path: str | Path) -> SavedFit:
     if schema != SCHEMA:
         raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
     try:
-        return _saved_fit(document)
+        return _saved_fit(document, own)
     except InputError as error:
         raise InputError(f"{path} is damaged: {error}") from None
 
 
-def _saved_fit(document: dict[str, Any]) -> SavedFit:
-    mounted = _mounted(document)
+def _saved_fit(document: dict[str, Any], own: Own) -> SavedFit:
+    mounted = _mounted(document, own)
     _check(document, mounted)
     averaged = document.get("averaged_with") or ()
     weights = [float(_entry(one, "weight")) for one in averaged]
@@ -151,15 +154,15 @@ def _saved_fit(document: dict[str, Any]) -> SavedFit:
         mounted,
         document,
         hysteresis=None if slip is None else slip_from_dict(slip),
-        others=tuple(map(_mounted, averaged)),
+        others=tuple(_mounted(one, own) for one in averaged),
         weights=(1.0 - sum(weights), *weights),
         error=None if error is None else ModelError.from_dict(error),
-        other_lengths=tuple(map(_mounted, elsewhere)),
-        alike=tuple(map(_mounted, document.get("alike") or ())),
+        other_lengths=tuple(_mounted(one, own) for one in elsewhere),
+        alike=tuple(_mounted(one, own) for one in document.get("alike") or ()),
     )
 
 
-def _mounted(entry: Any) -> famjax.MountedMuscle:
+def _mounted(entry: Any, own: Own) -> famjax.MountedMuscle:
     """A muscle in its rig, from its entry."""
     card = _entry(entry, "muscle")
     if not isinstance(card, dict):
@@ -168,7 +171,7 @@ def _mounted(entry: Any) -> famjax.MountedMuscle:
         if entry.get(name) is not None:
             _numbers(entry, name, ())
     return famjax.MountedMuscle(
-        muscle_from_dict(card),
+        muscle_from_dict(card, own=own),
         _entry(entry, "series_compliance_m_per_N") or 0.0,
         entry.get("series_exponent"),
     )
@@ -500,7 +503,7 @@ def card_of(
     return dataclasses.replace(card, draws=_draws(card, document, count, seed))
 
 
-def _draws(card: MuscleCard, document: dict, count: int, seed: int) -> Draws | None:
+def _draws(card: MuscleCard, document: dict, count: int, seed: int) -> Sample | None:
     directions = np.array((document.get("spread") or {}).get("directions") or [])
     if not (directions.size and count):
         return None

@@ -10,9 +10,8 @@ from jaxtyping import Array, Float
 from specimen import PRESSURES, elastic_braid
 
 from famjax import units
-from famjax.braids import BraidState, BraidStretch
+from famjax.braids import BraidState, BraidStretch, thread_tension
 from famjax.compile_options import quick_jit
-from famjax.design import thread_strength_margin
 from fitting.records import InSitu, thread_in_situ
 
 chapter = Chapter(__name__)
@@ -239,7 +238,6 @@ def strength() -> list[Row]:
     of, table = printed()["specimen"], printed()["elastic_braid"]
     burst = printed()["tested_fams"]
     state = in_situ()
-    widest = {"n_threads": of["threads"], "breaking_load": of["thread_break_lbf"]}
     radius, angle = table["D_in"][0] / 2, float(state.braid_angle[0])
     used = {
         "at the blocked force of 100 psi": (printed()["tested"]["blocked_force_lbf"][-1], 100.0),
@@ -255,7 +253,8 @@ def strength() -> list[Row]:
         at_rest = pressure == 0
         R = table["D_in"][-1] / 2 if at_rest else radius
         theta = float(state.braid_angle[-1]) if at_rest else angle
-        margin = float(thread_strength_margin(force, pressure, R, theta, **widest))
+        tension = float(thread_tension(force, pressure, R, theta, of["threads"]))
+        margin = of["thread_break_lbf"] / tension
         found.append(Row("5, thread", f"strength margin of the threads {where}", margin, "1"))
     strain = of["thread_elongation_at_break"] / float(state.strain.max())
     entry = "elongation at break over the largest strain of table 5.1"

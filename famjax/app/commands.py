@@ -3,13 +3,23 @@
 import functools
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import imaging.cli
 from famjax.boundary.units import parse_quantity
 from famjax.compilation_cache import start_jax
-from famjax.console import Jobs, Seed, Units, parse_entries, print_json, print_rows, progress
+from famjax.console import (
+    Jobs,
+    Seed,
+    Units,
+    add_cwd_to_path,
+    parse_entries,
+    print_json,
+    print_rows,
+    progress,
+)
 from rig.cli import ended_in_words
 
 if TYPE_CHECKING:
@@ -121,6 +131,7 @@ def rig_simulate(
     plan: Path,
     *,
     fit: Path | None = None,
+    own: tuple[str, ...] = (),
     baud: Literal[115200, 500000] = 115200,
     seed: Seed = 0,
     output: Path = Path("famjax-rig"),
@@ -140,6 +151,9 @@ def rig_simulate(
         TOML file with the tables [plan] and [rig]; a pressure limit is needed.
     fit
         A `fit.json` of the muscle; the reference work's 7/8 in muscle unless given.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the fit's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
     baud
         Of the firmware.
     seed
@@ -158,7 +172,7 @@ def rig_simulate(
 
     with ended_in_words():
         test = read_plan(plan)
-        muscle, specimen = _simulated_muscle(fit)
+        muscle, specimen = _simulated_muscle(fit, own)
         with progress("simulating") as show:
             done = simulate(
                 test, output, muscle=muscle, specimen=specimen, baud=baud, seed=seed, progress=show
@@ -302,7 +316,9 @@ def _report_test(
     return 0
 
 
-def _simulated_muscle(fit_json: Path | None) -> tuple["SimulatedMuscle", dict[str, Any]]:
+def _simulated_muscle(
+    fit_json: Path | None, own: Sequence[str]
+) -> tuple["SimulatedMuscle", dict[str, Any]]:
     """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
     from famjax import Muscle
 
@@ -315,7 +331,9 @@ def _simulated_muscle(fit_json: Path | None) -> tuple["SimulatedMuscle", dict[st
     else:
         from fitting import load_fit
 
-        saved = load_fit(fit_json)
+        if own:
+            add_cwd_to_path()
+        saved = load_fit(fit_json, own=own)
         muscle = saved.muscle
         others = tuple(one.muscle for one in saved.others if isinstance(one.muscle, Muscle))
         specimen = saved.document["data"]["specimen"]

@@ -84,6 +84,13 @@ class Fit:
     starts: int = 16
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if ":" in self.law:
+            raise InputError(
+                f"the law must be one of famjax's own, got {self.law!r}: a file imports nothing by itself. "
+                "Fit a law of your own by famjax fit DATASET --law module:Class"
+            )
+
 
 ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
 """Standard errors by which sources are compared where the sheet states none: of the rest length, of the

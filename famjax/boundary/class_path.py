@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+from collections.abc import Sequence
 from typing import Any
 
 from .errors import InputError
@@ -13,9 +14,32 @@ _FAILURES = (
 """What a module of somebody else may raise while it is imported."""
 
 
+Own = Sequence[str | type]
+"""What a user trusts in a file: names of modules, and classes."""
+
+
 def class_path(cls: Any) -> str:
     """`module:Class`, by which a class of a user's own is found again."""
     return f"{cls.__module__}:{cls.__qualname__}"
+
+
+def check_trusted(path: str, own: Own, what: str) -> None:
+    """Raise unless the user trusts a class that a file names: to import a module runs its code.
+
+    Args:
+        path: `module:Class`, as the file has it.
+        own: modules and classes that the user has named.
+        what: for the message, such as "law".
+
+    Raises:
+        InputError: neither the module nor the class is among them.
+    """
+    module = path.partition(":")[0]
+    if not {path, module} & {one if isinstance(one, str) else class_path(one) for one in own}:
+        raise InputError(
+            f"the {what} is {path!r}, which is not famjax's, and a file imports nothing by itself: if you "
+            f"trust that module, name it, --own {module} or own=({module!r},) in Python"
+        )
 
 
 def class_named(path: str, base: type, what: str) -> type:

@@ -1,47 +1,266 @@
-"""The muscle card: all that a simulator, a controller or a colleague needs of a muscle, in one file."""
+"""The muscle card: all that a simulator, a controller or a colleague needs of a muscle, in one file.
+
+`muscle_card.schema.json` beside this file is `schema()`, for readers in other languages.
+"""
 
 import dataclasses
 import functools
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import msgspec
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Float
-from msgspec import UNSET
+from jaxtyping import Array, Float
+from msgspec import UNSET, Meta, Struct, UnsetType
 
-from .._arrays import Real, RealArray, as_real
+from .._arrays import Real, RealArray, as_real, in_trace
+from ..boundary.class_path import Own
 from ..boundary.errors import InputError
 from ..boundary.files import write_all
 from ..continuation import Region, SafeMuscle, continued_volume
-from ..muscle import AbstractMuscle, MountedMuscle, Muscle, cut_to_length, number_names
-from ..slip import CentredSlip
-from .document import (
-    SCHEMA,
-    CardDocument,
-    Covariance,
-    Hysteresis,
-    Member,
-    Provenance,
-    Ranges,
-    Sample,
-    Volume,
-    as_text,
-    checked,
+from ..muscle import (
+    AbstractMuscle,
+    MeanMuscle,
+    MountedMuscle,
+    Muscle,
+    cut_to_length,
+    flatten,
+    number_names,
 )
-from .draws import Draws, giving_way, joined, varied
-from .muscle_card import muscle_as_dict, muscle_from_dict
-from .slip_card import slip_as_dict, slip_from_dict
+from ..slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+from .parts import muscle_as_dict, muscle_from_dict
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
+SCHEMA = "famjax-card/1"
 _TABLE = 33, 5  # lengths and pressures of the table of volumes
+
+Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
+
+
+# --- the file
+
+
+class _Entry(Struct, forbid_unknown_fields=True):
+    """An object of the file: no entry more, none less."""
+
+    def _check(self, name: str, shape: tuple[int, ...]) -> None:
+        """Raise unless a table has the shape that its axes give it."""
+        try:
+            fits = np.shape(getattr(self, name)) == shape
+        except ValueError:  # rows of unequal lengths
+            fits = False
+        if not fits:
+            raise ValueError(f"{name} must have the shape {shape}")
+
+
+class Member(_Entry):
+    """One model of the muscle: its weight in the pull, and what it was fitted between."""
+
+    muscle: Annotated[
+        dict[str, Any], Meta(description="geometry and force terms, unit in each key")
+    ]
+    series_compliance_m_per_N: float
+    weight: float
+    series_exponent: Annotated[
+        float | UnsetType,
+        Meta(
+            description="n of a rig that gives way by compliance 100 N (F/100 N)^n; 1 without one"
+        ),
+    ] = UNSET
+
+
+class Ranges(_Entry):
+    """A region of lengths and gauge pressures, shortest and lowest first."""
+
+    length_m: Pair
+    pressure_Pa: Pair
+
+    @classmethod
+    def of(cls, region: Region) -> "Ranges":
+        """The region in plain numbers."""
+        ends = (np.asarray(one, float).tolist() for one in (region.length, region.pressure))
+        return cls(*ends)
+
+
+class Volume(_Entry):
+    """The fluid's volume at every pair of a length and a pressure, one row for each length."""
+
+    length_m: list[float]
+    pressure_Pa: list[float]
+    volume_m3: list[list[float]]
+
+    def __post_init__(self) -> None:
+        self._check("volume_m3", (len(self.length_m), len(self.pressure_Pa)))
+
+
+class Covariance(_Entry):
+    """Covariance of the identified parameters, each in parts of its scale."""
+
+    parameters: list[str]
+    units: list[str]
+    values: list[float]
+    scales: list[float]
+    matrix: list[list[float]]
+
+    def __post_init__(self) -> None:
+        n = len(self.parameters)
+        for name, shape in (("matrix", (n, n)), ("values", (n,)), ("scales", (n,))):
+            self._check(name, shape)
+
+
+class Sample(_Entry):
+    """Numbers of the first member's model in muscles drawn from the covariance, a row for each."""
+
+    seed: int
+    numbers: list[str]
+    rows: list[list[float]]
+
+    def __post_init__(self) -> None:
+        self._check("rows", (len(self.rows), len(self.numbers)))
+
+
+class Elements(_Entry):
+    """Maxwell-slip elements on one coordinate."""
+
+    thresholds: list[float]
+    strengths_N: list[float]
+
+    @classmethod
+    def of(cls, elements: SlipElements) -> "Elements":
+        """The elements in plain numbers."""
+        return cls(*(np.asarray(x).tolist() for x in (elements.threshold, elements.strength)))
+
+
+class Cycle(_Entry):
+    """The cycle whose branches the static map is the mean of; its ends in Pa or in m."""
+
+    kind: Literal["ramp", "stroke"]
+    cycled: bool
+    start_Pa: float | UnsetType = UNSET
+    turn_Pa: float | UnsetType = UNSET
+    start_m: float | UnsetType = UNSET
+    turn_m: float | UnsetType = UNSET
+
+    @property
+    def ends(self) -> tuple[float | UnsetType, float | UnsetType]:
+        """Start and turn."""
+        if self.kind == "ramp":
+            return self.start_Pa, self.turn_Pa
+        return self.start_m, self.turn_m
+
+    def __post_init__(self) -> None:
+        if UNSET in self.ends:
+            unit = "Pa" if self.kind == "ramp" else "m"
+            raise ValueError(f"a {self.kind} needs start_{unit} and turn_{unit}")
+
+
+class Hysteresis(_Entry):
+    """Elements about the static map, see `famjax.slip.CentredSlip`."""
+
+    rest_length_m: float
+    modulus_Pa: float
+    wall: Elements
+    braid: Elements
+    cycle: Cycle
+
+
+class Provenance(_Entry):
+    """Where the card comes from."""
+
+    verdict: str | None = None
+    reasons: list[str] = []
+    rmse_N: float | None = None
+    max_error_N: float | None = None
+    max_force_N: float | None = None
+    model_error: dict[str, Any] | None = None
+    source: str | None = None
+    data_sha256: str | None = None
+    specimen: dict[str, Any] = {}
+    date: str | None = None
+    command: str | None = None
+    versions: dict[str, str] = {}
+    notes: list[str] = []
+
+
+class CardDocument(_Entry):
+    """A muscle card. Every number is SI, and its key ends in the unit."""
+
+    schema: Literal["famjax-card/1"]
+    name: str
+    members: Annotated[list[Member], Meta(min_length=1)]
+    rest_length_m: float
+    data: Ranges
+    monotone: Annotated[Ranges, Meta(description="where the pull is the model's own")]
+    stops_m: Annotated[Pair, Meta(description="where the braid locks; where threads are straight")]
+    volume: Volume | None
+    covariance: Covariance | None
+    sample: Sample | None
+    hysteresis: Hysteresis | None
+    provenance: Provenance
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a card's file."""
+    found = msgspec.json.schema(CardDocument)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA, **found}
+
+
+def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
+    """Elements and reference cycle of a hysteresis as JSON-ready data in SI, to the last digit."""
+    slip, cycle = centred.slip, centred.cycle
+    unit = "Pa" if cycle.kind == "ramp" else "m"
+    ends = {f"start_{unit}": cycle.start, f"turn_{unit}": cycle.turn}
+    found = Hysteresis(
+        float(slip.rest_length), float(slip.modulus), Elements.of(slip.wall), Elements.of(slip.braid),
+        Cycle(cycle.kind, cycle.cycled, **ends),
+    )  # fmt: skip
+    return msgspec.to_builtins(found)
+
+
+def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
+    """The elements and their cycle back from `slip_as_dict`; further entries are left alone.
+
+    Raises:
+        InputError: something is missing or is no number.
+    """
+    known = {key: document[key] for key in Hysteresis.__struct_fields__ if key in document}
+    try:
+        held = msgspec.convert(known, Hysteresis)
+        wall, braid = (
+            SlipElements(np.array(one.thresholds, float), np.array(one.strengths_N, float))
+            for one in (held.wall, held.braid)
+        )
+        start, turn = map(float, held.cycle.ends)  # type: ignore[arg-type] # checked by the cycle
+        cycle = ReferenceCycle(held.cycle.kind, start, turn, held.cycle.cycled)
+        return CentredSlip(MaxwellSlip(wall, braid, held.rest_length_m, held.modulus_Pa), cycle)
+    except (ValueError, msgspec.ValidationError) as error:
+        raise InputError(
+            f"the hysteresis cannot be read ({error}): write the file anew with famjax assess "
+            "--hysteresis"
+        ) from None
+
+
+def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) -> str | None:
+    """What whoever uses a muscle must know where its fit has identified nothing, or None.
+
+    Args:
+        name: of the file or the muscle.
+        verdict: of the fit.
+        reasons: of the verdict, the gravest first.
+    """
+    if verdict != "not identified":
+        return None
+    return f"{name} holds no identified muscle: {(reasons or ['see its report'])[0]}"
+
+
+# --- the muscle
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -54,7 +273,7 @@ class MuscleCard:
         weights: theirs, of sum 1, shape (members,).
         data: lengths and pressures of the readings.
         covariance: of the identified parameters in parts of their scales, or None.
-        draws: numbers of the sample of muscles, or None.
+        draws: the sample of muscles, from `draw`, or None.
         hysteresis: about the muscle's force, or None where it was not identified.
         provenance: where all of it comes from.
     """
@@ -64,7 +283,7 @@ class MuscleCard:
     weights: Float[np.ndarray, " members"]
     data: Region
     covariance: Covariance | None = None
-    draws: Draws | None = None
+    draws: Sample | None = None
     hysteresis: CentredSlip | None = None
     provenance: Provenance = dataclasses.field(default_factory=Provenance)
 
@@ -75,11 +294,11 @@ class MuscleCard:
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
         """The model as it was identified: what the rig of the fit measures. Not for a simulator."""
-        return joined(self.members, as_real(self.weights), mounted=giving_way(self.members))
+        return joined(self.members, self.weights, mounted=giving_way(self.members))
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
-        if isinstance(jnp.zeros(()), Tracer):
+        if in_trace():
             raise InputError(
                 "a card's region is found with numbers, not while JAX traces: make the muscle before "
                 "jit, grad or vmap, muscle = card.safe(), and use it within"
@@ -113,31 +332,11 @@ class MuscleCard:
         """
         if self.draws is None:
             return None
-        members, weights = self.members, as_real(self.weights)
-        mounted = giving_way(members)
+        mounted = giving_way(self.members)
         return eqx.filter_vmap(
-            lambda row: varied(members, weights, row, mounted=mounted),
+            lambda row: varied(self.members, self.weights, row, mounted=mounted),
             out_axes=eqx.if_array(0),
-        )(as_real(self.draws.rows))
-
-    def safe_sample(self) -> SafeMuscle | None:
-        """The sample as safe muscles, each array with a leading axis; None without errors.
-
-        Each is continued from where it rises within the card's region.
-        """
-        muscles = self.sample
-        if muscles is None or self.draws is None:
-            return None
-        region = [np.asarray(one) for one in (self.region.length, self.region.pressure)]
-        each = [
-            SafeMuscle.of(
-                jax.tree.map(lambda leaf, k=k: leaf[k], muscles),
-                *region,
-                hysteresis=self.hysteresis,
-            )
-            for k in range(len(self.draws.rows))
-        ]
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
+        )(as_real(np.array(self.draws.rows)))
 
     def cut(self, rest_length: float) -> "MuscleCard":
         """The card of another muscle of the series: `famjax.cut_to_length`, the same contractions.
@@ -148,22 +347,21 @@ class MuscleCard:
         Raises:
             InputError: the muscle cannot be cut to that length.
         """
-        old = float(self.muscle.rest_length)
-        if not (np.isfinite(rest_length) and rest_length > 0):
+        if not 0 < rest_length < np.inf:
             raise InputError(f"the rest length must be > 0, got {rest_length} m")
         try:
             members = tuple(
                 one.with_muscle(cut_to_length(one.muscle, rest_length)) for one in self.members
             )
-        except ValueError as error:
-            raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
         except eqx.EquinoxRuntimeError:
             raise InputError(
                 f"{self.name} cannot be cut to {rest_length:.4g} m: that is shorter than its rounded "
                 "ends. Give a longer rest length"
             ) from None
-        ratio = rest_length / old
-        hysteresis = self.hysteresis
+        except ValueError as error:
+            raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
+        old = float(self.muscle.rest_length)
+        ratio, hysteresis = rest_length / old, self.hysteresis
         if hysteresis is not None:
             cycle, slip = hysteresis.cycle, hysteresis.slip
             if cycle.kind == "stroke":
@@ -172,15 +370,48 @@ class MuscleCard:
             slip = dataclasses.replace(slip, rest_length=as_real(rest_length))
             hysteresis = CentredSlip(slip, cycle)
         notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m"]
-        return dataclasses.replace(
-            self,
-            members=members,
-            data=Region(ratio * self.data.length, self.data.pressure),
-            covariance=None,
-            draws=None,
-            hysteresis=hysteresis,
-            provenance=msgspec.structs.replace(self.provenance, notes=notes),
-        )
+        return MuscleCard(
+            self.name, members, self.weights, Region(ratio * self.data.length, self.data.pressure),
+            hysteresis=hysteresis, provenance=msgspec.structs.replace(self.provenance, notes=notes),
+        )  # fmt: skip
+
+
+def varied(
+    members: Sequence[MountedMuscle],
+    weights: Float[Array | np.ndarray, " members"],
+    numbers: Float[Array, " numbers"],
+    *,
+    mounted: Sequence[bool],
+) -> AbstractMuscle:
+    """The muscle with other numbers of its first member; the others' pull moves along with it.
+
+    So the spread of the pull is the first member's, whatever its weight: what a fit knows of the
+    others' numbers is not said.
+    """
+    first = flatten(members[0])[1](numbers)
+    if len(members) == 1:
+        return joined([first], weights, mounted=mounted)
+    shifted = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
+    return joined([first, *members], shifted, mounted=(mounted[0], *mounted))
+
+
+def joined(
+    members: Sequence[MountedMuscle],
+    weights: Float[Array | np.ndarray, " members"],
+    *,
+    mounted: Sequence[bool],
+) -> AbstractMuscle:
+    """One muscle of all members, each in its mounting where that gives way."""
+    own = [one if loose else one.muscle for one, loose in zip(members, mounted, strict=True)]
+    return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
+
+
+def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
+    """Whether the mounting of each member is compliant."""
+    return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
+
+
+# --- from one to the other
 
 
 def card_as_document(card: MuscleCard) -> CardDocument:
@@ -196,101 +427,24 @@ def card_as_document(card: MuscleCard) -> CardDocument:
                 f"a muscle card holds a famjax.Muscle, got a {type(one.muscle).__name__}, which has no "
                 "card format"
             )
-        of = muscle_as_dict(one.muscle)
         exponent = UNSET if one.exponent is None else float(one.exponent)
-        members.append(Member(of, float(one.compliance), float(weight), exponent))
+        members.append(
+            Member(muscle_as_dict(one.muscle), float(one.compliance), float(weight), exponent)
+        )
     loops = card.hysteresis
     return CardDocument(
         schema=SCHEMA,
         name=card.name,
         members=members,
         rest_length_m=float(safe.rest_length),
-        data=_ranges(card.data),
-        monotone=_ranges(safe.region),
+        data=Ranges.of(card.data),
+        monotone=Ranges.of(safe.region),
         stops_m=np.asarray(safe.continued.stops, float).tolist(),
         volume=_volume(card),
         covariance=card.covariance,
-        sample=None
-        if card.draws is None
-        else Sample(card.draws.seed, list(card.draws.names), card.draws.rows.tolist()),
+        sample=card.draws,
         hysteresis=None if loops is None else msgspec.convert(slip_as_dict(loops), Hysteresis),
         provenance=card.provenance,
-    )
-
-
-def card_from_document(document: CardDocument) -> MuscleCard:
-    """The card of a file's content.
-
-    Raises:
-        InputError: a muscle in it is none, or the sample is of other numbers.
-    """
-    members = tuple(
-        MountedMuscle(
-            muscle_from_dict(one.muscle),
-            one.series_compliance_m_per_N,
-            None if one.series_exponent is UNSET else one.series_exponent,
-        )
-        for one in document.members
-    )
-    sample, loops = document.sample, document.hysteresis
-    if sample is not None and tuple(sample.numbers) != number_names(members[0]):
-        raise InputError(
-            "the muscle card is damaged: the sample's numbers must be those of the first member, "
-            f"{', '.join(number_names(members[0]))}; got {', '.join(sample.numbers)}"
-        )
-    return MuscleCard(
-        name=document.name,
-        members=members,
-        weights=np.array([one.weight for one in document.members]),
-        data=Region(document.data.length_m, document.data.pressure_Pa),
-        covariance=document.covariance,
-        draws=None
-        if sample is None
-        else Draws(sample.seed, tuple(sample.numbers), np.array(sample.rows)),
-        hysteresis=None if loops is None else slip_from_dict(msgspec.to_builtins(loops)),
-        provenance=document.provenance,
-    )
-
-
-def read_card(path: "str | Path | Traversable") -> MuscleCard:
-    """The muscle card in a file, of this version of its schema or an earlier one.
-
-    Args:
-        path: a file that `write_card` or `famjax card` has written; also one in a package.
-
-    Returns:
-        The card. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
-
-    Raises:
-        InputError: no such file, no muscle card, or a damaged one.
-    """
-    file = Path(path) if isinstance(path, str) else path
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path} is not a JSON file: {error}") from None
-    try:
-        return card_from_document(checked(document))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def write_card(card: MuscleCard, path: str | Path) -> Path:
-    """Write a card's file, whole or not at all; its folder is made if need be.
-
-    Raises:
-        InputError: what cannot be written, and why.
-    """
-    path = Path(path)
-    content = as_text(card_as_document(card)).encode()
-    return write_all(path.parent, {path.name: content})[0]
-
-
-def _ranges(region: Region) -> Ranges:
-    return Ranges(
-        np.asarray(region.length, float).tolist(), np.asarray(region.pressure, float).tolist()
     )
 
 
@@ -305,3 +459,88 @@ def _volume(card: MuscleCard) -> Volume | None:
     except InputError:
         return None
     return Volume(L.tolist(), P.tolist(), np.asarray(table, float).tolist())
+
+
+def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
+    """The card of a file's content; `own` as for `read_card`.
+
+    Raises:
+        InputError: a muscle in it is none, or the sample is of other numbers.
+    """
+    members = tuple(
+        MountedMuscle(
+            muscle_from_dict(one.muscle, own=own),
+            one.series_compliance_m_per_N,
+            None if one.series_exponent is UNSET else one.series_exponent,
+        )
+        for one in document.members
+    )
+    names, loops = number_names(members[0]), document.hysteresis
+    if document.sample is not None and tuple(document.sample.numbers) != names:
+        raise InputError(
+            "the muscle card is damaged: the sample's numbers must be those of the first member, "
+            f"{', '.join(names)}; got {', '.join(document.sample.numbers)}"
+        )
+    return MuscleCard(
+        name=document.name,
+        members=members,
+        weights=np.array([one.weight for one in document.members]),
+        data=Region(document.data.length_m, document.data.pressure_Pa),
+        covariance=document.covariance,
+        draws=document.sample,
+        hysteresis=None if loops is None else slip_from_dict(msgspec.to_builtins(loops)),
+        provenance=document.provenance,
+    )
+
+
+def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
+    """The muscle card in a file.
+
+    Args:
+        path: a file that `write_card` or `famjax card` has written; also one in a package.
+        own: modules and classes that are trusted, such as `("my_rubber",)` or `(Gent,)`. A card that
+            names a class of another module than these is refused: importing it would run its code.
+
+    Returns:
+        The card. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
+
+    Raises:
+        InputError: no such file, no muscle card, a damaged one, or one with a class not trusted.
+    """
+    file = Path(path) if isinstance(path, str) else path
+    try:
+        return card_from_document(
+            msgspec.json.decode(file.read_bytes(), type=CardDocument), own=own
+        )
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    except msgspec.ValidationError as error:
+        raise InputError(
+            f"{path} is no muscle card of schema {SCHEMA}, or a damaged one: {error}; make one of a fit "
+            "by famjax card"
+        ) from None
+    except msgspec.DecodeError as error:
+        raise InputError(f"{path} is not a JSON file: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_card(card: MuscleCard, path: str | Path) -> Path:
+    """Write a card's file, whole or not at all; its folder is created if missing.
+
+    Raises:
+        InputError: what cannot be written, and why.
+    """
+    path = Path(path)
+    return write_all(path.parent, {path.name: as_text(card_as_document(card)).encode()})[0]
+
+
+def as_text(document: CardDocument) -> str:
+    """The file's content: indented, one line for each row of numbers."""
+    text = json.dumps(msgspec.to_builtins(document), indent=1, allow_nan=False)
+    # A line break stands nowhere within a text of JSON, so that only lists are joined.
+    return re.sub(
+        r"\[\n([^\[\]{}]*)\n *\]",
+        lambda found: "[" + ", ".join(x.strip(" ,") for x in found[1].split("\n")) + "]",
+        text,
+    ) + "\n"  # fmt: skip

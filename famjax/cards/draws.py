@@ -1,6 +1,5 @@
 """Muscles drawn from what a fit leaves open: the numbers of one of its models, moved together."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -12,63 +11,12 @@ from jaxtyping import Array, Bool, Float
 from ..boundary.errors import InputError
 from ..compile_options import quick_jit
 from ..continuation import Region, grid_slopes, largest_share, rising
-from ..muscle import AbstractMuscle, MeanMuscle, MountedMuscle, flatten, number_names
+from ..muscle import MountedMuscle, flatten, number_names
+from .card import Sample, varied
 
 _AT_ONCE = 32
 _RISES = 0.9  # of the region
 _TRIES = 50  # times the number of muscles wanted
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Draws:
-    """Numbers of muscles drawn by a seed.
-
-    Attributes:
-        seed: of NumPy's default generator.
-        names: of the numbers, as attributes of `famjax.MountedMuscle`.
-        rows: SI, shape (muscles, numbers).
-    """
-
-    seed: int
-    names: tuple[str, ...]
-    rows: Float[np.ndarray, "muscles numbers"]
-
-
-def varied(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    numbers: Float[Array, " numbers"],
-    *,
-    mounted: tuple[bool, ...],
-) -> AbstractMuscle:
-    """The muscle with other numbers of its first member; the others' pull moves along with it.
-
-    So the spread of the pull is the first member's, whatever its weight: what a fit knows of the
-    others' numbers is not said.
-    """
-    first = flatten(members[0])[1](numbers)
-    if len(members) == 1:
-        return joined([first], weights, mounted=mounted)
-    shifted = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
-    return joined([first, *members], shifted, mounted=(mounted[0], *mounted))
-
-
-def joined(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    *,
-    mounted: tuple[bool, ...],
-) -> AbstractMuscle:
-    """One muscle of all members, each in its mounting where that gives way."""
-    own = [
-        one if gives_way else one.muscle for one, gives_way in zip(members, mounted, strict=True)
-    ]
-    return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
-
-
-def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
-    """Whether the mounting of each member is compliant."""
-    return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
 
 
 def draw(
@@ -79,7 +27,7 @@ def draw(
     *,
     seed: int = 0,
     count: int = 32,
-) -> Draws:
+) -> Sample:
     """Muscles whose numbers vary as a fit's do, each of which can be made safe.
 
     x = x0 + sum z_k d_k with z_k standard normal. What leaves the range that a parameter declares,
@@ -122,7 +70,7 @@ def draw(
             f"and a pull that rises where the card's does, and {count} were wanted: the fit determines "
             "too little"
         )
-    return Draws(seed, number_names(first), np.array(kept[:count]))
+    return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
 
 
 @quick_jit

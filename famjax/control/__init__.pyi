@@ -1,31 +1,27 @@
-from .air_line import (
+from .air import (
     AirLine as AirLine,
-    LinePressure as LinePressure,
-    Passage as Passage,
-    Volume as Volume,
-)
-from .antagonist import (
-    Antagonist as Antagonist,
-    JointEquilibrium as JointEquilibrium,
-    PairPressures as PairPressures,
-    Range as Range,
-)
-from .feed_forward import (
-    CommandedPressure as CommandedPressure,
-    FollowedLength as FollowedLength,
-    HasMemory as HasMemory,
-    length_along as length_along,
-    pressure_along as pressure_along,
-)
-from .gas_volume import (
     HeldLength as HeldLength,
     HeldLoad as HeldLoad,
+    Passage as Passage,
+    Volume as Volume,
     fluid_volume as fluid_volume,
 )
 from .inverse import (
+    Answer as Answer,
+    CommandedPressure as CommandedPressure,
     HasForce as HasForce,
+    HasMemory as HasMemory,
     InversePressure as InversePressure,
+    Outcome as Outcome,
+    pressure_along as pressure_along,
     pressure_for_force as pressure_for_force,
 )
-from .outcome import Answer as Answer, Outcome as Outcome
-from .paths import AbstractPath as AbstractPath, Lever as Lever, Pulley as Pulley
+from .pair import (
+    AbstractPath as AbstractPath,
+    Antagonist as Antagonist,
+    JointEquilibrium as JointEquilibrium,
+    Lever as Lever,
+    PairPressures as PairPressures,
+    Pulley as Pulley,
+    Range as Range,
+)

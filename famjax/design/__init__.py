@@ -1,6 +1,6 @@
 """Design of a muscle: braids, bladders and tubes on offer, what they make, and the end-fittings.
 
-Start with `load_catalogue` and `search`; `size_end_fittings` and `tube_strengths` size the swaged ends.
+Start with `load_catalogue` and `search`; `size_end_fittings` sizes the swaged ends.
 """
 
 import lazy_loader

@@ -1,16 +1,35 @@
-"""Catalogues of braids, bladders and swage tubes: TOML files, the bundled one first."""
+"""Catalogues of braids, bladders and swage tubes, and the swaged end-fittings that join them.
+
+The fitting has two steps. On one lies the braid alone, on the other the bladder with the braid over
+it. After the die the gap between fitting and tube, on each side, is what is left of the layers:
+
+    on the braid:    d = D_bore - 2 t_braid (1 - c_braid)
+    on the bladder:  d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
+    D_bore = D_tube - reduction - 2 t_tube
+
+These are equations 2.6 and 2.7 of the reference work: the die leaves the wall of the tube as it is,
+and over the far softer rubber the braid is not compressed. For the 7/8 in muscle they give 0.8387
+in and 0.7475 in where 0.838 in and 0.748 in are published, within a thousandth of an inch. A wall
+that keeps its section thickens by 0.0018 in, which on each side is 0.17 of the braid: measure the
+bore of a swaged tube before trusting the sizes.
+
+References:
+    Chambers 2021, chapter 2, tables 2.4 and 2.5.
+"""
 
 import dataclasses
 import importlib.resources
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import jax.numpy as jnp
 from msgspec import Meta
 
 from .. import units
+from .._arrays import Real, RealArray, as_real
 from ..boundary.errors import InputError
 from ..boundary.toml_file import Form, Positive, Text, from_entries, read_toml
 
@@ -136,7 +155,7 @@ class CatalogueBladder:
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueTube:
-    """A swage tube as it is sold, and what the die does to it. None: the file does not say.
+    """A swage tube as it is sold, and what the die does to it.
 
     Attributes:
         name: unique in the catalogue.
@@ -144,12 +163,6 @@ class CatalogueTube:
         thickness: wall [m], before swaging.
         swage_reduction: of the outer diameter [m], in the die.
         source: where the row comes from.
-        modulus: Young's modulus [Pa], or None.
-        modulus_source: where the modulus comes from, or None.
-        yield_stress: [Pa], or None.
-        yield_stress_source: where the yield stress comes from, or None.
-        free_length: [m], free to bend while it is pushed through the die, or None.
-        supported_length: [m], what a support leaves free of it, or None.
     """
 
     name: Text
@@ -157,19 +170,8 @@ class CatalogueTube:
     thickness: _Size
     swage_reduction: Positive
     source: Text
-    modulus: Positive | None = None
-    modulus_source: Text | None = None
-    yield_stress: Positive | None = None
-    yield_stress_source: Text | None = None
-    free_length: Positive | None = None
-    supported_length: Positive | None = None
 
     def __post_init__(self) -> None:
-        free, supported = self.free_length, self.supported_length
-        if free is not None and supported is not None and supported > free:
-            raise CatalogueError(
-                f"supported_length, {supported:.4g} m, exceeds free_length, {free:.4g} m"
-            )
         _check_wall(self.outer_diameter - self.swage_reduction, self.thickness)
 
 
@@ -257,8 +259,7 @@ _FORM = Form(
     kinds={
         **dict.fromkeys(("diameter", "nominal_diameter", "outer_diameter", "thickness"), "length"),
         **dict.fromkeys(("diameter_range", "boundary_range", "swage_reduction"), "length"),
-        **dict.fromkeys(("free_length", "supported_length"), "length"),
-        **dict.fromkeys(("modulus", "yield_stress", "coefficients"), "stress"),
+        "coefficients": "stress",
         "breaking_load": "force",
         "angle_range": "angle",
     }
@@ -276,29 +277,177 @@ _KINDS: dict[str, tuple[type[Any], tuple[str, ...]]] = {
 def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list[Any]:
     """What one table of a file offers: a row for every pair of the sizes that it lists."""
     cls, sizes = _KINDS[kind]
-    named = f" ({fields['name']!r})" if "name" in fields else ""
+    where += f" ({fields['name']!r}): " if "name" in fields else ": "
+    keys = [key for size in sizes for key in fields if key.startswith(f"{size}_")]
+    lists = [one if isinstance(one := fields[key], list) and one else [one] for key in keys]
     rows = []
-    for entries in _of_each_size(kind, fields, sizes) if sizes else [fields]:
-        given = {"source": source, **entries}
-        row = from_entries(cls, given, _FORM, where=f"{where}{named}: ", error=CatalogueError)
-        for name in vars(row):
-            figure = name.removesuffix("_source")
-            if figure != name and (getattr(row, figure) is None) != (getattr(row, name) is None):
-                raise CatalogueError(f"{where}{named}: {figure} must stand together with {name}")
+    for values in itertools.product(*lists):
+        units = (key.rpartition("_")[2] for key in keys)
+        said = [
+            f"{one} {unit}".replace(".0 ", " ") for one, unit in zip(values, units, strict=True)
+        ]
+        named = {"name": f"{kind} {' x '.join(said)}"} if sizes else {}
+        given = {"source": source, **named, **fields, **dict(zip(keys, values, strict=True))}
+        row = from_entries(cls, given, _FORM, where=where, error=CatalogueError)
+        if bool(getattr(row, "coefficients", None)) != bool(
+            getattr(row, "coefficients_source", None)
+        ):
+            raise CatalogueError(
+                f"{where}coefficients must stand together with coefficients_source"
+            )
         rows.append(row)
     return rows
 
 
-def _of_each_size(
-    kind: str, fields: Mapping[str, Any], sizes: Iterable[str]
-) -> Iterator[dict[str, Any]]:
-    """The entries of each row, named by its sizes as they stand in the file."""
-    keys = [key for size in sizes for key in fields if key.startswith(f"{size}_")]
-    lists = [one if isinstance(one := fields[key], list) and one else [one] for key in keys]
-    for values in itertools.product(*lists):
-        said = [
-            f"{value:g} {key.rpartition('_')[2]}" if isinstance(value, int | float) else ""
-            for key, value in zip(keys, values, strict=True)
-        ]
-        name = f"{kind} {' x '.join(said)}"
-        yield {"name": name, **fields, **dict(zip(keys, values, strict=True))}
+# --- end-fittings
+
+
+def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealArray:
+    """Bore D_bore [m] of a tube after the die, D - reduction - 2 t, its wall taken as unchanged.
+
+    Args:
+        outer_diameter: D [m], before swaging.
+        thickness: wall t [m]; that after the die for one that thickens.
+        reduction: of the outer diameter [m], in the die.
+
+    Returns:
+        D_bore [m], broadcast shape.
+
+    >>> print(f"{swaged_bore(1.0, 0.058, 0.027):.3f}")  # inches
+    0.857
+    """
+    return as_real(outer_diameter) - reduction - 2 * thickness
+
+
+def fitting_diameter_on_braid(
+    bore: Real, braid_thickness: Real, braid_compression: Real
+) -> RealArray:
+    """Diameter d [m] of the fitting under the braid alone, D_bore - 2 t_braid (1 - c_braid).
+
+    Args:
+        bore: D_bore [m], of the tube after swaging.
+        braid_thickness: t_braid [m], two threads crossing.
+        braid_compression: c_braid [-], the share by which the braid is thinned, in [0, 1).
+
+    Returns:
+        d [m], broadcast shape.
+
+    References:
+        Chambers 2021, equation 2.6.
+
+    >>> print(f"{fitting_diameter_on_braid(0.857, 0.011, 0.17):.4f}")  # inches; 0.838 published
+    0.8387
+    """
+    return jnp.asarray(bore - 2 * braid_thickness * (1 - braid_compression))
+
+
+def fitting_diameter_on_bladder(
+    bore: Real, braid_thickness: Real, bladder_thickness: Real, bladder_compression: Real
+) -> RealArray:
+    """Diameter d [m] of the fitting under bladder and braid, the braid not compressed.
+
+    d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
+
+    Args:
+        bore: D_bore [m], of the tube after swaging.
+        braid_thickness: t_braid [m].
+        bladder_thickness: t_bladder [m], at rest.
+        bladder_compression: c_bladder [-], the share by which the bladder is thinned, in [0, 1).
+
+    Returns:
+        d [m], broadcast shape.
+
+    References:
+        Chambers 2021, equation 2.7.
+
+    >>> print(f"{fitting_diameter_on_bladder(0.857, 0.011, 0.0625, 0.30):.4f}")  # 0.748 published
+    0.7475
+    """
+    return jnp.asarray(
+        bore - 2 * braid_thickness - 2 * bladder_thickness * (1 - bladder_compression)
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class EndFitting:
+    """One sizing of the inner fitting.
+
+    Attributes:
+        tube: swage tube.
+        bladder: rubber tube.
+        braid: sleeve.
+        diameter_on_braid: [m], of the step under the braid.
+        diameter_on_bladder: [m], of the step under bladder and braid.
+        bore_stretch: [-], by how much the fitting must stretch the bladder's bore to enter it;
+            negative where it goes in with clearance.
+        feasible: True where the fitting has a positive diameter and goes into the bore with no more
+            stretch than was allowed.
+    """
+
+    tube: CatalogueTube
+    bladder: CatalogueBladder
+    braid: CatalogueBraid
+    diameter_on_braid: float
+    diameter_on_bladder: float
+    bore_stretch: float
+    feasible: bool
+
+
+def size_end_fittings(
+    catalogue: Catalogue,
+    braid: CatalogueBraid,
+    bladder_diameter: float,
+    *,
+    braid_compression: float = 0.17,
+    bladder_compression: float = 0.30,
+    allowed_bore_stretch: float = 0.0,
+) -> list[EndFitting]:
+    """The inner fitting for every tube and every bladder of one diameter in the catalogue.
+
+    Args:
+        catalogue: from `load_catalogue`.
+        braid: sleeve.
+        bladder_diameter: outer diameter [m] of the bladder.
+        braid_compression: c_braid [-]; 0.17 for the reference work's first muscle, 0.27 for every
+            later one.
+        bladder_compression: c_bladder [-]; 0.30 in the reference work.
+        allowed_bore_stretch: [-], by how much the fitting may stretch the bladder's bore.
+
+    Returns:
+        One sizing per tube and bladder thickness, in the order of the catalogue.
+
+    Raises:
+        ValueError: no bladder of that diameter, or a compression outside [0, 1).
+    """
+    for name, share in (("braid", braid_compression), ("bladder", bladder_compression)):
+        if not 0 <= share < 1:
+            raise ValueError(f"the compression of the {name} must be in [0, 1), got {share}")
+    bladders = [b for b in catalogue.bladders if abs(b.diameter / bladder_diameter - 1) < 1e-9]
+    if not bladders:
+        offered = ", ".join(f"{d:.6g}" for d in sorted({b.diameter for b in catalogue.bladders}))
+        raise ValueError(
+            f"the catalogue has no bladder of diameter {bladder_diameter:.6g} m; it has {offered} m"
+        )
+    found = []
+    for tube, bladder in itertools.product(catalogue.tubes, bladders):
+        bore = swaged_bore(tube.outer_diameter, tube.thickness, tube.swage_reduction)
+        on_bladder = float(
+            fitting_diameter_on_bladder(
+                bore, braid.thickness, bladder.thickness, bladder_compression
+            )
+        )
+        stretch = on_bladder / bladder.bore - 1
+        found.append(
+            EndFitting(
+                tube=tube,
+                bladder=bladder,
+                braid=braid,
+                diameter_on_braid=float(
+                    fitting_diameter_on_braid(bore, braid.thickness, braid_compression)
+                ),
+                diameter_on_bladder=on_bladder,
+                bore_stretch=stretch,
+                feasible=on_bladder > 0 and stretch <= allowed_bore_stretch,
+            )
+        )
+    return found

@@ -1,35 +1,30 @@
 """`famjax design`, and its options `key_unit=value` as numbers in SI."""
 
+import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import UNITS
-from famjax.console import Output, Units, print_json, print_rows
+from famjax.boundary.toml_file import Form, from_entries
+from famjax.console import Output, Units, parse_entries, print_json, print_rows
 
 if TYPE_CHECKING:
     from .search import Range, Requirement
 
 _SHOWN = 10  # rows of a front on the terminal; all are in the file
-
-
-_REQUIREMENT = {
-    "pressure": "pressure",
-    "force": "force",
-    "contraction": "number",
-    "largest_diameter": "length",
-    "force_contraction": "number",
-    "stroke": "length",
-    "longest_length": "length",
-    "thread_factor": "number",
-    "tube_factor": "number",
-}
-_VARIED = {"rest_length": "length", "pressure": "pressure"}
 _USUAL = 0.5  # longest rest length [m] where none is asked for
+
+_FORM = Form(
+    kinds={
+        **dict.fromkeys(("largest_diameter", "stroke", "longest_length", "rest_length"), "length"),
+        "pressure": "pressure",
+        "force": "force",
+    }
+)
 
 
 def design(
@@ -48,7 +43,7 @@ def design(
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 
     Writes `design.json` (all rows: Pareto front, its most balanced design refined, what each limit leaves
-    out, end-fittings, buckling of the tubes), `design.png` and `feasible.csv`. Exits with 1 where nothing
+    out, end-fittings) and `feasible.csv`. Exits with 1 where nothing
     is feasible, and names the nearest miss.
 
     Parameters
@@ -57,7 +52,7 @@ def design(
         What the muscle must do, key_unit=value, repeatable: pressure_psi=100, the greatest that there
         is and the only one that is needed; force_lbf=900 (at force_contraction, else blocked),
         force_contraction=0.1, contraction=0.3, stroke_mm=50, largest_diameter_in=2.2,
-        longest_length_mm=400 (space between the end-fittings), thread_factor=3 and tube_factor=2.
+        longest_length_mm=400 (space between the end-fittings), thread_factor=3.
     catalogue
         Your own catalogue files, repeatable; the bundled one shows the format.
     bundled
@@ -87,22 +82,20 @@ def design(
 
     start_jax()
     from .catalogue import load_catalogue
-    from .report import design_document, design_picture, feasible_table, summary
+    from .report import design_document, feasible_table, summary
     from .search import DEFAULT_OBJECTIVES, search as search_catalogue
 
     place = Output(output)
+    if not 1 <= search < math.inf:
+        raise InputError(f"--search must be >= 1 and finite, as in --search 1e6; got {search}")
     requirement, offered = parse_requirement(require), load_catalogue(catalogue, bundled=bundled)
     found = search_catalogue(
-        offered, requirement, **parse_ranges(vary, requirement),
-        about=number_of_candidates(search), objectives=objective or DEFAULT_OBJECTIVES,
-        end_fittings=end_fittings,
+        offered, requirement, **parse_ranges(vary, requirement), about=int(search),
+        objectives=objective or DEFAULT_OBJECTIVES, end_fittings=end_fittings,
     )  # fmt: skip
     document = design_document(found, offered, system=units)
     document["origin"] = Origin.of_this_command().as_dict()
-    files: dict[str, bytes] = {}
-    if found.refined:
-        files["design.png"] = design_picture(found, system=units)
-        files["feasible.csv"] = feasible_table(found, system=units)
+    files = {"feasible.csv": feasible_table(found, system=units)} if found.refined else {}
     paths = place.write({"design.json": document, **files})
     code = 0 if found.refined else 1
     if json_:
@@ -117,8 +110,6 @@ def design(
             print_rows(title, _narrow(rows))
     for line in ("", *summary(found, document["exclusions"])):
         print(line)
-    for note in document["notes"]:
-        print(f"note: {note}")
     place.tell(paths)
     return code
 
@@ -127,6 +118,9 @@ def _narrow(rows: list[dict]) -> list[dict]:
     """Rows for the terminal; the rest of their columns is in the file."""
     left = ("start", "feasibility", "tube", "blocked_force", "thread", "turns")
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]
+
+
+# --- options
 
 
 def parse_requirement(entries: Iterable[str]) -> "Requirement":
@@ -143,24 +137,17 @@ def parse_requirement(entries: Iterable[str]) -> "Requirement":
     """
     from .search import Requirement
 
-    given = _parse(entries, _REQUIREMENT, "requirement")
-    if "pressure" not in given:
-        raise InputError("a requirement needs the pressure, as in --require pressure_psi=100")
-    return Requirement(**given)
+    given = parse_entries(entries, "--require", "pressure_psi=100")
+    numbers = {key: _numbers(f"--require {key}", text)[0] for key, text in given.items()}
+    return from_entries(Requirement, numbers, _FORM, where="--require: ")
 
 
-def number_of_candidates(about: float) -> int:
-    """The number that an option such as 1e6 asks for.
+@dataclasses.dataclass(frozen=True)
+class _Varied:
+    """What a search varies; None where it is not said."""
 
-    Raises:
-        InputError: it is not a number of candidates.
-
-    >>> number_of_candidates(1e6)
-    1000000
-    """
-    if not 1 <= about < math.inf:
-        raise InputError(f"--search must be >= 1 and finite, as in --search 1e6; got {about}")
-    return int(about)
+    pressure: tuple[float, float] | None = None
+    rest_length: tuple[float, float] | None = None
 
 
 def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[str, Range]":
@@ -178,40 +165,23 @@ def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[st
     >>> parse_ranges(["rest_length_mm=100:600"], asked)
     {'pressure': (175000.0, 700000.0), 'rest_length': (0.1, 0.6)}
     """
+    given = parse_entries(entries, "--vary", "rest_length_mm=100:600")
+    ends = {key: _numbers(f"--vary {key}", text) for key, text in given.items()}
+    pairs = {key: [one[0], one[-1]] for key, one in ends.items()}
+    varied = from_entries(_Varied, pairs, _FORM, where="--vary: ")
     longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
-    found = {
-        "pressure": (requirement.pressure / 4, requirement.pressure),
-        "rest_length": (longest / 4, longest),
+    return {
+        "pressure": varied.pressure or (requirement.pressure / 4, requirement.pressure),
+        "rest_length": varied.rest_length or (longest / 4, longest),
     }
-    for entry in entries:
-        key, _, text = entry.partition("=")
-        ends = [_parse([f"{key}={end}"], _VARIED, "range") for end in text.split(":")]
-        name = next(iter(ends[0]))
-        if len(ends) > 2:
-            raise InputError(f"range {entry!r} must read key_unit=least:greatest")
-        found[name] = ends[0][name], ends[-1][name]
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    """One number, or two about a colon."""
+    try:
+        found = [float(part) for part in text.split(":")]
+    except ValueError:
+        raise InputError(f"{option}: {text!r} is not a number") from None
+    if len(found) > (2 if option.startswith("--vary") else 1):
+        raise InputError(f"{option}: {text!r} must read key_unit=least:greatest, or one number")
     return found
-
-
-def _parse(entries: Iterable[str], kinds: Mapping[str, str], what: str) -> dict[str, float]:
-    """Numbers in SI by name; `kinds` names what may be given and the kind of its unit."""
-    keys = {
-        f"{name}_{unit}" if unit else name: (name, factor)
-        for name, kind in kinds.items()
-        for unit, factor in UNITS.get(kind, {"": 1.0}).items()
-    }
-    given: dict[str, float] = {}
-    for entry in entries:
-        key, equals, text = (part.strip() for part in entry.partition("="))
-        if key not in keys:
-            raise InputError(f"unknown {what} {entry!r}; known are {', '.join(keys)}")
-        name, factor = keys[key]
-        if name in given:
-            raise InputError(f"the {what} {name} is given twice")
-        try:
-            given[name] = float(text) * factor
-        except ValueError:
-            raise InputError(f"{what} {entry!r}: {text!r} is not a number") from None
-        if not equals or not math.isfinite(given[name]):
-            raise InputError(f"{what} {entry!r} must read key_unit=value, finite")
-    return given

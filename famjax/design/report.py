@@ -1,4 +1,4 @@
-"""Designs as plain rows with the unit in each key, as a picture, and as a table of feasible ones."""
+"""Designs as plain rows with the unit in each key, and as a table of feasible ones."""
 
 import dataclasses
 import math
@@ -8,23 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..boundary.files import as_png
 from ..boundary.units import Row, entry, factor, unit_system
-from .catalogue import Catalogue
-from .combination import Combination, Feasibility, feasibility
-from .search import COLUMNS, CONSTRAINTS, Search
-from .swage import size_end_fittings, tube_strengths
+from .catalogue import Catalogue, size_end_fittings
+from .search import COLUMNS, CONSTRAINTS, Combination, Feasibility, Search, feasibility
 
 _MOST_ROWS = 100_000  # of the table of feasible designs
-_TUBE = {
-    "modulus": "stress",
-    "yield_stress": "stress",
-    "free_length": "length",
-    "supported_length": "length",
-    "buckling_load": "force",
-    "supported_buckling_load": "force",
-    "yield_load": "force",
-}
 
 
 def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -> Row:
@@ -94,7 +82,7 @@ def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict
 
     Returns:
         `search` (what was asked for, in SI, and how many candidates there were), `front`, `refined`,
-        `exclusions`, `nearest` (where nothing is feasible), `end_fittings`, `tube_buckling`, `notes`.
+        `exclusions`, `nearest` (where nothing is feasible), `end_fittings`.
     """
     refined = []
     if found.refined is not None:
@@ -117,14 +105,11 @@ def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict
         "exclusions": exclusion_rows(found, system=system),
         "nearest": [] if refined else design_rows(found, found.nearest, system=system),
         "end_fittings": end_fitting_rows(catalogue, system=system),
-        "tube_buckling": tube_buckling_rows(catalogue, system=system),
-        "notes": list(found.notes),
     }
 
 
 def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
-    """The end-fitting of every tube, bladder and braid that fit; compressions per length of radius."""
-    unit = unit_system(system)["length"]
+    """The end-fitting of every tube, bladder and braid that fit."""
     sizes = {"diameter_on_braid": "length", "diameter_on_bladder": "length"}
     return [
         {
@@ -135,8 +120,6 @@ def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
             **entry("bladder_bore", one.bladder.bore, "length", system),
             "bore_stretch": one.bore_stretch,
             "feasible": one.feasible,
-            f"braid_compression_per_{unit}": factor(unit, "length") / braid.thickness,
-            f"bladder_compression_per_{unit}": factor(unit, "length") / one.bladder.thickness,
         }
         for braid in catalogue.braids
         for diameter in sorted({bladder.diameter for bladder in catalogue.bladders})
@@ -145,33 +128,19 @@ def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
     ]
 
 
-def tube_buckling_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
-    """What each swage tube bears; `assumed` names the numbers that the catalogue does not give."""
-    return [
-        {
-            "tube": one.tube.name,
-            **_entries(vars(one), _TUBE, system),
-            "gain": one.gain,
-            "yields_first": one.yields_first,
-            "assumed": list(one.assumed),
-        }
-        for one in tube_strengths(catalogue)
-    ]
-
-
 def feasible_table(found: Search, *, system: str) -> bytes:
     """The feasible candidates of a search as CSV, an even choice of at most 100,000 of them."""
     at = found.feasible
     at = at[:: max(1, -(-len(at) // _MOST_ROWS))]
-    units = {name: unit_system(system)[kind] for name, kind in COLUMNS.items()}
-    lines = [",".join(["bladder", "braid", *(f"{k}_{u}" if u else k for k, u in units.items())])]
-    pairs = found.columns["pair"][at]
-    names = [f"{found.pairs[k].bladder.name},{found.pairs[k].braid.name}" for k in pairs]
-    numbers = [
-        found.columns[name][at] / factor(units[name], kind) for name, kind in COLUMNS.items()
-    ]
-    for name, row in zip(names, np.stack(numbers, axis=-1).tolist(), strict=True):
-        lines.append(",".join([name, *(f"{value:.9g}" for value in row)]))
+    keys, columns = ["bladder", "braid"], []
+    for name, kind in COLUMNS.items():
+        unit = unit_system(system)[kind]
+        keys.append(f"{name}_{unit}" if unit else name)
+        columns.append(found.columns[name][at] / factor(unit, kind))
+    lines = [",".join(keys)]
+    for k, row in zip(found.columns["pair"][at], np.stack(columns, axis=-1).tolist(), strict=True):
+        bought = found.pairs[k].bladder.name, found.pairs[k].braid.name
+        lines.append(",".join([*bought, *(f"{value:.9g}" for value in row)]))
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -194,49 +163,15 @@ def summary(found: Search, rows: Iterable[Row]) -> list[str]:
     left_out = [f"{n}: {reasons[reason]}" for reason, n in found.left_out.items() if n]
     if left_out:
         said.append(f"Pairs left out: {', '.join(left_out)}.")
-    if not len(found.feasible):
-        said += [_excluded(row) for row in rows]
-    return said
-
-
-def _excluded(row: Row) -> str:
-    name, side = row["constraint"], CONSTRAINTS[row["constraint"]][1]
-    (limit, asked), (_, best) = (
-        (k, v) for k, v in row.items() if k.startswith(("limit", "closest"))
-    )
-    unit = limit.removeprefix("limit").removeprefix("_")
-    reached = "none that can be reached" if best is None else f"{best:.4g} {unit}".rstrip()
-    return (
-        f"{row['excluded']:,} fail the {name.replace('_', ' ')}, {row['alone']:,} of them that alone: "
-        f"asked for is at {side} {asked:.4g} {unit}".rstrip()
-        + f", the best of all is {reached}."
-    )
-
-
-def design_picture(found: Search, *, system: str) -> bytes:
-    """The feasible designs and their front over two objectives, and what there is to build, as PNG."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 -- slow to load
-
-    figure = Figure(figsize=(12, 5.8), layout="constrained")
-    others = [name for name in ("pressure", "rest_length") if name not in found.objectives]
-    axes = [*found.objectives, *others][:2], ("rest_length", "pressure")
-    grey = found.feasible[:: 1 + len(found.feasible) // 20_000]
-    pairs = found.columns["pair"][found.front]
-    for ax, names in zip(figure.subplots(1, 2), axes, strict=True):
-        units = [unit_system(system)[COLUMNS[name]] for name in names]
-        scales = [factor(u, COLUMNS[name]) for u, name in zip(units, names, strict=True)]
-        x, y = (found.columns[name] / by for name, by in zip(names, scales, strict=True))
-        ax.scatter(x[grey], y[grey], s=2, color="0.85", rasterized=True)
-        for pair in np.unique(pairs):
-            mine, of = found.front[pairs == pair], found.pairs[pair]
-            ax.scatter(x[mine], y[mine], s=12, label=f"{of.bladder.name} under {of.braid.name}")
-        if found.refined is not None:
-            at = [found.refined[name] / by for name, by in zip(names, scales, strict=True)]
-            ax.plot(*at, "*", ms=15, mec="black", mfc="#f4a582", label="refined")
-        x_label, y_label = (
-            f"{name.replace('_', ' ')}, {unit}" for name, unit in zip(names, units, strict=True)
+    for row in [] if len(found.feasible) else rows:
+        (limit, asked), (_, best) = (
+            (k, v) for k, v in row.items() if k.startswith(("limit", "closest"))
         )
-        ax.set(xlabel=x_label, ylabel=y_label)
-    figure.legend(*figure.axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=3,
-                  fontsize=8, frameon=False)  # fmt: skip
-    return as_png(figure)
+        name, unit = row["constraint"], limit.removeprefix("limit").removeprefix("_")
+        reached = "none that can be reached" if best is None else f"{best:.4g} {unit}".rstrip()
+        wanted = f"at {CONSTRAINTS[name][1]} {asked:.4g} {unit}".rstrip()
+        said.append(
+            f"{row['excluded']:,} fail the {name.replace('_', ' ')}, {row['alone']:,} of them that "
+            f"alone: asked for is {wanted}, the best of all is {reached}."
+        )
+    return said

@@ -2,9 +2,14 @@
 
 The grid is evaluated in one mapped program, held against a `Requirement`, and reduced to its Pareto
 front, of which the most balanced design is refined between the points of the grid.
+
+The braid's angle on a bladder follows from cos(theta) / D = cos(45 deg) / D_nominal. As in the
+reference work's table 2.3, D is the bladder's outer diameter: the thickness of the braid is left
+out of the force and counted only in the diameter outside the braid.
 """
 
 import dataclasses
+import enum
 import functools
 import math
 from collections.abc import Mapping, Sequence
@@ -18,14 +23,23 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from .. import units
-from .._arrays import RealArray
+from .._arrays import Given, Real, RealArray, as_real
 from ..boundary.errors import InputError
-from ..braids import thread_tension
+from ..braids import Braid, braid_angle_from_diameter, gaylord_force, thread_tension
 from ..compile_options import quick_jit
-from ..materials import PolynomialMaterial
-from .catalogue import Catalogue, CatalogueBladder, CatalogueBraid
-from .combination import Combination, Feasibility, feasibility
-from .swage import TubeStrength, assumption_notes, size_end_fittings, tube_strengths
+from ..geometries import Bladder, EstimatedGeometry
+from ..materials import AbstractMaterial, PolynomialMaterial
+from ..muscle import Muscle, bisected
+from ..parameters import number
+from .catalogue import (
+    NOMINAL_ANGLE,
+    Catalogue,
+    CatalogueBladder,
+    CatalogueBraid,
+    size_end_fittings,
+)
+
+_ROUNDING = 1e-9  # relative: 0.75 in and 19.05 mm are the same diameter
 
 Floats = NDArray[np.floating]
 Range = tuple[float, float]
@@ -47,7 +61,6 @@ COLUMNS: dict[str, str] = {
     "outer_diameter": "length",
     "air": "volume",
     "thread_factor": "number",
-    "tube_factor": "number",
 }
 """The numbers of a candidate, in SI, and the kind of unit of each; see `Search`."""
 
@@ -67,7 +80,6 @@ CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
     "largest_diameter": ("outer_diameter", "most"),
     "longest_length": ("rest_length", "most"),
     "thread_factor": ("thread_factor", "least"),
-    "tube_factor": ("tube_factor", "least"),
 }
 """What is asked for: the column that it is held against, and whether as a lower or an upper limit."""
 
@@ -75,6 +87,200 @@ FRONT_STEP = 0.01
 """Share by which designs on the front differ at least."""
 
 _ALWAYS = ("force", "contraction")  # a muscle must pull and contract, whatever is asked for
+
+
+# --- a bladder under a braid
+
+
+class Feasibility(enum.StrEnum):
+    """Whether a braid fits a diameter."""
+
+    FEASIBLE = "feasible"
+    BOUNDARY = "boundary"
+    INFEASIBLE = "infeasible"
+
+
+def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
+    """Braid angle theta [rad] on a muscle, from cos(theta) / D = cos(45 deg) / D_nominal.
+
+    Jamming is not considered; see `feasibility`.
+
+    Args:
+        diameter: D [m] of the muscle, the outer diameter of its bladder.
+        nominal_diameter: D_nominal [m] of the braid, that at 45 deg.
+
+    Returns:
+        theta [rad], from the circumference, broadcast shape; nan where D > sqrt(2) D_nominal.
+
+    References:
+        Chambers 2021, section 2.2 and table 2.3.
+
+    >>> import math
+    >>> print(f"{math.degrees(fam_angle(0.875, 2.0)):.1f}")  # inches: the 7/8 in muscle
+    72.0
+    """
+    return braid_angle_from_diameter(diameter, nominal_diameter, NOMINAL_ANGLE)
+
+
+def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
+    """Whether the braid can be put on a bladder of that diameter without jamming.
+
+    Feasible within the braid's `diameter_range`; boundary outside it but within its
+    `boundary_range`; infeasible elsewhere. The ends belong to the ranges.
+
+    Args:
+        diameter: D [m], outer diameter of the bladder.
+        braid: from the catalogue.
+
+    Returns:
+        The verdict.
+    """
+
+    def within(limits: tuple[float, float]) -> bool:
+        return limits[0] * (1 - _ROUNDING) <= diameter <= limits[1] * (1 + _ROUNDING)
+
+    if within(braid.diameter_range):
+        return Feasibility.FEASIBLE
+    wider = within(braid.boundary_range or braid.diameter_range)
+    return Feasibility.BOUNDARY if wider else Feasibility.INFEASIBLE
+
+
+class Combination(eqx.Module):
+    """A bladder under a braid. Several may be stacked leaf by leaf, for `jax.vmap`.
+
+    Attributes:
+        bladder_diameter: D0 [m], outer; the braid's threads lie on it.
+        bladder_thickness: t0 [m].
+        nominal_diameter: [m], of the braid, at 45 deg.
+        braid_thickness: [m].
+        smallest_diameter: [m], at which the braid jams when stretched.
+        largest_diameter: [m], at which the braid jams when shortened.
+        rest_length: L0 [m], active length at rest; force against contraction does not depend on it.
+    """
+
+    bladder_diameter: Float[Given, "..."] = number("m")
+    bladder_thickness: Float[Given, "..."] = number("m")
+    nominal_diameter: Float[Given, "..."] = number("m")
+    braid_thickness: Float[Given, "..."] = number("m")
+    smallest_diameter: Float[Given, "..."] = number("m")
+    largest_diameter: Float[Given, "..."] = number("m")
+    rest_length: Float[Given, "..."] = number("m", default=1.0)
+
+    @classmethod
+    def of(
+        cls, bladder: CatalogueBladder, braid: CatalogueBraid, rest_length: Real = 1.0
+    ) -> "Combination":
+        """The combination of two rows of the catalogue, of active length L0 [m]."""
+        return cls(
+            bladder_diameter=as_real(bladder.diameter),
+            bladder_thickness=as_real(bladder.thickness),
+            nominal_diameter=as_real(braid.nominal_diameter),
+            braid_thickness=as_real(braid.thickness),
+            smallest_diameter=as_real(braid.diameter_range[0]),
+            largest_diameter=as_real(braid.diameter_range[1]),
+            rest_length=as_real(rest_length),
+        )
+
+    @property
+    def braid_angle(self) -> RealArray:
+        """Initial braid angle theta0 [rad], from the circumference; see `fam_angle`."""
+        return fam_angle(self.bladder_diameter, self.nominal_diameter)
+
+    @property
+    def braid(self) -> Braid:
+        """The braid at rest on the bladder, its thickness neglected."""
+        return Braid.from_rest(
+            diameter=self.bladder_diameter, braid_angle=self.braid_angle, length=self.rest_length
+        )
+
+    @property
+    def geometry(self) -> EstimatedGeometry:
+        """The cylinder of braid and bladder, the thickness of the braid neglected."""
+        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
+        return EstimatedGeometry(self.braid, bladder)
+
+    def muscle(self, material: AbstractMaterial) -> Muscle:
+        """The muscle in the estimated geometry, with a bladder of that material."""
+        return Muscle(self.geometry, material)
+
+    def contraction_range(self) -> tuple[RealArray, RealArray]:
+        """Least and greatest contraction [-] that jamming allows; rest is always allowed.
+
+        A boundary combination rests outside the braid's range and is taken to work from there.
+        """
+        least, greatest = (  # 1 - sin(theta) / sin(theta0)
+            1 - jnp.sin(fam_angle(D, self.nominal_diameter)) / jnp.sin(self.braid_angle)
+            for D in (self.smallest_diameter, self.largest_diameter)
+        )
+        return jnp.minimum(least, 0.0), jnp.maximum(greatest, 0.0)
+
+    def diameter(self, contraction: Real) -> RealArray:
+        """Braid diameter D [m] at a contraction [-], broadcast shape; nan where the braid jams."""
+        length, free = self._length(contraction)
+        return jnp.where(free, self.braid.diameter(length), jnp.nan)
+
+    def outer_diameter(self, contraction: Real) -> RealArray:
+        """Diameter [m] outside the braid at a contraction [-]; nan where the braid jams."""
+        return self.diameter(contraction) + 2 * self.braid_thickness
+
+    def force(
+        self, contraction: Real, pressure: Real, material: AbstractMaterial | None = None
+    ) -> RealArray:
+        """Pull F [N] at a contraction [-] and gauge pressure P [Pa]; nan where the braid jams.
+
+        Args:
+            contraction: (L0 - L) / L0 [-], a fraction.
+            pressure: gauge pressure P [Pa].
+            material: of the bladder; None neglects the bladder, F = F_G.
+
+        Returns:
+            F [N], broadcast shape, not clipped: negative beyond the free contraction.
+
+        References:
+            Gaylord 1958; Chambers 2021, equations 6.1 and 6.9.
+        """
+        length, free = self._length(contraction)
+        if material is None:
+            radius = self.braid.diameter(length) / 2
+            pull = gaylord_force(pressure, radius, self.braid.braid_angle(length))
+        else:
+            pull = self.muscle(material).force(length, pressure)
+        return jnp.where(free, pull, jnp.nan)
+
+    def usable_contraction(
+        self, pressure: Real, material: AbstractMaterial | None = None
+    ) -> RealArray:
+        """Contraction [-] at which the muscle runs out of force or its braid jams, if sooner.
+
+        Bisected, with the derivative of the implicit function theorem; nan where the pressure does not
+        move the bladder. Of the pressure's shape.
+        """
+        greatest = self.contraction_range()[1]
+        fine = jnp.finfo(greatest.dtype)
+
+        def one(P: RealArray) -> RealArray:
+            scale = jax.lax.stop_gradient(self.force(0.0, P, material))
+
+            def missing(share: RealArray) -> RealArray:
+                return -self.force(share * greatest, P, material) / jnp.where(scale > 0, scale, 1.0)
+
+            ends = jnp.zeros_like(greatest), jnp.ones_like(greatest)
+            share = bisected(missing, *ends, tolerance=float(fine.eps), max_steps=fine.nmant + 2)
+            found = jnp.where(self.force(greatest, P, material) > 0, 1.0, share) * greatest
+            return jnp.where(scale > 0, found, jnp.nan)
+
+        return jnp.vectorize(one)(as_real(pressure))
+
+    def _length(self, contraction: Real) -> tuple[RealArray, Array]:
+        """Length [m], that of rest standing in where the braid jams, and where it does not jam."""
+        least, greatest = self.contraction_range()
+        rounding = 8 * jnp.finfo(least.dtype).eps  # the ends themselves are free
+        at = as_real(contraction)
+        free = (at >= least - rounding) & (at <= greatest + rounding)
+        return self.rest_length * (1 - jnp.where(free, at, 0.0)), free
+
+
+# --- the search
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,8 +296,6 @@ class Requirement:
         stroke: travel [m] it must reach, >= 0.
         longest_length: rest length [m] that it may have, between the end-fittings.
         thread_factor: least breaking load of a thread over its tension at zero contraction [-].
-        tube_factor: least yield load of the swage tube's section over the blocked force [-], as if
-            the tube carried all of it.
     """
 
     pressure: float
@@ -102,7 +306,6 @@ class Requirement:
     stroke: float = 0.0
     longest_length: float = math.inf
     thread_factor: float = 0.0
-    tube_factor: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 < self.pressure < math.inf:
@@ -126,15 +329,13 @@ class BuildablePair:
         bladder: row of the catalogue.
         braid: row of the catalogue.
         fit: feasible, or boundary: usable by its source but at rest outside its jamming range.
-        tube: the swage tube that fits and yields last, or None where none is asked for.
-        tube_yield_load: [N], at which its section yields; nan where none is asked for.
+        tube: the swage tube that fits with the thickest wall, or None where none is asked for.
     """
 
     bladder: CatalogueBladder
     braid: CatalogueBraid
     fit: Feasibility
     tube: str | None
-    tube_yield_load: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,14 +354,12 @@ class Search:
         objectives: as given.
         pairs: that can be built; the others are in `left_out`.
         left_out: pairs that cannot be built, by reason: "braid", "end_fitting", "untested".
-        points: numbers of pressures and of rest lengths.
         columns: of all candidates.
         margins: (candidates, constraints), share of the limit by which each of `CONSTRAINTS` is kept,
             negative where it is not; nan where the braid jams before it or nothing is known.
         front: positions of the candidates of the Pareto front, the most balanced first.
         refined: columns of the most balanced design refined between the points of the grid, and its
             `gain` in the sum of balanced costs; None where nothing is feasible.
-        notes: sentences on what was assumed, and on where a range ends the front.
     """
 
     requirement: Requirement
@@ -168,12 +367,10 @@ class Search:
     objectives: tuple[str, ...]
     pairs: tuple[BuildablePair, ...]
     left_out: dict[str, int]
-    points: tuple[int, int]
     columns: dict[str, NDArray]
     margins: Floats
     front: NDArray[np.int64]
     refined: dict[str, Any] | None
-    notes: tuple[str, ...]
 
     @property
     def feasible(self) -> NDArray[np.int64]:
@@ -212,8 +409,8 @@ def search(
         objectives: of `OBJECTIVES`; the fewer, the shorter the front.
         coefficients: E_n [Pa] of the bladders whose rubber the catalogue does not know; (0.0,) neglects
             them.
-        end_fittings: True if a swage tube of the catalogue must fit; of those that do, the one that
-            yields last is taken.
+        end_fittings: True if a swage tube of the catalogue must fit; of those that do, the one
+            with the thickest wall is taken.
 
     Returns:
         What was found; `front` is empty where no candidate keeps to everything.
@@ -251,8 +448,7 @@ def search(
             f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the pressure of the "
             f"requirement, {greatest:.6g} Pa, which is the greatest that there is"
         )
-    strengths = tube_strengths(catalogue)
-    pairs, left_out = buildable_pairs(catalogue, requirement, strengths, end_fittings=end_fittings)
+    pairs, left_out = buildable_pairs(catalogue, requirement, end_fittings=end_fittings)
     points = _points(ranges, about // max(1, len(pairs)))
     lengths, pressures = (
         np.linspace(*ranges[name], count)
@@ -266,24 +462,22 @@ def search(
     columns: dict[str, NDArray] = dict(zip(COLUMNS, table.T, strict=False))
     columns["pair"] = np.repeat(np.arange(len(pairs)), points[0] * points[1])
     found = Search(
-        requirement, ranges, wanted, tuple(pairs), left_out, points, columns,
-        table[:, len(COLUMNS) :], np.zeros(0, dtype=np.int64), None, (),
+        requirement, ranges, wanted, tuple(pairs), left_out, columns,
+        table[:, len(COLUMNS) :], np.zeros(0, dtype=np.int64), None,
     )  # fmt: skip
-    notes = [note for note in assumption_notes(strengths) if end_fittings and "yield" in note]
     if not len(feasible := found.feasible):
-        return dataclasses.replace(found, notes=tuple(notes))
+        return found
     costs = costs_of({name: columns[name][feasible] for name in wanted}, wanted)
     at = front_members(costs, FRONT_STEP)
     at = at[np.argsort(costs[at] @ balance(costs[at]), kind="stable")]
     front = feasible[at]
-    notes += _at_the_ends({name: columns[name][front] for name in ranges}, ranges)
     refined = _refined(found, costs[at], int(front[0]), known, asked)
-    return dataclasses.replace(found, front=front, refined=refined, notes=tuple(notes))
+    return dataclasses.replace(found, front=front, refined=refined)
 
 
 def _points(ranges: Mapping[str, Range], share: int) -> tuple[int, int]:
     """Number of pressures and of rest lengths; the rest of the share goes to the lengths."""
-    lengths, pressures = (high > low for low, high in (ranges["rest_length"], ranges["pressure"]))
+    lengths, pressures = (ranges[name][1] > ranges[name][0] for name in ("rest_length", "pressure"))
     each = max(1, math.isqrt(share) if lengths else share) if pressures else 1
     return each, max(1, share // each) if lengths else 1
 
@@ -291,7 +485,6 @@ def _points(ranges: Mapping[str, Range], share: int) -> tuple[int, int]:
 def buildable_pairs(
     catalogue: Catalogue,
     requirement: Requirement,
-    strengths: Sequence[TubeStrength],
     *,
     end_fittings: bool,
 ) -> tuple[list[BuildablePair], dict[str, int]]:
@@ -300,7 +493,6 @@ def buildable_pairs(
     Args:
         catalogue: from `load_catalogue`.
         requirement: in SI.
-        strengths: of the catalogue's tubes, from `tube_strengths`.
         end_fittings: True if a swage tube must fit.
 
     Returns:
@@ -315,19 +507,16 @@ def buildable_pairs(
         raise InputError(
             "the catalogue has no swage tubes: add [[tube]] rows, or search without end-fittings"
         )
-    if requirement.tube_factor > 0 and not end_fittings:
-        raise InputError("a tube_factor needs the end-fittings: ask for both or for neither")
-    yields = {strength.tube.name: strength.yield_load for strength in strengths}
     pairs, left_out = [], {"braid": 0, "end_fitting": 0, "untested": 0}
     for braid in catalogue.braids:
         for bladder in catalogue.bladders:
             fit = feasibility(bladder.diameter, braid)
             fitting = [
-                one.tube.name
+                one.tube
                 for one in size_end_fittings(catalogue, braid, bladder.diameter)
                 if end_fittings and one.feasible and one.bladder == bladder
             ]
-            tube = max(fitting, key=yields.__getitem__, default=None)
+            tube = max(fitting, key=lambda one: one.thickness, default=None)
             if fit is Feasibility.INFEASIBLE:
                 left_out["braid"] += 1
             elif end_fittings and tube is None:
@@ -335,8 +524,7 @@ def buildable_pairs(
             elif requirement.thread_factor > 0 and braid.breaking_load is None:
                 left_out["untested"] += 1
             else:
-                load = yields.get(tube or "", math.nan)
-                pairs.append(BuildablePair(bladder, braid, fit, tube, load))
+                pairs.append(BuildablePair(bladder, braid, fit, tube and tube.name))
     return pairs, left_out
 
 
@@ -344,12 +532,12 @@ def _known(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> dic
     """What the formulas need of each pair, stacked, in SI; nan where not known."""
     rubber = [list(p.bladder.coefficients or coefficients) for p in pairs]
     order = max(map(len, rubber))
-    numbers = [(p.braid.n_threads, p.braid.breaking_load, p.tube_yield_load) for p in pairs]
+    numbers = [(p.braid.n_threads, p.braid.breaking_load) for p in pairs]
     combinations = [Combination.of(p.bladder, p.braid) for p in pairs]
     return {
         "combination": jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations),
         "coefficients": jnp.asarray([one + [0.0] * (order - len(one)) for one in rubber]),
-        "strengths": jnp.asarray(np.array(numbers, dtype=np.float64)),
+        "threads": jnp.asarray(np.array(numbers, dtype=np.float64)),
     }
 
 
@@ -368,11 +556,11 @@ def _performance(
     """
     muscle = eqx.tree_at(lambda c: c.rest_length, known["combination"], rest_length)
     rubber = PolynomialMaterial(known["coefficients"])
-    threads, breaking_load, tube = known["strengths"]
+    n_threads, breaking_load = known["threads"]
     at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest_length), usable)
     blocked = muscle.force(0.0, pressure, rubber)
     tension = thread_tension(
-        blocked, pressure, muscle.bladder_diameter / 2, muscle.braid_angle, threads
+        blocked, pressure, muscle.bladder_diameter / 2, muscle.braid_angle, n_threads
     )
     empty = muscle.geometry.inner_volume(rest_length, jnp.zeros_like(pressure))
     full = muscle.geometry.inner_volume(rest_length * (1 - at), pressure)
@@ -387,7 +575,6 @@ def _performance(
         "outer_diameter": muscle.outer_diameter(at),
         "air": full * (1 + pressure / ATMOSPHERE) - empty,
         "thread_factor": breaking_load / tension,
-        "tube_factor": tube / blocked,
     }
     margins = [
         _margin(columns[column], asked[name], upper=side == "most", always=name in _ALWAYS)
@@ -406,10 +593,10 @@ def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) ->
     return jnp.where(wanted, share, jnp.sign(found) if always else 1.0)
 
 
-def _usable(known: Mapping[str, Any], pressure: RealArray) -> RealArray:
+def _usable(pair: Mapping[str, Any], pressure: RealArray) -> RealArray:
     """Usable contraction [-] of a pair at a pressure [Pa], which no rest length changes."""
-    rubber = PolynomialMaterial(known["coefficients"])
-    return known["combination"].usable_contraction(pressure, rubber)
+    rubber = PolynomialMaterial(pair["coefficients"])
+    return pair["combination"].usable_contraction(pressure, rubber)
 
 
 @quick_jit
@@ -435,7 +622,13 @@ def _with_slopes(
     """`_performance` at a rest length and pressure, (numbers,), and its derivative, (numbers, 2)."""
 
     def numbers(at: RealArray) -> tuple[RealArray, RealArray]:
-        found = _performance(known, _usable(known, at[1]), at[0], at[1], asked)
+        found = _performance(
+            known,
+            _usable(known, at[1]),
+            at[0],
+            at[1],
+            asked,
+        )
         return found, found
 
     slopes, values = jax.jacfwd(numbers, has_aux=True)(at)
@@ -508,63 +701,34 @@ def _refined(
     own = jax.tree.map(lambda values: values[pair], known)
     start = np.array([found.columns[name][first] for name in found.ranges], dtype=np.float64)
     low, high = np.array(list(found.ranges.values())).T
-    signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in found.objectives]
+    scale = high - low  # 0 of what is fixed: its slope is, too
     weights = np.zeros(n)
+    signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in found.objectives]
     weights[[list(COLUMNS).index(name) for name in found.objectives]] = balance(costs) * signs
 
     @functools.cache
-    def at(*place: float) -> tuple[NDArray, NDArray, float, NDArray]:
-        """Numbers at a rest length and pressure, their slopes, the sum of costs and its slope."""
+    def at(*x: float) -> tuple[NDArray, NDArray, float, NDArray]:
+        """Numbers at a share of the ranges, their slopes, the sum of costs and its slope."""
+        place = low + np.clip(x, 0.0, 1.0) * scale
         values, slopes = map(np.asarray, _with_slopes(own, jnp.asarray(place), asked))
         there = np.isfinite(values) & np.isfinite(slopes).all(-1)
-        slopes = np.where(there[:, None], slopes, 0.0)
+        slopes = np.where(there[:, None], slopes, 0.0) * scale
         wanted = np.where(weights != 0, values[:n], 1.0)
         return values, slopes, float(weights @ np.log(wanted)), (weights / wanted) @ slopes[:n]
 
-    free = high > low
-    scale = (high - low)[free]
-
-    def moved(x: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
-        place = start.copy()
-        place[free] = low[free] + np.clip(x, 0.0, 1.0) * scale
-        return at(*place)
-
-    end, before = start, at(*start)[2]
-    if free.any():
-        kept: dict[str, Any] = {
-            "type": "ineq",
-            "fun": lambda x: np.nan_to_num(moved(x)[0][n:], nan=-1.0),
-            "jac": lambda x: moved(x)[1][n:, free] * scale,
-        }
-        solved = minimize(
-            lambda x: moved(x)[2] - before, (start - low)[free] / scale,
-            jac=lambda x: moved(x)[3][free] * scale, method="SLSQP", constraints=[kept],
-            bounds=[(0.0, 1.0)] * len(scale), options={"maxiter": 60, "ftol": 1e-10},
-        )  # fmt: skip
-        goal = start.copy()
-        goal[free] = low[free] + np.clip(solved.x, 0.0, 1.0) * scale
-        for back in (0.0, *10.0 ** np.arange(-15, 0)):
-            numbers, _, score, _ = at(*(place := goal + back * (start - goal)))
-            if np.all(numbers[n:] >= 0) and score < before:
-                end = place
-                break
-    numbers, _, score, _ = at(*end)
-    return {
-        "pair": pair,
-        "gain": before - score,
-        **dict(zip(COLUMNS, numbers.tolist(), strict=False)),
+    x = (start - low) / np.where(scale > 0, scale, 1.0)
+    before = at(*x)[2]
+    kept: dict[str, Any] = {
+        "type": "ineq",
+        "fun": lambda x: np.nan_to_num(at(*x)[0][n:], nan=-1.0),
+        "jac": lambda x: at(*x)[1][n:],
     }
-
-
-def _at_the_ends(columns: Mapping[str, NDArray], ranges: Mapping[str, Range]) -> list[str]:
-    """A sentence for each end of a range at which most of a front lies."""
-    notes = []
-    for name, (low, high) in ranges.items():
-        for end, word in ((low, "least"), (high, "greatest")):
-            share = np.mean(np.isclose(columns[name], end, rtol=1e-6, atol=0.0))
-            if low < high and share > 0.5:
-                notes.append(
-                    f"{share:.0%} of the front has the {word} {name.replace('_', ' ')} of its range: "
-                    "widen the range, or ask for what makes another one worth while, such as a stroke."
-                )
-    return notes
+    solved = minimize(
+        lambda x: at(*x)[2] - before, x, jac=lambda x: at(*x)[3], method="SLSQP",
+        constraints=[kept], bounds=[(0.0, 1.0)] * 2, options={"maxiter": 60, "ftol": 1e-10},
+    ).x  # fmt: skip
+    ways = (solved + back * (x - solved) for back in (0.0, *10.0 ** np.arange(-15, 0)))
+    better = (way for way in ways if np.all(at(*way)[0][n:] >= 0) and at(*way)[2] < before)
+    numbers, _, score, _ = at(*next(better, x))
+    columns = dict(zip(COLUMNS, numbers.tolist(), strict=False))
+    return {"pair": pair, "gain": before - score, **columns}

@@ -1,4 +1,4 @@
-"""A muscle where it is used: C, tables, MATLAB and Simulink, MuJoCo, MJX, OpenSim, StableHLO."""
+"""A muscle where it is used: C, tables, MATLAB and Simulink, MuJoCo, MJX, StableHLO."""
 
 import lazy_loader
 

@@ -1,10 +1,10 @@
-from .mjx_model import mjx_step as mjx_step
-from .mujoco_callback import CompiledPull as CompiledPull, install as install
-from .opensim import ideal_braid as ideal_braid
+from .mujoco import CompiledPull as CompiledPull, install as install, mjx_step as mjx_step
 from .plain import TabulatedPull as TabulatedPull
-from .subject import Subject as Subject, made_of as made_of, read_subject as read_subject
-from .tabulate import (
+from .table import (
+    Subject as Subject,
     TableErrors as TableErrors,
+    made_of as made_of,
+    read_subject as read_subject,
     table_errors as table_errors,
     tabulated as tabulated,
 )

@@ -1,29 +1,101 @@
-"""What a muscle can be exported to."""
+"""What a muscle can be exported to: C, MATLAB and tables of it, StableHLO, and what `mujoco.py` writes."""
 
-from collections.abc import Callable, Sequence
+import importlib.util
+import io
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
 
 from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
-from .lookup import csv_files, mat_files
-from .mjx_model import mjx_files
-from .mujoco_model import mujoco_files
-from .opensim import opensim_files
-from .sources import c_files, matlab_files
-from .stablehlo import jax_files
-from .subject import Subject
+from .mujoco import docstring, filled, mjx_files, mujoco_files
+from .table import Subject, check_float64
 
-TARGETS: dict[str, Callable[[Subject], dict[str, bytes]]] = {
+Files = dict[str, bytes]
+"""Content of files by their names."""
+
+_WIDTH = 6  # numbers in a line of a source
+_LENGTHS, _PRESSURES = 129, 41  # of a CSV file
+_BEYOND = 0.5  # of the way from the data to a stop
+
+
+def c_files(subject: Subject) -> Files:
+    """Header and source, without allocation or libraries; double unless compiled for float."""
+    words = _words(subject, " *", "R({})")
+    return {f"{subject.identifier}.{of}": filled(f"force.{of}", words) for of in ("h", "c")}
+
+
+def matlab_files(subject: Subject) -> Files:
+    """`NAME_force.m`, `NAME_pressure.m`, and `NAME_model_force.m` with the table, which both call.
+
+    No toolbox is needed, and they may stand in Simulink's MATLAB Function block.
+    """
+    words = _words(subject, "%  ", "{}", end=" ...")
+    return {
+        f"{subject.identifier}_{of}.m": filled(f"{of}.m", words)
+        for of in ("force", "pressure", "model_force")
+    }
+
+
+def csv_files(subject: Subject) -> Files:
+    """One row for each state, `length_m,pressure_Pa,force_N,model_force_N,stiffness_N_per_m,area_m2`."""
+    grid, about = _grid(subject)
+    L, P = np.meshgrid(grid["length_m"], grid["pressure_Pa"], indexing="ij")
+    columns = [column.ravel().tolist() for column in (L, P, *list(grid.values())[2:])]
+    lines = [*(f"# {line}" for line in about), ",".join(grid)]
+    lines += [",".join(map(repr, row)) for row in zip(*columns, strict=True)]
+    return {f"{subject.identifier}.csv": "\n".join([*lines, ""]).encode()}
+
+
+def mat_files(subject: Subject) -> Files:
+    """Axes and tables of the CSV file by the same names, for a 2-D Lookup Table block."""
+    from scipy.io import savemat  # noqa: PLC0415 -- slow to import
+
+    grid, about = _grid(subject)
+    written = io.BytesIO()
+    savemat(written, {**grid, "about": "\n".join(about)}, oned_as="column", do_compression=True)
+    return {f"{subject.identifier}.mat": written.getvalue()}
+
+
+def jax_files(subject: Subject) -> Files:
+    """StableHLO for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
+
+    `NAME.stablehlo` is the force, `NAME_model.stablehlo` what the model says, not cut at zero.
+
+    Raises:
+        InputError: the package flatbuffers is missing, or JAX is in float32.
+    """
+    if importlib.util.find_spec("flatbuffers") is None:
+        raise InputError("exporting to JAX needs flatbuffers: pip install 'famjax[simulators]'")
+    check_float64()
+    from jax import export as jax_export  # noqa: PLC0415 -- needs flatbuffers
+
+    name, muscle = subject.identifier, subject.muscle
+    states = jax.ShapeDtypeStruct(jax_export.symbolic_shape("states"), jnp.float64)
+    files = {}
+    for of, ask in ((name, muscle.force), (f"{name}_model", muscle.model_force)):
+        function = jax.jit(lambda *at, ask=ask: ask(*at))
+        program = jax_export.export(function, platforms=("cpu", "cuda"))(states, states)
+        files[f"{of}.stablehlo"] = bytes(program.serialize(vjp_order=1))
+    words = {"name": name, "HEADING": docstring(subject.about)}
+    return files | {f"{name}_jax.py": filled("jax.py.in", words)}
+
+
+TARGETS: dict[str, Callable[[Subject], Files]] = {
     "c": c_files,
     "csv": csv_files,
     "mat": mat_files,
     "matlab": matlab_files,
     "mujoco": mujoco_files,
     "mjx": mjx_files,
-    "opensim": opensim_files,
     "jax": jax_files,
 }
-"""What makes the files, content by name, by the name that `famjax export --to` takes."""
+"""What makes the files, by the name that `famjax export --to` takes."""
 
 
 def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path]:
@@ -32,7 +104,7 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
     Args:
         subject: the muscle, see `read_subject` and `Subject.of_card`.
         to: names of `TARGETS`.
-        folder: where the files go; it is made if need be.
+        folder: where the files go, created if missing.
 
     Returns:
         The files.
@@ -45,9 +117,85 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
         raise InputError(
             f"a muscle is exported to {', '.join(TARGETS)}; got {unknown[0] if unknown else 'none'}"
         )
-    folder = Path(folder)
-    check_output(folder)
-    files: dict[str, bytes] = {}
+    check_output(Path(folder))
+    files: Files = {}
     for name in dict.fromkeys(to):
         files |= TARGETS[name](subject)
-    return write_all(folder, files)
+    return write_all(Path(folder), files)
+
+
+def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Axes and tables, with lines on them; how far a straight line between entries is off."""
+    pull = subject.pull
+    (short, long), (first, last) = pull.stops, (pull.lengths[0], pull.lengths[-1])
+    L = np.linspace(first + _BEYOND * (short - first), last + _BEYOND * (long - last), _LENGTHS)
+    P = np.linspace(0.0, pull.pressures[-1], _PRESSURES)
+
+    def asked(ask: Callable[[float, float], float], L: np.ndarray, P: np.ndarray) -> np.ndarray:
+        return np.array([[ask(one, at) for at in P.tolist()] for one in L.tolist()])
+
+    force = asked(pull.force, L, P)
+    true = asked(pull.force, 0.5 * (L[1:] + L[:-1]), 0.5 * (P[1:] + P[:-1]))
+    straight = 0.25 * (force[1:, 1:] + force[:-1, 1:] + force[1:, :-1] + force[:-1, :-1])
+    off = np.abs(straight - true) / subject.errors.largest_force
+    # A cell that slack ends in holds a bend, and the least of its corners is slack.
+    corners = np.minimum(force[:-1, :-1], force[1:, :-1])  # the force rises with the pressure
+    taut = corners > pull.slack_width
+    about = [
+        *subject.about_table,
+        f"bilinear interpolation between its entries is off by {off[taut].max():.1e} of the largest "
+        f"force, by {off.max():.1e} where the muscle goes slack",
+        "model_force_N is what the model says, not cut at zero: below zero where the muscle is slack",
+        "beyond its ends nothing stops the muscle: extend it by the exported C or MATLAB functions",
+    ]
+    grid = {
+        "length_m": L, "pressure_Pa": P, "force_N": force,
+        "model_force_N": asked(pull.model_force, L, P),
+        "stiffness_N_per_m": asked(pull.stiffness, L, P), "area_m2": asked(pull.area, L, P),
+    }  # fmt: skip
+    return grid, about
+
+
+def _words(subject: Subject, comment: str, number: str, *, end: str = "") -> dict[str, Any]:
+    """Values of the words that templates of a table share.
+
+    Args:
+        subject: the muscle.
+        comment: that a line of the heading begins with.
+        number: form of a number of the table, such as `R({})`.
+        end: of each line of numbers but the last.
+    """
+    table, pull = subject.table, subject.pull
+
+    def lines(values: Iterable[float]) -> str:
+        words = [number.format(repr(float(value))) for value in values]
+        rows = (", ".join(words[k : k + _WIDTH]) for k in range(0, len(words), _WIDTH))
+        return f",{end}\n".join(f"    {row}" for row in rows)
+
+    # No comment of C begins or ends in the heading.
+    about = [
+        line.replace("/*", "/ *").replace("*/", "* /").replace("\\", "/")
+        for line in subject.about_table
+    ]
+    return {
+        "name": subject.identifier,
+        "NAME": subject.identifier.upper(),
+        "HEADING": "\n".join(f"{comment} {line}" for line in about),
+        "LENGTHS": len(pull.lengths),
+        "PRESSURES": len(pull.pressures),
+        "LENGTH_NODES": lines(pull.lengths),
+        "PRESSURE_NODES": lines(pull.pressures),
+        "NODES": lines(itertools.chain(*itertools.chain(*pull.rows))),
+        "SHORTEST": pull.lengths[0],
+        "LONGEST": pull.lengths[-1],
+        "LOWEST": pull.pressures[0],
+        "HIGHEST": pull.pressures[-1],
+        "LIMIT": pull.pressure_limit,
+        "STOP_SHORT": pull.stops[0],
+        "STOP_LONG": pull.stops[1],
+        "STOP_STIFFNESS": pull.stop[0],
+        "STOP_ONSET": pull.stop[1],
+        "SLACK": pull.slack_width,
+        **{f"LENGTH_END_{k}": one for k, one in enumerate(table["length_ends_per_m"])},
+        **{f"PRESSURE_END_{k}": one for k, one in enumerate(table["pressure_ends_per_Pa"])},
+    }

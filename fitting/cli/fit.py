@@ -199,6 +199,7 @@ def assess(
     bootstrap: Replicates = 0,
     posterior: bool = False,
     hysteresis: Path | None = None,
+    own: tuple[str, ...] = (),
     jobs: Jobs = None,
     output: Path | None = None,
     units: Units = "metric",
@@ -226,6 +227,9 @@ def assess(
     hysteresis
         Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, about the fit, and predict
         those left out.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
     jobs
         Number of processes that choose the model anew (--validate).
     output
@@ -245,9 +249,10 @@ def assess(
     if posterior:
         fitting.posterior.load_blackjax()
     place = Output(fit_json.parent if output is None else output)
-    add_cwd_to_path()
+    if own:
+        add_cwd_to_path()
     pairs = None if hysteresis is None else fitting.records.read_branches(hysteresis)
-    problem = Problem.read(fitting.load_fit(fit_json).document)
+    problem = Problem.read(fitting.load_fit(fit_json, own=own).document, own)
     with _telling("identifying") as tell:
         return _finish(
             problem, place, units, tell, as_json=json_, pairs=pairs, validation=validate,

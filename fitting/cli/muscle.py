@@ -1,6 +1,5 @@
 """Commands of an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
 
-import dataclasses
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from famjax.export import Subject
     from fitting.saved import SavedFit
 
-Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "opensim", "jax"]
+Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
 
 
@@ -58,6 +57,7 @@ def predict(
     rest_length: str | None = None,
     length_std: str | None = None,
     history: Path | None = None,
+    own: tuple[str, ...] = (),
     units: Units | None = None,
     json_: bool = False,
 ) -> int:
@@ -88,6 +88,9 @@ def predict(
     history
         CSV file of lengths and pressures in the order in which they come, such as
         `time_s,length_mm,pressure_kPa`: the force on either branch, of a fit assessed with --hysteresis.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
     units
         Of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf). The table has the units of the
         question unless given, and JSON has SI.
@@ -97,11 +100,14 @@ def predict(
     fitting = load_fitting()
     import numpy as np
 
-    add_cwd_to_path()
+    if own:
+        add_cwd_to_path()
     if history is None and _is_card(muscle):
         others = {"--force": force, "--rest-length": rest_length, "--length-std": length_std}
-        return _predict_by_card(muscle, length, pressure, units, others, onset=onset, as_json=json_)
-    saved = fitting.load_fit(muscle)
+        return _predict_by_card(
+            muscle, length, pressure, units, others, onset=onset, as_json=json_, own=own
+        )
+    saved = fitting.load_fit(muscle, own=own)
     warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
     if history is not None:
         return _print_history(
@@ -232,6 +238,7 @@ def _predict_by_card(
     *,
     onset: bool,
     as_json: bool,
+    own: Sequence[str],
 ) -> int:
     """Print the force of a card's safe muscle, and where it is not the model's own.
 
@@ -243,6 +250,7 @@ def _predict_by_card(
         others: options that a card does not answer, by name.
         onset: also answer it.
         as_json: instead of tables.
+        own: modules that are trusted.
     """
     import numpy as np
 
@@ -257,7 +265,7 @@ def _predict_by_card(
         )
     if not length or not (pressure or onset):
         raise InputError("give --length, and --pressure or --onset, with their units")
-    card = read_card(muscle) if Path(muscle).exists() else bundled_card(muscle)
+    card = read_card(muscle, own=own) if Path(muscle).exists() else bundled_card(muscle)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
     safe = card.safe()
     L, P = (
@@ -372,6 +380,7 @@ def card(
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     name: str | None = None,
     sample: int = 32,
+    own: tuple[str, ...] = (),
     json_: bool = False,
 ) -> int:
     """Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it.
@@ -390,6 +399,9 @@ def card(
         Of the muscle; the specimen's unless given.
     sample
         Number of muscles drawn from the fit's errors, 0 for none.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
     json_
         Print the card to standard output too, and nothing else there.
     """
@@ -398,8 +410,10 @@ def card(
     from famjax.cards import write_card
     from fitting.saved import card_of, load_fit
 
-    add_cwd_to_path()
-    found = card_of(load_fit(fit_json), name=name, count=sample, origin=Origin.of_this_command())
+    if own:
+        add_cwd_to_path()
+    saved = load_fit(fit_json, own=own)
+    found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
     warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
     if json_:
@@ -420,7 +434,7 @@ def export(
     to: tuple[Target, ...],
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("exported"),
     length: str | None = None,
-    tendon_offset: str | None = None,
+    own: tuple[str, ...] = (),
 ) -> int:
     """Write a muscle as C, tables, MATLAB functions, or for a simulator.
 
@@ -437,8 +451,6 @@ def export(
 
     mjx: the model itself inside MJX's step, to be differentiated; runs with famjax.
 
-    opensim: OpenSim's McKibbenActuator, the ideal braid alone.
-
     jax: the model itself with its derivative as StableHLO; runs with JAX, without famjax.
 
     Parameters
@@ -451,22 +463,17 @@ def export(
         Folder of the files.
     length
         Rest length to which the muscle is cut, with its unit, such as 300mm.
-    tendon_offset
-        For mujoco and mjx: the tendon is of `fixed` type, which has no length at joint 0, and the muscle
-        has this length there, such as 275mm. A `spatial` tendon as long as the muscle unless given.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
     """
     load_fitting()
     from famjax.export import export as export_to
 
     cut = None if length is None else parse_quantity(length, "length")
-    subject = _subject(muscle, cut)
-    if tendon_offset is not None:
-        if not set(to) & {"mujoco", "mjx"}:
-            raise InputError(
-                f"--tendon-offset is for mujoco and mjx alone, got --to {' --to '.join(to)}: leave it out"
-            )
-        offset = parse_quantity(tendon_offset, "length")
-        subject = dataclasses.replace(subject, tendon_offset=offset)
+    if own:
+        add_cwd_to_path()
+    subject = _subject(muscle, cut, own)
     if subject.card is not None:
         made = subject.card.provenance
         warn_unidentified(muscle, made.verdict, made.reasons)
@@ -475,17 +482,17 @@ def export(
     return 0
 
 
-def _subject(muscle: str, length: float | None) -> "Subject":
+def _subject(muscle: str, length: float | None, own: Sequence[str]) -> "Subject":
     """The muscle of a fit, of a card, or a bundled one."""
     from famjax.boundary.origin import Origin
     from famjax.export import Subject, made_of, read_subject
 
     origin, path = Origin.of_this_command(), Path(muscle)
     if not schema_of(path).startswith("famjax-fit/"):
-        return read_subject(muscle, length=length, origin=origin)
+        return read_subject(muscle, length=length, origin=origin, own=own)
     from fitting.saved import card_of, load_fit
 
-    card = card_of(load_fit(path), count=0, origin=origin)
+    card = card_of(load_fit(path, own=own), count=0, origin=origin)
     return Subject.of_card(
         card, length=length, origin=made_of(path.name, path.read_bytes(), origin)
     )

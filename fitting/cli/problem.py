@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import fitting
+from famjax.boundary.class_path import Own, check_trusted
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.tasks import AnyExecutor
@@ -255,11 +256,12 @@ class Problem:
         return cls(data, asked, fitted, options, errors, surface)
 
     @classmethod
-    def read(cls, document: Mapping[str, Any]) -> "Problem":
-        """The problem of a `fit.json`.
+    def read(cls, document: Mapping[str, Any], own: Own = ()) -> "Problem":
+        """The problem of a `fit.json`; `own` as for `fitting.load_fit`.
 
         Raises:
-            InputError: the file does not hold one, or a file that it names is not there any more.
+            InputError: the file does not hold one, a file that it names is not there any
+                more, or a class that it names is not trusted.
         """
         held = document.get("problem")
         if held is None:
@@ -270,6 +272,10 @@ class Problem:
         asked: dict[str, Any] = {
             key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
         }
+        for kind in ("law", "geometry", "term"):
+            for path in np.atleast_1d(asked.get(kind) or []):
+                if ":" in path:
+                    check_trusted(str(path), own, kind)
         known = document["data"]
         columns = {
             key.rpartition("_")[0]: np.array(values) for key, values in known["readings"].items()

@@ -124,7 +124,7 @@ def recovered(result: fitting.Identification, **truth: float) -> None:
 def saved(result: fitting.Identification, folder: Path) -> None:
     """The card is the same muscle again, and `predict` reads it."""
     fitting.write_fit(result, folder)
-    again = fitting.load_fit(folder / "fit.json")
+    again = fitting.load_fit(folder / "fit.json", own=(__name__,))
     assert type(again.muscle.material) is type(result.muscle.material)
     (row,) = fitting.predict(again, np.array([0.27]), np.array([5e5]))
     assert row["force_N"] == pytest.approx(float(result.muscle.force(0.27, 5e5)), rel=1e-12)

@@ -45,7 +45,6 @@ def test_files_of_a_search(capsys: pytest.CaptureFixture, tmp_path: Path) -> Non
     assert refined["goal"] == "balanced"
     assert refined["start"] == document["front"][0]
     assert refined["stroke_in"] >= 2
-    assert all(row["yields_first"] for row in document["tube_buckling"])
     assert any(row["feasible"] for row in document["end_fittings"])
     with (tmp_path / "feasible.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -53,7 +52,6 @@ def test_files_of_a_search(capsys: pytest.CaptureFixture, tmp_path: Path) -> Non
     assert min(float(row["outer_diameter_in"]) for row in rows) == pytest.approx(
         min(row["outer_diameter_in"] for row in document["front"]), rel=0.01
     )
-    assert (tmp_path / "design.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_nothing_feasible_is_said_with_exit_code_1(
@@ -93,11 +91,11 @@ def test_objectives_and_units_of_ones_own(capsys: pytest.CaptureFixture, tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--require", "force_dyn=3"), "unknown requirement 'force_dyn=3'"),
+        (("--require", "force_dyn=3"), "force_dyn has the unknown unit 'dyn'"),
         (("--require", "contraction=30"), "a fraction in [0, 1)"),
         (("--search", "0.5"), "--search must be >= 1"),
         (("--search", "1e3", "--objective", "width"), "one or more of outer_diameter"),
-        (("--search", "1e3", "--vary", "angle_deg=1:2"), "unknown range 'angle_deg=1'"),
+        (("--search", "1e3", "--vary", "angle_deg=1:2"), "unknown key 'angle_deg'"),
         (("--search", "1e3", "--vary", "pressure_psi=1:2:3"), "key_unit=least:greatest"),
         (("--search", "1e3", "--vary", "pressure_psi=20:200"), "above the pressure of the"),
         (("--search", "1e3", "--vary", "rest_length_mm=300:100"), "0 < least <= greatest"),

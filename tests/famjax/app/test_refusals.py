@@ -41,10 +41,6 @@ def test_what_is_left_of_a_stopped_command() -> None:
         ),
         (("rig", "simulat"), "Try 'famjax rig --help'"),
         (("series", "MAP"), "predict --rest-length"),
-        (
-            ("export", "DMSP-10", "--to", "csv", "--tendon-offset", "5mm"),
-            "for mujoco and mjx alone, got --to csv",
-        ),
         (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "shorter than its rounded ends"),
         (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
     ],

@@ -21,7 +21,7 @@ from famjax.cards import (
     schema,
     write_card,
 )
-from famjax.cards.document import checked
+from famjax.cards.card import CardDocument
 from famjax.continuation import Region
 from famjax.muscle import MountedMuscle, flatten
 from famjax.muscles import bundled_card
@@ -74,9 +74,7 @@ def test_a_card_comes_back_to_the_last_digit(golden: MuscleCard, tmp_path: Path)
     np.testing.assert_allclose(again.volume(L, P), golden.volume(L, P), rtol=RELOADED)
     assert again.covariance == golden.covariance
     assert again.provenance == golden.provenance
-    assert again.draws is not None
-    assert golden.draws is not None
-    np.testing.assert_array_equal(again.draws.rows, golden.draws.rows)
+    assert again.draws == golden.draws
     assert eqx.tree_equal(again.hysteresis, golden.hysteresis)
     assert eqx.tree_equal(again.members, golden.members)
 
@@ -97,7 +95,7 @@ def test_the_file_says_region_stops_and_volume(golden: MuscleCard) -> None:
     np.testing.assert_allclose(table["volume_m3"], golden.volume(L[:, None], P), rtol=1e-14)
     assert [one["weight"] for one in document["members"]] == [0.5, 0.5]
     document["members"][0]["series_compliance_m_per_N"] = 1e-6
-    mounted = card_from_document(checked(document))
+    mounted = card_from_document(msgspec.convert(document, CardDocument))
     assert float(mounted.members[0].compliance) == 1e-6
     # The mean is of the first in its mounting, and of the second as it is.
     in_mean = [float(one.force(0.28, 4e5)) for one in mounted.members]
@@ -107,18 +105,18 @@ def test_the_file_says_region_stops_and_volume(golden: MuscleCard) -> None:
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("schema",), "famjax-card/99", "must be of schema 'famjax-card/1', got 'famjax-card/99'"),
-        (("schema",), ..., "got None; make one of a fit by famjax card"),
-        (("members",), [], "damaged: .* length >= 1"),
-        (("members", 0, "weight"), "half", r"damaged: Expected `float`.*\$.members\[0\].weight"),
-        (("members", 0, "weight"), float("nan"), r"\$.members\[0\].weight must be finite"),
+        (("schema",), "famjax-card/99", "no muscle card of schema famjax-card/1, .*'famjax-card/99'"),
+        (("schema",), ..., "required field `schema`; make one of a fit by famjax card"),
+        (("members",), [], "length >= 1"),
+        (("members", 0, "weight"), "half", r"Expected `float`.*\$.members\[0\].weight"),
+        (("members", 0, "weight"), float("nan"), "is not a JSON file"),
         (("members", 0, "muscle", "geometry", "braid", "turns"), ..., "no entry 'turns'"),
-        (("data", "length_m"), [0.1], r"damaged: .*length >= 2.*data.length_m"),
+        (("data", "length_m"), [0.1], "length >= 2.*data.length_m"),
         (("colour",), "blue", "unknown field `colour`"),
-        (("covariance", "matrix"), [[1.0, 2.0]], r"covariance.matrix must have the shape \(1, 1\)"),
-        (("sample", "rows"), [[1.0]], "sample.rows must have the shape"),
+        (("covariance", "matrix"), [[1.0, 2.0]], r"matrix must have the shape \(1, 1\).*covariance"),
+        (("sample", "rows"), [[1.0]], "rows must have the shape"),
         (("sample", "numbers"), [f"n{k}" for k in range(11)], "the sample's numbers must be"),
-        (("hysteresis", "cycle", "turn_Pa"), ..., "hysteresis cannot be read .*turn_Pa"),
+        (("hysteresis", "cycle", "turn_Pa"), ..., "a ramp needs start_Pa and turn_Pa"),
     ],
 )  # fmt: skip
 def test_a_damaged_card_is_explained(
@@ -153,13 +151,13 @@ def test_the_sample_is_seeded_and_spreads_as_it_was_told(golden: MuscleCard) -> 
     drawn = draw(members, weights, directions, region, seed=3, count=200)
     again = draw(members, weights, directions, region, seed=3, count=200)
     other = draw(members, weights, directions, region, seed=4, count=200)
-    np.testing.assert_array_equal(drawn.rows, again.rows)
-    assert (drawn.rows != other.rows).any()
-    moved = flat > 1e4
-    np.testing.assert_array_equal(drawn.rows[:, ~moved], np.tile(flat[~moved], (200, 1)))
-    spread = drawn.rows[:, moved].std(axis=0, ddof=1) / (0.01 * flat[moved])
+    assert drawn == again
+    assert drawn.rows != other.rows
+    moved, rows = flat > 1e4, np.array(drawn.rows)
+    np.testing.assert_array_equal(rows[:, ~moved], np.tile(flat[~moved], (200, 1)))
+    spread = rows[:, moved].std(axis=0, ddof=1) / (0.01 * flat[moved])
     np.testing.assert_allclose(spread, 1.0, atol=4 / np.sqrt(2 * 200))
-    assert drawn.names[int(np.flatnonzero(moved)[-1])].endswith("deadband_pressure")
+    assert drawn.numbers[int(np.flatnonzero(moved)[-1])].endswith("deadband_pressure")
     with pytest.raises(InputError, match="directions must be of 11 numbers"):
         draw(members, weights, np.ones((1, 3)), region)
     with pytest.raises(InputError, match="the fit determines too little"):
@@ -168,17 +166,13 @@ def test_the_sample_is_seeded_and_spreads_as_it_was_told(golden: MuscleCard) -> 
 
 @pytest.mark.slow
 def test_the_muscles_of_the_sample_are_asked_at_once(golden: MuscleCard) -> None:
-    muscles, safe = golden.sample, golden.safe_sample()
+    muscles = golden.sample
     assert muscles is not None
-    assert safe is not None
     forces = eqx.filter_vmap(lambda one: one.force(0.28, 4e5))(muscles)
-    np.testing.assert_allclose(
-        eqx.filter_vmap(lambda one: one.force(0.28, 4e5))(safe), forces, rtol=1e-10
-    )
     assert len(set(np.asarray(forces).tolist())) == 3
     # Of two members the first is drawn, and the pull moves by as much as its own does.
     assert golden.draws is not None
-    row = flatten(golden.members[0])[1](golden.draws.rows[0])
+    row = flatten(golden.members[0])[1](np.array(golden.draws.rows[0]))
     shift = row.force(0.28, 4e5) - golden.members[0].force(0.28, 4e5)
     np.testing.assert_allclose(forces[0], golden.muscle.force(0.28, 4e5) + shift, rtol=1e-9)
 
@@ -230,4 +224,4 @@ def test_a_cut_card_pulls_the_same_at_the_same_contraction() -> None:
     with pytest.raises(InputError, match="rest length must be > 0"):
         card.cut(-1.0)
     document = card_as_document(short)
-    assert card_from_document(checked(msgspec.to_builtins(document))).name == "DMSP-10"
+    assert card_from_document(document).name == "DMSP-10"

@@ -55,8 +55,6 @@ def test_the_supply_is_reached_in_the_time_of_the_quarter_circle() -> None:
     sonic = V * (b * up - ATMOSPHERE) / (SPEED * up)
     whole = LINE.fill(tank, 0.0, 6e5)
     assert float(whole.time) == pytest.approx(sonic + V * (1 - b) * np.pi / 2 / SPEED, rel=CLOSED)
-    stays = LINE.filling(tank, 0.0, 2 * whole.time)
-    assert (float(stays.pressure), int(stays.code)) == (6e5, Outcome.FEASIBLE)
 
 
 @pytest.mark.slow
@@ -75,18 +73,6 @@ def test_a_muscle_against_small_steps(festo: famjax.Muscle, held: str, filling: 
     V = make_interp_spline(np.asarray(grid), table, k=5)
     steps = _stepped(LINE, lambda P: (V(P), V.derivative()(P)), start, filling=filling, until=until)
     assert float(steps(float(passage.time))[0]) == pytest.approx(end, rel=STEPPED)
-    times = np.linspace(0.0, float(passage.time), 9)
-    found = (LINE.filling if filling else LINE.venting)(volume, start, times)
-    np.testing.assert_allclose(found.pressure, steps(times)[0], rtol=STEPPED)
-    assert not np.any(found.code)
-
-
-def test_pressure_is_the_inverse_of_time() -> None:
-    P = np.linspace(0.0, 5.99e5, 25)
-    back = LINE.filling(tank, 0.0, LINE.fill(tank, 0.0, P).time)
-    np.testing.assert_allclose(back.pressure, P, atol=1e-6)  # Pa
-    back = LINE.venting(tank, 5.99e5, LINE.vent(tank, 5.99e5, P).time)
-    np.testing.assert_allclose(back.pressure, P, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -116,9 +102,8 @@ def carrying(pressure: jax.Array) -> jax.Array:
 
 
 def test_without_an_equilibrium_the_other_times_are_known() -> None:
-    falling = LINE.venting(carrying, 5e5, np.array([0.0, 0.2, 60.0, -1.0]))
-    assert falling.code.tolist() == [0, 0, Outcome.NO_STATE, Outcome.NO_STATE]
-    assert int(LINE.vent(carrying, 5e5, 1e5).code) == Outcome.NO_STATE
+    falling = LINE.vent(carrying, 5e5, np.array([5e5, 3e5, 1e5]))
+    assert falling.code.tolist() == [0, 0, Outcome.NO_STATE]
 
     def total(conductance: jax.Array) -> jax.Array:
         line = AirLine(conductance, 6e5, critical_ratio=0.35)
@@ -135,14 +120,6 @@ def test_derivatives() -> None:
 
     check_grads(
         jax.jit(time), (jnp.array([2.0, 1.0, 0.35, 1.2, 5.0]),), order=1, atol=1e-5, rtol=1e-5
-    )
-
-    def pressure(x: jax.Array) -> jax.Array:
-        line = AirLine(x[0] * 1e-9, 6e5, x[1], x[2])
-        return line.venting(lambda P: TANK * (1 + P / 1e6), 5e5, x[3]).pressure / 1e5
-
-    check_grads(
-        jax.jit(pressure), (jnp.array([2.0, 0.35, 1.2, 0.5]),), order=1, atol=1e-5, rtol=1e-5
     )
 
 

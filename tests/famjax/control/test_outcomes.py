@@ -19,7 +19,7 @@ def test_codes_to_words_in_one_call() -> None:
     ]
     assert Outcome.words(jnp.array(2)) == "FORCE_HIGH"
     assert Outcome.words(2, messages=True) == f"FORCE_HIGH: {Outcome.FORCE_HIGH.message}"
-    assert str(Outcome.SLACK).startswith("SLACK: a muscle does not reach the least pull")
+    assert str(Outcome.SLACK).startswith("SLACK: a muscle is too short for the least pull")
     with pytest.raises(ValueError, match="99"):
         Outcome.words([0, 99])
 
@@ -60,7 +60,7 @@ def test_an_angle_beyond_the_joint_has_an_outcome_of_its_own(festo: famjax.Muscl
 
 @pytest.mark.parametrize(
     ("outcome", "do"),
-    [("STIFFNESS_LOW", "stiffness_range"), ("STIFFNESS_HIGH", "raise the highest pressure"),
+    [("STIFFNESS_LOW", "stiffness_range"), ("STIFFNESS_HIGH", "stiffness_range"),
      ("NO_STATE", "muscle.length_range()"), ("BEYOND_ANGLES", "Antagonist.angles")],
 )  # fmt: skip
 def test_messages_say_what_to_do(outcome: str, do: str) -> None:

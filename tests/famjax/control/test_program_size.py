@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax.control import Antagonist, Pulley, antagonist
+from famjax.control import Antagonist, Pulley, pair as room
 from famjax.muscle import AbstractMuscle, MeanMuscle
 
 LIMITS = {"_stiffness": 2, "_torque_range": 1, "_stiffness_range": 8, "_pressures_for": 14}
@@ -45,7 +45,7 @@ def test_copies_of_the_force(name: str) -> None:
     asked = ASKED.get(name, (0.1, 9.0, 0.5)[: 2 if name == "_stiffness_range" else 3])
 
     def answer(numbers: object, *given: jax.Array) -> list[jax.Array]:
-        found = getattr(antagonist, name)(eqx.combine(numbers, rest), *given)
+        found = getattr(room, name)(eqx.combine(numbers, rest), *given)
         return [jnp.asarray(leaf) for leaf in jax.tree.leaves(found)]
 
     text = jax.jit(answer).lower(numbers, *(jnp.asarray(one) for one in asked)).as_text()

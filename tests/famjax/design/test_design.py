@@ -14,8 +14,6 @@ from famjax.design import (
     fam_angle,
     feasibility,
     load_catalogue,
-    safety_factor,
-    thread_strength_margin,
 )
 
 INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
@@ -136,18 +134,6 @@ def test_the_usable_contraction_can_be_differentiated():
         return combination.usable_contraction(pressure * PSI, material)
 
     jax.test_util.check_grads(usable, (40.0,), order=1, modes=["fwd", "rev"], rtol=1e-6)
-
-
-def test_threads_break_at_a_margin_of_one():
-    """144 threads of 59.3 lbf, unpressurised at 69.73 deg, hold n T sin(theta)."""
-    at = {"n_threads": 144, "breaking_load": 59.3}
-    theta = math.radians(69.73)
-    holds = 144 * 59.3 * math.sin(theta)
-    assert thread_strength_margin(holds, 0.0, 0.5, theta, **at) == pytest.approx(1.0)
-    assert thread_strength_margin(holds / 2, 0.0, 0.5, theta, **at) == pytest.approx(2.0)
-    # FAM 3 burst at 280 psi and works at 100; FAM 2 broke at 2147 lbf and pulls 1029.
-    assert safety_factor(280.0, 100.0) == pytest.approx(2.8)
-    assert safety_factor(2147.0, 1029.0) == pytest.approx(2.0865, rel=1e-4)
 
 
 def test_the_braid_jams_at_its_largest_diameter_and_not_before():

@@ -16,13 +16,14 @@ def test_entries_are_read_in_any_known_unit():
 @pytest.mark.parametrize(
     ("entries", "message"),
     [
-        (["force=1"], "unknown requirement 'force=1'; known are pressure_Pa"),
-        (["force_bar=1"], "unknown requirement"),
+        (["force=1"], "force has no unit.*one of force_N"),
+        (["force_bar=1"], "unknown unit 'bar'"),
         (["pressure_psi=much"], "'much' is not a number"),
-        (["pressure_psi"], "'' is not a number"),
+        (["pressure_psi"], "must read name=value"),
         (["pressure_psi=nan"], "finite"),
         (["pressure_psi=1", "pressure_bar=1"], "pressure is given twice"),
-        (["force_N=1"], "needs the pressure"),
+        (["force_N=1"], "pressure_<unit> is missing"),
+        (["pressure_psi=1", "width_mm=3"], "unknown key 'width_mm'; known are pressure"),
     ],
 )
 def test_a_wrong_entry_is_refused(entries, message):

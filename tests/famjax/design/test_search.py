@@ -134,8 +134,8 @@ def test_a_finer_grid_comes_near_to_what_is_refined():
     assert coarse.refined["air"] > 0.97 * best  # 141 steps an axis
 
 
-def test_margins_of_threads_and_tubes_are_by_hand():
-    asked = dataclasses.replace(ASKED, thread_factor=5.0, tube_factor=3.0)
+def test_margins_of_threads_are_by_hand():
+    asked = dataclasses.replace(ASKED, thread_factor=5.0)
     found = found_with(asked)
     assert found.left_out == {"braid": 21, "end_fitting": 13, "untested": 7}
     at = found.feasible
@@ -145,10 +145,7 @@ def test_margins_of_threads_and_tubes_are_by_hand():
     tension = carried / (144 * np.sin(columns["braid_angle"]))
     np.testing.assert_allclose(columns["thread_factor"], 59.3 * LBF / tension, rtol=1e-12)
     assert {pair.tube for pair in found.pairs} == {"tube 1 in x 0.065 in"}
-    holds = math.pi * 0.065 * (1 - 0.065) * INCH**2 * 276e6
-    np.testing.assert_allclose(columns["tube_factor"], holds / columns["blocked_force"], rtol=1e-12)
     assert columns["thread_factor"].min() >= 5
-    assert columns["tube_factor"].min() >= 3
 
 
 def test_the_rubber_of_a_bladder_is_the_catalogues_where_it_is_known():
@@ -259,10 +256,6 @@ def test_an_impossible_requirement_is_refused(change, message):
         ({"objectives": ("air", "air")}, "each once"),
         ({"about": 0}, "about must be >= 1"),
         (
-            {"requirement": dataclasses.replace(ASKED, tube_factor=2.0), "end_fittings": False},
-            "needs the end-fittings",
-        ),
-        (
             {"catalogue": dataclasses.replace(load_catalogue(), tubes=())},
             "no swage tubes: add",
         ),
@@ -271,12 +264,6 @@ def test_an_impossible_requirement_is_refused(change, message):
 def test_an_impossible_search_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         found_with(**change)
-
-
-def test_a_front_at_the_end_of_a_range_is_said():
-    notes = found_with(Requirement(100 * PSI, 400 * LBF)).notes
-    assert any("of the front has the least rest length of its range" in note for note in notes)
-    assert "yield stress of swage tubes is assumed" in notes[0]
 
 
 # --------------------------------------------------------------------------------------- the front

@@ -105,12 +105,13 @@ def test_parts_take_part_are_saved_and_predict(here: Path, capsys: pytest.Captur
     assert found["spring_rate"]["unit"] == "N/m"
     assert 0 < found["spring_rate"]["value"] < 5e3
     fit = "famjax-fit/fit.json"
-    assert run("predict", fit, "--length", "270mm", "--pressure", "5bar", "--json") == 0
+    asked = ("--length", "270mm", "--pressure", "5bar", "--json", "--own", "own_parts_here")
+    assert run("predict", fit, *asked) == 0
     force = json.loads(capsys.readouterr().out)[0]["force_N"]
-    assert run("card", fit) == 0
+    assert run("card", fit, "--own", "own_parts_here") == 0
     capsys.readouterr()
     card = "famjax-fit/card.json"
-    assert run("predict", card, "--length", "270mm", "--pressure", "5bar", "--json") == 0
+    assert run("predict", card, *asked) == 0
     assert json.loads(capsys.readouterr().out)[0]["force_N"] == pytest.approx(force, rel=1e-9)
 
 

@@ -1,6 +1,7 @@
 """How long a muscle takes to fill and to vent through an orifice, by ISO 6358."""
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,8 +10,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._arrays import Given, Real, RealArray, as_number, as_real, at_each, compiled
-from .crossing import bracketed
-from .outcome import Answer, Outcome
+from ..boundary.errors import InputError
+from ..muscle import AbstractMuscle
+from .inverse import Answer, Outcome
 
 Volume = Callable[[RealArray], RealArray]
 """Volume of gas [m3] over gauge pressure [Pa]: a `HeldLength`, a `HeldLoad`, a function of your own."""
@@ -30,18 +32,6 @@ class Passage(Answer):
     """
 
     time: RealArray
-    code: Int[Array, "..."]
-
-
-class LinePressure(Answer):
-    """The pressure at a time, of the broadcast shape of what was asked.
-
-    Attributes:
-        pressure: gauge pressure [Pa]; nan where it is not known.
-        code: an `Outcome`: FEASIBLE, BEYOND_LINE or NO_STATE.
-    """
-
-    pressure: RealArray
     code: Int[Array, "..."]
 
 
@@ -118,23 +108,6 @@ class AirLine(eqx.Module):
         """
         return _passage(self, volume, as_real(start), as_real(end), False)
 
-    def filling(self, volume: Volume, start: Real, time: Real) -> LinePressure:
-        """Gauge pressure [Pa] a time [s] after filling began: the inverse of `fill`.
-
-        Args:
-            volume: as for `fill`.
-            start: gauge pressure [Pa] at time 0, below the supply.
-            time: [s], >= 0; the pressure stays at the supply once it is there.
-
-        Returns:
-            The pressure with its code, of broadcast shape. Differentiable.
-        """
-        return _after(self, volume, as_real(start), as_real(time), True)
-
-    def venting(self, volume: Volume, start: Real, time: Real) -> LinePressure:
-        """Gauge pressure [Pa] a time [s] after venting began: the inverse of `vent`."""
-        return _after(self, volume, as_real(start), as_real(time), False)
-
 
 class _Sweep(eqx.Module):
     """The way of the pressure, by a coordinate u: below 0 the flow is sonic, above it subsonic.
@@ -152,11 +125,6 @@ class _Sweep(eqx.Module):
         """The absolute pressure [Pa] that is held: of the supply or of the atmosphere."""
         return self.line.atmosphere + (self.line.supply if self.filling else 0.0)
 
-    @property
-    def last(self) -> RealArray:
-        """Coordinate u where the flow ends."""
-        return jnp.full_like(self._far, 0.5 * np.pi)
-
     def coordinate(self, pressure: RealArray) -> RealArray:
         """Coordinate u at a gauge pressure [Pa], of any shape."""
         p, b = pressure + self.line.atmosphere, self.line.critical_ratio
@@ -165,7 +133,7 @@ class _Sweep(eqx.Module):
         above = (ratio - b) / (1 - b)
         # The end itself, with no derivative: the flow is zero there.
         inside = (above > 0) & (above < 1)
-        angle = jnp.where(inside, jnp.arcsin(jnp.where(inside, above, 0.0)), self.last)
+        angle = jnp.where(inside, jnp.arcsin(jnp.where(inside, above, 0.0)), 0.5 * np.pi)
         return jnp.where(above > 0, angle, sonic)
 
     def pressure(self, u: RealArray) -> RealArray:
@@ -192,26 +160,19 @@ class _Sweep(eqx.Module):
         speed = REFERENCE_PRESSURE * jnp.sqrt(line.temperature / REFERENCE_TEMPERATURE)
         return capacity * jnp.where(u > 0, bend, 1.0) / (speed * line.conductance), known
 
-    def time(self, start: RealArray, end: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        """Time [s] from one u to another on the same side of 0, and whether it is known."""
-        half = 0.5 * (end - start)
-        at = start + half * (1 + jnp.asarray(_NODES, half.dtype))
-        rates, known = jax.vmap(self.rate)(at)
-        return half * jnp.sum(jnp.asarray(_WEIGHTS, half.dtype) * rates), jnp.all(known)
-
-    def panels(
-        self, start: RealArray, end: RealArray
-    ) -> tuple[Float[Array, " panels"], Float[Array, " panels"]]:
-        """Both ends of the panels of the quadrature, in order; none has 0 inside."""
+    def time(self, start: RealArray, end: RealArray) -> RealArray:
+        """Time [s] from one u to another; infinite where no volume is known."""
         even = jnp.linspace(0.0, 1.0, _PANELS + 1, dtype=start.dtype)
-        parts = [
-            side(start, 0.0) * (1 - even) + side(end, 0.0) * even
-            for side in (jnp.minimum, jnp.maximum)
-        ]
-        return (
-            jnp.concatenate([one[:-1] for one in parts]),
-            jnp.concatenate([one[1:] for one in parts]),
-        )
+        total = jnp.zeros_like(start)
+        for side in (jnp.minimum, jnp.maximum):  # no panel has 0 inside
+            low, high = side(start, 0.0), side(end, 0.0)
+            ends = low * (1 - even) + high * even
+            half = 0.5 * jnp.diff(ends)[:, None]
+            at = ends[:-1, None] + half * (1 + jnp.asarray(_NODES, half.dtype))
+            rates, known = jax.vmap(jax.vmap(self.rate))(at)
+            time = jnp.sum(half * jnp.asarray(_WEIGHTS, half.dtype) * rates)
+            total += jnp.where(jnp.all(known) | (low == high), time, jnp.inf)
+        return total
 
     def code(self, start: RealArray, end: RealArray, found: Bool[Array, ""]) -> Int[Array, ""]:
         """The code of a passage between two gauge pressures [Pa], whose time is known or not."""
@@ -221,9 +182,8 @@ class _Sweep(eqx.Module):
         else:
             inside = (start >= end) & (end >= 0)
         sound = (line.conductance > 0) & (b > 0) & (b < 1) & (line.exponent > 0)
-        known = sound & jnp.isfinite(start) & jnp.isfinite(end)
-        code = jnp.where(found | ~inside, Outcome.FEASIBLE, Outcome.NO_STATE)
-        code = jnp.where(inside, code, Outcome.BEYOND_LINE)
+        known = sound & jnp.isfinite(start) & jnp.isfinite(end) & (found | ~inside)
+        code = jnp.where(inside, Outcome.FEASIBLE, Outcome.BEYOND_LINE)
         return jnp.where(known, code, Outcome.NO_STATE)
 
 
@@ -234,46 +194,69 @@ def _passage(
     sweep = _Sweep(line, volume, filling)
 
     def one(start: RealArray, end: RealArray) -> Passage:
-        ends = sweep.panels(sweep.coordinate(start), sweep.coordinate(end))
-        times, known = jax.vmap(sweep.time)(*ends)
-        code = sweep.code(start, end, jnp.all(known | (times == 0)))
-        return Passage(jnp.where(code == Outcome.FEASIBLE, jnp.sum(times), jnp.nan), code)
+        time = sweep.time(sweep.coordinate(start), sweep.coordinate(end))
+        code = sweep.code(start, end, jnp.isfinite(time))
+        return Passage(jnp.where(code == Outcome.FEASIBLE, time, jnp.nan), code)
 
     return at_each(one, start, end)
 
 
-@compiled
-def _after(
-    line: AirLine, volume: Volume, start: RealArray, time: RealArray, filling: bool
-) -> LinePressure:
-    sweep = _Sweep(line, volume, filling)
-    target = line.supply if filling else jnp.zeros_like(line.supply)
+# --- the volume of gas
 
-    def one(start: RealArray, time: RealArray) -> LinePressure:
-        lows, highs = sweep.panels(sweep.coordinate(start), sweep.last)
-        parts, known = jax.vmap(sweep.time)(lows, highs)
-        times = jnp.concatenate([jnp.zeros_like(parts[:1]), jnp.cumsum(parts)])
-        held = jax.lax.stop_gradient(times)
-        so_far = jnp.cumprod(known | (parts == 0)).astype(bool)
-        within = (held[:-1] <= time) & (time <= held[1:]) & so_far
-        # Of panels without a length the last: the others have no pressure of their own.
-        k = within.size - 1 - jnp.argmax(within[::-1])
-        some = jnp.any(within)
 
-        def residual(u: RealArray) -> RealArray:
-            return (times[k] + sweep.time(lows[k], u)[0] - time) / scale
+def fluid_volume(muscle: Any, length: Real, pressure: Real) -> RealArray:
+    """Volume of fluid [m3] in a muscle: within the braid's outline, less the rubber.
 
-        scale = jnp.where(some & (held[k + 1] > held[k]), held[k + 1] - held[k], 1.0)
-        low, high = ((held[j] - jax.lax.stop_gradient(time)) / scale for j in (k, k + 1))
-        u = bracketed(
-            residual,
-            (lows[k], jnp.where(some, low, 0.0)),
-            (highs[k], jnp.where(some, high, 0.0)),
+    Args:
+        muscle: with a `volume` of its own, as a `famjax.SafeMuscle`, or with a geometry.
+        length: active length L [m].
+        pressure: gauge pressure P [Pa].
+
+    Returns:
+        V [m3], broadcast shape; nan where the muscle has no state.
+
+    Raises:
+        InputError: the model has no geometry, as those of other authors.
+    """
+    if not hasattr(muscle, "volume"):
+        raise InputError(
+            f"a fluid volume needs a muscle with a geometry, got {type(muscle).__name__}: give a "
+            "function of the gauge pressure [Pa] that returns the volume [m3] instead"
         )
-        over = (time > held[-1]) & so_far[-1]
-        pressure = jnp.where(over, target, sweep.pressure(u))
-        code = sweep.code(start, target, some | over)
-        code = jnp.where(time >= 0, code, Outcome.NO_STATE)
-        return LinePressure(jnp.where(code == Outcome.FEASIBLE, pressure, jnp.nan), code)
+    return muscle.volume(length, pressure)
 
-    return at_each(one, start, time)
+
+class HeldLength(eqx.Module):
+    """The volume of a muscle whose length is held: a function of the gauge pressure.
+
+    Attributes:
+        muscle: with a geometry.
+        length: active length L [m].
+    """
+
+    muscle: AbstractMuscle
+    length: Float[Given, ""] = eqx.field(converter=as_number)
+
+    def __call__(self, pressure: Real) -> RealArray:
+        """V [m3] at a gauge pressure P [Pa], of its shape."""
+        return fluid_volume(self.muscle, self.length, pressure)
+
+
+class HeldLoad(eqx.Module):
+    """The volume of a muscle that moves a constant load: a function of the gauge pressure.
+
+    The muscle is at every moment at the length at which it carries the load; the load's inertia is
+    neglected.
+
+    Attributes:
+        muscle: with a geometry.
+        load: [N].
+    """
+
+    muscle: AbstractMuscle
+    load: Float[Given, ""] = eqx.field(converter=as_number)
+
+    def __call__(self, pressure: Real) -> RealArray:
+        """V [m3] at a gauge pressure P [Pa], of its shape; nan where it does not carry the load."""
+        length = self.muscle.length_at_load(self.load, pressure, throw=False)
+        return fluid_volume(self.muscle, length, pressure)

@@ -1,0 +1,272 @@
+"""A muscle as plain data with the unit in every key, and back.
+
+A number says its unit where it is declared (`famjax.parameter`, `famjax.parameters.number`), and a
+field that is a part says its class: there is no table of classes, and one of a modeller's own has a
+card too.
+"""
+
+import dataclasses
+import functools
+import types
+import typing
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from .. import (
+    braids,
+    continuation,
+    geometries,
+    materials,
+    measured,
+    muscle,
+    profiles,
+    slip,
+    surfaces,
+    terms,
+)  # fmt: skip
+from .._arrays import as_number
+from ..boundary.class_path import Own, check_trusted, class_named, class_path
+from ..boundary.errors import InputError
+from ..muscle import Muscle
+from ..parameters import declaration
+
+_ROOMS = (
+    braids, geometries, materials, measured, muscle, continuation, profiles, surfaces, slip, terms,
+)  # fmt: skip
+_PLAIN = (bool, int, float, tuple[float, ...])
+
+
+class Form(NamedTuple):
+    """What the value of one entry must be.
+
+    Attributes:
+        field: name of the constructor's argument.
+        annotation: of a number; the base class of a part.
+        optional: None is a value too.
+        many: a list of parts.
+    """
+
+    field: str
+    annotation: Any
+    is_part: bool = False
+    optional: bool = False
+    many: bool = False
+
+
+Forms = dict[str, Form]
+"""Forms by the key of their entry, in the order of the constructor."""
+
+_MUSCLE: Forms = {
+    "geometry": Form("geometry", geometries.AbstractGeometry, is_part=True),
+    "material": Form("material", materials.AbstractMaterial, is_part=True),
+}
+_TERMS = Form("terms", terms.AbstractForceTerm, is_part=True, many=True)
+
+
+def muscle_as_dict(muscle: Muscle) -> dict[str, Any]:
+    """The muscle as JSON-ready data in SI, exact to the last digit.
+
+    Raises:
+        InputError: a part of the muscle has no card format, or a number in it is not finite.
+    """
+    return _written(muscle, "muscle")
+
+
+def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> Muscle:
+    """The muscle of a card. Numbers come in JAX's precision: enable float64 to have every digit.
+
+    Args:
+        card: from `muscle_as_dict`.
+        own: modules and classes that are trusted, such as `("my_rubber",)` or `(Gent,)`; no other
+            module than famjax's is imported.
+
+    Raises:
+        InputError: the card lacks an entry or has one too many, names a type that is not known or not
+            trusted, or holds what is no muscle.
+    """
+    return _read(card, Muscle, "muscle", own)
+
+
+def own_modules(card: Any) -> list[str]:
+    """Modules of the classes in a card that are not famjax's, in order."""
+    found = set()
+    for key, value in card.items() if isinstance(card, dict) else enumerate(card):
+        if isinstance(value, dict | list):
+            found.update(own_modules(value))
+        elif key == "type" and ":" in value:
+            found.add(value.partition(":")[0])
+    return sorted(found)
+
+
+@functools.cache
+def forms_of(cls: type) -> Forms:
+    """The entries of a class.
+
+    Raises:
+        InputError: a field that is neither a declared number nor a part.
+    """
+    found: Forms = {}
+    for field in dataclasses.fields(cls):
+        if not field.init or field.name.startswith("_"):
+            continue
+        spec = declaration(field)
+        if spec is not None and isinstance(spec.unit, str):
+            found[_key(field.name, spec.unit)] = Form(field.name, field.type)
+        elif spec is not None or field.type in _PLAIN:
+            found[field.name] = Form(field.name, field.type)
+        else:
+            found[field.name] = _part(cls, field.name, field.type)
+    return found
+
+
+def _key(name: str, unit: str) -> str:
+    """The key of a number: `rate_N_per_m` of N/m, `compliance_per_N` of 1/N."""
+    said = f"per_{unit[2:]}" if unit.startswith("1/") else unit.replace("/", "_per_")
+    return f"{name}_{said}" if said else name
+
+
+def _part(cls: type, name: str, annotation: Any) -> Form:
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    optional = origin in {typing.Union, types.UnionType} and type(None) in arguments
+    many = origin is tuple
+    base = arguments[0] if optional or many else annotation
+    if not (isinstance(base, type) and issubclass(base, eqx.Module)):
+        raise InputError(
+            f"no card can hold the field {name!r} of {cls.__name__}: declare a number by "
+            "famjax.parameter or famjax.parameters.number with its unit, and a part by its class"
+        )
+    return Form(name, base, True, optional, many)
+
+
+def _muscle_forms(*, usual: bool) -> Forms:
+    """Of a muscle: its material and deadband, or its terms if it has others."""
+    if not usual:
+        return {"geometry": _MUSCLE["geometry"], "terms": _TERMS}
+    return _MUSCLE | forms_of(terms.PressurisedBraid)
+
+
+# --- to plain data
+
+
+def _written(part: Any, where: str) -> dict[str, Any]:
+    """A part as an object: its type and its fields."""
+    forms = forms_of(type(part))
+    if isinstance(part, Muscle):
+        usual = [terms.BladderWall, terms.PressurisedBraid]
+        forms = _muscle_forms(usual=[*map(type, part.terms.terms)] == usual)
+    card: dict[str, Any] = {"type": _type_written(type(part))}
+    for key, form in forms.items():
+        value, at = getattr(part, form.field), f"{where}.{form.field}"
+        if value is None and form.optional:
+            card[key] = None
+        elif form.many:
+            many = value.terms if isinstance(value, terms.SumOfTerms) else value
+            card[key] = [_written(one, f"{at}[{k}]") for k, one in enumerate(many)]
+        elif form.is_part:
+            card[key] = _written(value, at)
+        elif np.isfinite(np.asarray(value)).all():
+            card[key] = np.asarray(value).tolist()
+        else:
+            raise InputError(f"{at} must be finite to be written into a muscle card, got {value}")
+    return card
+
+
+def _type_written(cls: type) -> str:
+    """A class's own name, or `module:Class` if it is not famjax's."""
+    if _famjax_class(cls.__name__) is cls:
+        return cls.__name__
+    if "<locals>" in cls.__qualname__:
+        raise InputError(
+            f"{cls.__name__} is defined in a function, where no card finds it again: define the "
+            "class in a module"
+        )
+    return class_path(cls)
+
+
+# --- and back
+
+
+def _read(card: Any, base: type, where: str, own: Own) -> Any:
+    """The part of an object."""
+    if not isinstance(card, dict):
+        raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
+    cls = _type_read(card.get("type"), base, where, own)
+    forms = _muscle_forms(usual="terms" not in card) if cls is Muscle else forms_of(cls)
+    missing = [key for key in forms if key not in card]
+    unknown = [key for key in card if key not in forms and key != "type"]
+    if missing or unknown:
+        wrong = f"no entry {missing[0]!r}" if missing else f"the unknown entry {unknown[0]!r}"
+        raise InputError(
+            f"the muscle card has {wrong} in {where}; its entries are {', '.join(forms)}"
+        )
+    values = {}
+    for key, form in forms.items():
+        value, at = card[key], f"{where}.{form.field}"
+        if form.many and isinstance(value, list):
+            value = [_read(one, form.annotation, f"{at}[{k}]", own) for k, one in enumerate(value)]
+        elif form.many:
+            raise InputError(f"{at} of the muscle card must be a list, got {value!r}")
+        elif form.is_part and not (form.optional and value is None):
+            value = _read(value, form.annotation, at, own)
+        elif not form.is_part:
+            value = _number(value, form.annotation, at)
+        values[form.field] = value
+    try:
+        return cls(*values.values()) if cls is Muscle else cls(**values)
+    except (ValueError, RuntimeError) as error:  # RuntimeError: of a check on traced values
+        raise InputError(f"{where} of the muscle card is no {cls.__name__}: {error}") from None
+
+
+def _type_read(name: Any, base: type, where: str, own: Own) -> type:
+    """The class that a card names, among those that may stand there."""
+    if isinstance(name, str) and ":" in name:
+        what = f"type of {where} of the muscle card"
+        check_trusted(name, own, what)
+        return class_named(name, base, what)
+    found = _famjax_class(name) if isinstance(name, str) else None
+    if found is None or not issubclass(found, base):
+        classes = {one: _famjax_class(one) for room in _ROOMS for one in vars(room)}
+        known = sorted(one for one, cls in classes.items() if cls and issubclass(cls, base))
+        raise InputError(
+            f"{where} of the muscle card is of the unknown type {name!r}; known are "
+            f"{', '.join(known)}, and module:Class for one of your own"
+        )
+    return found
+
+
+def _famjax_class(name: str) -> type | None:
+    """The concrete class of that name in a room that a muscle is made of; no other is imported."""
+    if name.startswith("Abstract"):
+        return None
+    classes = (vars(room).get(name) for room in _ROOMS)
+    ours = {room.__name__ for room in _ROOMS}
+    return next((c for c in classes if isinstance(c, type) and c.__module__ in ours), None)
+
+
+def _number(value: Any, annotation: Any, where: str) -> Any:
+    """A truth value, whole number or array of numbers, as the field is annotated."""
+    if annotation in (bool, int):
+        if type(value) is not annotation:
+            raise InputError(
+                f"{where} of the muscle card must be of type {annotation.__name__}, got {value!r}"
+            )
+        return value
+    try:
+        numbers = np.asarray(value)
+    except ValueError:  # lists of unequal lengths
+        numbers = np.asarray(None)
+    if numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
+        raise InputError(f"{where} of the muscle card must hold finite numbers, got {value!r}")
+    if annotation in _PLAIN:
+        return tuple(numbers.astype(float).tolist()) if numbers.ndim else float(numbers)
+    axes = annotation.dim_str
+    shaped: Any = Float[np.ndarray, axes]
+    if not isinstance(numbers.astype(float), shaped):
+        raise InputError(
+            f"{where} of the muscle card must be numbers of shape ({axes.strip()}), got shape "
+            f"{numbers.shape}"
+        )
+    return as_number(numbers.astype(float))

@@ -1,0 +1,201 @@
+"""MuJoCo and MJX: callbacks for muscles, a step with muscles inside, and a load that hangs on one."""
+
+import ctypes
+import importlib.resources
+import inspect
+import math
+import pprint
+import re
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import quoteattr
+
+import jax
+import jax.numpy as jnp
+import msgspec
+
+from .._arrays import Real
+from ..boundary.errors import InputError
+from ..cards import card_as_document
+from ..cards.card import as_text
+from ..cards.parts import own_modules
+from ..muscle import AbstractMuscle
+from . import plain
+from .table import Subject
+
+if TYPE_CHECKING:
+    from mujoco import mjx
+
+_GRAVITY = 9.81
+_SHARE = 0.5, 2 / 3  # load in the blocked force, and its pressure in the highest
+
+
+class CompiledPull:
+    """The pull by the exported C in a shared library: a callback of little more than Python's cost.
+
+    Attributes:
+        force: F [N] at a length [m] and a gauge pressure [Pa].
+    """
+
+    def __init__(self, library: str | Path, name: str) -> None:
+        """The pull of a library, from such as `gcc -O2 -shared -fPIC NAME.c -o NAME.so`.
+
+        Args:
+            library: the file; compiled in double precision.
+            name: of the muscle in it.
+        """
+        self.force = getattr(ctypes.CDLL(str(Path(library).resolve())), f"{name}_force")
+        self.force.restype, self.force.argtypes = ctypes.c_double, [ctypes.c_double] * 2
+
+
+def install(
+    model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
+) -> None:
+    """Let MuJoCo ask muscles for the force of actuators; the control is the gauge pressure [Pa].
+
+    The length is the actuator's, that of its tendon. With `dyntype="filter"` the pressure is the
+    actuator's state. MuJoCo has one such callback in a process: a later call replaces it, and
+    `mujoco.set_mjcb_act_bias(None)` and `set_mjcb_act_gain(None)` take it away.
+
+    Args:
+        model: `mujoco.MjModel`; other models with actuators of user type must be installed anew.
+        pulls: the muscle, as anything with `force(length, pressure)`, of each actuator's name.
+        offsets: what an actuator's muscle is longer than its tendon [m], by its name; 0 unless given. A
+            tendon of `fixed` type has the length 0 where its joints do.
+    """
+    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
+
+    wanted = {model.actuator(name).id: pull.force for name, pull in pulls.items()}
+    added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
+    states = model.actuator_actadr.tolist()
+
+    def bias(_: Any, data: Any, number: int) -> float:
+        state = states[number]
+        pressure = data.ctrl[number] if state < 0 else data.act[state]
+        length = float(data.actuator_length[number]) + added.get(number, 0.0)
+        return -wanted[number](length, float(pressure))
+
+    mujoco.set_mjcb_act_gain(lambda *_: 0.0)
+    mujoco.set_mjcb_act_bias(bias)
+
+
+def mjx_step(
+    model: "mjx.Model",
+    data: "mjx.Data",
+    muscles: Mapping[int, tuple[AbstractMuscle, Real]],
+    offsets: Mapping[int, Real] | None = None,
+) -> "mjx.Data":
+    """One step of MJX with muscles, which pull at the lengths that their tendons have at its start.
+
+    It can be jitted, scanned, mapped, and differentiated by every number of the muscles. MJX takes
+    no user actuators: a muscle's is a motor of gain 1 on its tendon, without limits.
+
+    Args:
+        model: of MJX.
+        data: the state.
+        muscles: muscle and gauge pressure [Pa] by the number of the actuator.
+        offsets: what a muscle is longer than its tendon [m], by the same number; 0 unless given. A tendon
+            of `fixed` type has the length 0 where its joints do.
+
+    Returns:
+        The state after the step.
+    """
+    from mujoco import mjx  # noqa: PLC0415 -- an extra of the project
+
+    placed = mjx.tendon(model, mjx.com_pos(model, mjx.kinematics(model, data)))
+    control = jnp.asarray(data.ctrl)
+    for number, (muscle, pressure) in muscles.items():
+        tendon = placed.ten_length[int(model.actuator_trnid[number, 0])]
+        length = tendon + (offsets or {}).get(number, 0.0)
+        control = control.at[number].set(-muscle.force(length, pressure))
+    after = mjx.step(model, data.replace(ctrl=control))
+    # In float64 MJX widens integers of tendons, which a scan does not take.
+    return jax.tree.map(lambda new, old: new.astype(old.dtype), after, data)
+
+
+# --- files
+
+
+def mujoco_files(subject: Subject) -> dict[str, bytes]:
+    """`NAME.xml` with user actuators, and `NAME_mujoco.py`, which needs MuJoCo and nothing else."""
+    name = subject.identifier
+    limits = f'ctrllimited="true" ctrlrange="0 {subject.pull.pressure_limit!r}"'
+    module = filled("mujoco.py.in", {
+        "HEADING": docstring(subject.about_table),
+        "name": name,
+        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
+        "CALLBACK": f"{inspect.getsource(CompiledPull)}\n\n{inspect.getsource(install)}",
+        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
+    })  # fmt: skip
+    return {
+        f"{name}.xml": _hanging_load(subject, f'gaintype="user" biastype="user" {limits}'),
+        f"{name}_mujoco.py": module,
+    }
+
+
+def mjx_files(subject: Subject) -> dict[str, bytes]:
+    """`NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py` with the step; needs famjax.
+
+    Raises:
+        InputError: the muscle is not of a card.
+    """
+    if subject.card is None:
+        raise InputError(
+            "an MJX model takes its muscle from a card, and this one has none: call "
+            "famjax.export.mjx_step with the muscle itself"
+        )
+    name, document = subject.identifier, card_as_document(subject.card)
+    words = {
+        "HEADING": docstring(subject.about),
+        "name": name,
+        "OWN": own_modules(msgspec.to_builtins(document.members)),
+    }
+    motor = 'gainprm="1" biastype="none" ctrllimited="false"'
+    return {
+        f"{name}_mjx.xml": _hanging_load(subject, motor, pressure=False),
+        f"{name}_card.json": as_text(document).encode(),
+        f"{name}_mjx.py": filled("mjx.py.in", words),
+    }
+
+
+def _hanging_load(subject: Subject, actuator: str, *, pressure: bool = True) -> bytes:
+    """A load of half the blocked force on the muscle, with the equilibrium as a keyframe.
+
+    Args:
+        subject: the muscle.
+        actuator: attributes of the actuator, which is of the muscle's name.
+        pressure: whether the control is the pressure [Pa], or the motor's force [N].
+    """
+    pull = subject.pull
+    at = _SHARE[1] * pull.pressures[-1]
+    load = _SHARE[0] * pull.force(float(subject.muscle.rest_length), at)
+    length = float(subject.muscle.length_at_load(load, at))
+    return filled("hanging_load.xml", {
+        "MODEL": quoteattr(subject.name),
+        "ABOUT": quoteattr("; ".join(line.strip() for line in subject.about_table)),
+        "GRAVITY": _GRAVITY,
+        "LENGTH": length,
+        "MASS": load / _GRAVITY,
+        "DAMPING": 2 * math.sqrt(load / _GRAVITY * pull.stiffness(length, at)),  # critical
+        "name": subject.identifier,
+        "ACTUATOR": actuator,
+        "CONTROL": at if pressure else -load,
+    })  # fmt: skip
+
+
+def filled(template: str, values: Mapping[str, Any]) -> bytes:
+    """A file of the folder `templates` with its `@WORDS@` replaced.
+
+    Raises:
+        KeyError: a word that there is no value for.
+    """
+    room = importlib.resources.files(__name__.rpartition(".")[0]) / "templates"
+    text = (room / template).read_text(encoding="utf-8")
+    return re.sub(r"@(\w+)@", lambda found: str(values[found[1]]), text).encode()
+
+
+def docstring(lines: Iterable[str]) -> str:
+    """Lines that do not end a docstring of Python."""
+    return "\n".join(lines).replace("\\", "/").replace('"', "'")

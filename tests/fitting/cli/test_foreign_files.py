@@ -1,0 +1,100 @@
+"""A card, a fit or a series of somebody else runs no code: no module is imported that a file names."""
+
+import copy
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import famjax
+import fitting
+from famjax.__main__ import main
+from famjax.boundary.errors import InputError
+from famjax.cards import read_card
+from fitting.cli.problem import Problem
+
+SPY = """
+import pathlib
+import famjax
+from jaxtyping import Array, Float
+
+pathlib.Path("imported").write_text("")
+
+
+class Law(famjax.materials.AbstractHyperelastic):
+    shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
+
+    def energy(self, axial_stretch, hoop_stretch):
+        squares = axial_stretch**2 + hoop_stretch**2 + (axial_stretch * hoop_stretch) ** -2
+        return self.shear_modulus / 2 * (squares - 3)
+
+    initial_shear_modulus = property(lambda self: self.shear_modulus)
+"""
+LAW = {"type": "spy:Law", "shear_modulus_Pa": 2e5}
+GOLDEN = Path(__file__).parents[2] / "famjax" / "cards" / "golden" / "card-1.json"
+READINGS = {"length_m": [0.25, 0.3], "pressure_Pa": [1e5, 5e5], "force_N": [10.0, 400.0]}
+SERIES = {
+    "between_N": 1.0, "rest_lengths_m": [0.3, 0.2], "length_ratios": [0.8, 1.0],
+    "pressures_Pa": [1e5, 5e5],
+}  # fmt: skip
+
+
+def files() -> dict[str, Any]:
+    card = json.loads(GOLDEN.read_text()) | {"sample": None}
+    plain = card["members"][1]
+    foreign = copy.deepcopy(plain)
+    foreign["muscle"]["material"] = LAW
+    fit = {"schema": "famjax-fit/1", "data": {"readings": READINGS}}
+    return {
+        "card": card | {"members": [plain | {"weight": 1.0}, foreign | {"weight": 0.0}]},
+        "fit": fit | foreign,
+        "series": fit | plain | {"series": SERIES, "averaged_with": [foreign]},
+        "alike": fit | plain | {"alike": [foreign]},
+        "lengths": fit | plain | {"other_lengths": {"between_N": 1.0, "members": [foreign]}},
+        "problem": {**fit, **plain, "problem": {"asked": {"law": "spy:Law"}}},
+    }
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder that the command starts from, with a module that says when it is imported."""
+    (tmp_path / "spy.py").write_text(SPY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.delitem(sys.modules, "spy", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize("kind", files())
+def test_a_file_imports_nothing_unless_the_module_is_named(
+    kind: str, here: Path, capsys: pytest.CaptureFixture
+) -> None:
+    path = here / f"{kind}.json"
+    path.write_text(json.dumps(files()[kind]))
+    predict = ["predict", str(path), "--length", "270mm", "--pressure", "5bar"]
+    with pytest.raises(SystemExit) as stop:
+        main(["assess", str(path), "--validate"] if kind == "problem" else predict)
+    assert stop.value.code == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "'spy:Law', which is not famjax's" in said
+    assert "--own spy or own=('spy',) in Python" in said
+    assert "spy" not in sys.modules
+    assert not (here / "imported").exists()
+
+
+def test_a_module_that_is_named_is_imported(here: Path) -> None:
+    for kind, document in files().items():
+        (here / f"{kind}.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="not famjax's"):
+        read_card("card.json", own=("other", famjax.materials.YeohMaterial))
+    assert not (here / "imported").exists()
+    card = read_card("card.json", own=("spy",))
+    law = type(card.members[1].muscle.material)
+    assert (law.__module__, law.__name__) == ("spy", "Law")
+    assert (here / "imported").exists()
+    assert type(fitting.load_fit("fit.json", own=(law,)).muscle.material) is law
+    assert len(fitting.load_fit("series.json", own=("spy:Law",)).others) == 1
+    with pytest.raises(InputError, match="the law is 'spy:Law'"):  # whoever was imported before
+        Problem.read(files()["problem"])
