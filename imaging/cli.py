@@ -291,7 +291,7 @@ def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[st
     scale, stated = recipe.scale, "stated"
     ruler = scale.source == "ruler"
     value = f"{scale.px_per_m * size:.6g} +- {scale.stderr * size:.2g} px/{unit}"
-    rows = [("scale", value, "measured, by the ruler" if ruler else stated)]
+    rows: list[tuple[str, ...]] = [("scale", value, "measured, by the ruler" if ruler else stated)]
     by_arcs = "see each picture", "measured, by the arcs of the tapes' edges: say --distance"
     given = (f"{(recipe.distance or 0) / size:.5g} {unit}", stated)
     rows.append(("distance", *(by_arcs if recipe.distance is None else given)))

@@ -145,7 +145,8 @@ def _muscle_forms(*, usual: bool) -> Forms:
     """Of a muscle: its material and deadband, or its terms if it has others."""
     if not usual:
         return {"geometry": _MUSCLE["geometry"], "terms": _TERMS}
-    return _MUSCLE | forms_of(terms.PressurisedBraid)
+    usual_term: Any = terms.PressurisedBraid
+    return _MUSCLE | forms_of(usual_term)
 
 
 # --- to plain data
@@ -163,7 +164,7 @@ def _written(part: Any, where: str) -> dict[str, Any]:
         if value is None and form.optional:
             card[key] = None
         elif form.many:
-            many = value.terms if isinstance(value, terms.SumOfTerms) else value
+            many: Any = value.terms if isinstance(value, terms.SumOfTerms) else value
             card[key] = [_written(one, f"{at}[{k}]") for k, one in enumerate(many)]
         elif form.is_part:
             card[key] = _written(value, at)

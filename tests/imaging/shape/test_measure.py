@@ -340,7 +340,6 @@ def test_the_package_offers_it_lazily():
         ({"orientation": "diagonal"}, "orientation"),
         ({"distance": 0.0}, "distance"),
         ({"tape_hue": 400.0}, "tape_hue"),
-        ({"blur_px": -1.0}, "blur_px"),
         ({"resolution_px": 2.0}, "resolution_px"),
         ({"crop_offset": (10.0, 10.0)}, "frame_size"),
     ],
