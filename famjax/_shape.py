@@ -27,8 +27,8 @@ from .braids.inextensible import AbstractBraid
 from .geometries.bladder import Bladder
 from .materials.abstract_material import AbstractMaterial
 
-MAX_STEPS = 30
-_PARTS = np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.0])  # of a Newton step
+MAX_STEPS = 16
+_PARTS = np.array([1.0, 0.5, 0.25, 0.1, 0.0])  # of a Newton step
 _NEAREST = 0.1  # part of its distance to a bound that a step must leave
 _STEEPEST = 0.7  # slope of the first guess at a fitting, in that of a meridian across the axis
 _STIFF = 1e6  # with which a reduced Hessian resists a change of the length
@@ -121,9 +121,6 @@ class Part(eqx.Module):
         far = self.bladder if other is None else other
         bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
         return Part(self.braid, bladder, self.material)
-
-
-_BLADDERS = Part(None, 0, None)  # type: ignore[arg-type] # the axis of `tapered` under vmap
 
 
 def _full(state: RealArray) -> RealArray:
@@ -244,9 +241,14 @@ class Balance(eqx.Module):
 
     def each(self, function: Callable[..., Any], y: Unknowns) -> list[Any]:
         """A function of (state, part, pressure) at the stations of every section."""
-        at = jax.vmap(function, (0, _BLADDERS, None))
-        return [at(state, part, self.pressure)
-                for state, part in zip(self.states(y), self.parts, strict=True)]  # fmt: skip
+
+        def at(part: Part, states: RealArray) -> Any:
+            def one(state: RealArray, bladder: Bladder) -> Any:
+                return function(state, Part(part.braid, bladder, part.material), self.pressure)
+
+            return jax.vmap(one)(states, part.bladder)
+
+        return [at(*pair) for pair in zip(self.parts, self.states(y), strict=True)]
 
     def guess(self) -> Unknowns:
         """Cylinders that are all equally shorter, rounded towards the fittings.
@@ -311,8 +313,8 @@ def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
     """Newton's step, and its matrix once p and e are eliminated at every station."""
     right = jnp.zeros_like(y[0]).at[-1].set(balance.length)
     matrix, back = jnp.zeros((right.size, right.size), right.dtype), []
-    for rule, (h, g) in zip(balance.rules, balance.each(_hessian, y), strict=True):
-        eliminated = []
+    for rule, (second, first) in zip(balance.rules, balance.each(_hessian, y), strict=True):
+        h, g, eliminated = second, first, []
         for k in range(g.shape[1] - 1, 2, -1):  # e, then p
             row, pivot = h[:, k], h[:, k, k, None]
             eliminated.append((row[:, :k], pivot[:, 0], g[:, k]))
@@ -358,6 +360,7 @@ class Point(eqx.Module):
     Attributes:
         size: of the last step.
         part: of Newton's step that was taken.
+        aim: pull to which a whole step would go, in the balance's scale.
         matrix: of that step.
         rooms: distances to the bounds before it; see `_room`.
         kept: whether a bore was left and the law known.
@@ -366,6 +369,7 @@ class Point(eqx.Module):
 
     size: RealArray
     part: RealArray
+    aim: RealArray
     matrix: Matrix
     rooms: Float[Array, "stations 3"]
     kept: Bool[Array, ""]
@@ -388,7 +392,8 @@ class GuardedNewton(optx.AbstractRootFinder):
         far = jnp.full((), jnp.inf, y[0].dtype)
         rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
         matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
-        return Point(far, jnp.ones_like(far), matrix, rooms, jnp.asarray(True), y)
+        one = jnp.ones_like(far)
+        return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
 
     def step(self, fn, y, args, options, state, tags):
         del fn, options, tags
@@ -402,7 +407,8 @@ class GuardedNewton(optx.AbstractRootFinder):
         allowed = kept & jnp.all(rooms > _NEAREST * rooms[-1], axis=(1, 2)) & kept[-1]
         part = parts[jnp.argmax(allowed.at[-1].set(True))]  # the last part is 0
         size = self.norm(step[0])
-        return moved(part), Point(size, part, matrix, rooms[-1], kept[-1], state.first), None
+        aim = y[0][-1] + step[0][-1]
+        return moved(part), Point(size, part, aim, matrix, rooms[-1], kept[-1], state.first), None
 
     def terminate(self, fn, y, args, options, state, tags):
         del fn, args, options, tags

@@ -35,7 +35,7 @@ REASONS = (
 
 _RULE = np.polynomial.legendre.leggauss(16)
 _PROBE = 0.1  # strain at which a law's stress gives the scale of forces
-_TILTED, _SLACK, _ROUND = 0.3, 0.05, 0.02
+_TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
 
 
 class Section(Parametrised):
@@ -163,8 +163,8 @@ class EquilibriumMuscle(AbstractMuscle):
             None if other_end_diameter is None else as_real(other_end_diameter)
         )
         self.sections = tuple(sections)
-        self.modes = _modes_for(self) if modes is None else modes
         _check(self)
+        self.modes = _modes_for(self) if modes is None else modes
 
     @property
     def rest_length(self) -> RealArray:
@@ -344,10 +344,11 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
     inner = solved.last[1]
     across = jnp.stack([inner[0][0, 0], inner[-1][-1, 0]])
     along = jnp.stack([rooms[0, 1], rooms[-1, 1]])
+    pushed = balance.pressure * jnp.pi * jnp.mean(rooms[:, 0] ** 2)
     why = jnp.select(
         [
             ~kept,
-            jnp.mean(rooms[:, 1]) < _SLACK * balance.force_scale,
+            pushed + solved.point.aim * balance.force_scale < _SLACK * pushed,
             jnp.min(along / jnp.hypot(along, across)) < _TILTED,
             jnp.min(rooms[:, 2]) < _ROUND * jnp.max(rooms[:, 2]),
         ],

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from scipy.integrate import solve_bvp
-from scipy.optimize import brentq, fsolve
+from scipy.optimize import brentq
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 _U, _W = (_NODES + 1) / 2, _WEIGHTS / 2
@@ -24,7 +24,7 @@ class Specimen:
     E: tuple[float, ...] = (257.8, -57.9, 32.7)
 
     @property
-    def V(self) -> float:
+    def rubber(self) -> float:
         return np.pi * (self.D0 - self.t0) * self.t0 * self.L0
 
     def lam(self, r: np.ndarray) -> np.ndarray:
@@ -35,7 +35,7 @@ class Specimen:
 
     def strains(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lam, R = self.lam(r), r - self.braid
-        middle = (R + np.sqrt(R**2 - self.V / (np.pi * lam))) / 2
+        middle = (R + np.sqrt(R**2 - self.rubber / (np.pi * lam))) / 2
         return lam / self.L0 - 1, middle / ((self.D0 - self.t0) / 2) - 1
 
     def w(self, r: np.ndarray) -> np.ndarray:
@@ -43,17 +43,17 @@ class Specimen:
         total = 0.0
         for e in self.strains(r):
             at = e[..., None] * _U
-            total = total + self.V * e * ((self.sigma(at) / (1 + at)) @ _W)
+            total = total + self.rubber * e * ((self.sigma(at) / (1 + at)) @ _W)
         return total
 
     def dw(self, r: np.ndarray) -> np.ndarray:
         lam, R = self.lam(r), r - self.braid
         dlam = -((2 * np.pi * self.N) ** 2) * r / lam
-        root = np.sqrt(R**2 - self.V / (np.pi * lam))
-        droot = (2 * R + self.V * dlam / (np.pi * lam**2)) / (2 * root)
+        root = np.sqrt(R**2 - self.rubber / (np.pi * lam))
+        droot = (2 * R + self.rubber * dlam / (np.pi * lam**2)) / (2 * root)
         rates = dlam / self.L0, (1 + droot) / (self.D0 - self.t0)
         return sum(
-            self.V * self.sigma(e) / (1 + e) * rate
+            self.rubber * self.sigma(e) / (1 + e) * rate
             for e, rate in zip(self.strains(r), rates, strict=True)
         )
 
@@ -99,26 +99,37 @@ def boundary_values(one: Specimen, L: float, P: float, r: np.ndarray, F: float) 
 def shooting(one: Specimen, L: float, P: float) -> tuple[float, float]:
     """Pull and radius in the middle by the first integral C = m lam^2 / z' - w."""
 
-    def halves(rc: float, log_gap: float) -> tuple[float, float, float]:
+    nodes, weights = np.polynomial.legendre.leggauss(100)
+
+    @np.errstate(invalid="ignore", divide="ignore")
+    def halves(rc: float, log_gap: float) -> tuple[float, float]:
+        """Z and z of half the muscle, if its middle is a little narrower than the cylinder."""
         F, gap = float(one.cylinder_pull(np.array(rc), P)), np.exp(log_gap)
         middle = rc - gap
         C = (P * np.pi * middle**2 + F) * one.lam(middle) - one.w(np.array(middle))
         most = np.arccosh(1 + (middle - one.end / 2) / gap)
-        nodes, weights = np.polynomial.legendre.leggauss(400)
         y, dy = most * (nodes + 1) / 2, most * weights / 2
         r = middle - gap * (np.cosh(y) - 1)
         rise = (P * np.pi * r**2 + F) * one.lam(r) ** 2 / (C + one.w(r))
         slope = np.sqrt((one.lam(r) - rise) * (one.lam(r) + rise))
         dZ = gap * np.sinh(y) / slope * dy
-        return float(np.sum(dZ)), float(np.sum(rise * dZ)), F
+        return float(np.sum(dZ)), float(np.sum(rise * dZ))
 
-    def off(x: np.ndarray) -> list[float]:
-        half, length, _ = halves(*x)
-        return [half - 0.5, 2 * length / L - 1]
+    def gap_of(rc: float) -> float:
+        # The smaller the gap, the longer the part that is almost a cylinder.
+        wide = next((x for x in np.arange(-2.5, -14, -0.25) if halves(rc, x)[0] > 0.5), np.nan)
+        if np.isnan(wide):
+            return np.nan
+        return brentq(lambda x: halves(rc, x)[0] - 0.5, wide, wide + 0.25, xtol=1e-12)
 
-    x, _, good, why = fsolve(off, [long_muscle(one, L, P)[1], -5.0], full_output=True, xtol=1e-12)
-    assert good == 1, why
-    return halves(*x)[2], x[0] - np.exp(x[1])
+    def off(rc: float) -> float:
+        return 2 * halves(rc, gap_of(rc))[1] - L
+
+    radii = long_muscle(one, L, P)[1] * np.linspace(0.996, 1.004, 17)
+    after = np.array([off(rc) for rc in radii])
+    (at,) = np.flatnonzero((after[:-1] > 0) & (after[1:] <= 0))
+    rc = brentq(off, radii[at], radii[at + 1], xtol=1e-13)
+    return float(one.cylinder_pull(np.array(rc), P)), rc - np.exp(gap_of(rc))
 
 
 def long_muscle(one: Specimen, L: float, P: float) -> tuple[float, float]:
@@ -134,8 +145,8 @@ def long_muscle(one: Specimen, L: float, P: float) -> tuple[float, float]:
 
     # The cylinder that is as long is a little too narrow; narrow ones are no saddles.
     narrow = one.B * np.sqrt(1 - (L / one.B) ** 2) / (2 * np.pi * one.N)
-    radii = narrow * np.linspace(1.0005, 1.1, 200)
-    with np.errstate(invalid="ignore"):
+    radii = narrow * np.linspace(1.0, 1.4, 400)
+    with np.errstate(invalid="ignore", divide="ignore"):
         after = next(i for i, r in enumerate(radii) if length(r) < L)
     rc = brentq(lambda r: length(r) - L, radii[after - 1], radii[after], xtol=1e-14)
     return float(one.cylinder_pull(np.array(rc), P)), rc
