@@ -166,7 +166,7 @@ def _room(
     return jnp.stack([radius, pressure * jnp.pi * radius**2 + force, squared]), fits & known
 
 
-Unknowns = tuple[Float[Array, " modes"], tuple[Float[Array, "stations inner"], ...]]
+Unknowns = tuple[Float[Array, " modes"], tuple[Float[Array, "_ _"], ...]]
 """Modes of the radius and the pull, of order one; p and e at the stations of every section."""
 
 
@@ -371,7 +371,7 @@ class Point(eqx.Module):
     part: RealArray
     aim: RealArray
     matrix: Matrix
-    rooms: Float[Array, "stations 3"]
+    rooms: Float[Array, "_ 3"]
     kept: Bool[Array, ""]
     first: Unknowns
 
