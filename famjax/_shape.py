@@ -22,10 +22,10 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
-from ._types import RealArray
-from .braids.inextensible import AbstractBraid
-from .geometries.bladder import Bladder
-from .materials.abstract_material import AbstractMaterial
+from ._arrays import RealArray
+from .braids import AbstractBraid
+from .geometries import Bladder
+from .materials import AbstractMaterial
 
 MAX_STEPS = 16
 _PARTS = np.array([1.0, 0.5, 0.25, 0.1, 0.0])  # of a Newton step

@@ -9,15 +9,14 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
-from ._each import at_each
+from ._arrays import Given, Real, RealArray, as_real, at_each
 from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
-from ._types import Given, Real, RealArray, as_real
 from .boundary.errors import InputError
-from .braids.inextensible import AbstractBraid
+from .braids import AbstractBraid
 from .compile_options import quick_jit
-from .geometries.bladder import Bladder
-from .materials.abstract_material import AbstractMaterial
-from .muscle.abstract_muscle import AbstractMuscle
+from .geometries import Bladder
+from .materials import AbstractMaterial
+from .muscle import AbstractMuscle
 from .parameters import Parametrised, parameter
 
 FOUND, BEYOND, OVERHANG, COMPRESSION, LOCKED, UNKNOWN, UNSTABLE, LOST = range(8)
