@@ -275,17 +275,17 @@ def _check(muscle: EquilibriumMuscle) -> None:
             value = getattr(one, name)
             if not isinstance(value, Tracer) and not float(value) > 0:
                 raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
-    fitted = zip(
-        jnp.atleast_1d(2 * _ends(muscle)), (_parts(muscle)[0], _parts(muscle)[-1]), strict=True
-    )
-    for diameter, (_, part) in fitted:
-        reach = part.braid.rest_thread_length / (jnp.pi * part.braid.turns)
-        if isinstance(diameter * reach, Tracer):
+    other = muscle.other_end_diameter
+    ends = muscle.end_diameter, muscle.end_diameter if other is None else other
+    for diameter, (_, part) in zip(ends, (_parts(muscle)[0], _parts(muscle)[-1]), strict=True):
+        numbers = diameter, part.braid.rest_thread_length, part.braid.turns
+        if any(isinstance(one, Tracer) for one in numbers):
             continue
-        if not 0 < float(diameter) < float(reach):
+        given, thread, turns = map(float, numbers)
+        if not 0 < given < thread / (np.pi * turns):
             raise InputError(
-                f"an end diameter must be > 0 and less than the {float(reach):.4g} m at which the "
-                f"threads run around the muscle, got {float(diameter):.4g} m"
+                f"an end diameter must be > 0 and less than the {thread / (np.pi * turns):.4g} m at "
+                f"which the threads run around the muscle, got {given:.4g} m"
             )
 
 

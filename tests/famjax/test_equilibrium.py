@@ -176,7 +176,7 @@ def test_a_short_tapered_unequal_muscle_of_sections() -> None:
     at = np.array([2.2, 2.4, 2.6]), 80.0
     np.testing.assert_allclose(made.force(*at), finer.force(*at), rtol=1e-4)
     z, r = (np.asarray(one) for one in (made.profile(*at).position, made.profile(*at).radius))
-    assert np.all(np.diff(z) >= 0)
+    assert np.all(np.diff(z) >= -1e-9)  # the border of the sections stands there twice
     np.testing.assert_allclose(z[:, -1], at[0], rtol=1e-9)
     np.testing.assert_allclose(r[:, [0, -1]], [[0.43, 0.475]] * 3, rtol=1e-12)
 
