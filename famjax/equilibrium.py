@@ -16,7 +16,7 @@ from .braids import AbstractBraid
 from .compile_options import quick_jit
 from .geometries import Bladder
 from .materials import AbstractMaterial
-from .muscle import AbstractMuscle
+from .muscle import AbstractMuscle, required
 from .parameters import Parametrised, parameter
 
 FOUND, BEYOND, OVERHANG, COMPRESSION, LOCKED, UNKNOWN, UNSTABLE, LOST = range(8)
@@ -226,16 +226,17 @@ class EquilibriumMuscle(AbstractMuscle):
         """Why there is no state at this length [m] and pressure [Pa], in words; "" if there is one."""
         return REASONS[int(self.state(length, pressure).code)]
 
-    def balanced_length(
-        self, load: RealArray, pressure: RealArray
-    ) -> tuple[RealArray, Bool[Array, ""]]:
-        """The length [m] at a scalar load [N] and pressure [Pa], and whether there is one.
+    def blocked_force(self, pressure: Real) -> RealArray:
+        """Blocked force [N], the pull at zero contraction and gauge pressure P [Pa]."""
+        return self.force(self.rest_length, pressure)
+
+    def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
+        """Active length L [m] at which the muscle carries the load; see `AbstractMuscle`.
 
         The pull is given and the length follows: one balance, and no search for a root of the force.
         """
-        balance, solved, code = _balance(self, None, pressure, load)
-        length, _ = _length_and_volume(balance, solved)
-        return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
+        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        return required(length, found, "equilibrium length") if throw else length
 
 
 def _parts(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
@@ -364,6 +365,18 @@ def _force(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) ->
         return jnp.where(code == FOUND, solved.y[0][-1] * balance.force_scale, jnp.nan)
 
     return at_each(one, length, pressure)
+
+
+@quick_jit
+def _length_at_load(
+    muscle: EquilibriumMuscle, load: RealArray, pressure: RealArray
+) -> tuple[RealArray, Bool[Array, "..."]]:
+    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+        balance, solved, code = _balance(muscle, None, pressure, load)
+        length, _ = _length_and_volume(balance, solved)
+        return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
+
+    return at_each(one, load, pressure)
 
 
 @quick_jit

@@ -117,18 +117,6 @@ class AbstractMuscle(Parametrised):
         length, found = _length_at_load(self, as_real(load), as_real(pressure))
         return required(length, found, "equilibrium length") if throw else length
 
-    def balanced_length(
-        self, load: RealArray, pressure: RealArray
-    ) -> tuple[RealArray, Bool[Array, ""]]:
-        """The longest length [m] at a scalar load [N] and pressure [Pa], and whether there is one.
-
-        By default a search for a root of the force; a model that solves for the length has its own.
-        """
-        shortest, longest = self.length_range()
-        return longest_equilibrium(
-            lambda length: self.force(length, pressure), shortest, longest, load
-        )
-
     def free_contraction(self, pressure: Real, *, throw: bool = True) -> RealArray:
         """Free contraction (L0 - L) / L0 [-] at zero force and gauge pressure P [Pa].
 
@@ -183,7 +171,14 @@ def _length_at_load(
     muscle: AbstractMuscle, load: RealArray, pressure: RealArray
 ) -> tuple[RealArray, Bool[Array, "..."]]:
     check_one_muscle(muscle)
-    return at_each(muscle.balanced_length, load, pressure)
+    shortest, longest = muscle.length_range()
+
+    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+        return longest_equilibrium(
+            lambda length: muscle.force(length, pressure), shortest, longest, load
+        )
+
+    return at_each(one, load, pressure)
 
 
 @compiled
