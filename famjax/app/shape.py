@@ -98,7 +98,7 @@ def _read(muscle: str) -> Any:
     """The muscle of a fit, of a card, or a bundled one."""
     from famjax.cards import read_card
     from famjax.muscles import bundled_card, bundled_name
-    from fitting.cli.inputs import schema_of
+    from fitting.cli.muscle import schema_of
 
     if not Path(muscle).exists() and bundled_name(muscle):
         return bundled_card(muscle).muscle
