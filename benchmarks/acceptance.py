@@ -407,8 +407,35 @@ def _print_and_export() -> Iterator[Row]:
     )  # fmt: skip
 
 
+def _shapes() -> Iterator[Row]:
+    example: dict = {"data": "printed figures", "cost": "quick"}
+    script = "python examples/chambers2021/equilibrium_shape.py --json"
+    yield from rows(
+        "shape from mechanics", "shapes:printed",
+        ("mid diameter, largest error [%]", "<=", 2.1, "the rounding of the print"),
+        ("D(x), largest RMSE [in]", "<=", 0.11, "the unexplained fatter shoulders"),
+        ("free contraction, isotropic law, largest error", "<=", 0.006, "the work errs by 0.021"),
+        ("blocked force, largest difference from the prototype [lbf]", "<=", 8, "the wall that thins"),
+        command=script, part="nothing fitted to the muscle", **example,
+    )  # fmt: skip
+    yield from rows(
+        "shape from mechanics, one law", "shapes:one_law",
+        ("RMSE [lbf]", "<=", 9, "one law for all pressures, where the work needed one for each"),
+        command=f"{script} --fit", part="ten printed figures", **example,
+    )  # fmt: skip
+    yield from rows(
+        "shape from mechanics, speed", "shapes:speed",
+        ("times faster than solve_bvp", ">=", 50, "what makes a fit of shapes possible"),
+        ("largest difference of the force [lbf]", "<=", 1e-3, "the boundary value solver's own error"),
+        ("pressures with a gap between states that were found", "<=", 0, "every stable shape is found"),
+        ("tracing and compiling, CPU time / import of jax", "<=", 2.5, "a person waits"),
+        data="printed figures", command="famjax.EquilibriumMuscle.force", part="540 states",
+    )  # fmt: skip
+
+
 ROWS: tuple[Row, ...] = (
     *_fits(), *_default_answer(), *_speed(), *_photographs(), *_rig(), *_folders(), *_print_and_export(),
+    *_shapes(),
 )  # fmt: skip
 COSTS = {"quick": {"quick"}, "usual": {"quick", "minutes"}, "long": {"quick", "minutes", "long"}}
 

@@ -7,6 +7,7 @@ from . import (
     continuation as continuation,
     control as control,
     design as design,
+    equilibrium as equilibrium,
     export as export,
     geometries as geometries,
     materials as materials,
@@ -26,6 +27,7 @@ from ._arrays import Real as Real
 from ._require import require as require
 from .braids import Braid as Braid, ElasticBraid as ElasticBraid
 from .continuation import SafeMuscle as SafeMuscle
+from .equilibrium import EquilibriumMuscle as EquilibriumMuscle
 from .geometries import Bladder as Bladder, EstimatedGeometry as EstimatedGeometry
 from .materials import PolynomialMaterial as PolynomialMaterial
 from .measured import MeasuredGeometry as MeasuredGeometry

@@ -141,6 +141,10 @@ class AbstractBraid(Parametrised):
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
         """Thread length B [m] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
 
+    def threads_tension(self, strain: Real) -> RealArray | None:  # noqa: ARG002
+        """Tension [N] of all threads together at an engineering strain [-]; None: they do not stretch."""
+        return None
+
     def reach(
         self, length: Real, pressure: Real
     ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
@@ -642,6 +646,10 @@ class ElasticBraid(AbstractBraid):
     n_threads: Float[Given, "..."] = number()
     thread: AbstractThread
 
+    def threads_tension(self, strain: Real) -> RealArray:
+        """Tension [N] of all threads together at an engineering strain [-]."""
+        return self.n_threads * self.thread.tension(strain)
+
     def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:
         """Thread length B [m] under Gaylord's force, that is, with no help from the bladder.
 
@@ -817,6 +825,10 @@ class CompliantBraid(AbstractBraid):
     def of(cls, braid: Braid, compliance: Real) -> "CompliantBraid":
         """The same braid with compliant threads."""
         return cls(braid.rest_thread_length, braid.turns, braid.thickness, compliance)
+
+    def threads_tension(self, strain: Real) -> RealArray:
+        """Tension [N] of all threads together at an engineering strain [-]; the compliance is not 0."""
+        return jnp.asarray(strain / self.compliance)
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
         """Thread length B [m], broadcast shape; nan where the braid gives way without limit."""

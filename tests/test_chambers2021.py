@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import importlib
 import itertools
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -143,3 +144,22 @@ def test_chapters_on_a_twin(tmp_path: Path) -> None:
     # What was made of a constant law needs no other where shape, deadband and pull are right.
     assert "they are enough for 4 of 4 muscles of known truth" in told
     assert "For the work's own muscle, as far as ten printed readings tell, they do not" in told
+
+
+@pytest.mark.slow
+def test_the_shape_from_mechanics_is_near_the_photographs_and_the_test() -> None:
+    rows = json.loads(said("equilibrium_shape", "--json"))
+    shapes = [row for row in rows if "mid_diameter_in" in row and row["law"] == "uniaxial"]
+    assert len(shapes) == 5
+    for row in shapes:
+        assert row["mid_diameter_in"] == pytest.approx(row["published_mid_diameter_in"], rel=0.021)
+        assert row["profile_rmse_in"] < 0.11
+    ends = [row for row in rows if "free_contraction" in row and row["law"] == "isotropic"]
+    assert len(ends) == 5
+    for row in ends:
+        published = row["published_free_contraction"]
+        assert row["free_contraction"] == pytest.approx(published, abs=0.006)
+    threads = [row for row in rows if "pinned_thread_in" in row]
+    pinned = [row["pinned_thread_in"] for row in threads]
+    assert pinned == pytest.approx([9.960, 9.983, 10.032, 10.051, 10.074], abs=2e-3)
+    assert [row["geodesic_thread_in"] for row in threads[3:]] == [None, None]

@@ -20,7 +20,8 @@ RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in
 HOW_TO = DOCS / "how-to"
 LAB = HOW_TO / "lab.md"
 LONG = [
-    *(DOCS / "first-result.md", DOCS / "concepts" / "bands.md", DOCS / "control.md"),
+    *(DOCS / "first-result.md", DOCS / "control.md"),
+    *(DOCS / "concepts" / "bands.md", DOCS / "concepts" / "shape.md"),
     *(
         HOW_TO / f"{page}.md"
         for page in ("design", "robotics", "jax-modeller", "matlab", "large-work")

@@ -88,7 +88,9 @@ NOTES: tuple[tuple[str, str], ...] = (
         "6, summary",
         "The thread length lost to curvature is that of two cylinders. It is an artefact of the cylinder: "
         "wound on the measured outline at constant pitch the thread would be longer than it is, not "
-        "shorter, so that its pitch is not constant.",
+        "shorter, so that its pitch is not constant. Pinned where threads cross, it would be 9.96 to "
+        "10.08 in long, beside 9.89 measured; as a geodesic 9.95 to 9.62, and impossible from 26 % on: "
+        "the crossings hold (equilibrium_shape.py).",
     ),
     (
         "6.11",

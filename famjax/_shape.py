@@ -1,0 +1,450 @@
+"""The shape that balances bladder, pressure and threads: modes, local densities, guarded Newton steps.
+
+Along the material coordinate Z a muscle has radius r, slope s = r', pull F, and the radial part p of
+its meridional force. The shape is the stationary point of the integral over Z of
+
+    G = p s - mu sqrt(m^2 + p^2) + W,    m = P pi r^2 + F,    mu^2 = (B (1 + e))^2 - (2 pi N r)^2
+
+where W is the strain energy of bladder and threads per Z, and e the strain of the threads. Eliminating
+p gives the energy, G = W - m z' with z'^2 = mu^2 - s^2; with p, nothing is singular where a
+shoulder is steep. r is a sum of modes; p and e are unknown at the quadrature stations, where they are
+eliminated one by one. F is the multiplier of the length, the integral of z' = mu m / sqrt(m^2 + p^2).
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+
+from ._arrays import RealArray
+from .braids import AbstractBraid
+from .geometries import Bladder
+from .materials import AbstractMaterial
+
+MAX_STEPS = 16
+_PARTS = np.array([1.0, 0.5, 0.25, 0.1, 0.0])  # of a Newton step
+_NEAREST = 0.1  # part of its distance to a bound that a step must leave
+_STEEPEST = 0.7  # slope of the first guess at a fitting, in that of a meridian across the axis
+_STIFF = 1e6  # with which a reduced Hessian resists a change of the length
+
+
+class Rule(NamedTuple):
+    """Stations of one section and the modes of the radius there.
+
+    Attributes:
+        x: stations in the section, 0 to 1, shape (stations,).
+        weights: in Z, shape (stations,).
+        values, slopes: of every mode and its derivative in Z, shape (stations, modes). The first
+            modes are hats, one for each border of the sections; the first and last are the fittings'.
+    """
+
+    x: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+
+
+@functools.cache
+def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
+    """The rule of every section, of integrated Legendre polynomials up to an order."""
+    nodes, weights = np.polynomial.legendre.leggauss(3 * order // 2 + 4)
+    return tuple(
+        Rule((1 + nodes) / 2, weights * share / 2, *modes(shares, order, i, nodes))
+        for i, share in enumerate(shares)
+    )
+
+
+def modes(
+    shares: tuple[float, ...], order: int, section: int, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of the radius and their derivatives in Z at places -1 to 1 of a section."""
+    borders, bubbles = len(shares) + 1, order - 1
+    values = np.zeros((at.size, borders + len(shares) * bubbles))
+    slopes = np.zeros_like(values)
+    values[:, section], values[:, section + 1] = (1 - at) / 2, (1 + at) / 2
+    slopes[:, section], slopes[:, section + 1] = -0.5, 0.5
+    legendre = np.polynomial.legendre.legvander(at, order)
+    own = slice(borders + section * bubbles, borders + (section + 1) * bubbles)
+    norm = np.sqrt(2 * (2 * np.arange(2, order + 1) - 1))
+    values[:, own] = (legendre[:, 2:] - legendre[:, :-2]) / norm
+    slopes[:, own] = legendre[:, 1:-1] * norm / 2
+    return values, slopes * 2 / shares[section]
+
+
+class Part(eqx.Module):
+    """A section: braid, bladder and law, each as if the whole muscle were of it."""
+
+    braid: AbstractBraid
+    bladder: Bladder
+    material: AbstractMaterial
+
+    @property
+    def elastic(self) -> bool:
+        """Whether the threads stretch."""
+        return self.braid.threads_tension(0.0) is not None
+
+    def place(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, ...]:
+        """Meridian per Z [m], squared [m2], and outer radius of the bladder [m]."""
+        around = 2 * jnp.pi * self.braid.turns * radius
+        thread = self.braid.rest_thread_length * (1 + stretch)
+        squared = (thread - around) * (thread + around)
+        inset = 0.0 if self.bladder.embedded else self.braid.thickness
+        return jnp.sqrt(squared), squared, radius - inset
+
+    def strains(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, RealArray]:
+        """Strains [-] of the bladder along the meridian and around, at mid-wall."""
+        meridian, _, outer = self.place(radius, stretch)
+        return self.bladder.axial_strain(meridian), self.bladder.hoop_strain(meridian, outer)
+
+    def resistances(
+        self, radius: RealArray, stretch: RealArray, pressure: RealArray
+    ) -> Float[Array, "3"]:
+        """Energy per Z and strain [J] that the bladder's strains and the threads' take."""
+        axial, hoop = self.strains(radius, stretch)
+        stress = self.material.stresses(axial, hoop, pressure)
+        volume, tension = self.bladder.volume, self.braid.threads_tension(stretch)
+        threads = jnp.zeros_like(volume) if tension is None else tension
+        return jnp.stack([
+            volume * stress[0] / (1 + axial),
+            volume * stress[1] / (1 + hoop),
+            threads * self.braid.rest_thread_length,
+        ])  # fmt: skip
+
+    def tapered(self, other: Bladder | None, x: np.ndarray) -> "Part":
+        """The section at stations 0 to 1, its bladder's numbers changing linearly to another's."""
+        far = self.bladder if other is None else other
+        bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
+        return Part(self.braid, bladder, self.material)
+
+
+def _full(state: RealArray) -> RealArray:
+    """Radius, slope, pull, radial force and stretch of the threads, which may be none."""
+    return state if state.shape[-1] == 5 else jnp.concatenate([state, jnp.zeros_like(state[:1])])
+
+
+def _lagrangian(state: RealArray, held: RealArray, part: Part, pressure: RealArray) -> RealArray:
+    """G with W to first order, whose derivatives per strain are held."""
+    radius, slope, force, across, stretch = _full(state)
+    along = pressure * jnp.pi * radius**2 + force
+    meridian, *_ = part.place(radius, stretch)
+    strains = jnp.stack([*part.strains(radius, stretch), stretch])
+    return across * slope - meridian * jnp.sqrt(along**2 + across**2) + held @ strains
+
+
+def _gradient(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
+    full = _full(state)
+    held = part.resistances(full[0], full[4], pressure)
+    return jax.grad(_lagrangian)(state, held, part, pressure)
+
+
+def _hessian(
+    state: RealArray, part: Part, pressure: RealArray
+) -> tuple[Float[Array, "n n"], RealArray]:
+    """Second derivatives of G, and beside them its first."""
+
+    def both(state: RealArray) -> tuple[RealArray, RealArray]:
+        first = _gradient(state, part, pressure)
+        return first, first
+
+    return jax.jacfwd(both, has_aux=True)(state)
+
+
+def _room(
+    state: RealArray, part: Part, pressure: RealArray
+) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
+    """Distances to bounds: r, m and mu^2 above 0; and whether there is a bore, and the law known."""
+    radius, _, force, _, stretch = _full(state)
+    meridian, squared, outer = part.place(radius, stretch)
+    fits = part.bladder.fits(meridian, outer)
+    known = jnp.all(jnp.isfinite(part.resistances(radius, stretch, pressure)))
+    return jnp.stack([radius, pressure * jnp.pi * radius**2 + force, squared]), fits & known
+
+
+Unknowns = tuple[Float[Array, " modes"], tuple[Float[Array, "_ _"], ...]]
+"""Modes of the radius and the pull, of order one; p and e at the stations of every section."""
+
+
+class Balance(eqx.Module):
+    """A muscle at one length and pressure, and what its unknowns are measured by.
+
+    Attributes:
+        parts: sections at their stations.
+        ends: radius [m] at both fittings, shape (2,).
+        length: L [m]; where a load is given, a guess of it.
+        pressure: P [Pa].
+        load: F [N] that is given in place of the length, or None.
+        force_scale: [N], a constant.
+        shares: of the sections in Z.
+        order: of the polynomials in each.
+    """
+
+    parts: tuple[Part, ...]
+    ends: Float[Array, "2"]
+    length: RealArray
+    pressure: RealArray
+    load: RealArray | None
+    force_scale: RealArray
+    shares: tuple[float, ...] = eqx.field(static=True)
+    order: int = eqx.field(static=True)
+
+    @property
+    def rules(self) -> tuple[Rule, ...]:
+        """Stations and modes of every section."""
+        return rules(self.shares, self.order)
+
+    @property
+    def radius_scale(self) -> RealArray:
+        """Mean radius [m] of the fittings, a constant."""
+        return jax.lax.stop_gradient(jnp.mean(self.ends))
+
+    @property
+    def energy_scale(self) -> RealArray:
+        """Force times radius [J]."""
+        return self.force_scale * self.radius_scale
+
+    @property
+    def free(self) -> np.ndarray:
+        """Modes that do not change the radius at the fittings."""
+        modes = np.arange(len(self.shares) * self.order + 1)
+        return np.delete(modes, [0, len(self.shares)])
+
+    @property
+    def scales(self) -> Float[Array, " unknowns"]:
+        """What the modes of the radius [m] and the pull [N] are measured by."""
+        pull = np.arange(self.free.size + 1) == self.free.size
+        return jnp.where(pull, self.force_scale, self.radius_scale)
+
+    def columns(self, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
+        """Radius, slope and pull at the stations: of the fittings' radii, and of modes and pull."""
+        both = np.stack([rule.values, rule.slopes, np.zeros_like(rule.values)], axis=1)
+        free, size = self.free, self.free.size
+        linear = np.zeros((rule.x.size, 3, size + 1))
+        linear[..., :size], linear[:, 2, size] = both[..., free], 1.0
+        dtype = self.ends.dtype
+        return both[..., [0, len(self.shares)]].astype(dtype), linear.astype(dtype)
+
+    def outer(self, rule: Rule, y: Float[Array, " unknowns"]) -> Float[Array, "stations 3"]:
+        """Radius, slope and pull at the stations of a section."""
+        fixed, linear = self.columns(rule)
+        return fixed @ self.ends + linear @ (self.scales * y)
+
+    def states(self, y: Unknowns) -> list[RealArray]:
+        """Radius, slope, pull, p and perhaps e at the stations of every section."""
+        outer = [self.outer(rule, y[0]) for rule in self.rules]
+        return [jnp.concatenate(pair, axis=1) for pair in zip(outer, y[1], strict=True)]
+
+    def each(self, function: Callable[..., Any], y: Unknowns) -> list[Any]:
+        """A function of (state, part, pressure) at the stations of every section."""
+
+        def at(part: Part, states: RealArray) -> Any:
+            def one(state: RealArray, bladder: Bladder) -> Any:
+                return function(state, Part(part.braid, bladder, part.material), self.pressure)
+
+            return jax.vmap(one)(states, part.bladder)
+
+        return [at(*pair) for pair in zip(self.parts, self.states(y), strict=True)]
+
+    def guess(self) -> Unknowns:
+        """Cylinders that are all equally shorter, rounded towards the fittings.
+
+        The radius r of -(d r')' d + r = r_cylinder, with d so long that no slope is steeper than
+        the threads allow.
+        """
+        dtype, scale = self.ends.dtype, self.radius_scale
+        rests = [jnp.mean(part.bladder.rest_length) for part in self.parts]
+        ratio = self.length / sum(s * rest for s, rest in zip(self.shares, rests, strict=True))
+        size = self.rules[0].values.shape[1]
+        matrix, right, pulls = jnp.zeros((size, size), dtype), jnp.zeros(size, dtype), []
+        for rule, part, rest in zip(self.rules, self.parts, rests, strict=True):
+            B, N = part.braid.rest_thread_length, part.braid.turns
+            cosine = jnp.sqrt(jnp.maximum(1 - (ratio * rest / B) ** 2, 0.01))
+            radius = jnp.maximum(B * cosine / (2 * jnp.pi * N), 0.3 * scale)
+            across = jnp.sqrt(B**2 - (2 * jnp.pi * N * scale) ** 2)
+            width = jnp.maximum(jnp.max(jnp.abs(radius - self.ends)) / (_STEEPEST * across),
+                                radius / self.length)  # fmt: skip
+            w, values, slopes = (one.astype(dtype) for one in rule[1:])
+            matrix += (values.T * w) @ values + width**2 * (slopes.T * w) @ slopes
+            right += values.T @ w * radius
+            meridian, *_ = part.place(radius, jnp.zeros_like(radius))
+            gaylord = self.pressure * (jnp.mean(meridian) ** 2 / (2 * jnp.pi * N**2)
+                                       - jnp.pi * radius**2)  # fmt: skip
+            pulls.append(gaylord)
+        free = self.free
+        right = right - matrix[:, np.array([0, len(self.shares)])] @ self.ends
+        radii = jnp.linalg.solve(matrix[np.ix_(free, free)], right[free]) / scale
+        pull = sum(s * f for s, f in zip(self.shares, pulls, strict=True)) / self.force_scale
+        pushed = self.pressure * jnp.pi * jnp.min(self.ends) ** 2 / self.force_scale
+        outer = jnp.append(radii, jnp.maximum(pull, 1e-3 - 0.9 * pushed))
+        inner = []
+        for rule, part in zip(self.rules, self.parts, strict=True):
+            radius, slope, force = self.outer(rule, outer).T
+            along = self.pressure * jnp.pi * radius**2 + force
+            meridian, *_ = part.place(radius, jnp.zeros_like(radius))
+            share = jnp.clip(slope / meridian, -0.9, 0.9)
+            across = along * share / jnp.sqrt(1 - share**2)
+            inner.append(jnp.stack([across, *([jnp.zeros_like(across)] * part.elastic)], axis=1))
+        return jax.lax.stop_gradient((outer, tuple(inner)))
+
+
+Matrix = Float[Array, "modes modes"]
+
+
+def residual(y: Unknowns, balance: Balance) -> Unknowns:
+    """What is not in balance, of order one."""
+    outer = jnp.zeros_like(y[0]).at[-1].set(balance.length)
+    inner = []
+    for rule, g in zip(balance.rules, balance.each(_gradient, y), strict=True):
+        w = rule.weights.astype(outer.dtype)[:, None]
+        outer = outer + jnp.tensordot(w * g[:, :3], balance.columns(rule)[1], 2)
+        inner.append(g[:, 3:] / balance.radius_scale)
+    outer = outer * balance.scales / balance.energy_scale
+    if balance.load is not None:
+        outer = outer.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
+    return outer, tuple(inner)
+
+
+def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
+    """Newton's step, and its matrix once p and e are eliminated at every station."""
+    right = jnp.zeros_like(y[0]).at[-1].set(balance.length)
+    matrix, back = jnp.zeros((right.size, right.size), right.dtype), []
+    for rule, (second, first) in zip(balance.rules, balance.each(_hessian, y), strict=True):
+        h, g, eliminated = second, first, []
+        for k in range(g.shape[1] - 1, 2, -1):  # e, then p
+            row, pivot = h[:, k], h[:, k, k, None]
+            eliminated.append((row[:, :k], pivot[:, 0], g[:, k]))
+            g = g - row * g[:, k, None] / pivot
+            h = h - row[:, :, None] * (row / pivot)[:, None, :]
+        linear, w = balance.columns(rule)[1], rule.weights.astype(right.dtype)[:, None]
+        right = right + jnp.tensordot(w * g[:, :3], linear, 2)
+        curved = jnp.einsum("qab,qbj->qaj", w[:, :, None] * h[:, :3, :3], linear)
+        matrix = matrix + jnp.tensordot(linear, curved, ((0, 1), (0, 1)))
+        back.append((linear, eliminated))
+    scales = balance.scales
+    matrix = matrix * scales * scales[:, None] / balance.energy_scale
+    right, system = right * scales / balance.energy_scale, matrix
+    if balance.load is not None:
+        right = right.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
+        system = matrix.at[-1].set(np.eye(right.size)[-1])
+    step, steps = -jnp.linalg.solve(system, right), []
+    for linear, eliminated in back:
+        whole = linear @ (scales * step)
+        for row, pivot, g in reversed(eliminated):
+            one = -(g + jnp.sum(row * whole, axis=1)) / pivot
+            whole = jnp.concatenate([whole, one[:, None]], axis=1)
+        steps.append(whole[:, 3:])
+    return (step, tuple(steps)), matrix
+
+
+def reduced_hessian(matrix: Matrix) -> Float[Array, "free free"]:
+    """Second derivatives of the energy in the modes, stiff against a change of the length."""
+    across = matrix[:-1, -1]
+    give = jnp.maximum(-matrix[-1, -1], 0.0) + 1 / _STIFF
+    return matrix[:-1, :-1] + jnp.outer(across, across) / give
+
+
+def ahead(balance: Balance, y: Unknowns) -> tuple[RealArray, Bool[Array, ""]]:
+    """Distances to all bounds, and whether what has no distance is kept."""
+    rooms, kept = zip(*balance.each(_room, y), strict=True)
+    return jnp.concatenate(rooms), jnp.all(jnp.concatenate(kept))
+
+
+class Point(eqx.Module):
+    """How the solver stands.
+
+    Attributes:
+        size: of the last step.
+        part: of Newton's step that was taken.
+        aim: pull to which a whole step would go, in the balance's scale.
+        matrix: of that step.
+        rooms: distances to the bounds before it; see `_room`.
+        kept: whether a bore was left and the law known.
+        first: the first guess.
+    """
+
+    size: RealArray
+    part: RealArray
+    aim: RealArray
+    matrix: Matrix
+    rooms: Float[Array, "_ 3"]
+    kept: Bool[Array, ""]
+    first: Unknowns
+
+
+class GuardedNewton(optx.AbstractRootFinder):
+    """Newton's method for `residual`, with steps that stay where r, m and mu are above 0.
+
+    Where it fails it returns the first guess, at which derivatives are finite; the last point is in
+    `stats`.
+    """
+
+    rtol: float
+    atol: float
+    norm: Callable[[Any], RealArray] = eqx.field(static=True, default=optx.max_norm)
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> Point:
+        del fn, options, f_struct, aux_struct, tags
+        far = jnp.full((), jnp.inf, y[0].dtype)
+        rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
+        matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
+        one = jnp.ones_like(far)
+        return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
+
+    def step(self, fn, y, args, options, state, tags):
+        del fn, options, tags
+        step, matrix = newton(y, args)
+
+        def moved(part: RealArray) -> Unknowns:
+            return jax.tree.map(lambda a, b: a + part * b, y, step)
+
+        parts = jnp.asarray(_PARTS, y[0].dtype)
+        rooms, kept = jax.vmap(lambda part: ahead(args, moved(part)))(parts)
+        allowed = kept & jnp.all(rooms > _NEAREST * rooms[-1], axis=(1, 2)) & kept[-1]
+        part = parts[jnp.argmax(allowed.at[-1].set(True))]  # the last part is 0
+        size = self.norm(step[0])
+        aim = y[0][-1] + step[0][-1]
+        return moved(part), Point(size, part, aim, matrix, rooms[-1], kept[-1], state.first), None
+
+    def terminate(self, fn, y, args, options, state, tags):
+        del fn, args, options, tags
+        stuck = (state.part == 0) | jnp.isnan(state.size)
+        near = state.size < self.atol + self.rtol * self.norm(y[0])
+        failed = optx.RESULTS.where(
+            stuck, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful
+        )
+        return near & (state.part == 1), failed
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        del fn, args, options, tags
+        found = result == optx.RESULTS.successful
+        kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), y, state.first)
+        return kept, aux, {"last": y, "point": state}
+
+
+class Solved(eqx.Module):
+    """What the solver leaves: unknowns, whether they balance, and the last ones with their point."""
+
+    y: Unknowns
+    found: Bool[Array, ""]
+    last: Unknowns
+    point: Point
+
+
+def solve(balance: Balance) -> Solved:
+    """The balance of a muscle, its derivatives by the implicit function theorem."""
+    tolerance = float(jnp.finfo(balance.ends.dtype).eps) ** 0.5
+    solution = optx.root_find(
+        residual,
+        GuardedNewton(rtol=tolerance, atol=tolerance),
+        balance.guess(),
+        args=balance,
+        max_steps=MAX_STEPS,
+        throw=False,
+    )
+    found = solution.result == optx.RESULTS.successful
+    return Solved(solution.value, found, solution.stats["last"], solution.stats["point"])

@@ -1,0 +1,167 @@
+"""The command `famjax shape`: the shape of a fitted muscle from mechanics, as a table and a picture."""
+
+import csv
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from cyclopts import Parameter
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import from_si, parse_quantity, unit_system
+from famjax.compilation_cache import start_jax
+from famjax.console import Units, print_json, print_rows
+
+if TYPE_CHECKING:
+    import famjax
+    from famjax.equilibrium import Shape
+
+_Part = TypeVar("_Part")
+_COLUMNS = {
+    "position": "length", "diameter": "length", "thickness": "length", "thread_tension": "force",
+    "braid_angle": "angle", "axial_strain": "number", "hoop_strain": "number",
+}  # fmt: skip
+
+
+def shape(
+    muscle: str,
+    *,
+    length: str,
+    pressure: str,
+    end_diameter: str | None = None,
+    other_end_diameter: str | None = None,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("famjax-shape"),
+    units: Units = "metric",
+    json_: bool = False,
+) -> int:
+    """Compute the shape that mechanics gives a fitted muscle: profile, braid angle, strains and pull.
+
+    The profile of least energy of the fit's braid, bladder and law, its threads pinned where they
+    cross. Writes `shape.csv` and `shape.svg`. Ends with 1 where there is no stable shape.
+
+    Parameters
+    ----------
+    muscle
+        A `fit.json` of `famjax fit`, a card of `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
+    length
+        Active length with its unit, `--length 270mm`.
+    pressure
+        Gauge pressure with its unit, `--pressure 500kPa`; the fit's deadband is taken off.
+    end_diameter
+        Of the braid at the fittings, `--end-diameter 20mm`; that of the unloaded braid unless given.
+    other_end_diameter
+        Of the braid at the last fitting, if it is another.
+    output
+        Folder for the files, created if missing.
+    units
+        Of the table and the files: si, metric or us.
+    json_
+        Print one JSON object in SI to standard output and nothing else there.
+    """
+    start_jax()
+    from famjax.boundary.files import check_output
+
+    check_output(output)
+    made, deadband = _equilibrium_muscle(
+        _read(muscle),
+        *(None if one is None else parse_quantity(one, "length")
+          for one in (end_diameter, other_end_diameter)),
+    )  # fmt: skip
+    at = parse_quantity(length, "length"), parse_quantity(pressure, "pressure") - deadband
+    if why := made.reason(*at):
+        raise InputError(f"there is no stable shape at this length and pressure: {why}")
+    state, found = made.state(*at), made.profile(*at)
+    summary = {
+        "force_N": float(state.force),
+        "volume_m3": float(state.volume),
+        "largest_diameter_m": 2 * float(found.radius.max()),
+        "margin_N_per_m": float(state.margin),
+    }
+    rows = _rows(found, units)
+    output.mkdir(parents=True, exist_ok=True)
+    paths = [output / "shape.csv", output / "shape.svg"]
+    text = io.StringIO()
+    table = csv.DictWriter(text, rows[0], lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    paths[0].write_text(text.getvalue(), encoding="utf-8")
+    _draw(found, units, paths[1])
+    if json_:
+        print_json(summary | {"files": [str(path) for path in paths]})
+        return 0
+    print_rows("Shape", [summary])
+    print("written:", ", ".join(map(str, paths)))
+    return 0
+
+
+def _read(muscle: str) -> Any:
+    """The muscle of a fit, of a card, or a bundled one."""
+    from famjax.cards import read_card
+    from famjax.muscles import bundled_card, bundled_name
+    from fitting.cli.muscle import schema_of
+
+    if not Path(muscle).exists() and bundled_name(muscle):
+        return bundled_card(muscle).muscle
+    if schema_of(Path(muscle)).startswith("famjax-fit/"):
+        from fitting import load_fit
+
+        return load_fit(muscle).muscle
+    return read_card(Path(muscle)).muscle
+
+
+def _equilibrium_muscle(
+    muscle: Any, end_diameter: float | None, other: float | None
+) -> tuple["famjax.EquilibriumMuscle", float]:
+    """The muscle of the same braid, bladder and law, and the deadband [Pa] of the other."""
+    import jax
+
+    from famjax import Bladder, EquilibriumMuscle
+    from famjax.braids import AbstractBraid, diameter_from_length
+    from famjax.materials import AbstractMaterial
+    from famjax.terms import PressurisedBraid
+
+    def inside(kind: type[_Part]) -> list[_Part]:
+        leaves = jax.tree.leaves(muscle, is_leaf=lambda one: isinstance(one, kind))
+        return [one for one in leaves if isinstance(one, kind)]
+
+    parts = inside(AbstractBraid), inside(Bladder), inside(AbstractMaterial)
+    if not all(parts):
+        raise InputError(
+            "a shape needs a braid, a bladder and its law; this muscle has not all of them, as a model "
+            "of another author or a measured shape may have none"
+        )
+    braid, bladder, law = (found[0] for found in parts)
+    if end_diameter is None:
+        rest, thread = bladder.rest_length, braid.rest_thread_length
+        end_diameter = float(diameter_from_length(rest, thread, braid.turns))
+    deadbands = [float(term.deadband_pressure) for term in inside(PressurisedBraid)]
+    made = EquilibriumMuscle(braid, bladder, law, end_diameter=end_diameter,
+                             other_end_diameter=other)  # fmt: skip
+    return made, max(deadbands, default=0.0)
+
+
+def _rows(found: "Shape", units: str) -> list[dict[str, float]]:
+    """The points of the shape, their columns named with the unit."""
+    columns = {}
+    for name, kind in _COLUMNS.items():
+        values = 2 * found.radius if name == "diameter" else getattr(found, name)
+        unit = "deg" if kind == "angle" else unit_system(units)[kind]
+        columns[f"{name}_{unit}" if unit else name] = [
+            from_si(float(value), unit, kind) if unit else float(value) for value in values
+        ]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _draw(found: "Shape", units: str, path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    unit = unit_system(units)["length"]
+    z, r = (
+        [from_si(float(v), unit, "length") for v in one] for one in (found.position, found.radius)
+    )
+    figure = Figure(figsize=(7, 3), layout="constrained")
+    axes = figure.subplots()
+    for side in (1, -1):
+        axes.plot(z, [side * v for v in r], color="k")
+    axes.set(xlabel=f"z [{unit}]", ylabel=f"r [{unit}]", aspect="equal")
+    figure.savefig(path)

@@ -1,0 +1,518 @@
+"""A muscle whose shape follows from mechanics: profile, braid angle and force together."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int
+
+from ._arrays import Given, Real, RealArray, as_real, at_each
+from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
+from .boundary.errors import InputError
+from .braids import AbstractBraid
+from .compile_options import quick_jit
+from .geometries import Bladder
+from .materials import AbstractMaterial
+from .muscle import AbstractMuscle, required
+from .parameters import Parametrised, parameter
+
+FOUND, BEYOND, OVERHANG, COMPRESSION, LOCKED, UNKNOWN, UNSTABLE, LOST = range(8)
+REASONS = (
+    "",
+    "the length is not between zero and that of the straight threads, or a number is not finite",
+    "the shoulder overhangs at a fitting: the muscle is shorter than the model reaches at this pressure",
+    "the threads would be in compression: the pressure's push and the pull together are not positive",
+    "the braid is locked: its threads run around the muscle",
+    "the bladder has no bore there, or its law does not know the strains",
+    "the balance that was found is not stable",
+    "no balance was found: give more modes, or look at the dimensions and their units",
+)
+"""Why there is no state, by its code."""
+
+_RULE = np.polynomial.legendre.leggauss(16)
+_PROBE = 0.1  # strain at which a law's stress gives the scale of forces
+_TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
+
+
+class Section(Parametrised):
+    """A share of a muscle's threads, with parts of its own.
+
+    Every part is given as if the whole muscle were made of it: a section of half the muscle with a
+    braid of 9 in and one turn has 4.5 in of thread and half a turn.
+
+    Attributes:
+        share: of the material coordinate, > 0; all shares sum to one.
+        braid: of the section; the muscle's if None.
+        bladder: of the section; the muscle's if None.
+        material: of the section; the muscle's if None.
+        far_bladder: where the bladder is tapered, the one at the far end of the section.
+    """
+
+    share: float = eqx.field(static=True)
+    braid: AbstractBraid | None = None
+    bladder: Bladder | None = None
+    material: AbstractMaterial | None = None
+    far_bladder: Bladder | None = None
+
+
+class Shape(eqx.Module):
+    """The shape of a muscle at points from one fitting to the other; arrays of shape (..., points).
+
+    Attributes:
+        position: z [m] along the axis, 0 to L.
+        radius: r [m] of the braid.
+        braid_angle: theta [rad] between thread and circumference.
+        thread_tension: [N] of all threads together; of one, divide by their number.
+        axial_strain: eps_z [-] of the bladder, along its meridian.
+        hoop_strain: eps_c [-] of the bladder, at mid-wall.
+        thickness: t [m] of the bladder.
+    """
+
+    position: Float[Array, "... points"]
+    radius: Float[Array, "... points"]
+    braid_angle: Float[Array, "... points"]
+    thread_tension: Float[Array, "... points"]
+    axial_strain: Float[Array, "... points"]
+    hoop_strain: Float[Array, "... points"]
+    thickness: Float[Array, "... points"]
+
+
+class State(eqx.Module):
+    """A muscle at a length and pressure; nan where there is no state.
+
+    Attributes:
+        force: F [N].
+        volume: V [m3] of the fluid.
+        energy: U [J] of bladder and threads.
+        margin: least stiffness of the shape [N/m]; see `EquilibriumMuscle.margin`.
+        code: place of the reason in `REASONS`.
+    """
+
+    force: RealArray
+    volume: RealArray
+    energy: RealArray
+    margin: RealArray
+    code: Int[Array, "..."]
+
+
+class EquilibriumMuscle(AbstractMuscle):
+    """A muscle that has the shape of least energy, its threads pinned where they cross.
+
+    The energy at length L and gauge pressure P is the integral over the material coordinate Z of
+
+        W(r, mu) - P pi r^2 z',   r'^2 + z'^2 = mu^2 = B^2 - (2 pi N r)^2
+
+    with W the strain energy of the bladder, and of threads that stretch. The pull is its derivative in
+    the length, and the volume that in the pressure, so that no force makes work from nothing. A state
+    without a stable shape is nan; `reason` says why.
+
+    Friction, gravity and the width of the threads are neglected. The bladder sticks to the braid.
+
+    Attributes:
+        braid: threads about the bladder; elastic ones stretch as their tension says.
+        bladder: rubber tube under, or in, the braid.
+        material: any stress law of the bladder.
+        end_diameter: D [m] of the braid at the fittings, or at the first one.
+        other_end_diameter: D [m] at the last fitting; the same if None.
+        sections: parts along the muscle that differ; none for a uniform one.
+        modes: degree of the radius in each section, more for slender sections unless given.
+
+    References:
+        Chambers 2021, chapters 6 and 8 (the open question).
+
+    >>> import famjax
+    >>> braid, tube = famjax.Braid(9.89, 1.09, 0.011), famjax.Bladder(9.28125, 0.875, 0.0625)
+    >>> latex = famjax.PolynomialMaterial([257.8, -57.9, 32.7])  # inches, psi
+    >>> muscle = EquilibriumMuscle(braid, tube, latex, end_diameter=0.863)
+    >>> print(f"{muscle.force(9.28125, 100.0):.0f} {2 * muscle.profile(9.28125, 100.0).radius[50]:.3f}")
+    982 1.040
+    """
+
+    braid: AbstractBraid
+    bladder: Bladder
+    material: AbstractMaterial
+    end_diameter: Float[Given, ""] = parameter("m", low=0.0)
+    other_end_diameter: Float[Given, ""] | None = parameter("m", low=0.0, default=None)
+    sections: tuple[Section, ...] = ()
+    modes: int = eqx.field(static=True, default=0)
+
+    def __init__(
+        self,
+        braid: AbstractBraid,
+        bladder: Bladder,
+        material: AbstractMaterial,
+        *,
+        end_diameter: Real,
+        other_end_diameter: Real | None = None,
+        sections: Sequence[Section] = (),
+        modes: int | None = None,
+    ) -> None:
+        """See the attributes.
+
+        Raises:
+            InputError: shares that do not sum to one, a wall or a length that is not positive, a fitting
+                wider than the threads reach; of traced numbers nothing is known.
+        """
+        self.braid, self.bladder, self.material = braid, bladder, material
+        self.end_diameter = as_real(end_diameter)
+        self.other_end_diameter = (
+            None if other_end_diameter is None else as_real(other_end_diameter)
+        )
+        self.sections = tuple(sections)
+        _check(self)
+        self.modes = _modes_for(self) if modes is None else modes
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction: the bladder's."""
+        lengths = [s * jnp.mean(p.bladder.rest_length) for s, p in _parts(self)]
+        return jnp.asarray(sum(lengths))
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
+        threads, open_lengths = [], []
+        for share, part in _parts(self):
+            inset = 0.0 if part.bladder.embedded else part.braid.thickness
+            closed = 2 * jnp.pi * part.braid.turns * (part.bladder.smallest_braid_radius + inset)
+            thread = part.braid.rest_thread_length
+            threads.append(share * thread)
+            open_lengths.append(share * jnp.sqrt((thread - closed) * (thread + closed)))
+        return 0.57 * jnp.asarray(sum(threads)), jnp.asarray(sum(open_lengths))
+
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+        return _force(self, as_real(length), as_real(pressure))
+
+    def state(self, length: Real, pressure: Real) -> "State":
+        """Pull, volume, energy, margin and the reason's code, of the broadcast shape."""
+        return _state(self, as_real(length), as_real(pressure))
+
+    def volume(self, length: Real, pressure: Real) -> RealArray:
+        """Volume V [m3] of the fluid, that within the braid less the rubber's, broadcast shape."""
+        return self.state(length, pressure).volume
+
+    def energy(self, length: Real, pressure: Real) -> RealArray:
+        """Strain energy [J] of bladder and threads, broadcast shape: dU = F dL + P dV.
+
+        Of a law without an energy it is the work of its stresses along a straight path of strains.
+        """
+        return self.state(length, pressure).energy
+
+    def margin(self, length: Real, pressure: Real) -> RealArray:
+        """Stability [N/m]: least stiffness of the shape at held length and pressure, broadcast shape.
+
+        The smallest eigenvalue of the energy's second derivative per mean square of the radius. The
+        cylinder's condition dF/dr < 0 is the limit of a long muscle.
+        """
+        return self.state(length, pressure).margin
+
+    def profile(self, length: Real, pressure: Real, points: int = 101) -> Shape:
+        """The shape at active length L [m] and gauge pressure P [Pa].
+
+        Args:
+            length: active length L [m].
+            pressure: gauge pressure P [Pa].
+            points: in each section, equally far apart along the threads.
+
+        Returns:
+            The shape, of the broadcast shape with the points as last axis; nan where there is none.
+        """
+        return _profile(self, as_real(length), as_real(pressure), points)
+
+    def reason(self, length: float, pressure: float) -> str:
+        """Why there is no state at this length [m] and pressure [Pa], in words; "" if there is one."""
+        return REASONS[int(self.state(length, pressure).code)]
+
+    def blocked_force(self, pressure: Real) -> RealArray:
+        """Blocked force [N], the pull at zero contraction and gauge pressure P [Pa]."""
+        return self.force(self.rest_length, pressure)
+
+    def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
+        """Active length L [m] at which the muscle carries the load; see `AbstractMuscle`.
+
+        The pull is given and the length follows: one balance, and no search for a root of the force.
+        """
+        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        return required(length, found, "equilibrium length") if throw else length
+
+
+def _parts(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
+    """Share and parts of every section, its bladder as it begins."""
+    whole = Part(muscle.braid, muscle.bladder, muscle.material)
+    if not muscle.sections:
+        return [(1.0, whole)]
+    return [
+        (one.share, Part(one.braid or whole.braid, one.bladder or whole.bladder,
+                         one.material or whole.material))
+        for one in muscle.sections
+    ]  # fmt: skip
+
+
+def _ends(muscle: EquilibriumMuscle) -> Float[Array, "2"]:
+    other = muscle.other_end_diameter
+    return jnp.stack([muscle.end_diameter, muscle.end_diameter if other is None else other]) / 2
+
+
+def _modes_for(muscle: EquilibriumMuscle) -> int:
+    """Modes that resolve the shoulders: more for slender sections."""
+    slender = [s * p.bladder.rest_length / muscle.end_diameter for s, p in _parts(muscle)]
+    if any(isinstance(one, Tracer) for one in slender):
+        return 32
+    return int(np.clip(12 + 4 * np.sqrt(float(max(slender))), 16, 64))
+
+
+def _check(muscle: EquilibriumMuscle) -> None:
+    """Refuse what no muscle can be, as far as its numbers are known."""
+    total = sum(share for share, _ in _parts(muscle))
+    if any(share <= 0 for share, _ in _parts(muscle)) or abs(total - 1) > 1e-9:
+        raise InputError(f"the shares of the sections must be > 0 and sum to 1, got {total:.6g}")
+    bladders = [part.bladder for _, part in _parts(muscle)]
+    bladders += [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
+    for one in bladders:
+        for name in ("rest_length", "rest_diameter", "rest_thickness"):
+            value = getattr(one, name)
+            if not isinstance(value, Tracer) and not float(value) > 0:
+                raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
+    other = muscle.other_end_diameter
+    ends = muscle.end_diameter, muscle.end_diameter if other is None else other
+    for diameter, (_, part) in zip(ends, (_parts(muscle)[0], _parts(muscle)[-1]), strict=True):
+        numbers = diameter, part.braid.rest_thread_length, part.braid.turns
+        if any(isinstance(one, Tracer) for one in numbers):
+            continue
+        given, thread, turns = map(float, numbers)
+        if not 0 < given < thread / (np.pi * turns):
+            raise InputError(
+                f"an end diameter must be > 0 and less than the {thread / (np.pi * turns):.4g} m at "
+                f"which the threads run around the muscle, got {given:.4g} m"
+            )
+
+
+def _balance(
+    muscle: EquilibriumMuscle,
+    length: RealArray | None,
+    pressure: RealArray,
+    load: RealArray | None = None,
+) -> tuple[Balance, Solved, Int[Array, ""]]:
+    """The balance at a scalar length or load, its solution, and the code of its reason."""
+    parts, ends = _parts(muscle), _ends(muscle)
+    far = [one.far_bladder for one in muscle.sections] or [None]
+    straight = jnp.asarray(sum(share * part.braid.rest_thread_length for share, part in parts))
+    if load is None:
+        reach = straight * (1.1 if any(part.elastic for _, part in parts) else 1.0)
+        there = (length > 0) & (length < reach) & jnp.isfinite(pressure)
+        length = jnp.where(there, length, jax.lax.stop_gradient(muscle.rest_length))
+    else:
+        there = (pressure > 0) & jnp.isfinite(load + pressure)
+        load = jnp.where(there, load, 0.0)
+        turns = sum(share * part.braid.turns for share, part in parts)
+    pressure = jnp.where(there, pressure, 1.0)
+    if load is not None:  # Gaylord's cylinder, a little longer
+        square = (straight**2 + 4 * jnp.pi * turns**2 * load / pressure) / 3
+        length = jnp.clip(
+            1.05 * jnp.sqrt(jnp.maximum(square, 0.0)), 0.6 * straight, 0.98 * straight
+        )
+    dtype = jnp.result_type(length, pressure, ends)
+    scale = jnp.abs(pressure) * jnp.pi * jnp.mean(ends) ** 2
+    for share, part in parts:
+        stresses = part.material.stresses(*jnp.full((2,), _PROBE, dtype), pressure)
+        section = part.bladder.volume / part.bladder.rest_length
+        scale += share * section * (jnp.abs(stresses[0]) + jnp.abs(stresses[1]))
+    shares = tuple(share for share, _ in parts)
+    stations = rules(shares, muscle.modes)
+    balance = Balance(
+        parts=tuple(part.tapered(end, rule.x)
+                    for (_, part), end, rule in zip(parts, far, stations, strict=True)),
+        ends=ends.astype(dtype),
+        length=jnp.asarray(length, dtype),
+        pressure=jnp.asarray(pressure, dtype),
+        load=None if load is None else jnp.asarray(load, dtype),
+        force_scale=jax.lax.stop_gradient(scale).astype(dtype),
+        shares=shares,
+        order=muscle.modes,
+    )  # fmt: skip
+    solved = solve(balance)
+    return balance, solved, jnp.where(there, _code(balance, solved), BEYOND)
+
+
+def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
+    """Code of the reason, from the last point of the solver."""
+    stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(reduced_hessian(solved.point.matrix))))
+    rooms, kept = solved.point.rooms, solved.point.kept
+    inner = solved.last[1]
+    across = jnp.stack([inner[0][0, 0], inner[-1][-1, 0]])
+    along = jnp.stack([rooms[0, 1], rooms[-1, 1]])
+    pushed = balance.pressure * jnp.pi * jnp.mean(rooms[:, 0] ** 2)
+    why = jnp.select(
+        [
+            ~kept,
+            pushed + solved.point.aim * balance.force_scale < _SLACK * pushed,
+            jnp.min(along / jnp.hypot(along, across)) < _TILTED,
+            jnp.min(rooms[:, 2]) < _ROUND * jnp.max(rooms[:, 2]),
+        ],
+        [UNKNOWN, COMPRESSION, OVERHANG, LOCKED],
+        LOST,
+    )
+    return jnp.where(solved.found, jnp.where(stable, FOUND, UNSTABLE), why)
+
+
+@quick_jit
+def _force(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> RealArray:
+    def one(length: RealArray, pressure: RealArray) -> RealArray:
+        balance, solved, code = _balance(muscle, length, pressure)
+        return jnp.where(code == FOUND, solved.y[0][-1] * balance.force_scale, jnp.nan)
+
+    return at_each(one, length, pressure)
+
+
+@quick_jit
+def _length_at_load(
+    muscle: EquilibriumMuscle, load: RealArray, pressure: RealArray
+) -> tuple[RealArray, Bool[Array, "..."]]:
+    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+        balance, solved, code = _balance(muscle, None, pressure, load)
+        length, _ = _length_and_volume(balance, solved)
+        return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
+
+    return at_each(one, load, pressure)
+
+
+@quick_jit
+def _state(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> State:
+    def one(length: RealArray, pressure: RealArray) -> State:
+        balance, solved, code = _balance(muscle, length, pressure)
+        values = (
+            solved.y[0][-1] * balance.force_scale,
+            _length_and_volume(balance, solved)[1],
+            _energy(balance, solved),
+            _margin(balance, solved),
+        )
+        return State(*(jnp.where(code == FOUND, value, jnp.nan) for value in values), code)
+
+    return at_each(one, length, pressure)
+
+
+def _axial_rate(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
+    """Z' = mu m / sqrt(m^2 + p^2) at one station."""
+    radius, _, force, across, *stretch = state
+    along = pressure * jnp.pi * radius**2 + force
+    meridian, *_ = part.place(radius, stretch[0] if stretch else jnp.zeros_like(radius))
+    return meridian * along / jnp.hypot(along, across)
+
+
+def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, RealArray]:
+    """Length [m] and volume [m3] of the fluid."""
+    length = volume = jnp.zeros_like(balance.pressure)
+    rates = balance.each(_axial_rate, solved.y)
+    for rule, part, state, rate in zip(
+        balance.rules, balance.parts, balance.states(solved.y), rates, strict=True
+    ):
+        weights = rule.weights.astype(length.dtype)
+        length += weights @ rate
+        volume += weights @ (jnp.pi * state[:, 0] ** 2 * rate - part.bladder.volume)
+    return length, volume
+
+
+def _energy(balance: Balance, solved: Solved) -> RealArray:
+    nodes, weights = ((_RULE[0] + 1) / 2, _RULE[1] / 2)
+
+    def stored(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
+        radius, stretch = state[0], state[4] if part.elastic else jnp.zeros_like(state[0])
+        axial, hoop = part.strains(radius, stretch)
+
+        def rate(share: RealArray) -> RealArray:
+            stresses = part.material.stresses(share * axial, share * hoop, pressure)
+            work = stresses[0] * axial / (1 + share * axial) + stresses[1] * hoop / (
+                1 + share * hoop
+            )
+            tension = part.braid.threads_tension(share * stretch)
+            threads = 0.0 if tension is None else tension * part.braid.rest_thread_length * stretch
+            return part.bladder.volume * work + threads
+
+        return jnp.sum(weights.astype(radius.dtype) * jax.vmap(rate)(nodes.astype(radius.dtype)))
+
+    each = zip(balance.rules, balance.each(stored, solved.y), strict=True)
+    return jnp.asarray(sum(jnp.sum(rule.weights.astype(w.dtype) * w) for rule, w in each))
+
+
+def _margin(balance: Balance, solved: Solved) -> RealArray:
+    free, mass = balance.free, 0.0
+    for rule in balance.rules:
+        values = rule.values[:, free]
+        mass = mass + (values.T * rule.weights) @ values
+    root = np.linalg.inv(np.linalg.cholesky(mass)).astype(balance.ends.dtype)
+    least = jnp.linalg.eigvalsh(root @ reduced_hessian(solved.point.matrix) @ root.T)[0]
+    return least * balance.force_scale / balance.radius_scale
+
+
+@quick_jit
+def _profile(
+    muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray, points: int
+) -> Shape:
+    def one(length: RealArray, pressure: RealArray) -> Shape:
+        balance, solved, code = _balance(muscle, length, pressure)
+        shape = _shape(balance, solved, points)
+        return jax.tree.map(lambda leaf: jnp.where(code == FOUND, leaf, jnp.nan), shape)
+
+    return at_each(one, length, pressure)
+
+
+def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
+    """The shape at points of every section, by the polynomials through its stations."""
+    dtype, start, found = balance.ends.dtype, jnp.zeros_like(balance.length), []
+    at = np.linspace(-1, 1, points)
+    radii = jnp.zeros(len(balance.shares) * balance.order + 1, dtype)
+    radii = radii.at[balance.free].set(solved.y[0][:-1] * balance.radius_scale)
+    radii = radii.at[jnp.array([0, len(balance.shares)])].set(balance.ends)
+    rates = balance.each(_axial_rate, solved.y)
+    for i, (rule, part, state) in enumerate(
+        zip(balance.rules, balance.parts, balance.states(solved.y), strict=True)
+    ):
+        # Values at Gauss stations to Legendre coefficients, and from there anywhere.
+        size, stations = rule.x.size, 2 * rule.x - 1
+        legendre = np.polynomial.legendre.legvander(stations, size - 1)
+        share = balance.shares[i]
+        back = (legendre * (rule.weights / share)[:, None]).T * (2 * np.arange(size) + 1)[:, None]
+        there = np.polynomial.legendre.legvander(at, size)
+        through = (there[:, :-1] @ back).astype(dtype)
+        lower = np.concatenate([-np.ones((points, 1)), there[:, :-2]], axis=1)
+        grown = (there[:, 1:] - lower) / (2 * np.arange(size) + 1) / 2 * share
+        z = start + (grown @ back).astype(dtype) @ rates[i]
+        whole = (np.ones((1, size)) * rule.weights).astype(dtype) @ rates[i]
+        start = start + whole[0]
+        values = modes(balance.shares, balance.order, i, at)[0].astype(dtype)
+        radius = values @ radii
+        stretch = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
+        across = through @ state[:, 3]
+        bladder = jax.tree.map(lambda leaf, t=through: t @ leaf, part.bladder)
+        own = Part(part.braid, bladder, part.material)
+        found.append(_points(own, balance, state[0, 2], z, radius, stretch, across))
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *found)
+
+
+def _points(
+    part: Part,
+    balance: Balance,
+    force: RealArray,
+    z: RealArray,
+    radius: RealArray,
+    stretch: RealArray,
+    across: RealArray,
+) -> Shape:
+    meridian, _, outer = part.place(radius, stretch)
+    axial, hoop = part.strains(radius, stretch)
+    stress = part.material.stresses(axial, hoop, balance.pressure)[0]
+    carried = jnp.hypot(balance.pressure * jnp.pi * radius**2 + force, across)
+    rubber = part.bladder.volume * stress / (1 + axial) / part.bladder.rest_length
+    thread = part.braid.rest_thread_length * (1 + stretch)
+    return Shape(
+        position=z,
+        radius=radius,
+        braid_angle=jnp.arctan2(meridian, 2 * jnp.pi * part.braid.turns * radius),
+        thread_tension=(carried - rubber) * thread / meridian,
+        axial_strain=axial,
+        hoop_strain=hoop,
+        thickness=part.bladder.thickness(meridian, outer),
+    )
