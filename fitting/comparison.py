@@ -594,7 +594,7 @@ def compare(
 
     row = functools.partial(_row, data, starts, seed)
     run_fits(row, tasks, executor=executor, store=store, progress=tell, names=names)
-    rows = [ComparisonRow(**part) for part in store]
+    rows = [ComparisonRow(**{**part, "at_bound": tuple(part["at_bound"])}) for part in store]
     return Comparison(data, tuple(sorted(rows, key=_place)))
 
 

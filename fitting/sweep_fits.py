@@ -469,7 +469,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     G, x = _posed(of, given), np.zeros((count, n))
     least_size = _VANISHED * _carrying_alone(W, c)
     loose, done, outside = np.full(count, _LOOSE), *np.zeros((2, count), bool)
-    status = np.full(count, int(Status.STALLED))
+    status = last = np.full(count, int(Status.STALLED))
     condition, value, kkt_residual, gap = np.full((4, count), np.nan)
     for step in range(_STEPS):
         A, b, first = W, c, step == 0
@@ -477,6 +477,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
             share_of_majorant = np.where(outside, 1.0, loose)
             A, b = _newton_model(W, c, x, share, share_of_majorant, _rounding(step))
         best = _optimum(A, b, absent, G)
+        last = best.status
         new = np.where(done[:, None], x, best.x)
         change = _length(W, new - x) / np.maximum(_length(W, new), np.finfo(float).tiny)
         still = np.full(count, not smooth) | ((change <= _EXACT) & (_rounding(step) <= _ROUNDED))
@@ -502,9 +503,8 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         x, done, outside = new, done | ended, violation > _EXACT
         if done.all():
             break
-    status = np.where(
-        done, status, best.status
-    )  # the last steps move by rounding: the certificate tells
+    # The last steps move by rounding: the certificate tells.
+    status = np.where(done, status, last)
     wrong = (status == int(Status.OPTIMAL)) & ~(kkt_residual < _CERTIFIED)
     status = np.where(wrong, int(Status.STALLED), status)
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
