@@ -1,6 +1,7 @@
 """The command as a person types it: exit codes, what is printed where, what is written."""
 
 import datetime
+import importlib
 import io
 import json
 import subprocess
@@ -197,8 +198,10 @@ def test_numbers_out_of_range_are_refused_before_any_work(
     def load() -> None:
         raise AssertionError("the library is loaded for a command that cannot run")
 
-    for module in ("fit", "several"):
-        monkeypatch.setattr(f"fitting.cli.{module}.load_fitting", load)
+    # All are imported before any is changed: each has the function from the first.
+    modules = [importlib.import_module(f"fitting.cli.{name}") for name in ("fit", "several")]
+    for module in modules:
+        monkeypatch.setattr(module, "load_fitting", load)
     code, out, err = run(capsys, *arguments, "--output", tmp_path / "o")
     assert (code, out) == (2, "")
     assert message in err
