@@ -275,28 +275,6 @@ def test_derivatives_match_differences_on_the_whole_grid(argument: int, law: str
     assert np.median(noise / np.maximum(np.abs(differences), 1e-300)) < 1e-8
 
 
-def test_derivatives_of_given_force_match_differences() -> None:
-    def solve(values):
-        length, pressure, force, rest, turns, modulus = values
-        thread = ToeThread(modulus * 1e6, AREA, 0.002, 2.0)
-        one = ElasticBraid(rest, turns, 0.011, n, thread)
-        return one.thread_length_at_force(length, pressure, force)
-
-    value, gradient, hessian = (jax.jit(f) for f in (solve, jax.grad(solve), jax.hessian(solve)))
-    for modulus in (0.3, 16.9):
-        at = np.array([9.0, 80.0, 700.0, B0, N, modulus])
-        slope, curvature = gradient(at), hessian(at)
-        for i, step in enumerate(1e-4 * at):
-            # one step along one argument is h = 1
-            along = step * np.eye(6)[i]
-            assert float(slope[i] * step) == pytest.approx(
-                float(stencil(lambda h, v=(at, along): value(v[0] + h * v[1]), 0.0, 1.0)),
-                rel=DIFFERENCE,
-            )
-            rates = stencil(lambda h, v=(at, along): gradient(v[0] + h * v[1]), 0.0, 1.0)
-            np.testing.assert_allclose(curvature[i], rates / step, rtol=DIFFERENCE, atol=1e-12)
-
-
 def test_second_derivatives_match_the_closed_form() -> None:
     def solve(v):
         one = ElasticBraid(v[2], v[3], 0.011, n, LinearThread(v[4] * 1e6, AREA))
@@ -382,40 +360,6 @@ def test_stiff_threads_are_the_inelastic_braid() -> None:
     )
 
 
-@pytest.mark.slow
-def test_stiffness_and_its_derivatives_match_differences(elastic: famjax.Muscle) -> None:
-    """First order by grad through the solve, second order by grad and by jvp of that grad."""
-    h = 1e-3
-    force = jax.jit(lambda L: elastic.force(L, 80.0))
-    stiffness = jax.jit(lambda L: elastic.stiffness(L, 80.0))
-    for length in (9.2, 7.0):
-        slope = stencil(force, length, h)
-        assert float(stiffness(length)) == pytest.approx(float(slope), rel=1e-8)
-        curvature = stencil(stiffness, length, h)
-        assert float(jax.grad(stiffness)(length)) == pytest.approx(float(curvature), rel=DIFFERENCE)
-        _, tangent = jax.jvp(stiffness, (length,), (1.0,))
-        assert float(tangent) == pytest.approx(float(curvature), rel=DIFFERENCE)
-
-
-def with_modulus(model: famjax.Muscle, modulus) -> famjax.Muscle:
-    return eqx.tree_at(lambda m: m.geometry.braid.thread.modulus, model, modulus)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("elastic", ["toe"], indirect=True)  # the harder law; each solve compiles
-def test_modulus_moves_stiffness_and_free_contraction(elastic: famjax.Muscle) -> None:
-    def stiffness(modulus):
-        return with_modulus(elastic, modulus * 1e6).stiffness(8.0, 80.0)
-
-    def contraction(modulus):
-        return with_modulus(elastic, modulus * 1e6).free_contraction(80.0)
-
-    for function in map(jax.jit, (stiffness, contraction)):
-        differences = float(stencil(function, 11.6, 0.05))
-        assert float(jax.grad(function)(11.6)) == pytest.approx(differences, rel=1e-5)
-        assert float(jax.jacfwd(function)(11.6)) == pytest.approx(differences, rel=1e-5)
-
-
 def test_path_modulus_matches_differences(elastic: famjax.Muscle) -> None:
     length, pressure, h = 7.5, 80.0, 1e-3
 
@@ -431,45 +375,8 @@ def test_path_modulus_matches_differences(elastic: famjax.Muscle) -> None:
     assert float(modulus) == pytest.approx(stress @ strain / (strain @ strain), rel=1e-8)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("elastic", ["toe"], indirect=True)  # the harder law; each solve compiles
-def test_length_at_load_carries_the_load(elastic: famjax.Muscle) -> None:
-    loads = jnp.array([0.0, 200.0, 500.0])
-    length = elastic.length_at_load(loads, 80.0)
-    np.testing.assert_allclose(elastic.force(length, 80.0), loads, atol=1e-8)
-    compliance = jax.vmap(jax.grad(elastic.length_at_load), in_axes=(0, None))(loads, 80.0)
-    np.testing.assert_allclose(compliance, 1 / elastic.stiffness(length, 80.0), rtol=1e-8)
-
-
 def test_soft_braid_gives_nan_forces_not_errors_in_a_sweep() -> None:
     soft = muscle(linear(0.05e6))
     force = soft.force(L0, jnp.array([20.0, 60.0, 100.0]))
     np.testing.assert_array_equal(np.isnan(force), [False, False, True])
     assert np.isnan(soft.free_contraction(200.0, throw=False))
-
-
-def test_vmap_and_jit_equal_a_loop() -> None:
-    one = toe()
-    lengths, pressures = jnp.linspace(6, 9.5, 5), jnp.linspace(0, 200, 5)
-    looped = [
-        float(one.thread_length(length, p)) for length, p in zip(lengths, pressures, strict=True)
-    ]
-    np.testing.assert_allclose(one.thread_length(lengths, pressures), looped, rtol=EXACT)
-    np.testing.assert_allclose(jax.vmap(one.thread_length)(lengths, pressures), looped, rtol=EXACT)
-    jitted = eqx.filter_jit(lambda b, length, p: b.thread_length(length, p))
-    np.testing.assert_allclose(jitted(one, lengths, pressures), looped, rtol=EXACT)
-    assert one.thread_length(lengths[:, None], pressures).shape == (5, 5)
-
-
-@pytest.mark.parametrize("make", slow_after(1, [linear, toe]))
-def test_float32_stays_float32(make: Callable[[], ElasticBraid]) -> None:
-    exact = make()
-    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), exact)
-    length, pressure = jnp.float32(L0), jnp.float32(100.0)
-    B = single.thread_length(length, pressure)
-    assert B.dtype == jnp.float32
-    assert float(B) == pytest.approx(float(exact.thread_length(L0, 100.0)), rel=3e-7)
-    held = single.thread_length_at_force(length, pressure, jnp.float32(1058.0))
-    assert held.dtype == jnp.float32
-    expected = float(exact.thread_length_at_force(L0, 100.0, 1058.0))
-    assert float(held) == pytest.approx(expected, rel=3e-7)

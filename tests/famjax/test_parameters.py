@@ -162,21 +162,6 @@ def test_names_that_clash_say_where_they_stand() -> None:
     assert float(hose.width) == 0.01
 
 
-def test_values_that_are_no_parameters_are_refused() -> None:
-    with pytest.raises(
-        ValueError, match="EstimatedGeometry has no parameter 'turns'; it has braid"
-    ):
-        EMBEDDED.with_parameters({"turns": 1.0})
-    with pytest.raises(ValueError, match=r"one number; got the shape \(2,\) for 'E_1'"):
-        MUSCLE.with_parameters({"E_1": jnp.ones(2)})
-    with pytest.raises(ValueError, match="field 'geometry' of Muscle has no default"):
-        template(famjax.Muscle)
-    with pytest.raises(ValueError, match="goes from low to high"):
-        famjax.parameter("m", low=1.0, high=0.0)
-    with pytest.raises(ValueError, match="scale of a parameter is finite and > 0"):
-        famjax.parameter("m", scale=0.0)
-
-
 def test_every_unit_has_its_kind() -> None:
     class Many(famjax.terms.AbstractForceTerm):
         a: Float[Array, ""] = famjax.parameter("N/m")
