@@ -218,28 +218,6 @@ def test_saturating_energy_is_the_work_of_true_stress(s: float) -> None:
         assert float(law.energy(stretch, 1.0)) == pytest.approx(work, rel=EXACT)
 
 
-@pytest.mark.slow
-def test_saturating_path_modulus_is_the_weighted_tangent(festo: famjax.Muscle) -> None:
-    law = SaturatingMaterial(4e5, 2e5, 0.15)
-    at = festo.geometry.dimensions(0.26, 2e5)
-    rates = jax.jit(
-        jax.jacobian(
-            lambda L: jnp.stack(
-                [
-                    festo.geometry.dimensions(L, 2e5).axial_strain,
-                    festo.geometry.dimensions(L, 2e5).hoop_strain[0],
-                ]
-            )
-        )
-    )(0.26)
-    moduli = np.stack(
-        [law.tangent_modulus(at.axial_strain), law.tangent_modulus(at.hoop_strain[0])]
-    )
-    want = np.sum(moduli * rates**2) / np.sum(rates**2)
-    got = famjax.path_modulus(law, festo.geometry, 0.26, 2e5)
-    assert float(got) == pytest.approx(float(want), rel=EXACT)
-
-
 def test_monotone_law_is_its_modulus_integrated() -> None:
     knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
     law = famjax.materials.MonotoneMaterial(knots, moduli)

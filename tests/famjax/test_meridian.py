@@ -125,9 +125,7 @@ def test_default_order_against_scipy_on_piecewise_shapes(name: str) -> None:
 
 
 @pytest.mark.parametrize("contraction", CONTRACTIONS)
-def test_default_order_against_scipy_on_measured_profiles(
-    contraction: float
-) -> None:
+def test_default_order_against_scipy_on_measured_profiles(contraction: float) -> None:
     profile, L = TABLE_4_3[contraction]
     a0, a, b, w = (np.asarray(leaf) for leaf in (profile.a0, profile.a, profile.b, profile.w))
     n = np.arange(1, 4)
@@ -160,14 +158,12 @@ SYNTHETIC: dict[str, Case] = {
 }
 
 
-@pytest.fixture(scope="module")
-def every() -> dict[str, Case]:
-    return dict(zip(MEASURED, TABLE_4_3.values(), strict=True)) | SYNTHETIC
+EVERY = dict(zip(MEASURED, TABLE_4_3.values(), strict=True)) | SYNTHETIC
 
 
 @pytest.mark.parametrize("name", slow_after(3, [*MEASURED, *SYNTHETIC]))
-def test_default_order_against_much_higher_order(name: str, every: dict[str, Case]) -> None:
-    profile, L = every[name]
+def test_default_order_against_much_higher_order(name: str) -> None:
+    profile, L = EVERY[name]
     np.testing.assert_allclose(
         _measures(profile, L), _measures(profile, L, order=600), rtol=QUADRATURE
     )
@@ -178,37 +174,40 @@ def test_default_order_against_much_higher_order(name: str, every: dict[str, Cas
 
 
 @pytest.mark.parametrize("name", [*MEASURED, *SYNTHETIC])
-def test_a_low_order_is_worse(name: str, every: dict[str, Case]) -> None:
+def test_a_low_order_is_worse(name: str) -> None:
     """That the comparison above can fail: three stations are not enough for any curved shape."""
-    profile, L = every[name]
+    profile, L = EVERY[name]
     error = _measures(profile, L, order=3) / _measures(profile, L) - 1
     flat = name in ("cylinder", "stepped", "frustum", "frusta only")
     assert (np.max(np.abs(error)) < EXACT) == (flat and "frust" not in name)
 
 
-def test_sphere() -> None:
-    """Two semi-ellipsoids as long as wide: vertical tangents and no end faces."""
-    sphere = SemiEllipsoidEnds(2.0, 0.0, 1.0)
-    exact = (np.pi / 2, np.pi, 4 * np.pi, 4 / 3 * np.pi)
-    np.testing.assert_allclose(
-        _measures(sphere, 2.0), exact, rtol=1e-11
-    )  # 1 - x loses digits at x = 1
-
-
-def test_cylinder() -> None:
-    exact = (2.0, 3.0, 6 * np.pi, 3 * np.pi)
-    np.testing.assert_allclose(_measures(Cylinder(2.0), 3.0), exact, rtol=EXACT)
-
-
-def test_stepped_cylinder_is_three_cylinders() -> None:
-    exact = (
-        (0.9 * 2.2 + 2.2 * 3.8) / 6.0,
-        6.0,
-        np.pi * (0.9 * 2.2 + 2.2 * 3.8),
-        np.pi / 4 * (0.9**2 * 2.2 + 2.2**2 * 3.8),
-    )
-    shape = SteppedCylinder(2.2, 0.9, 1.1)
-    np.testing.assert_allclose(_measures(shape, 6.0), exact, rtol=EXACT)
+@pytest.mark.parametrize(
+    ("shape", "length", "exact", "tolerance"),
+    [
+        # Two semi-ellipsoids as long as wide: vertical tangents, and 1 - x loses digits at x = 1.
+        (
+            SemiEllipsoidEnds(2.0, 0.0, 1.0), 2.0,
+            (np.pi / 2, np.pi, 4 * np.pi, 4 / 3 * np.pi), 1e-11,
+        ),
+        (Cylinder(2.0), 3.0, (2.0, 3.0, 6 * np.pi, 3 * np.pi), EXACT),
+        (  # three cylinders
+            SteppedCylinder(2.2, 0.9, 1.1), 6.0,
+            (
+                (0.9 * 2.2 + 2.2 * 3.8) / 6.0,
+                6.0,
+                np.pi * (0.9 * 2.2 + 2.2 * 3.8),
+                np.pi / 4 * (0.9**2 * 2.2 + 2.2**2 * 3.8),
+            ),
+            EXACT,
+        ),
+    ],
+    ids=["sphere", "cylinder", "stepped"],
+)  # fmt: skip
+def test_measures_of_simple_bodies(
+    shape: AbstractProfile, length: float, exact: tuple[float, ...], tolerance: float
+) -> None:
+    np.testing.assert_allclose(_measures(shape, length), exact, rtol=tolerance)
 
 
 def test_slope_is_that_of_the_line() -> None:
@@ -259,8 +258,8 @@ def test_embedded_bladder_strains_with_the_line_itself() -> None:
 
 
 @pytest.mark.parametrize("name", [*MEASURED, "five terms", "cylinder"])
-def test_maximum_diameter(name: str, every: dict[str, Case]) -> None:
-    profile, L = every[name]
+def test_maximum_diameter(name: str) -> None:
+    profile, L = EVERY[name]
     diameter = jax.jit(lambda x: profile.diameter(x, L))
     x = np.linspace(0, 1, 2001)
     best = x[int(np.argmax(diameter(x)))]
@@ -279,22 +278,6 @@ def test_maximum_diameter_at_an_end_and_over_lengths() -> None:
     assert float(maximum_diameter(flared, 1.0)) == pytest.approx(1.2, rel=EXACT)
     stepped = SteppedCylinder(2.2, 0.9, 1.1)
     np.testing.assert_allclose(maximum_diameter(stepped, jnp.array([3.0, 6.0])), 2.2, rtol=EXACT)
-
-
-def test_derivative_of_shapes_with_vertical_tangents() -> None:
-    def area(middle: jax.Array, L: jax.Array) -> jax.Array:
-        return Meridian.of(CircularArcEnds(middle, 0.9), L).surface_area
-
-    # By hand: two quarter toroids 2 pi r (R_e pi / 2 + r) each, and the cylinder between.
-    def by_hand(middle: jax.Array, L: jax.Array) -> jax.Array:
-        r, R = (middle - 0.9) / 2, middle / 2
-        return 4 * jnp.pi * r * (0.45 * jnp.pi / 2 + r) + 2 * jnp.pi * R * (L - 2 * r)
-
-    for argument in (0, 1):
-        rate = jax.jit(jax.grad(area, argument))(2.2, 6.0)
-        assert float(rate) == pytest.approx(
-            float(jax.jit(jax.grad(by_hand, argument))(2.2, 6.0)), rel=1e-8
-        )
 
 
 def test_traced_negative_diameter_is_an_error() -> None:

@@ -28,17 +28,9 @@ def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
     """k = 1/(1 - l/L0): the part that contracts is shorter by l and otherwise the same muscle."""
     k, rest = 1.12, 0.296
     active = rest / k
-    braid = famjax.Braid.from_rest(diameter=23e-3, braid_angle=jnp.deg2rad(62.0), length=active)
-    short = famjax.Muscle(
-        famjax.EstimatedGeometry(braid, famjax.Bladder(active, 23e-3, 1.8e-3, embedded=True)),
-        festo.material,
-        festo.deadband_pressure,
-    )
-    muscle = famjax.Muscle(
-        famjax.geometries.EndEffectGeometry(festo.geometry, k),
-        festo.material,
-        festo.deadband_pressure,
-    )
+    short = festo.with_parameters({"rest_length": active})
+    ends = famjax.geometries.EndEffectGeometry(festo.geometry, k)
+    muscle = famjax.Muscle(ends, festo.material, festo.deadband_pressure)
     L = jnp.linspace(0.25, 0.296, 7)
     np.testing.assert_allclose(
         muscle.force(L, 5e5), short.force(L - (rest - active), 5e5), rtol=1e-10
@@ -72,13 +64,7 @@ def test_onset_pressure_is_where_the_force_begins(festo: famjax.Muscle) -> None:
     onset = festo.onset_pressure(L, 2e6)
     np.testing.assert_allclose(festo.force(L, onset), 0.0, atol=1e-8)
     assert float(onset[2]) == pytest.approx(40e3, rel=1e-9)  # at rest: the deadband itself
-    slope = jax.jit(jax.grad(lambda L: festo.onset_pressure(L, 2e6)))(0.27)
-    h = 1e-6
-    difference = festo.onset_pressure(jnp.array([0.27 + h, 0.27 - h]), 2e6)
-    assert float(slope) == pytest.approx(float(difference[0] - difference[1]) / (2 * h), rel=1e-6)
     assert np.isnan(festo.onset_pressure(0.25, 1e4, throw=False))
-    with pytest.raises(RuntimeError, match="no onset pressure"):
-        festo.onset_pressure(0.25, 1e4)
 
 
 def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
@@ -97,13 +83,10 @@ C = 1.8e-5  # m/N
 LINEAR_BELOW = 0.1  # N
 
 
-@pytest.fixture(scope="module")
-def muscle() -> famjax.Muscle:
-    braid = famjax.Braid.from_rest(diameter=0.012, braid_angle=np.radians(65), length=0.28)
-    bladder = famjax.Bladder(0.28, 0.012, 1.8e-3, embedded=True)
-    return famjax.Muscle(
-        famjax.EstimatedGeometry(braid, bladder), famjax.PolynomialMaterial([0.4e6]), 0.0
-    )
+MUSCLE = famjax.Muscle(
+    known.CYLINDER_10.with_parameters({"braid_angle": np.radians(65), "rest_length": 0.28}),
+    famjax.PolynomialMaterial([0.4e6]),
+)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 0.7, 0.5, 0.3])
@@ -132,25 +115,25 @@ def test_near_no_force_every_rig_is_linear() -> None:
 
 
 @pytest.mark.parametrize("exponent", [None, 1.0, 0.5, 0.3])
-def test_a_mounted_muscle_balances(muscle: famjax.Muscle, exponent: float | None) -> None:
-    mounted = famjax.MountedMuscle(muscle, C, exponent)
+def test_a_mounted_muscle_balances(exponent: float | None) -> None:
+    mounted = famjax.MountedMuscle(MUSCLE, C, exponent)
     x, P = jnp.linspace(0.24, 0.28, 7), 5e5
     force = mounted.force(x, P)
-    np.testing.assert_allclose(force, muscle.force(x - mounted.gives_way(force), P), rtol=1e-11)
-    assert (force < muscle.force(x, P)).all()
+    np.testing.assert_allclose(force, MUSCLE.force(x - mounted.gives_way(force), P), rtol=1e-11)
+    assert (force < MUSCLE.force(x, P)).all()
     if exponent == 1.0:
-        np.testing.assert_allclose(force, famjax.MountedMuscle(muscle, C).force(x, P), rtol=1e-11)
+        np.testing.assert_allclose(force, famjax.MountedMuscle(MUSCLE, C).force(x, P), rtol=1e-11)
 
 
-def test_another_muscle_in_the_same_rig(muscle: famjax.Muscle) -> None:
-    mounted = famjax.MountedMuscle(muscle, C, 0.5)
-    shorter = mounted.with_muscle(famjax.cut_to_length(muscle, 0.2))
+def test_another_muscle_in_the_same_rig() -> None:
+    mounted = famjax.MountedMuscle(MUSCLE, C, 0.5)
+    shorter = mounted.with_muscle(famjax.cut_to_length(MUSCLE, 0.2))
     assert float(shorter.rest_length) == pytest.approx(0.2)
     assert (shorter.compliance, shorter.exponent) == (C, 0.5)
 
 
-def test_its_numbers_are_declared(muscle: famjax.Muscle) -> None:
-    declared = famjax.MountedMuscle(muscle, C, 0.5).declared()
+def test_its_numbers_are_declared() -> None:
+    declared = famjax.MountedMuscle(MUSCLE, C, 0.5).declared()
     exponent = declared["series_exponent"]
     assert (exponent.low, exponent.high, exponent.linear) == (0.3, 1.0, False)
-    assert "series_exponent" not in famjax.MountedMuscle(muscle, C).declared()
+    assert "series_exponent" not in famjax.MountedMuscle(MUSCLE, C).declared()

@@ -211,7 +211,19 @@ SOLVES: dict[str, tuple[Callable, tuple[float, ...]]] = {
         lambda m, L, P: famjax.path_modulus(m.material, m.geometry, L, P), (0.26, 4e5)
     ),
     "cut to length": (lambda m, rest: famjax.cut_to_length(m, rest).force(0.9 * rest, 4e5), (0.1,)),
+    "other parameters": (
+        lambda m, D, theta, E: m.with_parameters(
+            {"braid_diameter": D, "braid_angle": theta, "E_2": E}
+        ).force(0.27, 4e5),
+        (0.023, 1.08, -1.9e7),
+    ),
 }  # fmt: skip
+
+
+def force_of(apart: famjax.parameters.Apart, part: jax.Array) -> jax.Array:
+    """The force where all the free numbers are moved along."""
+    one = lambda k: apart.muscle(k * apart.scaled).force(0.27, 4e5)  # noqa: E731
+    return jnp.vectorize(one)(part)
 
 
 def muscle_cases() -> Iterator[tuple[str, Case]]:
@@ -224,6 +236,8 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
     for name, (call, arguments) in SOLVES.items():
         states = tuple(parts * value for value in arguments)
         yield f"{name} of festo", Case(call, known.FESTO, states, 2e-4)
+    apart = famjax.take_apart(known.FESTO, ("braid_diameter", "braid_angle", "E_1", "E_2"))
+    yield "taken apart", Case(force_of, apart, (parts,), 2e-4)
     elastic = famjax.Muscle(known.GEOMETRIES["toe"](), known.LATEX)
     for name in ("stiffness", "free contraction"):
         states = BY_STATE if name == "stiffness" else (np.array([60.0, 80.0, 100.0]),)
@@ -256,7 +270,8 @@ def test_jit_vmap_and_broadcasting_equal_a_loop(case: Case) -> None:
         grid = call(model, states[0][:, None], *states[1:])
         return call(model, *states), jax.vmap(lambda *at: call(model, *at))(*states), grid
 
-    loop = np.array([call(model, *map(float, at)) for at in zip(*states, strict=True)])
+    one = eqx.filter_jit(call)
+    loop = np.array([one(model, *at) for at in zip(*states, strict=True)])
     jitted, mapped, grid = (np.asarray(one) for one in compiled(model, states))
     if len(states) > 1:
         grid = grid[range(3), range(3)]

@@ -66,7 +66,7 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
      lambda: Meridian.of(Cylinder(0.5), 9.0).hoop_strain(famjax.Bladder(9.0, 0.9, 0.2))),
     (RuntimeError, "must leave a bore",
      lambda: MeasuredGeometry(
-         known.measured_family(known.INELASTIC), famjax.Bladder(known.L0, 1.4, 0.5))),
+         known.two_profiles(known.INELASTIC), famjax.Bladder(known.L0, 1.4, 0.5))),
     # Families of shapes
     (ValueError, "two or more profiles", lambda: family([9.0], [WAVY])),
     (ValueError, r"2 profiles and lengths of shape \(3,\)",
@@ -80,7 +80,7 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
     (ValueError, "pressures rise", lambda: sampled(pressures=PRESSURES[::-1])),
     (ValueError, "must have the shape", lambda: sampled(lengths=LENGTHS[:2])),
     (ValueError, "one or two",
-     lambda: sampled(pressures=np.array([1.0, 2.0, 3.0]), diameters=np.ones((3, 4, 5)))),
+     lambda: sampled(pressures=np.array([1.0, 2.0, 3.0]), diameters=np.ones((3, 3, 5)))),
     (ValueError, "must be > 0", lambda: sampled(diameters=BULGED - 0.03)),
     (ValueError, "0 to 0.25", lambda: sampled(margin=0.5)),
     # Laws
@@ -149,4 +149,4 @@ def test_it_is_refused_in_words(
 
 
 def test_a_right_angle_is_no_mistake() -> None:
-    assert from_angle(jnp.asarray(np.pi / 2, jnp.float32)).turns >= 0
+    assert from_angle(jnp.asarray(np.pi / 2, jnp.float32)).rest_thread_length > 0
