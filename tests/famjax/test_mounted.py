@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from muscles import CYLINDER_10
 
 import famjax
 from famjax.muscle import SEATING_FORCE, give_way
@@ -84,7 +85,7 @@ LINEAR_BELOW = 0.1  # N
 
 
 MUSCLE = famjax.Muscle(
-    known.CYLINDER_10.with_parameters({"braid_angle": np.radians(65), "rest_length": 0.28}),
+    CYLINDER_10.with_parameters({"braid_angle": np.radians(65), "rest_length": 0.28}),
     famjax.PolynomialMaterial([0.4e6]),
 )
 

@@ -117,16 +117,6 @@ def test_unreachable_load_is_an_error_or_nan(festo: famjax.Muscle) -> None:
     np.testing.assert_array_equal(np.isnan(lengths), [False, True])
 
 
-def test_chapter_six_inelastic_column(chambers: famjax.Muscle) -> None:
-    """Inelastic braid: tables 6.2 (powers of hoop strain, free) and 6.3 (Gaylord, at rest)."""
-    at = chambers.geometry.dimensions(9.28125 * (1 - 0.354), 100.0)  # the tested free contraction
-    strain = float(at.hoop_strain[0])
-    for n, printed in enumerate((1.76, 3.09, 5.43, 9.53), 1):
-        assert strain**n == pytest.approx(printed, rel=0.005)  # printed to three digits
-    assert float(chambers.braid_force(9.28125, 100.0)) == pytest.approx(1074.3, rel=0.002)
-    np.testing.assert_allclose(at.station_weights.sum(), 1)
-
-
 def test_path_modulus_of_a_linear_law_is_its_modulus(muscle: famjax.Muscle) -> None:
     L, P = _states(muscle)
     linear = famjax.PolynomialMaterial([3.5])

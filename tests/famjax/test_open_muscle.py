@@ -154,17 +154,6 @@ def test_a_material_stands_for_braid_and_wall() -> None:
         np.testing.assert_allclose(muscle.force(GOOD, P), total, rtol=EXACT)
 
 
-def test_virtual_work_of_a_cylinder_is_gaylord() -> None:
-    pairs = [
-        (CYLINDER, "virtual work"),
-        (famjax.EstimatedGeometry(KEVLAR, SPECIMEN), "virtual work at thread length"),
-    ]
-    for geometry, name in pairs:
-        got = famjax.Muscle(geometry, TERMS[name]).force(GOOD, P)
-        want = famjax.Muscle(geometry, TERMS["pressurised braid"]).force(GOOD, P)
-        np.testing.assert_allclose(got, want, rtol=SOLVED)
-
-
 class Coulomb(famjax.terms.AbstractForceTerm):
     """A term of somebody else: friction that does not depend on anything."""
 

@@ -1,7 +1,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import muscles
 import pytest
 
 from famjax.__main__ import main
@@ -20,20 +19,25 @@ def run(capsys: pytest.CaptureFixture) -> Callable[..., tuple[int, str, str]]:
     return command
 
 
-@pytest.fixture
-def force_map(tmp_path: Path) -> Path:
+@pytest.fixture(scope="session")
+def map_text() -> str:
     """A force map of a known muscle, rounded to 0.1 mN."""
-    values = {"braid_diameter": 0.022, "braid_angle": 1.13, "rest_length": 0.3}
-    rows = ["pressure_kPa,length_mm,force_N"]
-    muscle = muscles.FESTO.with_parameters(
-        values | {"wall_thickness": 0.002, "E_1": 3e6, "E_2": -2e6, "E_3": 0.0}
-        | {"deadband_pressure": 2e4}
-    )  # fmt: skip
-    rows += [
+    from muscles import FESTO
+
+    muscle = FESTO.with_parameters({
+        "braid_diameter": 0.022, "braid_angle": 1.13, "rest_length": 0.3, "wall_thickness": 0.002,
+        "E_1": 3e6, "E_2": -2e6, "E_3": 0.0, "deadband_pressure": 2e4,
+    })  # fmt: skip
+    rows = [
         f"{P},{L},{max(0.0, float(muscle.force(L / 1e3, P * 1e3))):.4f}"
         for P in (100, 200, 300, 400)
         for L in (300, 290, 280, 270)
     ]
+    return "\n".join(["pressure_kPa,length_mm,force_N", *rows, ""])
+
+
+@pytest.fixture
+def force_map(map_text: str, tmp_path: Path) -> Path:
     path = tmp_path / "map.csv"
-    path.write_text("\n".join(rows) + "\n")
+    path.write_text(map_text)
     return path

@@ -101,15 +101,6 @@ def _predict_from(run: Callable, fit: Path) -> None:
         assert (code, message in err) == (2, True)
 
 
-def test_the_league_table_says_what_was_left_out(
-    run: Callable, force_map: Path, tmp_path: Path
-) -> None:
-    code, out, _ = run("compare", force_map, "--models", "gaylord", "--output", tmp_path / "o")
-    assert code == 0
-    assert "inner lengths out N  rmse N  pressures out N  lengths out N" in out
-    assert "lolo" not in out
-
-
 def test_version_and_help(run: Callable) -> None:
     assert run("--version") == (0, f"famjax {famjax.__version__}\n", "")
     code, out, _ = run("fit", "--help")

@@ -183,26 +183,7 @@ def test_the_same_folder_gives_the_same_bytes(twin: Path, tmp_path: Path, run: C
     assert [path for path in before if before[path] != after[path]] == []
 
 
-@pytest.mark.slow
-def test_without_pictures_the_force_alone_is_evaluated(
-    twin: Path, tmp_path: Path, run: Callable
-) -> None:
-    """From the map that the first step made."""
-    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
-    code, _, err = run("characterise", sheet(tmp_path, SPECIMEN + RECORDS))
-    assert code == 0
-    page = (tmp_path / "results" / "report" / "report.html").read_text()
-    for words in ("There are no photographs", "There is a force map and no record of the test"):
-        assert words in page
-        assert words in err
-
-
-@pytest.mark.slow
-def test_pictures_without_a_log_or_a_ruler(twin: Path, tmp_path: Path, run: Callable) -> None:
-    """The scale stated, the force from the map that the first step made, the bladder not measured."""
-    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
-    shutil.copytree(twin / "photographs", tmp_path / "photographs")
-    pictures = """
+PICTURES = """
 [photographs]
 pictures = "photographs"
 scale = "76.97+-0.02 px/in"
@@ -211,14 +192,39 @@ distance_in = 60
 order = 3
 starts = 2
 """
-    specimen = SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011")
-    code, _, err = run("characterise", sheet(tmp_path, specimen + RECORDS + pictures))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "notes"),
+    [
+        (
+            SPECIMEN + RECORDS,
+            ("There are no photographs", "There is a force map and no record of the test"),
+        ),
+        (
+            SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011")
+            + RECORDS
+            + PICTURES,
+            (
+                "The photographs have no log beside them",
+                "There is no photograph of a ruler",
+                "diameter at rest is not stated",
+            ),
+        ),
+    ],
+    ids=["no pictures", "pictures alone"],
+)
+def test_what_a_folder_does_not_hold_is_noted(
+    twin: Path, tmp_path: Path, run: Callable, text: str, notes: tuple[str, ...]
+) -> None:
+    """From the map that the first step made; the scale stated, the bladder not measured."""
+    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
+    if "photographs" in text:
+        shutil.copytree(twin / "photographs", tmp_path / "photographs")
+    code, _, err = run("characterise", sheet(tmp_path, text))
     assert code == 0
     page = (tmp_path / "results" / "report" / "report.html").read_text()
-    for words in (
-        "The photographs have no log beside them",
-        "There is no photograph of a ruler",
-        "diameter at rest is not stated",
-    ):
+    for words in notes:
         assert words in page
         assert words in err
