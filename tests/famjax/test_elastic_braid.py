@@ -1,6 +1,5 @@
 """The reference specimen in inch, psi, lbf throughout."""
 
-import functools
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -231,49 +230,6 @@ def test_given_gaylords_force_both_solves_agree(make: Callable[[], ElasticBraid]
     B = one.thread_length_at_force(8.5, pressure, state.gaylord_force)
     np.testing.assert_allclose(B, state.thread_length, rtol=EXACT)
     np.testing.assert_allclose(one.thread.tension(B / B0 - 1), state.tension, rtol=1e-9)
-
-
-def stencil(function: Callable, at: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Central difference of fourth order."""
-    near = function(at + step) - function(at - step)
-    far = function(at + 2 * step) - function(at - 2 * step)
-    return np.asarray((8 * near - far) / (12 * step))
-
-
-@functools.cache
-def solver(law: str) -> tuple[Callable, Callable]:
-    """B of (L, P, B0, N, modulus), and its derivatives in all of them, at each of many states."""
-
-    def solve(*values):
-        length, pressure, rest, turns, modulus = values
-        thread = (
-            LinearThread(modulus, AREA) if law == "linear" else ToeThread(modulus, AREA, 0.002, 2.0)
-        )
-        return ElasticBraid(rest, turns, 0.011, n, thread).thread_length(length, pressure)
-
-    return jax.jit(jax.vmap(solve)), jax.jit(jax.vmap(jax.grad(solve, argnums=range(5))))
-
-
-@pytest.mark.parametrize("law", slow_after(1, ["linear", "toe"]))
-@pytest.mark.parametrize("argument", range(5), ids=["L", "P", "B0", "N", "modulus"])
-def test_derivatives_match_differences_on_the_whole_grid(argument: int, law: str) -> None:
-    batched, slopes = solver(law)
-    ones = np.ones(int(np.sum(SHARE < 1)))
-    inside = SHARE < 1
-    values = [L[inside], P[inside], B0 * ones, N * ones, E[inside]]
-    slope = np.asarray(slopes(*values)[argument])
-    # A step small against the distance from the limit, where B grows as 1 / (1 - share).
-    size = np.maximum(values[argument], 1.0)
-    step = 2e-3 * size * np.minimum(1 - SHARE[inside], 0.5)
-    if argument == 1:
-        step = np.minimum(step, 1e-2)  # the toe's own scale of pressure
-    differences = stencil(
-        lambda at: batched(*values[:argument], at, *values[argument + 1 :]), values[argument], step
-    )
-    # What rounding of B, amplified by the nearness of the limit, leaves in a difference
-    noise = 1e-14 * B0 / (1 - SHARE[inside]) / step
-    assert np.all(np.abs(slope - differences) <= DIFFERENCE * np.abs(differences) + noise)
-    assert np.median(noise / np.maximum(np.abs(differences), 1e-300)) < 1e-8
 
 
 def test_second_derivatives_match_the_closed_form() -> None:
