@@ -1,6 +1,5 @@
 """Another muscle of the series, from the same construction."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -51,18 +50,6 @@ def test_the_ends_keep_their_dead_length() -> None:
         np.testing.assert_allclose(one, other, rtol=EXACT)
 
 
-def test_derivative_in_the_rest_length_jit_and_vmap() -> None:
-    long = muscle("compliant", 1.05)
-
-    def pull(rest: jax.Array) -> jax.Array:
-        return famjax.cut_to_length(long, rest).force(0.9 * rest, 4e5)
-
-    lengths, h = jnp.array([0.05, 0.1, 0.2]), 1e-5
-    central = [(pull(L + h) - pull(L - h)) / (2 * h) for L in lengths]
-    slopes = jax.jit(jax.vmap(jax.grad(pull)))(lengths)
-    np.testing.assert_allclose(slopes, central, rtol=1e-5)  # h^2 of the difference
-
-
 class Wrapped(famjax.geometries.AbstractGeometry):
     """A geometry of a modeller's own, which says how it is cut."""
 
@@ -90,18 +77,3 @@ def test_a_geometry_of_ones_own_is_cut_and_has_a_volume() -> None:
     np.testing.assert_array_equal(own.stops(), own.length_range())  # it names no braid
     lock, straight = short.stops()
     assert float(lock) < OTHER < float(straight) == float(short.geometry.braid.rest_thread_length)
-
-
-@pytest.mark.slow
-def test_what_cannot_be_cut() -> None:
-    with pytest.raises(eqx.EquinoxRuntimeError, match="above the dead length"):
-        famjax.cut_to_length(muscle("inextensible", 1.05), 0.01)
-    with pytest.raises(eqx.EquinoxRuntimeError, match="above 0"):
-        famjax.cut_to_length(muscle("inextensible"), 0.0)
-    profile = famjax.profiles.FourierProfile(1.0, [0.1], [0.0], 3.0)
-    family = famjax.surfaces.MeasuredFamily(
-        jnp.array([0.3, 0.28]), [profile, profile], 1.0, BRAIDS["elastic"]
-    )
-    shaped = famjax.Muscle(famjax.MeasuredGeometry(family, BLADDER), LAW)
-    with pytest.raises(ValueError, match="shape is that of one length"):
-        famjax.cut_to_length(shaped, 0.1)

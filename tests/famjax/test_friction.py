@@ -1,4 +1,3 @@
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -80,44 +79,3 @@ def test_amplitudes_by_hand(festo: famjax.Muscle) -> None:
     S = 2 * np.pi * 0.0115 * 0.296 * np.sin(np.deg2rad(124)) / np.sin(2 * float(at.braid_angle))
     assert float(TERMS["thread"].amplitude(at, P)) == pytest.approx(0.015 * S * P, rel=EXACT)
     assert float(TERMS["pressure"].amplitude(at, P)) == pytest.approx(8.0 + 24.0, rel=EXACT)
-
-
-@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
-def test_jit_vmap_and_broadcasting(term: AbstractFriction, festo: famjax.Muscle) -> None:
-    L, P, v = jnp.linspace(0.24, 0.296, 4), jnp.linspace(0, 6e5, 4), jnp.linspace(-1, 1, 4)
-
-    def force(L: jax.Array, P: jax.Array, v: jax.Array) -> jax.Array:
-        return term.force(festo.geometry.dimensions(L, P), P, smooth_sign(v, 0.1))
-
-    eager = force(L, P, v)
-    np.testing.assert_allclose(eqx.filter_jit(force)(L, P, v), eager, rtol=EXACT, atol=EXACT)
-    np.testing.assert_allclose(jax.jit(jax.vmap(force))(L, P, v), eager, rtol=EXACT, atol=EXACT)
-    assert force(L[:, None], P, v).shape == (4, 4)
-
-
-@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
-def test_derivatives_at_rest_and_without_pressure(
-    term: AbstractFriction, festo: famjax.Muscle
-) -> None:
-    def force(x: jax.Array, term: AbstractFriction) -> jax.Array:
-        at = festo.geometry.dimensions(0.3 * x[0], 1e5 * x[1])
-        return term.force(at, 1e5 * x[1], smooth_sign(x[2], 1.0))
-
-    for x in (jnp.array([0.9, 2.0, 0.0]), jnp.array([0.9, 0.0, 0.5])):
-        slope = eqx.filter_grad(force)(x, term)
-        inner = eqx.filter_grad(lambda term, x: force(x, term))(term, x)
-        assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves((slope, inner)))
-        for i, h in enumerate(1e-5 * np.eye(3)):
-            difference = float(force(x + h, term) - force(x - h, term)) / 2e-5
-            assert float(slope[i]) == pytest.approx(difference, rel=1e-6, abs=1e-6)
-
-
-@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
-def test_float32_stays(term: AbstractFriction, festo: famjax.Muscle) -> None:
-    single, muscle = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), (term, festo))
-    P = jnp.float32(3e5)
-    at = muscle.geometry.dimensions(jnp.float32(0.27), P)
-    got = single.force(at, P, smooth_sign(jnp.float32(0.1), jnp.float32(0.1)))
-    assert got.dtype == jnp.float32
-    want = term.force(festo.geometry.dimensions(0.27, 3e5), 3e5, np.tanh(1.0))
-    assert float(got) == pytest.approx(float(want), rel=1e-5)

@@ -1,4 +1,3 @@
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -143,51 +142,6 @@ def test_heat_never_falls(seed: int) -> None:
     L, P = _history(seed, 15)
     heats = [float(SLIP.heat(L[:n], P[:n])) for n in (5, 10, 15)]
     assert 0 <= heats[0] <= heats[1] <= heats[2]
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_derivatives_against_differences(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    L, P = _history(seed, 9)
-    weights = rng.normal(size=9)
-
-    def value(arguments: tuple) -> jax.Array:
-        wall, braid, L, P = arguments
-        model = MaxwellSlip(SlipElements(*wall), SlipElements(*braid), REST, MODULUS)
-        return jnp.sum(weights * model.along(L * REST, P * 1e5))
-
-    at = (
-        (SLIP.wall.threshold, SLIP.wall.strength),
-        (SLIP.braid.threshold, SLIP.braid.strength),
-        jnp.asarray(L / REST),
-        jnp.asarray(P / 1e5),
-    )
-    slope, valued = jax.jit(jax.grad(value))(at), jax.jit(value)
-    for direction in range(3):
-        rng = np.random.default_rng(100 + direction)
-        leaves, form = jax.tree.flatten(at)
-        step = jax.tree.unflatten(form, [leaf * rng.normal(size=leaf.shape) for leaf in leaves])
-        ends = [
-            float(valued(jax.tree.map(lambda x, d, h=h: x + h * d, at, step)))
-            for h in (STEP, -STEP)
-        ]
-        along = sum(
-            float(jnp.vdot(a, b))
-            for a, b in zip(jax.tree.leaves(slope), jax.tree.leaves(step), strict=True)
-        )
-        assert along == pytest.approx((ends[0] - ends[1]) / (2 * STEP), rel=DIFFERENCE)
-
-
-def test_jit_vmap_and_single_precision() -> None:
-    histories = [_history(seed, 10) for seed in range(3)]
-    L, P = (np.stack(column) for column in zip(*histories, strict=True))
-    eager = np.stack([np.asarray(SLIP.along(*one)) for one in histories])
-    mapped = eqx.filter_jit(eqx.filter_vmap(SLIP.along))(L, P)
-    np.testing.assert_allclose(mapped, eager, rtol=1e-9, atol=1e-9)
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), SLIP)
-    got = single.along(L[0].astype(np.float32), P[0].astype(np.float32))
-    assert got.dtype == jnp.float32
-    np.testing.assert_allclose(got, eager[0], atol=1e-3 * np.abs(eager[0]).max())
 
 
 def test_no_elements_no_force() -> None:

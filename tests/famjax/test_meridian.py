@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
+from muscles import TABLE_4_3
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 from slow_cases import slow_after
@@ -125,10 +125,8 @@ def test_default_order_against_scipy_on_piecewise_shapes(name: str) -> None:
 
 
 @pytest.mark.parametrize("contraction", CONTRACTIONS)
-def test_default_order_against_scipy_on_measured_profiles(
-    contraction: float, table_4_3: dict[float, Case]
-) -> None:
-    profile, L = table_4_3[contraction]
+def test_default_order_against_scipy_on_measured_profiles(contraction: float) -> None:
+    profile, L = TABLE_4_3[contraction]
     a0, a, b, w = (np.asarray(leaf) for leaf in (profile.a0, profile.a, profile.b, profile.w))
     n = np.arange(1, 4)
 
@@ -160,14 +158,12 @@ SYNTHETIC: dict[str, Case] = {
 }
 
 
-@pytest.fixture(scope="module")
-def every(table_4_3: dict[float, Case]) -> dict[str, Case]:
-    return dict(zip(MEASURED, table_4_3.values(), strict=True)) | SYNTHETIC
+EVERY = dict(zip(MEASURED, TABLE_4_3.values(), strict=True)) | SYNTHETIC
 
 
 @pytest.mark.parametrize("name", slow_after(3, [*MEASURED, *SYNTHETIC]))
-def test_default_order_against_much_higher_order(name: str, every: dict[str, Case]) -> None:
-    profile, L = every[name]
+def test_default_order_against_much_higher_order(name: str) -> None:
+    profile, L = EVERY[name]
     np.testing.assert_allclose(
         _measures(profile, L), _measures(profile, L, order=600), rtol=QUADRATURE
     )
@@ -178,41 +174,44 @@ def test_default_order_against_much_higher_order(name: str, every: dict[str, Cas
 
 
 @pytest.mark.parametrize("name", [*MEASURED, *SYNTHETIC])
-def test_a_low_order_is_worse(name: str, every: dict[str, Case]) -> None:
+def test_a_low_order_is_worse(name: str) -> None:
     """That the comparison above can fail: three stations are not enough for any curved shape."""
-    profile, L = every[name]
+    profile, L = EVERY[name]
     error = _measures(profile, L, order=3) / _measures(profile, L) - 1
     flat = name in ("cylinder", "stepped", "frustum", "frusta only")
     assert (np.max(np.abs(error)) < EXACT) == (flat and "frust" not in name)
 
 
-def test_sphere() -> None:
-    """Two semi-ellipsoids as long as wide: vertical tangents and no end faces."""
-    sphere = SemiEllipsoidEnds(2.0, 0.0, 1.0)
-    exact = (np.pi / 2, np.pi, 4 * np.pi, 4 / 3 * np.pi)
-    np.testing.assert_allclose(
-        _measures(sphere, 2.0), exact, rtol=1e-11
-    )  # 1 - x loses digits at x = 1
+@pytest.mark.parametrize(
+    ("shape", "length", "exact", "tolerance"),
+    [
+        # Two semi-ellipsoids as long as wide: vertical tangents, and 1 - x loses digits at x = 1.
+        (
+            SemiEllipsoidEnds(2.0, 0.0, 1.0), 2.0,
+            (np.pi / 2, np.pi, 4 * np.pi, 4 / 3 * np.pi), 1e-11,
+        ),
+        (Cylinder(2.0), 3.0, (2.0, 3.0, 6 * np.pi, 3 * np.pi), EXACT),
+        (  # three cylinders
+            SteppedCylinder(2.2, 0.9, 1.1), 6.0,
+            (
+                (0.9 * 2.2 + 2.2 * 3.8) / 6.0,
+                6.0,
+                np.pi * (0.9 * 2.2 + 2.2 * 3.8),
+                np.pi / 4 * (0.9**2 * 2.2 + 2.2**2 * 3.8),
+            ),
+            EXACT,
+        ),
+    ],
+    ids=["sphere", "cylinder", "stepped"],
+)  # fmt: skip
+def test_measures_of_simple_bodies(
+    shape: AbstractProfile, length: float, exact: tuple[float, ...], tolerance: float
+) -> None:
+    np.testing.assert_allclose(_measures(shape, length), exact, rtol=tolerance)
 
 
-def test_cylinder() -> None:
-    exact = (2.0, 3.0, 6 * np.pi, 3 * np.pi)
-    np.testing.assert_allclose(_measures(Cylinder(2.0), 3.0), exact, rtol=EXACT)
-
-
-def test_stepped_cylinder_is_three_cylinders() -> None:
-    exact = (
-        (0.9 * 2.2 + 2.2 * 3.8) / 6.0,
-        6.0,
-        np.pi * (0.9 * 2.2 + 2.2 * 3.8),
-        np.pi / 4 * (0.9**2 * 2.2 + 2.2**2 * 3.8),
-    )
-    shape = SteppedCylinder(2.2, 0.9, 1.1)
-    np.testing.assert_allclose(_measures(shape, 6.0), exact, rtol=EXACT)
-
-
-def test_slope_is_that_of_the_line(table_4_3: dict[float, Case]) -> None:
-    profile, L = table_4_3[0.2625]
+def test_slope_is_that_of_the_line() -> None:
+    profile, L = TABLE_4_3[0.2625]
     meridian = Meridian.of(profile, L)
     x, _ = quadrature(profile.breakpoints(L))
     h = 1e-5
@@ -229,9 +228,9 @@ def test_quadrature_weights_and_order() -> None:
         quadrature(jnp.zeros(0), 0)
 
 
-def test_bladder_by_hand(table_4_3: dict[float, Case]) -> None:
+def test_bladder_by_hand() -> None:
     """Thickness, strains and their powers, written out in numpy on a fine even grid."""
-    profile, L = table_4_3[0.2625]
+    profile, L = TABLE_4_3[0.2625]
     line = Meridian.of(profile, L).inset(0.011)
     bladder = Bladder(L0, 0.875, 0.0625)
     x = (np.arange(20000) + 0.5) / 20000
@@ -259,8 +258,8 @@ def test_embedded_bladder_strains_with_the_line_itself() -> None:
 
 
 @pytest.mark.parametrize("name", [*MEASURED, "five terms", "cylinder"])
-def test_maximum_diameter(name: str, every: dict[str, Case]) -> None:
-    profile, L = every[name]
+def test_maximum_diameter(name: str) -> None:
+    profile, L = EVERY[name]
     diameter = jax.jit(lambda x: profile.diameter(x, L))
     x = np.linspace(0, 1, 2001)
     best = x[int(np.argmax(diameter(x)))]
@@ -281,57 +280,6 @@ def test_maximum_diameter_at_an_end_and_over_lengths() -> None:
     np.testing.assert_allclose(maximum_diameter(stepped, jnp.array([3.0, 6.0])), 2.2, rtol=EXACT)
 
 
-@pytest.mark.parametrize(
-    "measure", ["mean_diameter", "arc_length", "surface_area", "volume", "maximum"]
-)
-def test_derivatives(measure: str) -> None:
-    def value(a0: jax.Array, a: jax.Array, w: jax.Array, L: jax.Array) -> jax.Array:
-        profile = FourierProfile.symmetric(a0, a, w)
-        if measure == "maximum":
-            return maximum_diameter(profile, L)
-        return getattr(Meridian.of(profile, L), measure)
-
-    values = (jnp.array(1.5), jnp.array([-0.5, -0.1]), jnp.array(5.0), jnp.array(7.0))
-    check_grads(jax.jit(value), values, order=1, atol=1e-6, rtol=1e-6, eps=1e-5)
-
-
-def test_derivative_of_shapes_with_vertical_tangents() -> None:
-    def area(middle: jax.Array, L: jax.Array) -> jax.Array:
-        return Meridian.of(CircularArcEnds(middle, 0.9), L).surface_area
-
-    # By hand: two quarter toroids 2 pi r (R_e pi / 2 + r) each, and the cylinder between.
-    def by_hand(middle: jax.Array, L: jax.Array) -> jax.Array:
-        r, R = (middle - 0.9) / 2, middle / 2
-        return 4 * jnp.pi * r * (0.45 * jnp.pi / 2 + r) + 2 * jnp.pi * R * (L - 2 * r)
-
-    for argument in (0, 1):
-        rate = jax.jit(jax.grad(area, argument))(2.2, 6.0)
-        assert float(rate) == pytest.approx(
-            float(jax.jit(jax.grad(by_hand, argument))(2.2, 6.0)), rel=1e-8
-        )
-
-
-@pytest.mark.slow
-def test_jit_and_vmap_equal_eager() -> None:
-    shape = CircularArcEnds(2.2, 0.9)
-    lengths = jnp.array([2.0, 4.0, 6.0])
-    eager = Meridian.of(shape, lengths).surface_area
-    one_by_one = [float(Meridian.of(shape, L).surface_area) for L in lengths]
-    area = jax.jit(jax.vmap(lambda L: Meridian.of(shape, L).surface_area))
-    np.testing.assert_allclose(eager, one_by_one, rtol=EXACT)
-    np.testing.assert_allclose(area(lengths), one_by_one, rtol=EXACT)
-
-
-def test_float32(every: dict[str, Case]) -> None:
-    for name in ("26.25%", "circular", "closed ellipsoid"):
-        profile, L = every[name]
-        single = jax.tree.map(lambda leaf: leaf.astype(np.float32), profile)
-        measures = _measures(single, np.float32(L))
-        assert measures.dtype == np.float32
-        # 1 - x near the far end keeps four digits where the tangent is vertical.
-        np.testing.assert_allclose(measures, _measures(profile, L), rtol=1e-4)
-
-
 def test_traced_negative_diameter_is_an_error() -> None:
     @eqx.filter_jit
     def volume(a0: jax.Array) -> jax.Array:
@@ -340,14 +288,3 @@ def test_traced_negative_diameter_is_an_error() -> None:
     assert float(volume(jnp.array(1.5))) > 0
     with pytest.raises(RuntimeError, match="diameter of a profile must be > 0"):
         volume(jnp.array(0.1)).block_until_ready()
-
-
-def test_braid_thicker_than_the_radius_is_an_error() -> None:
-    with pytest.raises(RuntimeError, match="must exceed the braid's thickness"):
-        Meridian.of(Cylinder(0.02), 1.0).inset(0.011)
-
-
-def test_bladder_that_fills_its_bore_is_an_error() -> None:
-    line = Meridian.of(Cylinder(0.5), 9.0)
-    with pytest.raises(RuntimeError, match="must leave a bore"):
-        line.hoop_strain(Bladder(9.0, 0.9, 0.2))

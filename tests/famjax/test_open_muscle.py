@@ -1,9 +1,8 @@
 """The open muscle: laws that hold in every geometry, for every force term and for every model."""
 
-import dataclasses
 import functools
 import re
-from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,103 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float
-from slow_cases import slow_after
+from muscles import (
+    CYLINDER,
+    GEOMETRIES,
+    INELASTIC,
+    KEVLAR,
+    L0,
+    LATEX,
+    MUSCLES,
+    REST,
+    SPECIMEN,
+    TERMS,
+)
 
 import famjax
-from famjax import peers
 
-# ---- registries: a new class is one line
-
-L0, P, PSI = 9.28125, 60.0, 100.0  # the reference work's specimen: in, psi
-BLADDER = famjax.Bladder(L0, 0.875, 0.0625)
-BRAID = famjax.Braid(9.89, 1.09, 0.011)
-KEVLAR = famjax.ElasticBraid(9.89, 1.09, 0.011, 144, famjax.braids.LinearThread(11.6e6, 1.332e-4))
-TOE = famjax.braids.ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)
-LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
-CYLINDER = famjax.EstimatedGeometry(BRAID, BLADDER)
-PROFILES = [
-    famjax.profiles.FourierProfile(1.02, [-0.09, -0.07], [0.03, 0.06], 5.596).symmetrised(),
-    famjax.profiles.FourierProfile(1.51, [-0.3, -0.1], [0.2, 0.1], 4.961).symmetrised(),
-]
-
-
-def family(braid: famjax.braids.AbstractBraid) -> famjax.surfaces.MeasuredFamily:
-    return famjax.surfaces.MeasuredFamily([L0, 0.75 * L0], PROFILES, PSI, braid)
-
-
-GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
-    "estimated": lambda: CYLINDER,
-    "embedded": lambda: famjax.EstimatedGeometry(BRAID, famjax.Bladder(L0, 1.0, 0.0625, True)),
-    "elastic": lambda: famjax.EstimatedGeometry(KEVLAR, BLADDER),
-    "toe": lambda: famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), BLADDER),
-    "compliant": lambda: famjax.EstimatedGeometry(
-        famjax.braids.CompliantBraid.of(BRAID, 4e-6), BLADDER
-    ),
-    "measured": lambda: famjax.MeasuredGeometry(family(KEVLAR), BLADDER, 8),
-    "average": lambda: famjax.measured.AverageDiameterGeometry(family(BRAID), BLADDER, 8),
-    "end effect": lambda: famjax.geometries.EndEffectGeometry(CYLINDER, 1.1),
-}
-
-TERMS: dict[str, famjax.terms.AbstractForceTerm] = {
-    "pressurised braid": famjax.terms.PressurisedBraid(3.0),
-    "virtual work": famjax.terms.VirtualWork(3.0),
-    "virtual work at thread length": famjax.terms.VirtualWork(3.0, at_thread_length=True),
-    "axial": famjax.terms.BladderAxial(LATEX),
-    "hoop": famjax.terms.BladderHoop(LATEX),
-    "wall": famjax.terms.BladderWall(LATEX),
-    "thread friction": famjax.terms.Friction(famjax.terms.ThreadFriction(0.015, 24.0, 1.2), -1.0),
-    "pressure friction": famjax.terms.Friction(famjax.terms.PressureFriction(2.0, 0.05), 0.5),
-    "spring": famjax.terms.Spring(3.0, 8.5, 1.0),
-}
-
-# Made in SI, for lengths about 0.25 m.
-REST = 0.25
-_BRAID = famjax.Braid.from_rest(diameter=0.012, braid_angle=1.12, length=REST)
-_CYLINDER = famjax.EstimatedGeometry(_BRAID, famjax.Bladder(REST, 0.012, 1.8e-3, embedded=True))
-_RUBBER = famjax.Muscle(_CYLINDER, famjax.materials.NeoHookeanMaterial(3e5), 3e4)
-_TONDU = peers.TonduLopez(_BRAID, REST, 1.2, 0.5, 2e4)
-
-MUSCLES: dict[str, famjax.AbstractMuscle] = {
-    "muscle": _RUBBER,
-    "virtual work": famjax.Muscle(
-        _CYLINDER, famjax.terms.VirtualWork(3e4) + famjax.terms.BladderWall(_RUBBER.material)
-    ),
-    "mounted": famjax.MountedMuscle(_RUBBER, 1e-5),
-    "gaylord": peers.Gaylord(_BRAID, 3e4, -5.0, REST),
-    "davis": peers.Gaylord(famjax.braids.CompliantBraid.of(_BRAID, 2e-6), resting_length=REST),
-    "chou_hannaford": peers.ChouHannaford(_BRAID, 1e-3, REST),
-    "tondu_lopez": _TONDU,
-    "kerscher": peers.Kerscher(_TONDU, 0.4, 20.0, 0.8),
-    "ferraresi": peers.ferraresi(_CYLINDER, 2e6, 3e4),
-    "kothera": peers.Kothera(peers.ferraresi(_CYLINDER, 2e6)),
-    "hocking_wereley": peers.hocking_wereley(
-        _CYLINDER, jnp.array([0.0, 3e5, 7e5]), jnp.array([[2e6, 1e6], [3e6, 0.0], [3e6, -1e6]])
-    ),
-    "robinson": peers.robinson(_CYLINDER, jnp.array([1e5, 6e5]), jnp.array([[2e6, 0], [3e6, 1e6]])),
-    "klute_hannaford": peers.klute_hannaford(_CYLINDER, 2e5, 1e5, 3e4),
-    "sarosi": peers.Sarosi.published("10 mm", rest_length=REST),
-    "martens": peers.Martens.published("DMSP-10-250"),
-    "hunt": peers.Hunt.published(rest_length=REST, largest_contraction=0.2),
-    "bolen": peers.Bolen.published("10 mm", rest_length=REST, largest_contraction=0.2),
-    "wickramatunge": peers.Wickramatunge(0.18, [500.0, 1e-8, 0.02, -2e5], REST),
-    "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
-    "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),
-}
-
+P = 60.0
 EXACT = 1e-12
 SOLVED = 1e-9  # roots to a few digits less than the precision
-DIFFERENCE = 2e-6  # central differences
-SINGLE = 2e-5
 
-
-def numbers_of(model: eqx.Module) -> tuple[list[jax.Array], Callable]:
-    """The numbers of a model, and the model of other ones."""
-    arrays, rest = eqx.partition(model, eqx.is_inexact_array)
-    leaves, structure = jax.tree.flatten(arrays)
-    return leaves, lambda leaves: eqx.combine(jax.tree.unflatten(structure, leaves), rest)
-
-
-# ---- every geometry
+# ---- a member of a batch that cannot be spoils no derivative of the others
 
 GOOD = jnp.array([0.99 * L0, 0.8 * L0])
 MIXED = jnp.array([0.99 * L0, -0.9 * L0, 0.8 * L0, 1.3 * L0, jnp.nan])
@@ -116,19 +38,16 @@ IS_GOOD = np.array([True, False, True, False, False])
 ALL_GOOD = jnp.where(IS_GOOD, MIXED, 0.9 * L0)
 
 
-@pytest.fixture(params=GEOMETRIES)
-def muscle(request: pytest.FixtureRequest) -> famjax.Muscle:
-    terms = famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
-    return famjax.Muscle(GEOMETRIES[request.param](), terms)
-
-
 @pytest.mark.slow
-def test_unreachable_members_spoil_nothing(muscle: famjax.Muscle) -> None:
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_unreachable_members_spoil_nothing(name: str) -> None:
     """Values, and derivatives in every number, forward and reverse, of a batch and of a good one."""
-    numbers, remade = numbers_of(muscle)
+    pull = famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
+    muscle = famjax.Muscle(GEOMETRIES[name](), pull)
+    numbers, rest = eqx.partition(muscle, eqx.is_inexact_array)
 
-    def forces(numbers: list, lengths: jax.Array, pressure: jax.Array) -> jax.Array:
-        return jax.vmap(remade(numbers).force, (0, None))(lengths, pressure)
+    def forces(numbers: Any, lengths: jax.Array, pressure: jax.Array) -> jax.Array:
+        return jax.vmap(eqx.combine(numbers, rest).force, (0, None))(lengths, pressure)
 
     @jax.jit
     def everything(lengths: jax.Array) -> tuple:
@@ -138,58 +57,17 @@ def test_unreachable_members_spoil_nothing(muscle: famjax.Muscle) -> None:
             forces(*at),
             jax.jacrev(forces, of)(*at),
             jax.jacfwd(forces, of)(*at),
-            jax.vmap(jax.grad(muscle.force), (0, None))(lengths, P),
+            jax.vmap(muscle.stiffness, (0, None))(lengths, P),
         )
 
     mixed, good = everything(MIXED), everything(ALL_GOOD)
-    np.testing.assert_array_equal(np.isnan(mixed[0]), ~IS_GOOD)
-    assert np.isfinite(good[0]).all()
+    for values in (mixed[0], mixed[3]):
+        np.testing.assert_array_equal(np.isnan(values), ~IS_GOOD)
     for got, want in zip(jax.tree.leaves(mixed), jax.tree.leaves(good), strict=True):
         assert np.isfinite(want).all()
         size = max(np.abs(want).max(), 1e-6)
         both = (np.asarray(each)[IS_GOOD] / size for each in (got, want))
         np.testing.assert_allclose(*both, atol=SOLVED)
-    shared = [*numbers, jnp.asarray(P)]
-    pairs = zip(jax.tree.leaves(good[1]), jax.tree.leaves(good[2]), shared, strict=True)
-    for reverse, forward, number in pairs:
-        size = np.abs(number).max() / np.abs(good[0]).max()
-        np.testing.assert_allclose(reverse * size, forward * size, rtol=SOLVED, atol=SOLVED)
-    # One independent witness: central differences along a direction that moves every number.
-    step, jitted = 1e-6, jax.jit(forces)
-    moved = [
-        jitted([np.asarray(x) * (1 + sign * step) for x in numbers], ALL_GOOD, jnp.asarray(P))
-        for sign in (1, -1)
-    ]
-    slopes = zip(good[2][0], numbers, strict=True)
-    along = sum(np.tensordot(slope, x, np.ndim(x)) for slope, x in slopes)
-    difference = np.subtract(*moved) / (2 * step)
-    np.testing.assert_allclose(along, difference, rtol=1e-5, atol=1e-5 * np.abs(along).max())
-
-
-@pytest.mark.parametrize(
-    "muscle",
-    slow_after(
-        len(GEOMETRIES) - 2, sorted(GEOMETRIES, key=lambda name: name in ("elastic", "measured"))
-    ),
-    indirect=True,
-)
-def test_jit_equals_eager_and_vmap_a_loop(muscle: famjax.Muscle) -> None:
-    eager = muscle.force(GOOD, P)
-    np.testing.assert_allclose(eqx.filter_jit(muscle.force)(GOOD, P), eager, rtol=EXACT)
-    mapped = jax.jit(jax.vmap(muscle.force, (0, None)))(GOOD, P)
-    np.testing.assert_allclose(mapped, eager, rtol=EXACT)
-    looped = [float(muscle.force(length, P)) for length in np.asarray(GOOD)]
-    np.testing.assert_allclose(looped, eager, rtol=EXACT)
-    stiffness = muscle.stiffness(MIXED, P)
-    np.testing.assert_array_equal(np.isnan(stiffness), ~IS_GOOD)
-
-
-def test_float32_stays(muscle: famjax.Muscle) -> None:
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), muscle)
-    force = single.force(GOOD.astype(jnp.float32), jnp.float32(P))
-    assert force.dtype == jnp.float32
-    want = muscle.force(GOOD, P)
-    np.testing.assert_allclose(force / np.abs(want).max(), want / np.abs(want).max(), atol=SINGLE)
 
 
 def test_what_a_braid_gives_way_to_spoils_nothing() -> None:
@@ -198,7 +76,7 @@ def test_what_a_braid_gives_way_to_spoils_nothing() -> None:
     def force(modulus: jax.Array, stiffness: jax.Array) -> jax.Array:
         braid = eqx.tree_at(lambda b: b.thread.modulus, KEVLAR, modulus)
         law = famjax.PolynomialMaterial(stiffness[None])
-        return famjax.Muscle(famjax.EstimatedGeometry(braid, BLADDER), law).force(9.0, 100.0)
+        return famjax.Muscle(famjax.EstimatedGeometry(braid, SPECIMEN), law).force(9.0, 100.0)
 
     moduli = jnp.array([0.05e6, 11.6e6])
     batch = jax.jit(jax.vmap(force, (0, None)))(moduli, jnp.asarray(257.8))
@@ -243,45 +121,6 @@ def test_equilibria_that_do_not_exist_spoil_nothing() -> None:
 # ---- every term
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TERMS)
-def test_laws_of_every_term(name: str) -> None:
-    term = TERMS[name]
-    geometry = famjax.EstimatedGeometry(KEVLAR, BLADDER)
-    muscle = famjax.Muscle(geometry, term)
-    eager = muscle.force(GOOD, P)
-    np.testing.assert_allclose(
-        eager, term.force(geometry.dimensions_with_rates(GOOD, P), P), rtol=EXACT
-    )
-    np.testing.assert_allclose(eqx.filter_jit(muscle.force)(GOOD, P), eager, rtol=EXACT)
-    looped = [float(muscle.force(length, P)) for length in np.asarray(GOOD)]
-    mapped = jax.jit(jax.vmap(muscle.force, (0, None)))(GOOD, P)
-    np.testing.assert_allclose(mapped, looped, rtol=EXACT)
-    numbers, remade = numbers_of(muscle)
-
-    def of(scales: jax.Array) -> jax.Array:
-        scaled = [x * scale for x, scale in zip(numbers, scales, strict=False)]
-        return remade(scaled).force(GOOD * scales[-2], P * scales[-1])
-
-    ones, step = np.ones(len(numbers) + 2), 1e-6
-    steps = step * np.eye(len(ones))
-
-    @jax.jit
-    def slopes(at: jax.Array, moved: jax.Array) -> tuple[jax.Array, ...]:
-        return jax.jacfwd(of)(at), jax.jacrev(of)(at), jax.lax.map(of, moved)
-
-    forward, reverse, moved = slopes(ones, np.concatenate([ones + steps, ones - steps]))
-    largest = max(float(np.abs(forward).max()), 1.0)
-    np.testing.assert_allclose(reverse, forward, atol=SOLVED * largest)
-    up, down = np.split(np.asarray(moved), 2)
-    difference = (up - down) / (2 * step)
-    np.testing.assert_allclose(forward, difference.T, atol=DIFFERENCE * largest)
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), muscle)
-    coarse = single.force(GOOD.astype(jnp.float32), jnp.float32(P))
-    assert coarse.dtype == jnp.float32
-    np.testing.assert_allclose(coarse, eager, rtol=1e-3, atol=1e-3)
-
-
 def test_terms_add_flat_in_any_order() -> None:
     braid, wall, spring = (TERMS[name] for name in ("pressurised braid", "wall", "spring"))
     for terms in (
@@ -313,17 +152,6 @@ def test_a_material_stands_for_braid_and_wall() -> None:
         assert float(muscle.deadband_pressure) == 3.0
         total = muscle.braid_force(GOOD, P) + muscle.bladder_force(GOOD, P)
         np.testing.assert_allclose(muscle.force(GOOD, P), total, rtol=EXACT)
-
-
-def test_virtual_work_of_a_cylinder_is_gaylord() -> None:
-    pairs = [
-        (CYLINDER, "virtual work"),
-        (famjax.EstimatedGeometry(KEVLAR, BLADDER), "virtual work at thread length"),
-    ]
-    for geometry, name in pairs:
-        got = famjax.Muscle(geometry, TERMS[name]).force(GOOD, P)
-        want = famjax.Muscle(geometry, TERMS["pressurised braid"]).force(GOOD, P)
-        np.testing.assert_allclose(got, want, rtol=SOLVED)
 
 
 class Coulomb(famjax.terms.AbstractForceTerm):
@@ -383,21 +211,11 @@ def test_every_method_of_every_model(name: str, caplog: pytest.LogCaptureFixture
             )
             for method, call in calls.items()
         }
-        slope = jax.grad(model.force)(0.23, 4e5)
-        return (
-            mapped,
-            eqx.filter_jit(model.force)(0.23, 4e5),
-            slope,
-            model.force(jnp.array([-0.2, 0.22]), 4e5),
-        )
+        return mapped, model.force(jnp.array([-0.2, 0.22]), 4e5)
 
-    mapped, force, slope, batch = many(jnp.array([1.0, 0.8]))
+    mapped, batch = many(jnp.array([1.0, 0.8]))
     for method, values in mapped.items():
         np.testing.assert_allclose(values[0], eager[method], rtol=SOLVED, err_msg=method)
-    np.testing.assert_allclose(force, model.force(0.23, 4e5), rtol=SOLVED)
-    h = 1e-6
-    difference = (model.force(0.23 + h, 4e5) - model.force(0.23 - h, 4e5)) / (2 * h)
-    assert float(slope) == pytest.approx(float(difference), rel=1e-5)
     assert np.isnan(batch).tolist() == [True, False]
 
 
@@ -419,15 +237,6 @@ def test_dimensions_are_one_program(name: str, caplog: pytest.LogCaptureFixture)
     assert [one for one in compiled if one != "stage"] == [
         "dimensions"
     ]  # stage: JAX's, of a constant
-
-
-@pytest.mark.slow
-def test_derivatives_of_equilibria_in_pressure() -> None:
-    muscle = MUSCLES["mounted"]
-    for method in (muscle.free_contraction, lambda P: muscle.length_at_load(20.0, P)):
-        jitted = jax.jit(jax.value_and_grad(method))
-        difference = (jitted(4e5 + 10)[0] - jitted(4e5 - 10)[0]) / 20
-        assert float(jitted(4e5)[1]) == pytest.approx(float(difference), rel=1e-5)
 
 
 def test_methods_of_a_traced_muscle_can_be_compiled_twice() -> None:
@@ -477,9 +286,6 @@ def test_the_linear_ones_are_linear() -> None:
         assert at[0] != at[2], name
 
 
-# ---- what is refused
-
-
 def test_a_batch_of_muscles_is_refused_and_mapped_instead() -> None:
     def force(deadband: jax.Array) -> jax.Array:
         return famjax.Muscle(CYLINDER, LATEX, deadband).force(9.0, P)
@@ -492,7 +298,7 @@ def test_a_batch_of_muscles_is_refused_and_mapped_instead() -> None:
             make(deadbands)
     each = [float(force(deadband)) for deadband in deadbands]
     np.testing.assert_allclose(jax.vmap(force)(deadbands), each, rtol=EXACT)
-    geometry = famjax.EstimatedGeometry(BRAID, famjax.Bladder(jnp.full(3, L0), 0.875, 0.0625))
+    geometry = famjax.EstimatedGeometry(INELASTIC, famjax.Bladder(jnp.full(3, L0), 0.875, 0.0625))
     with pytest.raises(ValueError, match=r"under jax\.vmap or equinox\.filter_vmap"):
         famjax.Muscle(geometry, LATEX)
     muscles = eqx.filter_vmap(lambda P_d: famjax.Muscle(CYLINDER, LATEX, P_d))(deadbands)
@@ -500,22 +306,3 @@ def test_a_batch_of_muscles_is_refused_and_mapped_instead() -> None:
     np.testing.assert_allclose(got, each, rtol=EXACT)
     with pytest.raises(ValueError, match="one muscle is meant"):
         muscles.force(9.0, P)
-
-
-def test_what_is_no_muscle_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least one force term, got none"):
-        famjax.Muscle(CYLINDER, ())
-    with pytest.raises(ValueError, match=r"got PolynomialMaterial.*BladderWall"):
-        famjax.terms.SumOfTerms([LATEX])
-    with pytest.raises(ValueError, match="belongs to the term of the pressure"):
-        famjax.Muscle(CYLINDER, famjax.terms.BladderWall(LATEX), 3.0)
-    with pytest.raises(AttributeError, match=r"no term of this muscle has a material; .* Pressuri"):
-        _ = famjax.Muscle(CYLINDER, famjax.terms.PressurisedBraid()).material
-    with pytest.raises(AttributeError, match="no term of this muscle has a deadband_pressure"):
-        famjax.Muscle(CYLINDER, famjax.terms.BladderWall(LATEX)).braid_force(9.0, P)
-    with pytest.raises(TypeError, match="unsupported operand"):
-        famjax.terms.PressurisedBraid() + LATEX
-    with pytest.raises(ValueError, match="Gaylord knows no rest length"):
-        famjax.peers.Gaylord(BRAID).blocked_force(P)
-    with pytest.raises(ValueError, match="virtual work needs the rate of the volume"):
-        famjax.terms.VirtualWork().force(CYLINDER.dimensions(9.0, P), P)

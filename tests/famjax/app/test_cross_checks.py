@@ -3,12 +3,12 @@
 import math
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from rendering.folder import write_twin
 
-from famjax.__main__ import main
 from famjax.app.checks import Check, checks_table, read_checks, settle
 from famjax.boundary.errors import InputError
 
@@ -57,12 +57,6 @@ def test_a_contradiction_stops_and_all_checks_are_written(tmp_path: Path) -> Non
     assert checks_table([tmp_path / "none"]) == []
 
 
-def famjax(capsys: pytest.CaptureFixture, *words: object) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as stop:
-        main([*map(str, words)])
-    return int(stop.value.code or 0), capsys.readouterr().err
-
-
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short twin of eight pictures, not evaluated."""
@@ -99,10 +93,10 @@ def replaced(path: Path, old: str, new: str) -> None:
     ],
 )  # fmt: skip
 def test_records_that_contradict_stop_the_work(
-    folder: Path, capsys: pytest.CaptureFixture, name: str, old: str, new: str, said: str
+    folder: Path, run: Callable, name: str, old: str, new: str, said: str
 ) -> None:
     replaced(folder / name, old, new)
-    code, err = famjax(capsys, "characterise", folder)
+    code, _, err = run("characterise", folder)
     assert code == 2
     assert said in err.replace("\n", " ")
     assert "pictures ..." not in err
@@ -110,21 +104,21 @@ def test_records_that_contradict_stop_the_work(
 
 @pytest.mark.slow
 def test_pictures_that_contradict_stop_the_work_and_a_mended_sheet_goes_on(
-    folder: Path, capsys: pytest.CaptureFixture
+    folder: Path, run: Callable
 ) -> None:
     steps = ("--only", "records", "--only", "pictures", "--jobs", "1")
     sheet = folder / SHEET
     replaced(sheet, "rest_length_in = 9.28125", "rest_length_in = 9.78125")
-    code, err = famjax(capsys, "characterise", folder, *steps)
+    code, _, err = run("characterise", folder, *steps)
     assert code == 2
     assert re.search(r"rest length: expected 24[78]\.\d to 24[89]\.\d mm, found 235\.\d mm", err)
     replaced(sheet, "rest_length_in = 9.78125", "rest_length_in = 9.28125")
     replaced(sheet, "pitch_in = 0.125", "pitch_cm = 0.125")
-    code, err = famjax(capsys, "characterise", folder, *steps)
+    code, _, err = run("characterise", folder, *steps)
     assert code == 2
     assert "ratio of inches and cm" in err
     replaced(sheet, "pitch_cm = 0.125", "pitch_in = 0.125")
-    code, err = famjax(capsys, "characterise", folder, *steps)
+    code, _, err = run("characterise", folder, *steps)
     assert code == 0
     assert "warning" not in err
     assert {check.verdict for check in read_checks(folder / "results" / "pictures")} == {"agrees"}

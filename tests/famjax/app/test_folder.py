@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -26,33 +27,24 @@ bladder_diameter_in = 0.875
 RECORDS = '[records]\nforce_map = "map.csv"\n'
 
 
-def famjax(capsys: pytest.CaptureFixture, *words: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main([*map(str, words)])
-    said = capsys.readouterr()
-    return int(stop.value.code or 0), said.out, said.err
-
-
 def sheet(folder: Path, text: str) -> Path:
     (folder / SHEET).write_text(text, encoding="utf-8")
     return folder
 
 
-def test_a_new_folder_has_a_sheet_that_can_be_read(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path: Path, run: Callable) -> None:
     folder = tmp_path / "muscle"
-    code, out, _ = famjax(capsys, "new", folder)
+    code, out, _ = run("new", folder)
     assert code == 0
     assert f"famjax characterise {folder}" in out
     found = read_sheet(folder)
     assert found.specimen.rest_length == 0.25
     assert found.photographs is not None
     assert found.photographs.distance == pytest.approx(1.524)
-    code, _, err = famjax(capsys, "new", folder)
+    code, _, err = run("new", folder)
     assert code == 2
     assert "is there already" in err
-    code, _, err = famjax(capsys, "characterise", folder)
+    code, _, err = run("characterise", folder)
     assert code == 2
     assert "names test.fam, which is not in" in err
 
@@ -179,42 +171,19 @@ def test_the_report_stands_on_a_screen(headless: Browser, twin: Path, width: int
 
 
 @pytest.mark.slow
-def test_the_same_folder_gives_the_same_bytes(
-    twin: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_the_same_folder_gives_the_same_bytes(twin: Path, tmp_path: Path, run: Callable) -> None:
     before = {path: path.read_bytes() for path in (twin / "results").rglob("*") if path.is_file()}
-    code, _, err = famjax(capsys, "characterise", twin)
+    code, _, err = run("characterise", twin)
     assert code == 0
     assert err.count("as before") == 9
     for step in ("records", "pictures", "cylinder"):
-        code, _, err = famjax(capsys, "characterise", twin, "--force", step, "--only", step)
+        code, _, err = run("characterise", twin, "--force", step, "--only", step)
         assert code == 0
     after = {path: path.read_bytes() for path in before}
     assert [path for path in before if before[path] != after[path]] == []
 
 
-@pytest.mark.slow
-def test_without_pictures_the_force_alone_is_evaluated(
-    twin: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    """From the map that the first step made."""
-    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
-    code, _, err = famjax(capsys, "characterise", sheet(tmp_path, SPECIMEN + RECORDS))
-    assert code == 0
-    page = (tmp_path / "results" / "report" / "report.html").read_text()
-    for words in ("There are no photographs", "There is a force map and no record of the test"):
-        assert words in page
-        assert words in err
-
-
-@pytest.mark.slow
-def test_pictures_without_a_log_or_a_ruler(
-    twin: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    """The scale stated, the force from the map that the first step made, the bladder not measured."""
-    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
-    shutil.copytree(twin / "photographs", tmp_path / "photographs")
-    pictures = """
+PICTURES = """
 [photographs]
 pictures = "photographs"
 scale = "76.97+-0.02 px/in"
@@ -223,14 +192,39 @@ distance_in = 60
 order = 3
 starts = 2
 """
-    specimen = SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011")
-    code, _, err = famjax(capsys, "characterise", sheet(tmp_path, specimen + RECORDS + pictures))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "notes"),
+    [
+        (
+            SPECIMEN + RECORDS,
+            ("There are no photographs", "There is a force map and no record of the test"),
+        ),
+        (
+            SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011")
+            + RECORDS
+            + PICTURES,
+            (
+                "The photographs have no log beside them",
+                "There is no photograph of a ruler",
+                "diameter at rest is not stated",
+            ),
+        ),
+    ],
+    ids=["no pictures", "pictures alone"],
+)
+def test_what_a_folder_does_not_hold_is_noted(
+    twin: Path, tmp_path: Path, run: Callable, text: str, notes: tuple[str, ...]
+) -> None:
+    """From the map that the first step made; the scale stated, the bladder not measured."""
+    shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
+    if "photographs" in text:
+        shutil.copytree(twin / "photographs", tmp_path / "photographs")
+    code, _, err = run("characterise", sheet(tmp_path, text))
     assert code == 0
     page = (tmp_path / "results" / "report" / "report.html").read_text()
-    for words in (
-        "The photographs have no log beside them",
-        "There is no photograph of a ruler",
-        "diameter at rest is not stated",
-    ):
+    for words in notes:
         assert words in page
         assert words in err

@@ -1,12 +1,12 @@
 """What a fit of a simulated test's dataset says of the muscle that was simulated, by the command line."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from famjax.__main__ import main
 from fitting import load_fit, read_csv
 
 PLAN = """
@@ -27,14 +27,8 @@ LAW = ["--law", "polynomial", "--order", "2"]
 PARAMETERS = ("thread_length", "deadband_pressure", "E_1", "E_2")
 
 
-def famjax(*words: object) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main([str(word) for word in words])
-    assert not stop.value.code
-
-
-def fitted(data: object, folder: Path) -> dict:
-    famjax("fit", data, *LAW, "--output", folder)
+def fitted(run: Callable, data: object, folder: Path) -> dict:
+    assert run("fit", data, *LAW, "--output", folder)[0] == 0
     return json.loads((folder / "fit.json").read_text())
 
 
@@ -43,17 +37,20 @@ def entries(fit: dict) -> dict[str, dict]:
 
 
 @pytest.mark.slow
-def test_a_fit_of_the_dataset_returns_the_muscle_that_was_simulated(tmp_path: Path) -> None:
+def test_a_fit_of_the_dataset_returns_the_muscle_that_was_simulated(
+    run: Callable, tmp_path: Path
+) -> None:
     """Within three of its own standard errors; the forces within 1.6 N of the truth's."""
-    truth = entries(fitted("DMSP-20-300", tmp_path / "truth"))
+    truth = entries(fitted(run, "DMSP-20-300", tmp_path / "truth"))
     muscle = load_fit(tmp_path / "truth" / "fit.json").muscle
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
     for seed in range(3):
         folder = tmp_path / f"seed{seed}"
-        famjax("rig", "simulate", plan, "--fit", tmp_path / "truth" / "fit.json",
-               "--seed", seed, "--output", folder)  # fmt: skip
-        found = entries(fitted(folder / "dataset.csv", folder))
+        fit = tmp_path / "truth" / "fit.json"
+        simulated = run("rig", "simulate", plan, "--fit", fit, "--seed", seed, "--output", folder)
+        assert simulated[0] == 0
+        found = entries(fitted(run, folder / "dataset.csv", folder))
         for name in PARAMETERS:
             error = found[name]["value"] - truth[name]["value"]
             assert abs(error) < 3 * found[name]["stderr"], (seed, name)
@@ -65,11 +62,12 @@ def test_a_fit_of_the_dataset_returns_the_muscle_that_was_simulated(tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_a_fit_that_chose_its_law_can_be_simulated(tmp_path: Path) -> None:
-    famjax("fit", "DMSP-20-300", "--output", tmp_path)
+def test_a_fit_that_chose_its_law_can_be_simulated(run: Callable, tmp_path: Path) -> None:
+    assert run("fit", "DMSP-20-300", "--output", tmp_path)[0] == 0
     plan = tmp_path / "plan.toml"
     plan.write_text(
         PLAN.replace("[150, 250, 350, 450, 550]", "[300]").replace("cycles = 3", "cycles = 1")
     )
-    famjax("rig", "simulate", plan, "--fit", tmp_path / "fit.json", "--output", tmp_path / "rig")
+    fit = tmp_path / "fit.json"
+    assert run("rig", "simulate", plan, "--fit", fit, "--output", tmp_path / "rig")[0] == 0
     assert read_csv(tmp_path / "rig" / "dataset.csv").specimen.name == "DMSP-20-300"

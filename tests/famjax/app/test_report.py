@@ -128,14 +128,6 @@ def test_the_inputs_are_named_with_their_digests(folder: Path) -> None:
         assert value in page
 
 
-@pytest.mark.slow
-def test_the_report_has_the_same_bytes_each_time(folder: Path) -> None:
-    report = folder / "results" / "report"
-    before = {path: path.read_bytes() for path in report.rglob("*") if path.is_file()}
-    _characterise(folder, "--force", "report", "--only", "report")
-    assert [path for path in before if before[path] != path.read_bytes()] == []
-
-
 def test_states_are_the_muscle_and_its_parts_add_up(chambers: famjax.Muscle) -> None:
     """In inch, psi and lbf; the free contraction is that of the equilibrium."""
     pressures = np.array([40.0, 70.0, 100.0])

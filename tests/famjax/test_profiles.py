@@ -1,18 +1,18 @@
+"""Profiles by their formulas and by geometry: the series, and the shapes that others assume."""
+
 import math
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax.measured import Meridian
 from famjax.profiles import (
     AbstractAssumedShape,
     CircularArcEnds,
     ConicFrustumEnds,
     Cylinder,
     EllipticToroidEnds,
+    FourierProfile,
     SemiEllipsoidEnds,
     SteppedCylinder,
     kothera_length,
@@ -20,6 +20,59 @@ from famjax.profiles import (
 )
 
 EXACT = 1e-12
+X = np.linspace(0, 1, 51)
+
+
+ROW = (1.27, [-0.83, 0.29, 0.18], [1.20, 0.75, 0.04], 4.347)  # Chambers 2021, 26.25 %
+
+
+def _by_hand(x: np.ndarray, a0: float, a: list[float], b: list[float], w: float) -> np.ndarray:
+    total = np.full_like(x, a0)
+    for n, (cosine, sine) in enumerate(zip(a, b, strict=True), start=1):
+        total += cosine * np.cos(n * w * x) + sine * np.sin(n * w * x)
+    return total
+
+
+@pytest.mark.parametrize("terms", range(6))
+def test_series_of_any_number_of_terms(terms: int) -> None:
+    rng = np.random.default_rng(terms)
+    a, b = 0.05 * rng.standard_normal((2, terms))
+    profile = FourierProfile(1.5, a, b, -5.3)
+    by_hand = _by_hand(X, 1.5, list(a), list(b), -5.3)
+    np.testing.assert_allclose(profile.diameter(X, 9.0), by_hand, rtol=EXACT)
+
+
+def test_length_only_sets_the_shape() -> None:
+    profile = FourierProfile(*ROW)
+    diameter = profile.diameter(X, jnp.array([[6.0], [9.0]]))
+    assert diameter.shape == (2, X.size)
+    np.testing.assert_array_equal(diameter[0], diameter[1])
+    assert profile.breakpoints(jnp.ones(4)).shape == (4, 0)
+
+
+def test_symmetric_is_symmetric_and_has_the_given_cosines() -> None:
+    a = np.array([-0.09, -0.07, -0.01])
+    profile = FourierProfile.symmetric(1.02, a, 5.596)
+    np.testing.assert_allclose(profile.diameter(X, 1.0), profile.diameter(1 - X, 1.0), rtol=EXACT)
+    np.testing.assert_array_equal(profile.a, a)
+    # Table 4.3 prints the sines of this row, rounded to 0.01.
+    np.testing.assert_allclose(profile.b, [0.03, 0.06, 0.02], atol=0.0051)
+
+
+def test_symmetrised_is_the_even_part() -> None:
+    profile = FourierProfile(*ROW)
+    even = profile.symmetrised()
+    expected = (profile.diameter(X, 1.0) + profile.diameter(1 - X, 1.0)) / 2
+    np.testing.assert_allclose(even.diameter(X, 1.0), expected, rtol=EXACT)
+    n = np.arange(1, 4)
+    np.testing.assert_allclose(even.b, even.a * np.tan(n * even.w / 2), rtol=EXACT)
+
+
+def test_rows_that_are_not_symmetric_do_not_pass_for_it() -> None:
+    profile = FourierProfile(1.0, [0.1], [0.0], 2.0)
+    assert abs(profile.diameter(0.0, 1.0) - profile.diameter(1.0, 1.0)) > 0.1
+
+
 MIDDLE, END, A, LENGTH = 2.2, 0.9, 1.1, 6.0
 SHAPES: dict[str, AbstractAssumedShape] = {
     "cylinder": Cylinder(MIDDLE),
@@ -29,8 +82,6 @@ SHAPES: dict[str, AbstractAssumedShape] = {
     "circular": CircularArcEnds(MIDDLE, END),
     "toroid": EllipticToroidEnds(MIDDLE, END, A, 1.0),
 }
-X = np.linspace(0, 1, 51)
-INSIDE = np.linspace(0.01, 0.99, 50)  # where no tangent is vertical
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -42,38 +93,6 @@ def test_every_shape_is_symmetric_and_between_its_two_diameters(name: str) -> No
     if name != "cylinder":
         assert float(diameter[0]) == pytest.approx(END, rel=EXACT)
     assert bool(jnp.all(jnp.diff(diameter[:26]) >= -EXACT))
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_jit_vmap_and_precision(name: str) -> None:
-    shape = SHAPES[name]
-    eager = shape.diameter(INSIDE, LENGTH)
-    jitted = eqx.filter_jit(lambda shape, x: shape.diameter(x, LENGTH))(shape, INSIDE)
-    np.testing.assert_allclose(jitted, eager, rtol=EXACT)
-    one_by_one = jax.jit(jax.vmap(lambda x: shape.diameter(x, LENGTH)))(INSIDE)
-    np.testing.assert_allclose(one_by_one, eager, rtol=EXACT)
-    single = jax.tree.map(lambda leaf: leaf.astype(np.float32), shape)
-    diameter = single.diameter(np.float32(INSIDE), np.float32(LENGTH))
-    assert diameter.dtype == np.float32
-    np.testing.assert_allclose(diameter, eager, rtol=3e-6)
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_derivatives_are_finite_and_right(name: str) -> None:
-    shape = SHAPES[name]
-    middle = shape.middle_diameter
-
-    def diameters(middle: jax.Array, length: jax.Array) -> jax.Array:
-        return eqx.tree_at(lambda s: s.middle_diameter, shape, middle).diameter(INSIDE, length)
-
-    by_ad = jax.jit(jax.jacfwd(diameters, (0, 1)))(middle, jnp.array(LENGTH))
-    h = 1e-6
-    numeric = (
-        (diameters(middle + h, LENGTH) - diameters(middle - h, LENGTH)) / (2 * h),
-        (diameters(middle, LENGTH + h) - diameters(middle, LENGTH - h)) / (2 * h),
-    )
-    for exact, difference in zip(by_ad, numeric, strict=True):
-        np.testing.assert_allclose(exact, difference, atol=1e-7)  # central differences
 
 
 def test_circular_arc_is_a_circle() -> None:
@@ -137,14 +156,3 @@ def test_tondu_lopez() -> None:
     L = tondu_lopez_length(length, 0.3, k)
     gaylord = P * (3 * L**2 - thread**2) / (4 * math.pi * turns**2)
     np.testing.assert_allclose(gaylord, published, rtol=EXACT)
-
-
-def test_ends_that_do_not_fit_are_an_error() -> None:
-    for shape in (ConicFrustumEnds(MIDDLE, END, 3.1), CircularArcEnds(END, MIDDLE)):
-        with pytest.raises(RuntimeError, match="at most half the active length"):
-            Meridian.of(shape, LENGTH)
-
-
-def test_arc_angle_in_degrees_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"arc_angle lies in \(0, pi / 2\], got 60"):
-        EllipticToroidEnds(MIDDLE, END, A, 60.0)

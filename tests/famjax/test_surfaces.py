@@ -1,22 +1,32 @@
+"""Shapes over length and pressure: exact where measured, splines between, nan beyond."""
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import muscles as known
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 from scipy.interpolate import CubicSpline
 from slow_cases import slow_after
 
+import famjax
 from famjax import Braid
 from famjax.braids import AbstractBraid, diameter_from_length
 from famjax.measured import Meridian
 from famjax.profiles import CircularArcEnds, ConicFrustumEnds, FourierProfile
-from famjax.surfaces import AbstractProfileFamily, AssumedShapeFamily, MeasuredFamily
+from famjax.surfaces import (
+    AbstractProfileFamily,
+    AssumedShapeFamily,
+    MeasuredFamily,
+    SampledSurface,
+)
 
 EXACT = 1e-12
+
+
 ROUNDING = 1e-11  # a small linear system has been solved
 X = np.linspace(0, 1, 17)
-INELASTIC = Braid(9.89, 1.09, 0.011)
+INELASTIC = known.INELASTIC
 
 
 class ClosedFormBraid(AbstractBraid):
@@ -134,48 +144,6 @@ def test_inelastic_braid_knows_no_pressure() -> None:
 
 
 @pytest.mark.slow
-def test_derivatives_in_length_and_pressure() -> None:
-    family = _family(EVEN, ELASTIC)
-    check_grads(
-        eqx.filter_jit(lambda L, P: family.diameter(X, 10 * L, 100 * P)),
-        (jnp.array(0.77), jnp.array(0.6)),
-        order=2,
-        atol=1e-4,  # second differences keep about five digits
-        rtol=1e-4,
-    )
-
-
-def test_derivatives_in_the_measured_lengths_and_profiles() -> None:
-    def diameter(lengths: jax.Array, middle: jax.Array) -> jax.Array:
-        profiles = [FourierProfile(a0, [-0.1], [0.0], 6.0) for a0 in middle]
-        return MeasuredFamily(lengths, profiles, 100.0, INELASTIC).diameter(0.3, 7.7, 100.0)
-
-    values = (jnp.array([9.0, 8.0, 7.0, 6.0]), jnp.array([1.0, 1.5, 1.9, 2.0]))
-    check_grads(jax.jit(diameter), values, order=1, atol=1e-6, rtol=1e-6)
-
-
-def test_jit_and_vmap_equal_eager() -> None:
-    family = _family(EVEN, ELASTIC)
-    L, P = np.linspace(6.1, 9.2, 9), np.linspace(0, 120, 9)
-    eager = family.diameter(0.4, L, P)
-    np.testing.assert_allclose(_diameter(family, 0.4, L, P), eager, rtol=EXACT)
-    batched = jax.jit(jax.vmap(lambda L, P: family.diameter(0.4, L, P)))(L, P)
-    np.testing.assert_allclose(batched, eager, rtol=EXACT)
-
-
-def test_float32() -> None:
-    family = _family(EVEN)
-    single = jax.tree.map(lambda leaf: leaf.astype(np.float32), family)
-    shortest, longest = single.length_range()
-    L = np.linspace(shortest, longest, 9)
-    assert L.dtype == np.float32
-    diameter = _diameter(single, np.float32(0.4), L, np.float32(100))
-    assert diameter.dtype == np.float32
-    inside = L.astype(float) + 1e-5 * np.array([1, 0, 0, 0, 0, 0, 0, 0, -1])
-    np.testing.assert_allclose(diameter, _diameter(family, 0.4, inside, 100.0), rtol=1e-5)
-
-
-@pytest.mark.slow
 def test_kinks_are_those_of_every_profile() -> None:
     shapes = [ConicFrustumEnds(1.2, 0.9, 1.0), ConicFrustumEnds(1.9, 0.9, 1.5)]
     family = MeasuredFamily([10.0, 6.0], shapes, 100.0, Braid(12.0, 1.0))
@@ -199,25 +167,44 @@ def test_assumed_shape_follows_the_triangle() -> None:
     assert float(batch[1]) == pytest.approx(float(one), rel=EXACT)
 
 
-def test_bad_input() -> None:
-    two = [_profile(0.0), _profile(0.3)]
-    with pytest.raises(ValueError, match="two or more profiles"):
-        MeasuredFamily([9.0], two[:1], 100.0, INELASTIC)
-    with pytest.raises(ValueError, match=r"2 profiles and lengths of shape \(3,\)"):
-        MeasuredFamily([9.0, 8.0, 7.0], two, 100.0, INELASTIC)
-    with pytest.raises(ValueError, match="must decrease"):
-        MeasuredFamily([6.0, 9.0], two, 100.0, INELASTIC)
-    with pytest.raises(ValueError, match="margin is a part"):
-        MeasuredFamily([9.0, 6.0], two, 100.0, INELASTIC, margin=0.5)
+STATIONS = np.linspace(0, 1, 21)
+LENGTHS = np.array([0.30, 0.27, 0.25, 0.21])
+PRESSURES = np.array([1e5, 5e5])
+BRAID = famjax.Braid(0.32, 1.5, 3e-4)
 
 
-def test_interpolation_that_goes_negative_is_refused_with_its_place() -> None:
-    thin = [FourierProfile(a0, [], [], 1.0) for a0 in (0.02, 0.02, 2.0, 0.02)]
-    with pytest.raises(ValueError, match=r"must be > 0 at every length.* it is -.* at L = "):
-        MeasuredFamily([9.0, 8.0, 7.0, 6.0], thin, 100.0, INELASTIC)
+def diameters() -> np.ndarray:
+    wide = 0.02 + 0.02 * (0.30 - LENGTHS[:, None]) / 0.09 * np.sin(np.pi * STATIONS) ** 0.5
+    return np.stack([wide, wide * (1 + 0.02 * STATIONS)])
 
 
-@pytest.mark.slow
-def test_lengths_beyond_the_threads_are_refused() -> None:
-    with pytest.raises(ValueError, match="threads are longer"):
-        MeasuredFamily([10.0, 7.0], [_profile(0.0), _profile(0.3)], 100.0, INELASTIC)
+@pytest.fixture
+def surface() -> SampledSurface:
+    return SampledSurface(LENGTHS, PRESSURES, diameters(), BRAID)
+
+
+def test_it_goes_through_its_samples(surface: SampledSurface) -> None:
+    for k, pressure in enumerate(PRESSURES):
+        found = surface.diameter(STATIONS, LENGTHS[:, None], pressure)
+        np.testing.assert_allclose(found, diameters()[k], rtol=1e-12)
+
+
+def test_between_them_it_is_the_spline_of_scipy(surface: SampledSurface) -> None:
+    x, length, pressure = np.linspace(0, 1, 57), 0.233, 3.7e5
+    along = CubicSpline(STATIONS, diameters(), axis=2)(x)
+    over = CubicSpline(LENGTHS[::-1], along[:, ::-1], axis=1)(length)
+    expected = over[0] + (pressure - 1e5) / 4e5 * (over[1] - over[0])
+    np.testing.assert_allclose(surface.diameter(x, length, pressure), expected, rtol=1e-12)
+
+
+def test_one_pressure_is_a_shape_that_does_not_depend_on_it() -> None:
+    one = SampledSurface(LENGTHS, [0.0], diameters()[:1], BRAID)
+    low, high = (np.asarray(one.diameter(STATIONS, 0.26, P)) for P in (0.0, 7e5))
+    np.testing.assert_array_equal(low, high)
+
+
+def test_beyond_its_margin_the_shape_is_not_known(surface: SampledSurface) -> None:
+    low, high = (float(one) for one in surface.length_range())
+    assert (low, high) == pytest.approx((0.21 - 0.0045, 0.30 + 0.0045))
+    found = surface.diameter(0.5, np.array([low - 1e-6, low, high, high + 1e-6]), 1e5)
+    assert np.isfinite(found).tolist() == [False, True, True, False]
