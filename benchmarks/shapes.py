@@ -76,7 +76,9 @@ def speed(case: Case) -> dict[str, float]:
     for k, i in enumerate(sample):
         guess = np.interp(Z, half, np.asarray(shape.radius[k, :51]))
         start = time.perf_counter()
-        F, _ = oracles.boundary_values(one, L.flat[i], P.flat[i], guess, force.flat[i])
+        F, _ = oracles.boundary_values(
+            one, float(L.flat[i]), float(P.flat[i]), guess, float(force.flat[i])
+        )
         spent += time.perf_counter() - start
         worst = max(worst, abs(F - force.flat[i]))
     cost = []

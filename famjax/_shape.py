@@ -232,7 +232,7 @@ class Balance(eqx.Module):
     def outer(self, rule: Rule, y: Float[Array, " unknowns"]) -> Float[Array, "stations 3"]:
         """Radius, slope and pull at the stations of a section."""
         fixed, linear = self.columns(rule)
-        return fixed @ self.ends + linear @ (self.scales * y)
+        return jnp.asarray(fixed) @ self.ends + jnp.asarray(linear) @ (self.scales * y)
 
     def states(self, y: Unknowns) -> list[RealArray]:
         """Radius, slope, pull, p and perhaps e at the stations of every section."""

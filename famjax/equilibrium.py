@@ -1,6 +1,7 @@
 """A muscle whose shape follows from mechanics: profile, braid angle and force together."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -300,7 +301,9 @@ def _balance(
     parts, ends = _parts(muscle), _ends(muscle)
     far = [one.far_bladder for one in muscle.sections] or [None]
     straight = jnp.asarray(sum(share * part.braid.rest_thread_length for share, part in parts))
+    turns: Any = 0.0
     if load is None:
+        assert length is not None
         reach = straight * (1.1 if any(part.elastic for _, part in parts) else 1.0)
         there = (length > 0) & (length < reach) & jnp.isfinite(pressure)
         length = jnp.where(there, length, jax.lax.stop_gradient(muscle.rest_length))
@@ -317,7 +320,8 @@ def _balance(
     dtype = jnp.result_type(length, pressure, ends)
     scale = jnp.abs(pressure) * jnp.pi * jnp.mean(ends) ** 2
     for share, part in parts:
-        stresses = part.material.stresses(*jnp.full((2,), _PROBE, dtype), pressure)
+        probe = jnp.asarray(_PROBE, dtype)
+        stresses = part.material.stresses(probe, probe, pressure)
         section = part.bladder.volume / part.bladder.rest_length
         scale += share * section * (jnp.abs(stresses[0]) + jnp.abs(stresses[1]))
     shares = tuple(share for share, _ in parts)
@@ -389,7 +393,8 @@ def _state(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) ->
             _energy(balance, solved),
             _margin(balance, solved),
         )
-        return State(*(jnp.where(code == FOUND, value, jnp.nan) for value in values), code)
+        force, volume, energy, margin = (jnp.where(code == FOUND, v, jnp.nan) for v in values)
+        return State(force, volume, energy, margin, code)
 
     return at_each(one, length, pressure)
 
@@ -431,7 +436,8 @@ def _energy(balance: Balance, solved: Solved) -> RealArray:
             threads = 0.0 if tension is None else tension * part.braid.rest_thread_length * stretch
             return part.bladder.volume * work + threads
 
-        return jnp.sum(weights.astype(radius.dtype) * jax.vmap(rate)(nodes.astype(radius.dtype)))
+        at: Any = nodes.astype(radius.dtype)
+        return jnp.sum(weights.astype(radius.dtype) * jax.vmap(rate)(at))
 
     each = zip(balance.rules, balance.each(stored, solved.y), strict=True)
     return jnp.asarray(sum(jnp.sum(rule.weights.astype(w.dtype) * w) for rule, w in each))
@@ -488,7 +494,8 @@ def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
         across = through @ state[:, 3]
         bladder = jax.tree.map(lambda leaf, t=through: t @ leaf, part.bladder)
         own = Part(part.braid, bladder, part.material)
-        found.append(_points(own, balance, state[0, 2], z, radius, stretch, across))
+        along: Any = z, radius, stretch, across
+        found.append(_points(own, balance, state[0, 2], *along))
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *found)
 
 

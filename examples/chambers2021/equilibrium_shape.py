@@ -60,7 +60,8 @@ def isotropic() -> Latex:
     first = stretch**2 + 2 / stretch - 3
     unit = 2 * (stretch - stretch**-2)
     columns = np.stack([unit, unit / stretch, 2 * unit * first], axis=1)
-    return Latex(np.linalg.lstsq(columns, true / stretch, rcond=None)[0])
+    coefficients: Any = np.linalg.lstsq(columns, true / stretch, rcond=None)[0]
+    return Latex(coefficients)
 
 
 LAWS = {"uniaxial": lambda: PolynomialMaterial(printed()["latex"]["E_psi"]), "isotropic": isotropic}
@@ -135,13 +136,15 @@ def one_law_fit() -> dict[str, Any]:
 
     def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if x.tobytes() not in known:
-            known[x.tobytes()] = tuple(map(np.asarray, slopes(x)))
+            slope, value = slopes(x)
+            known[x.tobytes()] = np.asarray(slope), np.asarray(value)
         return known[x.tobytes()]
 
     # A state without a shape counts as a large error.
     wide = np.array([*TOLERANCES, 1000.0, 1000.0, 1000.0])
+    residual: Any = lambda x: np.nan_to_num(at(x)[1], nan=1e3)  # noqa: E731
     fit = least_squares(
-        lambda x: np.nan_to_num(at(x)[1], nan=1e3), start, jac=lambda x: at(x)[0],
+        residual, start, jac=lambda x: at(x)[0],
         bounds=(start - wide, start + wide), x_scale=np.array([0.01, 0.002, 0.01, 30.0, 30.0, 30.0]),
     )  # fmt: skip
     return {
@@ -180,7 +183,8 @@ def thread_lengths() -> list[dict[str, Any]]:
             return float(np.sum(c * ds / (r * np.sqrt(r**2 - c**2)))) - 2 * np.pi * turns
 
         most = 0.999 * float(r.min())
-        c = brentq(unwound, 0, most) if unwound(most) > 0 else np.nan
+        bound: Any = brentq(unwound, 0, most) if unwound(most) > 0 else np.nan
+        c = float(bound)
         found.append({
             "contraction": row["contraction"],
             "pinned_thread_in": brentq(uneven, 1.0001 * float(around.max()), 20.0),

@@ -124,13 +124,13 @@ def _equilibrium_muscle(
         leaves = jax.tree.leaves(muscle, is_leaf=lambda one: isinstance(one, kind))
         return [one for one in leaves if isinstance(one, kind)]
 
-    parts = inside(AbstractBraid), inside(Bladder), inside(AbstractMaterial)
-    if not all(parts):
+    braids, bladders, laws = inside(AbstractBraid), inside(Bladder), inside(AbstractMaterial)
+    if not (braids and bladders and laws):
         raise InputError(
             "a shape needs a braid, a bladder and its law; this muscle has not all of them, as a model "
             "of another author or a measured shape may have none"
         )
-    braid, bladder, law = (found[0] for found in parts)
+    braid, bladder, law = braids[0], bladders[0], laws[0]
     if end_diameter is None:
         rest, thread = bladder.rest_length, braid.rest_thread_length
         end_diameter = float(diameter_from_length(rest, thread, braid.turns))
