@@ -143,8 +143,9 @@ def one_law_fit() -> dict[str, Any]:
     # A state without a shape counts as a large error.
     wide = np.array([*TOLERANCES, 1000.0, 1000.0, 1000.0])
     residual: Any = lambda x: np.nan_to_num(at(x)[1], nan=1e3)  # noqa: E731
+    slope: Any = lambda x: at(x)[0]  # noqa: E731
     fit = least_squares(
-        residual, start, jac=lambda x: at(x)[0],
+        residual, start, jac=slope,
         bounds=(start - wide, start + wide), x_scale=np.array([0.01, 0.002, 0.01, 30.0, 30.0, 30.0]),
     )  # fmt: skip
     return {
