@@ -7,11 +7,11 @@ import pytest
 
 from famjax.app.cli import farewell
 
-SEVERAL = "Several muscles of one series: famjax series"
-ASKED = ("design", "--require", "pressure_psi=100", "--search", "1e3")
+DESIGN = ("design", "--require", "pressure_psi=100")
+ASKED = (*DESIGN, "--search", "1e3")
 AT = ("--length", "270mm", "--pressure")
 FIT_MAP: list[tuple[tuple[str, ...], str]] = [
-    (("MAP",), SEVERAL),
+    (("MAP",), "Several muscles of one series: famjax series"),
     (("--geometry", "a:B", "--shape", "m.nc"), "either --shape or --geometry"),
     (("--law", "ogden", "--order", "2"), "got 2 for ogden: leave the order out"),
     (("--specimen", "braid_angle_deg=65"), "or held by --bounds braid_angle_deg=65"),
@@ -43,9 +43,9 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
      "for mujoco and mjx alone, got --to csv"),
     (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "shorter than its rounded ends"),
     (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
-    (("design", "--require", "force_dyn=3"), "unknown requirement 'force_dyn=3'"),
-    (("design", "--require", "contraction=30"), "a fraction in [0, 1)"),
-    (("design", "--require", "pressure_psi=100", "--search", "0.5"), "--search must be >= 1"),
+    ((*DESIGN, "--require", "force_dyn=3"), "unknown requirement 'force_dyn=3'"),
+    ((*DESIGN, "--require", "contraction=30"), "a fraction in [0, 1)"),
+    ((*DESIGN, "--search", "0.5"), "--search must be >= 1"),
     ((*ASKED, "--objective", "width"), "one or more of outer_diameter"),
     ((*ASKED, "--vary", "angle_deg=1:2"), "unknown range 'angle_deg=1'"),
     ((*ASKED, "--vary", "pressure_psi=1:2:3"), "key_unit=least:greatest"),
