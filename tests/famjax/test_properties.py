@@ -139,7 +139,7 @@ def shape_cases() -> Iterator[tuple[str, Case]]:
         yield f"{name} family", Case(diameter, family, at)
     for name in ("fourier", "circular"):
         # 1 - x near the far end keeps four digits where the tangent is vertical.
-        yield f"{name} measures", Case(measures, SHAPES[name], (length,), 1e-4)
+        yield f"{name} measures", Case(measures, SHAPES[name], (length[:2],), 1e-4)
     profile = SHAPES["fourier"]  # not symmetric: with one maximum
     yield "maximum diameter", Case(maximum_diameter, profile, (length,), difference=1e-5)
 
@@ -345,7 +345,11 @@ def as_single(tree: Any) -> Any:
     return jax.tree.map(lambda x: x.astype(np.float32) if eqx.is_inexact_array(x) else x, tree)
 
 
-@pytest.mark.parametrize("case", EVERY)
+# The knots of a monotone law, and the muscle that was taken apart, are of float64.
+DOUBLE = ("monotone law", "taken apart")
+
+
+@pytest.mark.parametrize("case", [one for one in EVERY if one.id not in DOUBLE])
 def test_float32_stays_float32(case: Case) -> None:
     whole = case.made()
     model, states = as_single((whole, case.states))
