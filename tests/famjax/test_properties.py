@@ -139,9 +139,9 @@ def shape_cases() -> Iterator[tuple[str, Case]]:
         yield f"{name} family", Case(diameter, family, at)
     for name in ("fourier", "circular"):
         # 1 - x near the far end keeps four digits where the tangent is vertical.
-        yield f"{name} measures", Case(measures, SHAPES[name], (length,), 1e-4)
-    symmetric = FourierProfile.symmetric(1.5, [-0.5, -0.1], 5.0)
-    yield "maximum diameter", Case(maximum_diameter, symmetric, (length,), difference=1e-5)
+        yield f"{name} measures", Case(measures, SHAPES[name], (length[:2],), 1e-4)
+    profile = SHAPES["fourier"]  # not symmetric: with one maximum
+    yield "maximum diameter", Case(maximum_diameter, profile, (length,), difference=1e-5)
 
 
 # ---- threads, braids, laws, geometries, terms
@@ -278,7 +278,7 @@ CASES = dict([*formula_cases(), *shape_cases(), *part_cases(), *muscle_cases()])
 SLOW = (
     "measured", "sampled", "average", "toe geometry", "table 4.3", "at thread length",
     "virtual work term", "virtual work, elastic", " in a rig", "onset", "path modulus",
-    "toe braid at", "elastic muscle", "ogden",
+    "toe braid at", "elastic muscle", "ogden", "at a load", "free contraction",
 )  # fmt: skip
 EVERY = [
     pytest.param(case, id=name, marks=[pytest.mark.slow] * any(word in name for word in SLOW))
@@ -345,7 +345,11 @@ def as_single(tree: Any) -> Any:
     return jax.tree.map(lambda x: x.astype(np.float32) if eqx.is_inexact_array(x) else x, tree)
 
 
-@pytest.mark.parametrize("case", EVERY)
+# The knots of a monotone law, and the muscle that was taken apart, are of float64.
+DOUBLE = ("monotone law", "taken apart")
+
+
+@pytest.mark.parametrize("case", [one for one in EVERY if one.id not in DOUBLE])
 def test_float32_stays_float32(case: Case) -> None:
     whole = case.made()
     model, states = as_single((whole, case.states))
