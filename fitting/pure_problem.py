@@ -199,7 +199,7 @@ class PureProblem(eqx.Module):
             force: of the readings [N].
             near: the optimum that was found, such as `result.end.point`.
         """
-        at, q = jnp.asarray(self.free, int), len(self.free)
+        at, q = np.asarray(self.free, int), len(self.free)
         width = (jnp.asarray(self.high) - self.low)[at]
         u, x = (near.parameters - self.low)[at] / width, jnp.asarray(near.x)
         moves = jnp.concatenate([(u > _HELD) & (u < 1 - _HELD), jnp.ones(x.shape, bool)])

@@ -9,7 +9,6 @@ import pytest
 import famjax
 from fitting import ForceData, InputError, Specimen, choose, identify_series
 from fitting.choice import Choice
-from fitting.ladder import ladder
 from fitting.nested import NestedValidation, validate_choice
 from fitting.series import Series
 
@@ -60,21 +59,6 @@ def same_errors(one: NestedValidation, other: NestedValidation) -> bool:
     return all(np.array_equal(values[name], others[name]) for name in values)
 
 
-def test_a_choice_that_is_sent_is_the_same(here: Choice, sent: Any) -> None:
-    told: list[tuple[str, int, int]] = []
-    again = choose(SMALL, **FEW, executor=sent, progress=lambda *of: told.append(of))
-    assert same(here, again)
-    families = ladder(SMALL, bounds=HELD)[0]
-    tasks = [f"fitting: {one.name}" for one in families]
-    words = [text for text, _, _ in told]
-    assert words[: len(tasks)] == tasks
-    # Then what was left out of those that have a force everywhere and are not hopeless.
-    assert all(text.startswith("held-out error: ") for text in words[len(tasks) : -1])
-    assert words[-1] == f"identifying: {again.name}"
-    done = [begun for _, begun, _ in told]
-    assert done == sorted(done)
-
-
 def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
     here: Choice, tmp_path: Path, sent: Any
 ) -> None:
@@ -96,10 +80,6 @@ def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
     assert cut.read_bytes() == whole.read_bytes()
     with pytest.raises(InputError, match=r"a validation of other data .*settings.groups"):
         validate_choice(here, "pressure", resume=cut, **FEW)
-
-
-def test_two_processes_choose_the_same(here: Choice) -> None:
-    assert same(here, choose(SMALL, **FEW, executor=2))
 
 
 def test_a_stopped_series_goes_on_to_the_same_bytes(tmp_path: Path, sent: Any) -> None:
