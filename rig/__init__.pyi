@@ -10,7 +10,6 @@ from . import (
     plan as plan,
     plant as plant,
     protocol as protocol,
-    session as session,
     simulation as simulation,
 )
 from .calibration import Calibration as Calibration, read_calibration as read_calibration

@@ -17,9 +17,8 @@ from famjax.units import PSI
 from .calibration import READINGS, Calibration, calibration_as_dict
 from .errors import RigError, RigFault
 from .journal import Journal
-from .link import AbstractLink
+from .link import AbstractLink, Lost, Reset, Silent
 from .protocol import DRIVEN, FAULTS, PROTOCOL, RUN, STATES, TICK_HZ, TRIP, DeviceStatus, Sample
-from .session import Lost, Reset, Silent
 
 JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
 LEAST_JUMP = 5  # counts, above noise of a count or two

@@ -13,8 +13,7 @@ import pytest
 from rig.device import Device
 from rig.errors import RigError, RigFault
 from rig.journal import Journal, read_journal
-from rig.link import Link, serial_opener
-from rig.session import Silent
+from rig.link import Link, Silent, serial_opener
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="a pty is needed")
 

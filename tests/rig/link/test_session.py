@@ -5,8 +5,8 @@ import pytest
 from bare_rig import BareRig, Recorder
 
 from rig.errors import RigError, RigFault
+from rig.link import ALIVE, HEARTBEAT, Lost, Reset, Session, Silent, Timing
 from rig.protocol import TICKS, Sample, frame
-from rig.session import ALIVE, HEARTBEAT, Lost, Reset, Session, Silent, Timing
 
 
 def record_line(seq: int, tick: int, **fields: int) -> bytes:
