@@ -12,6 +12,7 @@ from .protocol import (
     SAFE,
     TRIP,
     ControlLaw,
+    DeviceSettings,
     Sample,
     drive,
     next_integral,
@@ -23,6 +24,7 @@ TRIPS = (OVER_PRESSURE, JUMP, STALL, RANGE, FROZEN, NO_RESPONSE)
 IN_A_ROW = 3  # conversions beyond a limit that trip
 JUMP_TICKS = 5
 STALL_RISE = 5  # counts that count as a rise: about 1 psi of 200
+NO_BOARD = 0xFFFF  # of a blank memory
 COUNTER = 0xFFFFFFFF  # records and ticks wrap here, after 99 days
 
 OK, VERB, NUMBER, TRIPPED, NO_LIMIT, PRESSURE, RUNNING, BAUD, OUTSIDE, ABOVE_CEILING = range(10)
@@ -76,11 +78,12 @@ NOTHING, STEP, START = range(3)  # what the pressure has to answer
 
 
 class Latch(NamedTuple):
-    """What a trip leaves behind, also over a reset; `fault` is none of `TRIPS` where none is latched."""
+    """What outlives a reset: a trip, where `fault` is one of `TRIPS`, and the board's number, or 0."""
 
     fault: int = 0
     output: int = 0
     reading: int = 0
+    board: int = 0
 
 
 class DeviceControl:
@@ -94,10 +97,11 @@ class DeviceControl:
     def __init__(
         self, boot: int, fault: int, least_div: int, trip_ceiling: int, latch: Latch
     ) -> None:
-        self._boot = boot & 15
+        self.boot = boot
         self._least_div = least_div  # ticks per record that the serial line can carry
         self._trip_ceiling = trip_ceiling
-        self.latch = latch if latch.fault in TRIPS else Latch()
+        board = 0 if latch.board == NO_BOARD else latch.board
+        self.latch = latch._replace(board=board) if latch.fault in TRIPS else Latch(board=board)
         self.state, self.fault = (TRIP, latch.fault) if self.latch.fault else (SAFE, fault)
         self.output = self.tick = self.seq = self.count = self.silence = 0
         self.phase = self.since = self.tripped_at = 0
@@ -162,7 +166,8 @@ class DeviceControl:
     def leave(self, state: int, fault: int, pressure: int = 0) -> None:
         """Output off, dump valve open, at once; a trip is latched with its reading and output."""
         if state == TRIP:
-            self.latch, self.tripped_at = Latch(fault, self.output, pressure), self.tick
+            self.latch = Latch(fault, self.output, pressure, self.latch.board)
+            self.tripped_at = self.tick
         self.plausibility.rest()
         self.state, self.fault, self._next_state = state, fault, SAFE
         self.output = self._integral = 0
@@ -223,19 +228,19 @@ class DeviceControl:
         seq, self.seq = self.seq, (self.seq + 1) & COUNTER
         sums = self._sum_p, self.count, self._sum_f
         flags = self.state + 4 * self.sync + 16 * self.fault
-        return Sample(self._boot, seq, self.tick, *sums, self.output, self._integral, flags)
+        return Sample(self.boot & 15, seq, self.tick, *sums, self.output, self._integral, flags)
 
     def in_force(self) -> int:
         """The first record that a command given now governs in full."""
         return (self.seq + (self.phase > 0)) & COUNTER
 
-    def measured(self) -> int:
-        """The last pressure [1/128 psi]."""
-        return self.law.set_point - pressure_error(self.law, self.count)
-
-    def integral_counts(self) -> int:
-        """The integral term [PWM counts], rounded."""
-        return (self._integral + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
+    @property
+    def settings(self) -> DeviceSettings:
+        """What governs the records from `since` on."""
+        guards = self.div, self.trip, self.jump, self.stall, self.silent, self.floor, self.ceiling
+        watch = self.plausibility
+        frozen = watch.still, watch.frozen, watch.frozen_ticks
+        return DeviceSettings(self.boot, self.since, self.law, *guards, *frozen)
 
     def execute(self, verb: bytes, values: list[int]) -> int:
         """Carry out one command of the controller; index into `REASONS`."""

@@ -49,7 +49,7 @@ def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr: Avr) -> None:
     last = None
     rest = "7 still 60000", "8 frozen 255 2000", "9 stall 30000"
     for body in (
-        "1 human 1",
+        "1 board 7",
         "2 tele 4",
         "3 trip 900",
         "4 jump 1023",

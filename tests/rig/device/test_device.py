@@ -14,7 +14,6 @@ from rig.protocol import (
     SAFE,
     TRIP,
     Ack,
-    Comment,
     DeviceSettings,
     DeviceStatus,
     Hello,
@@ -45,7 +44,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 def test_starts_safe_and_says_who_it_is(bench: Bench) -> None:
     bench.ticks(30)
     assert (bench.device.output, bench.device.dump_open, bench.device.state) == (0, True, SAFE)
-    assert bench.of(Hello) == [Hello(2, 2, 0, 1, 500, 5, 64, 21, 900)]
+    assert bench.of(Hello) == [Hello(3, 3, 0, 1, 500, 5, 64, 21, 900, 0)]
     assert bench.of(DeviceStatus)[0].fault == 0
     assert bench.of(DeviceSettings)[0].trip == 0
 
@@ -358,14 +357,11 @@ def test_hello_is_always_obeyed(bench: Bench) -> None:
 
 
 def test_a_person_may_type(bench: Bench) -> None:
-    for text in (b"trip 600\r\n", b"set 40.5\n", b"  gain   4  2 \n", b"human 1\r"):
+    for text in (b"trip 600\r\n", b"set 40.5\n", b"  gain   4  2 \r"):
         bench.send(text)
         bench.ticks(10)
     settings = bench.of(DeviceSettings)[-1]
     assert (settings.trip, settings.law.set_point_psi, settings.law.gains) == (600, 40.5, (4, 2))
-    bench.ticks(150)
-    comment = bench.of(Comment)[-1].text
-    assert comment == "p=19.53 set=40.50 u=0 i=0 SAFE fault=0"
 
 
 def test_more_bytes_than_there_is_room_for_are_counted(bench: Bench) -> None:
@@ -530,10 +526,9 @@ def test_a_reset_forgets_all_settings() -> None:
 
 
 def test_no_line_is_dropped_under_a_full_load(bench: Bench) -> None:
-    """Comments, a command in every line, re-requests without end, records at the highest rate."""
+    """A command in every line, re-requests without end, records at the highest rate."""
     bench.start()
     bench.command("tele", 4)
-    bench.command("human", 1)
     for number in range(400):
         bench.device.feed(frame(f"0 rp {max(number - 40, 0)} ffffffff")[:21])
         bench.ticks(1)

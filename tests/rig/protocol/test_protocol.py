@@ -8,7 +8,6 @@ import pytest
 from rig.device import ARGUMENTS, firmware_folder
 from rig.protocol import (
     Ack,
-    Comment,
     ControlLaw,
     DeviceSettings,
     DeviceStatus,
@@ -54,7 +53,6 @@ LINES: list[tuple[str, Message]] = [
     ("A,12,OK,345", Ack(12, 345, "")),
     ("A,12,ERR,no trip limit", Ack(12, None, "no trip limit")),
     ("L,10,74", StoredRange(10, 74)),
-    ("# p=40.12 set=40.00", Comment("p=40.12 set=40.00")),
 ]
 
 
