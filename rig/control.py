@@ -6,6 +6,8 @@ acknowledges a trip, and heartbeats go on only while the code that supervises th
 
 import dataclasses
 import math
+import secrets
+from collections import deque
 from collections.abc import Callable
 from typing import Annotated, Any, NoReturn, Self
 
@@ -14,11 +16,26 @@ from msgspec import Meta
 from famjax.boundary.toml_file import check_fields
 from famjax.units import PSI
 
-from .calibration import READINGS, Calibration, calibration_as_dict
+from .calibration import FULL_SCALE, READINGS, Calibration, calibration_as_dict, pressure_text
+from .controller import DeviceControl, Latch
+from .device import read_numbers
 from .errors import RigError, RigFault
 from .journal import Journal
-from .link import AbstractLink, Lost, Reset, Silent
-from .protocol import DRIVEN, FAULTS, PROTOCOL, RUN, STATES, TICK_HZ, TRIP, DeviceStatus, Sample
+from .link import AbstractLink, Lost, Reset, Silent, mean_counts
+from .protocol import (
+    DRIVEN,
+    FAULTS,
+    PROTOCOL,
+    RUN,
+    STATES,
+    TICK_HZ,
+    TRIP,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Sample,
+    command_body,
+)
 
 JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
 LEAST_JUMP = 5  # counts, above noise of a count or two
@@ -27,16 +44,33 @@ FLOOR_SHARE = 0.6  # floor over the counts at 0 Pa: 0.3 V of 0.5 V
 LOOK = 0.05  # s between two looks at the device's state during a wait
 SETTLE = 0.7  # s for which the device keeps its last records
 HELLOS = 5  # times a device is greeted: a board that opening its port has reset starts in 2 s
-REST_PRESSURE = 5 * PSI  # a vented rig may still read it, up or down: offset and drift [Pa]
+REST_PRESSURE = 3 * PSI  # a vented rig may still read it, up or down: offset and drift [Pa]
+REST_LOAD = 0.1 * FULL_SCALE  # from zero of the load cell at rest: it is dead, saturated or not tared
 REST_TIME = 8.0  # s for which the reading is watched at rest at most; two seconds at rest suffice
+SILENCE_MS, TICKS_PER_RECORD = 1000, 5  # what a device has to run with
 _ALIVE = 2  # of `DeviceStatus.alive`
+
+# The self-test, in counts of one conversion (about 4 per psi of a transducer of 200 psi).
+TEST_RISE = 4.0  # of the pressure that is an answer to the first fluid
+TEST_LOAD = 8.0  # of the load with which an answer of the pressure is due,
+TEST_SHARE = 24  # at least so many times smaller
+TEST_BEGIN = 2.5  # of either, with which the output goes on slowly
+TEST_OUTPUT = 160  # greatest output: past the middle of a valve
+TEST_TIME = 12.0  # s within which one of them has to move
+TEST_RECORDS = 12  # in a mean
+
+HELD = 1 * PSI  # from the set pressure, and one still counts as held: three times what is measured
+WATCH_LOOKS = 20  # in a mean of the watch
+WATCH_TIMES = 4  # means in a row that contradict the muscle, and
+WATCH_RISE = 15  # counts by which the load has to rise in them
 
 # What to check after each fault of the device.
 ADVICE = {
     "silence": "no line reached it for a second; check the cable and the load on this computer",
-    "over-pressure": "the pressure limit was reached, or the transducer is unplugged",
-    "jump": "the pressure changed by more than the jump limit in 10 ms: a transducer that fails, or a "
-    "small muscle that fills fast; then raise jump_limit_<unit> in the plan's [rig], or step less",
+    "over-pressure": "the pressure limit was reached, or the transducer is unplugged or lost its supply",
+    "jump": "the pressure changed by more than the jump limit in 10 ms: a muscle or hose that burst, a "
+    "transducer that fails, or a small muscle that fills fast; only then raise jump_limit_<unit> in the "
+    "plan's [rig], or step less",
     "stall": "output or integral stood at its limit and the pressure did not rise; check supply, hose, "
     "muscle and transducer",
     "watchdog": "its program had stopped; check its supply",
@@ -150,12 +184,14 @@ class RigSettings:
         control: gains.
         jump_limit: change of the pressure within 10 ms at which it trips [Pa].
         guards: when it rejects its reading as implausible.
+        unit: of pressures in messages.
     """
 
     pressure_limit: float
     control: Control
     jump_limit: float = JUMP_LIMIT
     guards: Guards = dataclasses.field(default_factory=Guards)
+    unit: str = "kPa"
 
     def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
         """The commands that set them, and the transducer.
@@ -165,6 +201,8 @@ class RigSettings:
         """
         trip, gains = self._trip_counts(calibration), self.control
         return [
+            ("hbms", (SILENCE_MS,)),
+            ("tele", (TICKS_PER_RECORD,)),
             ("cal", _device_calibration(calibration)),
             ("trip", (trip,)),
             ("jump", (self._jump_counts(calibration),)),
@@ -188,14 +226,14 @@ class RigSettings:
         limit: float | None = self.pressure_limit
         if limit is None or not math.isfinite(limit) or limit <= 0:
             raise RigError(
-                f"a rig runs only under a pressure limit > 0, got {limit}; give the muscle's or the "
-                "circuit's, whichever is lower"
+                f"a rig runs only under a finite pressure limit > 0, got {limit}; give the muscle's or "
+                "the circuit's, whichever is lower"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
         if not 1 <= counts <= 1023 - 3:
             raise RigError(
-                f"the limit of {limit:.0f} Pa is {counts} counts of the transducer, which ends at "
-                "1023: it could not be seen; choose a lower limit or another transducer"
+                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts of the transducer, "
+                "which ends at 1023: it could not be seen; choose a lower limit or another transducer"
             )
         return counts
 
@@ -208,12 +246,35 @@ class RigSettings:
         limit, count = self.jump_limit, calibration.pressure.gain * READINGS
         counts = round(limit / count) if math.isfinite(limit) else 0
         if not LEAST_JUMP <= counts <= 1023:
-            least, most = LEAST_JUMP * count / PSI, 1023 * count / PSI
+            given, *ends = (
+                pressure_text(x, self.unit) for x in (limit, LEAST_JUMP * count, 1023 * count)
+            )
             raise RigError(
-                f"a jump limit of {limit:.0f} Pa is {counts} counts of the transducer; the device "
-                f"takes {LEAST_JUMP} to 1023, here {least:.3g} to {most:.4g} psi"
+                f"a jump limit of {given} is {counts} counts of the transducer; the device takes "
+                f"{LEAST_JUMP} to 1023, here {' to '.join(ends)}"
             )
         return counts
+
+
+def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, Any]:
+    """What a device reports once it has taken these commands, as its twin in Python stores them."""
+    twin = DeviceControl(0, 0, least_div=1, trip_ceiling=1023, latch=Latch())
+    for verb, values in commands:
+        words = command_body(0, verb, *values).encode().split()[2:]
+        twin.execute(verb.encode(), read_numbers(verb.encode(), words) or [])
+    twin.step(0, 0)
+    return _limits(twin.settings)
+
+
+def _limits(settings: DeviceSettings) -> dict[str, Any]:
+    """The settings that hold for a whole test, by name."""
+    law = settings.law._asdict()
+    limits = law | settings._asdict()
+    return {k: v for k, v in limits.items() if k not in _PASSING}
+
+
+# What changes with every pressure that is set.
+_PASSING = {"law", "boot", "since", "set_point", "feed_forward"}
 
 
 def _device_calibration(calibration: Calibration) -> tuple[float, float]:
@@ -243,6 +304,7 @@ class Rig:
         control: gains.
         jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
         guards: when the device rejects its reading as implausible.
+        unit: of pressures in messages.
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
 
@@ -265,12 +327,14 @@ class Rig:
         control: Control,
         jump_limit: float = JUMP_LIMIT,
         guards: Guards | None = None,
+        unit: str = "kPa",
         journal: Journal | None = None,
         camera: Callable[[str], None] | None = None,
     ) -> None:
         self.link, self.calibration = link, calibration
-        self.settings = RigSettings(pressure_limit, control, jump_limit, guards or Guards())
+        self.settings = RigSettings(pressure_limit, control, jump_limit, guards or Guards(), unit)
         self.settings.commands(calibration)  # refused before the port is used
+        self._watch = FlowWatch()
         self.lost, self.set_point = 0, math.nan
         self.unseen: tuple[str, ...] = ()
         self._journal, self._camera = journal, camera
@@ -279,8 +343,8 @@ class Rig:
     def __enter__(self) -> Self:
         self.link.attach(self._journal)
         try:
-            greet(self.link)
-            self._set_up()
+            self._set_up(greet(self.link))
+            self._test_channels()
         except BaseException as error:
             self._leave(error)
             raise
@@ -305,12 +369,12 @@ class Rig:
         """
         limit = self.settings.pressure_limit
         if not 0 <= pressure < limit:
-            must = f"must be >= 0 and below the limit of {limit:.0f} Pa"
-            raise RigError(f"a set pressure {must}, got {pressure:.0f} Pa")
-        output = self.calibration.feed_forward.output(pressure)
+            highest, got = (pressure_text(x, self.settings.unit) for x in (limit, pressure))
+            raise RigError(f"a set pressure must be >= 0 and below the limit of {highest}, got {got}")
+        output = self.calibration.feed_forward.output(pressure, self.settings.unit)
         answer = self.link.command("set", pressure / PSI, output)
         self.note("set", pressure_Pa=pressure, feed_forward_counts=output, seq=answer.seq)
-        self.set_point = pressure
+        self.set_point, self._watch = pressure, FlowWatch()
         newest = self.link.newest
         if self._active_from is None or newest is None or newest.state != RUN:
             self._activate("run")
@@ -365,6 +429,14 @@ class Rig:
         newest, since = self.link.newest, self._active_from
         if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
             self._left_by_itself(newest)
+        if newest and newest.state == RUN and self._watch.contradicts(
+            newest, held=abs(self.pressure - self.set_point) <= 2 * HELD
+        ):
+            self._fault(
+                "the load rises while the circuit is filled at a pressure that reads constant: the "
+                "channels of pressure and load are exchanged, or the transducer's line is blocked; the "
+                "device vents"
+            )
 
     def sync(self, seconds: float) -> None:
         """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
@@ -384,32 +456,92 @@ class Rig:
         if self._camera is not None:
             self._camera(name)
 
-    def _set_up(self) -> None:
-        """Send the device all that it controls with, and note what governs the test."""
-        link, session = self.link, self.link.session
+    def _set_up(self, hello: Hello) -> None:
+        """Send the device all that it controls with, see that it has it, and note what governs the test."""
+        link, session, calibration = self.link, self.link.session, self.calibration
         link.command("stop")
         status = device_status(link)
         if status.state == TRIP:
             raise RigError(
-                f"the device is tripped: {trip_text(status, self.calibration)}. Find the cause, then "
+                f"the device is tripped: {trip_text(status, calibration)}. Find the cause, then "
                 "acknowledge the trip: `famjax rig acknowledge PORT`"
             )
-        for verb, values in self.settings.commands(self.calibration):
+        if hello.board != calibration.board:
+            raise RigError(
+                f"this is board {hello.board or 'without a number'}, the calibration is of "
+                f"{calibration.board or 'none'}: another rig's would read wrong pressures. Take this "
+                f"board's calibration, calibrate, or if it is surely its own write board = {hello.board} "
+                "as the first line of the file"
+            )
+        commands = self.settings.commands(calibration)
+        for verb, values in commands:
             link.command(verb, *values)
         until = link.now + 1.0
         while not session.settings_known:
             if link.now > until:
                 raise RigFault("the device does not report its settings; check the cable")
             link.sleep(LOOK)
-        self.unseen = tuple(unseen(self.calibration, alive=watch_rest(link, self.calibration)))
-        hello, stored = session.hello, session.settings
-        if hello is None or stored is None:
+        stored = session.settings
+        if stored is None:
             raise RigFault("the device was reset while it was set up; check its supply")
+        found, wanted = _limits(stored), stored_settings(commands)
+        if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
+            raise RigFault(f"the device has not taken its settings: {', '.join(wrong)}; upload its firmware")
+        self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
-            "rig", **self.settings.as_note(self.calibration), unseen=self.unseen,
+            "rig", **self.settings.as_note(calibration), unseen=self.unseen,
             trip_counts=stored.trip, jump_counts=stored.jump,
             gains_stored_counts_per_psi=stored.law.gains, hello=hello._asdict(),
         )  # fmt: skip
+
+    def _test_channels(self) -> None:
+        """Let in the first fluid, little by little: the pressure's channel must see it.
+
+        Raises:
+            RigError: the load moves and the pressure does not, as with exchanged channels, or neither.
+        """
+        link, seen = self.link, deque[Sample](maxlen=TEST_RECORDS)
+        rest = mean_counts(link, 0.5)
+
+        def moved(number: int) -> tuple[float, float]:
+            """Of pressure and load in the newest records, against rest."""
+            some = list(seen)[-number:]
+            sums = (s.pressure_sum for s in some), (s.force_sum for s in some)
+            means = (math.fsum(one) / len(some) for one in sums)
+            rise, load = ((mean - zero) / READINGS for mean, zero in zip(means, rest, strict=True))
+            return rise, abs(load)
+
+        link.watch, until, output = seen.append, link.now + TEST_TIME, 0
+        rise = load = 0.0
+        try:
+            while link.now < until and rise < TEST_RISE:
+                link.keep_alive()
+                link.command("man", output)
+                link.sleep(0.02)
+                link.check()
+                if link.newest is not None and link.newest.state == TRIP:
+                    self._left_by_itself(link.newest)
+                if max(moved(4)) >= TEST_BEGIN:
+                    link.sleep(0.01 * TEST_RECORDS)
+                rise, load = moved(TEST_RECORDS)
+                if load >= TEST_LOAD and rise < load / TEST_SHARE:
+                    break
+                output = min(output + 1, TEST_OUTPUT)
+        finally:
+            link.watch = None
+            link.command("stop")
+        self.note("channels", output=output, pressure_counts=rise, force_counts=load)
+        if rise >= TEST_RISE:
+            return
+        if load >= TEST_LOAD:
+            raise RigError(
+                "the first fluid moved the load and not the pressure: the channels of pressure and load "
+                "are exchanged, or the transducer's line is blocked; check the wires at A0 and A1"
+            )
+        raise RigError(
+            f"an output of {output} counts moved neither pressure nor load: no supply, an open hose, or "
+            "a dump valve that stays open"
+        )
 
     def _left_by_itself(self, record: Sample) -> NoReturn:
         """Report why, for a trip with the reading and the output at that moment."""
@@ -459,8 +591,41 @@ class Rig:
             error.add_note(str(failure))
 
 
-def greet(link: AbstractLink) -> None:
-    """Wait for a device that speaks this protocol and sends records.
+class FlowWatch:
+    """Whether what flows into a muscle contradicts what is read, at a pressure that is held.
+
+    A muscle that takes in fluid at a constant pressure shortens, and pulls less. A load that rises then
+    belongs to a pressure that rises unseen: channels are exchanged, or the transducer's line is blocked.
+    """
+
+    def __init__(self) -> None:
+        self._outputs, self._loads = [], []
+        self._reference = self._load = math.nan
+        self._times, self._rise = 0, 0.0
+
+    def contradicts(self, record: Sample, *, held: bool) -> bool:
+        """Look at a record; true when the load has risen for some seconds while fluid flowed in."""
+        if not held:
+            self.__init__()
+            return False
+        self._outputs.append(record.output)
+        self._loads.append(record.force_sum / READINGS)
+        if len(self._outputs) < WATCH_LOOKS:
+            return False
+        output, load = (math.fsum(x) / WATCH_LOOKS for x in (self._outputs, self._loads))
+        rise, self._load = load - self._load, load
+        self._outputs, self._loads = [], []
+        if math.isnan(self._reference):
+            self._reference = output
+        elif abs(rise) < 0.5:  # nothing moves: this output holds the pressure
+            self._reference += 0.3 * (output - self._reference)
+        wrong = output > self._reference + 1 and rise >= 0.5
+        self._times, self._rise = (self._times + 1, self._rise + rise) if wrong else (0, 0.0)
+        return self._times >= WATCH_TIMES and self._rise >= WATCH_RISE
+
+
+def greet(link: AbstractLink) -> Hello:
+    """Wait for a device that speaks this protocol and sends records; its hello.
 
     Raises:
         RigFault: there is none.
@@ -483,6 +648,19 @@ def greet(link: AbstractLink) -> None:
             "firmware that comes with this program"
         )
     link.alarms.clear()  # opening the port may have reset the board
+    return session.hello
+
+
+def numbered(link: AbstractLink) -> int:
+    """The number of the board, which gets one at random if it has none.
+
+    Raises:
+        RigFault: it does not answer.
+    """
+    if not (board := greet(link).board):
+        board = 1 + secrets.randbelow(65534)
+        link.command("board", board)
+    return board
 
 
 def device_status(link: AbstractLink) -> DeviceStatus:
@@ -548,22 +726,31 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
     """Whether the transducer's reading varies at rest, after it has vented.
 
     Raises:
-        RigError: it reads a pressure although the dump valve is open.
+        RigError: it reads a pressure although the dump valve is open, or the load cell is far from zero.
     """
     until = link.now + REST_TIME
     while True:
         link.keep_alive()
+        counts, load = mean_counts(link, 0.5)
         status = device_status(link)
-        pressure = float(calibration.pressure.value(_newest(link, "pressure_sum")))
+        pressure = float(calibration.pressure.value(counts))
         vented, late = abs(pressure) <= REST_PRESSURE, link.now > until
         if vented and (status.alive or late):
-            return status.alive == _ALIVE
+            break
         if late:
             raise RigError(
-                f"the transducer reads {pressure / 1e3:.4g} kPa ({pressure / PSI:.3g} psi) with the "
-                "dump valve open: it is stuck, its calibration is not this one's, or the rig does "
-                "not vent; compare it with a gauge"
+                f"the transducer reads {pressure_text(pressure, 'kPa')} "
+                f"({pressure_text(pressure, 'psi')}) with the dump valve open: it is stuck, its channel "
+                "is exchanged, its calibration is not this one's, or the rig does not vent; compare it "
+                "with a gauge"
             )
+    if abs(load - calibration.force.zero) > REST_LOAD:
+        force = float(calibration.force.value(load))
+        raise RigError(
+            f"the load cell reads {force:.4g} N, {load / READINGS:.0f} counts, with the dump valve open: it "
+            "is dead or saturated, its channel is exchanged, or the muscle is not unloaded; check it"
+        )
+    return status.alive == _ALIVE
 
 
 def unseen(calibration: Calibration, *, alive: bool) -> list[str]:

@@ -161,6 +161,11 @@ class Device:
         """What made it leave `RUN` or `MANUAL`, a place in `rig.protocol.FAULTS`; 0 for nothing."""
         return self._control.fault
 
+    @property
+    def board(self) -> int:
+        """The number that it was given, 0 for none."""
+        return self._control.latch.board
+
     def feed(self, data: bytes) -> None:
         """Bytes that have arrived; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
         room = RECEIVE_LIMIT - len(self._received)

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 from famjax.units import PSI
 
 from .calibration import Calibration, FeedForward, fit_feed_forward, read_calibration
-from .control import LOOK, Rig
+from .control import HELD, LOOK, Rig
 from .errors import RigError
 from .journal import Journal, Record, read_journal
 from .link import AbstractLink, mean_counts
@@ -19,7 +19,6 @@ from .plan import Plan, PlanFile, Step, duration, next_block, seconds_of
 from .protocol import Sample
 
 JOURNAL = "test.fam"  # name of a test's journal in its folder
-HELD = 1 * PSI  # from the set pressure, and one still counts as held: three times what is measured
 _SECOND = 20  # looks
 
 # An attendant's request: none; strokes are under way, or go on; pause with the pressure held, or go

@@ -397,7 +397,7 @@ def mckibben(
 ) -> SimulatedMuscle:
     """A muscle of an inelastic braid and a linear bladder, for a rig without a muscle model.
 
-    V = (B^2 L - L^3) / (4 pi N^2) - V_solid,  F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) - k (L0 - L)
+    V = (B^2 L - L^3) / (4 pi N^2) - V_solid,  F = max(P - P_d, 0) (3 L^2 - B^2) / (4 pi N^2) - k (L0 - L)
 
     The defaults are the reference work's 7/8 in muscle; stiffness and deadband were chosen to come
     within 5 % of its printed blocked force, and within 0.03 of its free contraction from 40 psi.
@@ -429,9 +429,9 @@ def mckibben(
     four = 4 * math.pi * turns**2
     longest = min(1.02 * rest_length, (rest_length + thread_length) / 2)
     lengths = np.linspace(0.95 * neutral, longest, 401)[:, None]
-    pressures = np.linspace(0, 120 * PSI, 25)[None, :]
+    pressures = np.linspace(0, 120 * PSI, 121)[None, :]
     area = (3 * lengths**2 - thread_length**2) / four
-    pull = (pressures - deadband_pressure) * area - stiffness * (rest_length - lengths)
+    pull = np.maximum(pressures - deadband_pressure, 0.0) * area - stiffness * (rest_length - lengths)
     volume = (thread_length**2 * lengths - lengths**3) / four - solid_volume
     volume = np.broadcast_to(volume, pull.shape)
     return SimulatedMuscle(

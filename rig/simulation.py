@@ -302,11 +302,12 @@ class SimulatedRig:
         The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
         """
         sensors = self.pressure_sensor.calibration(), self.force_sensor.calibration()
-        if not isinstance(self.circuit, HydraulicCircuit):
-            return Calibration(*sensors, FeedForward.bias(128.0))
-        pressures = [5 * PSI * k for k in range(1, 24)]
-        outputs = [self.circuit.steady_output(P) for P in pressures]
-        return Calibration(*sensors, fit_feed_forward(pressures, outputs))
+        feed_forward = FeedForward.bias(128.0)
+        if isinstance(self.circuit, HydraulicCircuit):
+            pressures = [5 * PSI * k for k in range(1, 24)]
+            outputs = [self.circuit.steady_output(P) for P in pressures]
+            feed_forward = fit_feed_forward(pressures, outputs)
+        return Calibration(*sensors, feed_forward, self.device.board)
 
 
 def machine_for(

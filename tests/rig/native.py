@@ -127,6 +127,11 @@ class NativeDevice(Device):
         return self._looked[3]
 
     @property
+    def board(self) -> int:
+        """As `Device.board`."""
+        return self._looked[7]
+
+    @property
     def dump_open(self) -> bool:
         """As `Device.dump_open`."""
         return self.state not in DRIVEN

@@ -49,7 +49,7 @@ LINES: list[tuple[str, Message]] = [
             375,
         ),
     ),
-    ("H,famrig,2,2,7,8,500,5,64,21,900", Hello(2, 2, 7, 8, 500, 5, 64, 21, 900)),
+    ("H,famrig,3,3,7,8,500,5,64,21,900,9", Hello(3, 3, 7, 8, 500, 5, 64, 21, 900, 9)),
     ("A,12,OK,345", Ack(12, 345, "")),
     ("A,12,ERR,no trip limit", Ack(12, None, "no trip limit")),
     ("L,10,74", StoredRange(10, 74)),
