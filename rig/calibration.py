@@ -323,7 +323,9 @@ def update_calibration(
     """
     known = read_toml(path, "calibration", RigError) if Path(path).exists() else {}
     if board and known and known.get("board", board) != board:
-        raise RigError(f"{path} is of board {known['board']}, this is board {board}: name another file")
+        raise RigError(
+            f"{path} is of board {known['board']}, this is board {board}: name another file"
+        )
     content = known | {name: to_entries(part, _FORMS[name])} | ({"board": board} if board else {})
     if {"pressure", "force"} <= content.keys():
         calibration_from_dict(content, where=f"{path}: ")

@@ -12,7 +12,7 @@ settle_s = 10
 # photograph_every_s = 1               # `run` needs --camera for it
 
 [rig]
-circuit = "air"                       # or "water"
+circuit = "air"                       # for water: "water", and gains of 0 and 5
 pressure_limit_psi = 110              # trips; without it nothing runs
 proportional_counts_per_psi = 4
 integral_counts_per_psi_s = 2
@@ -66,7 +66,7 @@ PRECONDITIONS = {
 }
 STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
 PRESSURISE = "Type yes to pressurise the muscle: "
-WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Enter."
+WORDS = "Type begin (or Enter alone), pause or stop, and press Enter."
 
 
 @contextlib.contextmanager
@@ -105,19 +105,6 @@ def _command(function: Callable[..., int]) -> Callable[..., int]:
 
     COMMANDS.append(run)
     return run
-
-
-@_command
-def ports() -> int:
-    """List the serial ports of this computer."""
-    from rig import link
-
-    found = link.ports()
-    for port, description in found.items():
-        print(f"{port}  {description}")
-    if not found:
-        print("no serial port; plug the device in, or give socket://host:port")
-    return 0
 
 
 @_command
@@ -218,7 +205,8 @@ def calibrate_sensor(
 
     Asks at each reference for its application and takes the mean of the counts, or takes counts that
     were read before. The device stays in SAFE with its dump valve open: apply a reference pressure to
-    the transducer itself, from a calibrator or a gauge's line. The file keeps its other tables.
+    the transducer itself, from a calibrator or a gauge's line. The file keeps its other tables, and the
+    number of the board: no other board runs with it.
 
     Parameters
     ----------
@@ -236,23 +224,25 @@ def calibrate_sensor(
     seconds
         Time of each mean.
     calibration
-        TOML file of the rig's calibration, made if need be.
+        TOML file of the rig's calibration, created if missing.
     units
         Of the table: si, metric or us.
     """
     from rig.calibration import fit_sensor, update_calibration
+    from rig.channels import numbered
     from rig.link import Link, mean_counts, serial_opener
 
     applied = [parse_quantity(text, sensor) for text in reference]
-    counts = list(reading)
+    counts, board = list(reading), 0
     if not counts:
         with Link(serial_opener(_known_port(port), baud)) as link:
+            board = numbered(link)
             for text in reference:
                 _typed(f"Apply {text} and press Enter: ")
                 counts.append(mean_counts(link, seconds)[sensor == "force"])
                 print(f"{text}: {counts[-1]:.2f} counts", flush=True)
     found = fit_sensor(counts, applied)
-    update_calibration(calibration, sensor, found)
+    update_calibration(calibration, sensor, found, board)
     unit = unit_system(units)[sensor]
     print(f"{sensor} at the references [{unit}]:")
     shown = zip(reference, applied, found.value(counts), found.error(counts), strict=True)
@@ -344,7 +334,7 @@ def run(
     dry_run: bool = False,
     yes: bool = False,
     meta: tuple[str, ...] = (),
-    start: Literal["asked", "at-once"] | None = None,
+    start: Literal["asked", "load", "at-once"] | None = None,
     camera: str | None = None,
     units: Units = "us",
 ) -> int:
@@ -354,7 +344,8 @@ def run(
     confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
     measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
     takes words, each with Enter: begin (or Enter alone) when the strokes have begun, or to go on;
-    pause with the pressure held; skip a pressure; repeat it; stop.
+    pause with the pressure held; stop. Ends with a table of what was held, which is written beside the
+    journal as `test.csv`.
 
     Parameters
     ----------
@@ -365,7 +356,7 @@ def run(
     baud
         Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
     output
-        Folder for the journal, made if need be.
+        Folder for the journal, created if missing.
     resume
         Continue the existing journal with the pressure that was not completed; only with the same
         plan, limits, gains and calibration.
@@ -376,16 +367,17 @@ def run(
     meta
         An entry of the journal, `operator=NAME`, repeatable.
     start
-        When strokes count as begun: `asked`, when begin is typed; `at-once`, when they are asked for,
-        as without a terminal.
+        When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
+        60 s; `at-once`, when they are asked for, as without a terminal.
     camera
         Command that takes a photograph, `{name}` in it for its name; for photograph_every_s.
     units
         Of the values: si, metric or us.
     """
     from rig.execution import JOURNAL, prepare, record_test
+    from rig.journal import read_journal, summary
     from rig.link import Link, serial_opener
-    from rig.plan import duration, read_plan
+    from rig.plan import read_plan
 
     test = read_plan(plan)
     entries = parse_entries(meta, "meta", "operator=A")
@@ -393,24 +385,30 @@ def run(
     port = port if dry_run else _known_port(port)
     photographer = None if camera is None else CameraCommand(camera)
     calibration, first = prepare(test, output, resume=resume, camera=photographer)
-    lasts = _as_said(duration(test.plan, first))
+    lasts = _as_said(test.plan.duration(first))
     if port is None or dry_run:
-        print(*describe(test.plan, first), sep="\n")
+        print(*describe(test, first), sep="\n")
         print(f"lasts {lasts}, besides the device's answers")
         return 0
     if start == "asked" and not _at_terminal():
-        raise RigError("--start asked waits for a word, and here is no terminal: at-once")
+        raise RigError("--start asked waits for a word, and here is no terminal: at-once or load")
     _confirm(f"{lasts} of strokes and rests. {PRESSURISE}", "started", yes=yes)
     operator = operator_of(calibration, units)
     output.mkdir(parents=True, exist_ok=True)
-    with Link(serial_opener(port, baud)) as link:
-        record_test(
-            test, link, calibration, output / JOURNAL, first_block=first, append=resume, meta=entries,
-            attendant=operator, asked=start != "at-once" and _at_terminal(), camera=photographer,
-        )  # fmt: skip
-    for name, why in photographer.failures().items() if photographer else ():
-        print(f"photograph {name} failed: {why}", file=sys.stderr)
-    print("written:", output / JOURNAL)
+    journal = output / JOURNAL
+    try:
+        with Link(serial_opener(port, baud)) as link:
+            record_test(
+                test, link, calibration, journal, first_block=first, append=resume, meta=entries,
+                attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
+                camera=photographer,
+            )  # fmt: skip
+    finally:
+        if journal.with_suffix(".csv").exists():
+            print(*summary_lines(summary(read_journal(journal)), test.unit), sep="\n")
+            print("written:", journal, journal.with_suffix(".csv"))
+        for name, why in photographer.failures().items() if photographer else ():
+            print(f"photograph {name} failed: {why}", file=sys.stderr)
     return 0
 
 
@@ -494,7 +492,7 @@ def operator_of(calibration: Any, system: str):
                 return ""
             if (word := typed.get()) == "stop":
                 raise KeyboardInterrupt
-            if word not in ("", "begin", "pause", "skip", "repeat"):
+            if word not in ("", "begin", "pause"):
                 self.tell(WORDS)
                 return ""
             return word or "begin"
@@ -532,26 +530,31 @@ def _as_said(seconds: float) -> str:
     return f"{seconds:.0f} s ({minutes} min {left} s)" if minutes else f"{seconds:.0f} s"
 
 
-def describe(plan: Any, first_block: int = 0) -> list[str]:
-    """One line for each step with the time at which it begins, units in the line; nothing is run.
+def describe(test: Any, first_block: int = 0) -> list[str]:
+    """A line for each pressure with the time at which it is set; nothing is run."""
+    plan, lines = test.plan, []
+    for block, pressure in list(enumerate(plan.pressures))[first_block:]:
+        at = plan.duration(first_block) - plan.duration(block)
+        lines.append(
+            f"{at:8.1f} s  block {block}: {from_si(pressure, test.unit, 'pressure'):.4g} {test.unit}, settle "
+            f"{plan.settle:g} s, {plan.cycles} strokes of {plan.stroke * 1e3:.4g} mm at "
+            f"{plan.rate * 1e3:.4g} mm/s, {plan.stroke_seconds:.4g} s"
+        )
+    return lines
 
-    >>> from rig.plan import Isobaric
-    >>> describe(Isobaric((1e5,), cycles=1, stroke=0.0625, rate=0.0009765625, settle=5.0))[:3]
-    ['     0.0 s  block 0: 100000 Pa', '     0.0 s  set 100000 Pa', '     0.0 s  wait 5 s']
-    """
-    from rig.plan import seconds_of
 
-    texts = {
-        "block": "block {1}: {2:.0f} Pa",
-        "set": "set {1:.0f} Pa",
-        "wait": "wait {1:g} s",
-        "strokes": "{2} cycles, {3:g} s: stroke {4:g} m at {5:g} m/s",
-        "done": "block {1} is complete",
-    }
-    at, lines = 0.0, []
-    for step in plan.steps(first_block):
-        lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
-        at += seconds_of(step)
+def summary_lines(rows: list[dict[str, Any]], unit: str) -> list[str]:
+    """The table of a test: what was held during the strokes, in a unit of pressure."""
+    lines = [f"{'set':>10}{'mean':>10}{'RMS error':>11} {unit}  strokes  trips"]
+    for row in rows:
+        values = [
+            from_si(row[f"{k}_Pa"], unit, "pressure") for k in ("set_pressure", "mean", "rms_error")
+        ]
+        left = "" if row["completed"] else "  not completed"
+        lines.append(
+            "{:10.4g}{:10.4g}{:11.3g}".format(*values)
+            + f"{row['strokes']:{len(unit) + 10}}{row['trips']:7}{left}"
+        )
     return lines
 
 
@@ -571,8 +574,7 @@ class CameraCommand:
         if "{name}" not in command:
             raise RigError(
                 "the camera's command needs {name} where the photograph's name goes, as in 'gphoto2 "
-                "--capture-image-and-download --filename photographs/{name}.jpg'; got "
-                f"{command!r}"
+                f"--capture-image-and-download --filename photographs/{{name}}.jpg'; got {command!r}"
             )
         if shutil.which(self._words[0]) is None:
             raise RigError(
@@ -584,20 +586,17 @@ class CameraCommand:
         words = [word.replace("{name}", name) for word in self._words]
         nothing = subprocess.DEVNULL
         self._started[name] = subprocess.Popen(words, stdin=nothing, stdout=nothing)
-        for process in self._started.values():
-            process.poll()  # those that have ended go
 
     def failures(self) -> dict[str, str]:
         """Photographs that were not taken and why; waits for those under way, 30 s for each at most."""
         failed = {}
         for name, process in self._started.items():
             try:
-                code = process.wait(30)
+                if code := process.wait(30):
+                    failed[name] = f"exit code {code}"
             except subprocess.TimeoutExpired:
                 process.kill()
-                code = "none within 30 s"
-            if code != 0:
-                failed[name] = f"exit code {code}"
+                failed[name] = "not done within 30 s"
         return failed
 
 

@@ -6,8 +6,6 @@ acknowledges a trip, and heartbeats go on only while the code that supervises th
 
 import dataclasses
 import math
-import secrets
-from collections import deque
 from collections.abc import Callable
 from typing import Annotated, Any, NoReturn, Self
 
@@ -16,16 +14,26 @@ from msgspec import Meta
 from famjax.boundary.toml_file import check_fields
 from famjax.units import PSI
 
-from .calibration import FULL_SCALE, READINGS, Calibration, calibration_as_dict, pressure_text
+from .calibration import READINGS, Calibration, calibration_as_dict, pressure_text
+from .channels import (
+    HELD,
+    LOOK,
+    FlowWatch,
+    check_channels,
+    device_status,
+    floor_counts,
+    greet,
+    unseen,
+    watch_rest,
+)
 from .controller import DeviceControl, Latch
 from .device import read_numbers
 from .errors import RigError, RigFault
 from .journal import Journal
-from .link import AbstractLink, Lost, Reset, Silent, mean_counts
+from .link import AbstractLink, Lost, Reset, Silent
 from .protocol import (
     DRIVEN,
     FAULTS,
-    PROTOCOL,
     RUN,
     STATES,
     TICK_HZ,
@@ -39,31 +47,8 @@ from .protocol import (
 
 JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
 LEAST_JUMP = 5  # counts, above noise of a count or two
-LIVE_ZERO = 20  # least counts at 0 Pa of a transducer that has a floor: 0.1 V
-FLOOR_SHARE = 0.6  # floor over the counts at 0 Pa: 0.3 V of 0.5 V
-LOOK = 0.05  # s between two looks at the device's state during a wait
 SETTLE = 0.7  # s for which the device keeps its last records
-HELLOS = 5  # times a device is greeted: a board that opening its port has reset starts in 2 s
-REST_PRESSURE = 3 * PSI  # a vented rig may still read it, up or down: offset and drift [Pa]
-REST_LOAD = 0.1 * FULL_SCALE  # from zero of the load cell at rest: it is dead, saturated or not tared
-REST_TIME = 8.0  # s for which the reading is watched at rest at most; two seconds at rest suffice
 SILENCE_MS, TICKS_PER_RECORD = 1000, 5  # what a device has to run with
-_ALIVE = 2  # of `DeviceStatus.alive`
-
-# The self-test, in counts of one conversion (about 4 per psi of a transducer of 200 psi).
-TEST_RISE = 4.0  # of the pressure that is an answer to the first fluid
-TEST_LOAD = 8.0  # of the load with which an answer of the pressure is due,
-TEST_SHARE = 24  # at least so many times smaller
-TEST_BEGIN = 2.5  # of either, with which the output goes on slowly
-TEST_OUTPUT = 160  # greatest output: past the middle of a valve
-TEST_TIME = 12.0  # s within which one of them has to move
-TEST_RECORDS = 12  # in a mean
-
-HELD = 1 * PSI  # from the set pressure, and one still counts as held: three times what is measured
-WATCH_LOOKS = 20  # in a mean of the watch
-WATCH_TIMES = 4  # means in a row that contradict the muscle, and
-WATCH_RISE = 15  # counts by which the load has to rise in them
-
 # What to check after each fault of the device.
 ADVICE = {
     "silence": "no line reached it for a second; check the cable and the load on this computer",
@@ -160,21 +145,6 @@ class Guards:
         ]
 
 
-def floor_counts(calibration: Calibration) -> int:
-    """Least plausible reading of one conversion [counts]; 0 where the transducer can have none.
-
-    A gauge pressure is never far below zero, so a transducer whose 0 Pa lies above the converter's
-    end reads less only when it fails: six tenths of its reading at 0 Pa. One of 0 to 5 V reads 0 at
-    0 Pa and with a broken wire alike.
-
-    >>> from rig.simulation import load_cell, pressure_transducer
-    >>> floor_counts(Calibration(pressure_transducer().calibration(), load_cell().calibration()))
-    61
-    """
-    zero = calibration.pressure.zero / READINGS
-    return math.floor(FLOOR_SHARE * zero) if zero >= LIVE_ZERO else 0
-
-
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
     """What a device controls and trips with.
@@ -263,18 +233,14 @@ def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, 
         words = command_body(0, verb, *values).encode().split()[2:]
         twin.execute(verb.encode(), read_numbers(verb.encode(), words) or [])
     twin.step(0, 0)
-    return _limits(twin.settings)
+    return lasting(twin.settings)
 
 
-def _limits(settings: DeviceSettings) -> dict[str, Any]:
+def lasting(settings: DeviceSettings) -> dict[str, Any]:
     """The settings that hold for a whole test, by name."""
-    law = settings.law._asdict()
-    limits = law | settings._asdict()
-    return {k: v for k, v in limits.items() if k not in _PASSING}
-
-
-# What changes with every pressure that is set.
-_PASSING = {"law", "boot", "since", "set_point", "feed_forward"}
+    passing = {"law", "boot", "since", "set_point", "feed_forward"}
+    named = settings.law._asdict() | settings._asdict()
+    return {name: value for name, value in named.items() if name not in passing}
 
 
 def _device_calibration(calibration: Calibration) -> tuple[float, float]:
@@ -300,13 +266,9 @@ class Rig:
     Args:
         link: to the device.
         calibration: of its sensors and its valve or pump.
-        pressure_limit: at which the device trips [Pa gauge]; there is no default.
-        control: gains.
-        jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
-        guards: when the device rejects its reading as implausible.
-        unit: of pressures in messages.
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
+        settings: fields of `RigSettings`: `pressure_limit`, for which there is no default, `control`, ...
 
     Attributes:
         settings: what the device controls and trips with.
@@ -323,16 +285,12 @@ class Rig:
         link: AbstractLink,
         calibration: Calibration,
         *,
-        pressure_limit: float,
-        control: Control,
-        jump_limit: float = JUMP_LIMIT,
-        guards: Guards | None = None,
-        unit: str = "kPa",
         journal: Journal | None = None,
         camera: Callable[[str], None] | None = None,
+        **settings: Any,
     ) -> None:
         self.link, self.calibration = link, calibration
-        self.settings = RigSettings(pressure_limit, control, jump_limit, guards or Guards(), unit)
+        self.settings = RigSettings(**settings)
         self.settings.commands(calibration)  # refused before the port is used
         self._watch = FlowWatch()
         self.lost, self.set_point = 0, math.nan
@@ -344,7 +302,7 @@ class Rig:
         self.link.attach(self._journal)
         try:
             self._set_up(greet(self.link))
-            self._test_channels()
+            self.note("channels", **check_channels(self.link))
         except BaseException as error:
             self._leave(error)
             raise
@@ -370,7 +328,9 @@ class Rig:
         limit = self.settings.pressure_limit
         if not 0 <= pressure < limit:
             highest, got = (pressure_text(x, self.settings.unit) for x in (limit, pressure))
-            raise RigError(f"a set pressure must be >= 0 and below the limit of {highest}, got {got}")
+            raise RigError(
+                f"a set pressure must be >= 0 and below the limit of {highest}, got {got}"
+            )
         output = self.calibration.feed_forward.output(pressure, self.settings.unit)
         answer = self.link.command("set", pressure / PSI, output)
         self.note("set", pressure_Pa=pressure, feed_forward_counts=output, seq=answer.seq)
@@ -422,17 +382,21 @@ class Rig:
                     self.lost += records
                 case Reset(old, new, cause):
                     what = f"was reset (boot {old} to {new}, cause {cause}); check its supply"
-                    self._fault(f"the device {what}; it vents")
+                    self.fault(f"the device {what}; it vents")
                 case Silent(seconds):
                     what = f"is silent for {seconds:.1f} s; check the cable"
-                    self._fault(f"the device {what}; it vents by itself")
+                    self.fault(f"the device {what}; it vents by itself")
         newest, since = self.link.newest, self._active_from
         if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
             self._left_by_itself(newest)
-        if newest and newest.state == RUN and self._watch.contradicts(
-            newest, held=abs(self.pressure - self.set_point) <= 2 * HELD
+        if (
+            newest
+            and newest.state == RUN
+            and self._watch.contradicts(
+                newest, held=abs(self.pressure - self.set_point) <= 2 * HELD
+            )
         ):
-            self._fault(
+            self.fault(
                 "the load rises while the circuit is filled at a pressure that reads constant: the "
                 "channels of pressure and load are exchanged, or the transducer's line is blocked; the "
                 "device vents"
@@ -484,64 +448,17 @@ class Rig:
         stored = session.settings
         if stored is None:
             raise RigFault("the device was reset while it was set up; check its supply")
-        found, wanted = _limits(stored), stored_settings(commands)
+        found, wanted = lasting(stored), stored_settings(commands)
         if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
-            raise RigFault(f"the device has not taken its settings: {', '.join(wrong)}; upload its firmware")
+            raise RigFault(
+                f"the device has not taken its settings: {', '.join(wrong)}; upload its firmware"
+            )
         self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
             "rig", **self.settings.as_note(calibration), unseen=self.unseen,
             trip_counts=stored.trip, jump_counts=stored.jump,
             gains_stored_counts_per_psi=stored.law.gains, hello=hello._asdict(),
         )  # fmt: skip
-
-    def _test_channels(self) -> None:
-        """Let in the first fluid, little by little: the pressure's channel must see it.
-
-        Raises:
-            RigError: the load moves and the pressure does not, as with exchanged channels, or neither.
-        """
-        link, seen = self.link, deque[Sample](maxlen=TEST_RECORDS)
-        rest = mean_counts(link, 0.5)
-
-        def moved(number: int) -> tuple[float, float]:
-            """Of pressure and load in the newest records, against rest."""
-            some = list(seen)[-number:]
-            sums = (s.pressure_sum for s in some), (s.force_sum for s in some)
-            means = (math.fsum(one) / len(some) for one in sums)
-            rise, load = ((mean - zero) / READINGS for mean, zero in zip(means, rest, strict=True))
-            return rise, abs(load)
-
-        link.watch, until, output = seen.append, link.now + TEST_TIME, 0
-        rise = load = 0.0
-        try:
-            while link.now < until and rise < TEST_RISE:
-                link.keep_alive()
-                link.command("man", output)
-                link.sleep(0.02)
-                link.check()
-                if link.newest is not None and link.newest.state == TRIP:
-                    self._left_by_itself(link.newest)
-                if max(moved(4)) >= TEST_BEGIN:
-                    link.sleep(0.01 * TEST_RECORDS)
-                rise, load = moved(TEST_RECORDS)
-                if load >= TEST_LOAD and rise < load / TEST_SHARE:
-                    break
-                output = min(output + 1, TEST_OUTPUT)
-        finally:
-            link.watch = None
-            link.command("stop")
-        self.note("channels", output=output, pressure_counts=rise, force_counts=load)
-        if rise >= TEST_RISE:
-            return
-        if load >= TEST_LOAD:
-            raise RigError(
-                "the first fluid moved the load and not the pressure: the channels of pressure and load "
-                "are exchanged, or the transducer's line is blocked; check the wires at A0 and A1"
-            )
-        raise RigError(
-            f"an output of {output} counts moved neither pressure nor load: no supply, an open hose, or "
-            "a dump valve that stays open"
-        )
 
     def _left_by_itself(self, record: Sample) -> NoReturn:
         """Report why, for a trip with the reading and the output at that moment."""
@@ -554,10 +471,10 @@ class Rig:
             trip = {"cause": fault, "tick": status.tripped_at, "counts": status.tripped_count,
                     "output": status.tripped_output}  # fmt: skip
         what = f"the device went to {STATES[record.state]} by itself: {fault}{at}; it has vented. "
-        self._fault(what + ADVICE.get(fault, "").capitalize(), **trip)
+        self.fault(what + ADVICE.get(fault, "").capitalize(), **trip)
 
-    def _fault(self, what: str, **trip: object) -> NoReturn:
-        """Stop the heartbeats and raise; a fault is reported once."""
+    def fault(self, what: str, **trip: object) -> NoReturn:
+        """Stop the heartbeats, note a fault and raise it as `RigFault`: the device vents."""
         self._active_from = None
         self.link.rest()
         self.note("fault", what=what, **trip)
@@ -589,91 +506,6 @@ class Rig:
             raise failure
         if failure is not None and error is not None:
             error.add_note(str(failure))
-
-
-class FlowWatch:
-    """Whether what flows into a muscle contradicts what is read, at a pressure that is held.
-
-    A muscle that takes in fluid at a constant pressure shortens, and pulls less. A load that rises then
-    belongs to a pressure that rises unseen: channels are exchanged, or the transducer's line is blocked.
-    """
-
-    def __init__(self) -> None:
-        self._outputs, self._loads = [], []
-        self._reference = self._load = math.nan
-        self._times, self._rise = 0, 0.0
-
-    def contradicts(self, record: Sample, *, held: bool) -> bool:
-        """Look at a record; true when the load has risen for some seconds while fluid flowed in."""
-        if not held:
-            self.__init__()
-            return False
-        self._outputs.append(record.output)
-        self._loads.append(record.force_sum / READINGS)
-        if len(self._outputs) < WATCH_LOOKS:
-            return False
-        output, load = (math.fsum(x) / WATCH_LOOKS for x in (self._outputs, self._loads))
-        rise, self._load = load - self._load, load
-        self._outputs, self._loads = [], []
-        if math.isnan(self._reference):
-            self._reference = output
-        elif abs(rise) < 0.5:  # nothing moves: this output holds the pressure
-            self._reference += 0.3 * (output - self._reference)
-        wrong = output > self._reference + 1 and rise >= 0.5
-        self._times, self._rise = (self._times + 1, self._rise + rise) if wrong else (0, 0.0)
-        return self._times >= WATCH_TIMES and self._rise >= WATCH_RISE
-
-
-def greet(link: AbstractLink) -> Hello:
-    """Wait for a device that speaks this protocol and sends records; its hello.
-
-    Raises:
-        RigFault: there is none.
-    """
-    session = link.session
-    for attempt in range(HELLOS):
-        try:
-            link.command("hello")
-            link.command("strict", 1)
-        except (RigFault, RigError):  # before that, a damaged command may be misunderstood
-            if attempt == HELLOS - 1:
-                raise
-            continue
-        link.sleep(4 * LOOK)
-        if session.hello is not None and link.newest is not None:
-            break
-    if session.hello is None or link.newest is None or session.hello.protocol != PROTOCOL:
-        raise RigFault(
-            f"the device answers, but not in protocol {PROTOCOL} with a hello and records; upload the "
-            "firmware that comes with this program"
-        )
-    link.alarms.clear()  # opening the port may have reset the board
-    return session.hello
-
-
-def numbered(link: AbstractLink) -> int:
-    """The number of the board, which gets one at random if it has none.
-
-    Raises:
-        RigFault: it does not answer.
-    """
-    if not (board := greet(link).board):
-        board = 1 + secrets.randbelow(65534)
-        link.command("board", board)
-    return board
-
-
-def device_status(link: AbstractLink) -> DeviceStatus:
-    """The device's state and, of a trip, its fault, reading and output.
-
-    Raises:
-        RigFault: it does not answer.
-    """
-    link.command("status")
-    link.sleep(2 * LOOK)
-    if link.session.status is None:
-        raise RigFault("the device answers but sends no status; is it famrig?")
-    return link.session.status
 
 
 def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> None:
@@ -720,52 +552,3 @@ def _newest(link: AbstractLink, name: str) -> float:
     if newest is None or settings is None:
         return math.nan
     return getattr(newest, name) * READINGS / settings.ticks_per_record
-
-
-def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
-    """Whether the transducer's reading varies at rest, after it has vented.
-
-    Raises:
-        RigError: it reads a pressure although the dump valve is open, or the load cell is far from zero.
-    """
-    until = link.now + REST_TIME
-    while True:
-        link.keep_alive()
-        counts, load = mean_counts(link, 0.5)
-        status = device_status(link)
-        pressure = float(calibration.pressure.value(counts))
-        vented, late = abs(pressure) <= REST_PRESSURE, link.now > until
-        if vented and (status.alive or late):
-            break
-        if late:
-            raise RigError(
-                f"the transducer reads {pressure_text(pressure, 'kPa')} "
-                f"({pressure_text(pressure, 'psi')}) with the dump valve open: it is stuck, its channel "
-                "is exchanged, its calibration is not this one's, or the rig does not vent; compare it "
-                "with a gauge"
-            )
-    if abs(load - calibration.force.zero) > REST_LOAD:
-        force = float(calibration.force.value(load))
-        raise RigError(
-            f"the load cell reads {force:.4g} N, {load / READINGS:.0f} counts, with the dump valve open: it "
-            "is dead or saturated, its channel is exchanged, or the muscle is not unloaded; check it"
-        )
-    return status.alive == _ALIVE
-
-
-def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
-    """Faults of this transducer that the device cannot detect, one sentence each.
-
-    Args:
-        calibration: of the transducer.
-        alive: whether its reading varied at rest.
-    """
-    floor = (
-        "the transducer reads no counts at 0 Pa, so that it cannot have a floor: a broken wire reads "
-        "like 0 Pa; one of 0.5 to 4.5 V is better"
-    )
-    frozen = (
-        "the reading hardly varies at rest, so that one that freezes close to the set pressure cannot "
-        "be distinguished from a quiet one"
-    )
-    return [floor] * (not floor_counts(calibration)) + [frozen] * (not alive)

@@ -10,9 +10,11 @@ no more than that; it is on the disk within about a second. Neither blocks the c
 reads what can be verified and lists what is missing, `audit` recomputes what the device did.
 """
 
+import csv
 import dataclasses
 import datetime
 import json
+import math
 import os
 import queue
 import shutil
@@ -25,11 +27,12 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .calibration import Calibration, calibration_from_dict
+from .calibration import READINGS, Calibration, calibration_from_dict
 from .errors import RigError, RigFault
 from .protocol import (
     MANUAL,
     RUN,
+    TICK_HZ,
     TICKS,
     DeviceSettings,
     DeviceStatus,
@@ -45,6 +48,15 @@ from .protocol import (
 
 FORMAT = "famjax journal 1"
 COLUMNS = Sample._fields
+SUMMARY: tuple[str, ...] = (
+    "block",
+    "set_pressure_Pa",
+    "mean_Pa",
+    "rms_error_Pa",
+    "strokes",
+    "trips",
+    "completed",
+)
 RESERVE_BYTES = 50_000_000  # free space on the disk at which a recording stops
 # Bytes queued for the disk at which it counts as hung: ten minutes and more.
 BACKLOG_LIMIT = 1 << 22
@@ -345,6 +357,64 @@ def stored_calibration(record: Record) -> Calibration:
     if not notes:
         raise RigError(f"{record.path} has no calibration in it; give one")
     return calibration_from_dict(notes[-1]["calibration"])
+
+
+def summary(record: Record) -> list[dict[str, Any]]:
+    """A row for each time that a pressure of the plan was set: what was held, and what was done.
+
+    Returns:
+        Rows of block, set pressure [Pa], mean and root-mean-square error of the pressure [Pa] during
+        the strokes (nan where there were none), strokes there and back that were completed, trips of
+        the device, and whether the block was completed.
+    """
+    rows: list[dict[str, Any]] = []
+    begun: dict[str, Any] = {}
+    for part, note in zip(record.note_parts, record.notes, strict=True):
+        if note["note"] == "block":
+            values = (note["block"], note["pressure_Pa"], math.nan, math.nan, 0, 0, False)
+            rows.append(dict(zip(SUMMARY, values, strict=True)))
+        elif note["note"] == "strokes":
+            begun = note
+            rows[-1] |= _held(record, part, begun, math.inf, rows[-1]["set_pressure_Pa"])
+        elif note["note"] == "strokes_end":
+            rows[-1] |= _held(record, part, begun, note["seq"], rows[-1]["set_pressure_Pa"])
+            rows[-1]["strokes"] = begun["cycles"]
+        elif note["note"] == "done":
+            rows[-1]["completed"] = True
+        elif note["note"] == "fault" and rows:
+            rows[-1]["trips"] += "cause" in note
+    return rows
+
+
+def _held(
+    record: Record, part: int, begun: dict[str, Any], end: float, wanted: float
+) -> dict[str, Any]:
+    """Pressure and whole strokes from the record that a note names to another one."""
+    epoch = max((e for e, at in enumerate(record.epoch_parts) if at == part), default=-1)
+    seq = record.column("seq")
+    mine = (record.epoch == epoch) & (seq > begun["seq"]) & (seq <= end)
+    mine &= record.column("flags") & 3 == RUN
+    if not mine.any():
+        return {}
+    ticks = np.array([s.ticks_per_record for _, s in record.settings])[record.governing()[mine]]
+    counts = record.column("pressure_sum")[mine] * READINGS / ticks
+    pressure = stored_calibration(record).pressure.value(counts)
+    share = np.ptp(record.column("tick")[mine]) / TICK_HZ / begun["seconds"]
+    return {
+        "mean_Pa": float(pressure.mean()),
+        "rms_error_Pa": float(np.sqrt(np.mean((pressure - wanted) ** 2))),
+        "strokes": int(share * begun["cycles"]),
+    }
+
+
+def write_summary(journal: Path) -> Path:
+    """Write the summary of a journal as CSV beside it."""
+    rows, path = summary(read_journal(journal)), journal.with_suffix(".csv")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, SUMMARY)
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
 
 
 class _Lines:

@@ -431,7 +431,9 @@ def mckibben(
     lengths = np.linspace(0.95 * neutral, longest, 401)[:, None]
     pressures = np.linspace(0, 120 * PSI, 121)[None, :]
     area = (3 * lengths**2 - thread_length**2) / four
-    pull = np.maximum(pressures - deadband_pressure, 0.0) * area - stiffness * (rest_length - lengths)
+    pull = np.maximum(pressures - deadband_pressure, 0.0) * area - stiffness * (
+        rest_length - lengths
+    )
     volume = (thread_length**2 * lengths - lengths**3) / four - solid_volume
     volume = np.broadcast_to(volume, pull.shape)
     return SimulatedMuscle(
