@@ -19,8 +19,6 @@ integral_counts_per_psi_s = 2
 calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 # jump_limit_psi = 15                 # a change in 10 ms that trips
 # integral_limits_counts = [-128, 128]
-# reading_floor_counts = 61            # of one conversion; of the calibration unless given
-# reading_ceiling_counts = 963         # 4.7 V
 # stall_s = 3                          # at the output's limit without a rise
 # frozen_s = 0.75                      # without a move while the output moves
 ```
@@ -43,7 +41,7 @@ from time import monotonic
 from typing import Any, Literal
 
 from famjax.boundary.units import from_si, parse_quantity, si_unit, unit_system
-from famjax.console import Units, parse_entries
+from famjax.console import Units, parse_entries, print_rows
 from rig.errors import RigError, RigFault
 
 COMMANDS: list[Callable[..., int]] = []  # of `famjax rig`, by their functions' names
@@ -405,7 +403,7 @@ def run(
             )  # fmt: skip
     finally:
         if journal.with_suffix(".csv").exists():
-            print(*summary_lines(summary(read_journal(journal)), test.unit), sep="\n")
+            print_rows("Held", summary_rows(summary(read_journal(journal)), test.unit))
             print("written:", journal, journal.with_suffix(".csv"))
         for name, why in photographer.failures().items() if photographer else ():
             print(f"photograph {name} failed: {why}", file=sys.stderr)
@@ -543,19 +541,17 @@ def describe(test: Any, first_block: int = 0) -> list[str]:
     return lines
 
 
-def summary_lines(rows: list[dict[str, Any]], unit: str) -> list[str]:
-    """The table of a test: what was held during the strokes, in a unit of pressure."""
-    lines = [f"{'set':>10}{'mean':>10}{'RMS error':>11} {unit}  strokes  trips"]
-    for row in rows:
-        values = [
-            from_si(row[f"{k}_Pa"], unit, "pressure") for k in ("set_pressure", "mean", "rms_error")
-        ]
-        left = "" if row["completed"] else "  not completed"
-        lines.append(
-            "{:10.4g}{:10.4g}{:11.3g}".format(*values)
-            + f"{row['strokes']:{len(unit) + 10}}{row['trips']:7}{left}"
-        )
-    return lines
+def summary_rows(rows: list[dict[str, Any]], unit: str) -> list[dict[str, Any]]:
+    """The rows of a test's summary with pressures in a unit."""
+    return [
+        {
+            f"{name[:-3]}_{unit}" if name.endswith("_Pa") else name: (
+                round(from_si(value, unit, "pressure"), 3) if name.endswith("_Pa") else value
+            )
+            for name, value in row.items()
+        }
+        for row in rows
+    ]
 
 
 class CameraCommand:

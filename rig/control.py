@@ -7,11 +7,8 @@ acknowledges a trip, and heartbeats go on only while the code that supervises th
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, NoReturn, Self
+from typing import Any, NoReturn, Self
 
-from msgspec import Meta
-
-from famjax.boundary.toml_file import check_fields
 from famjax.units import PSI
 
 from .calibration import READINGS, Calibration, calibration_as_dict, pressure_text
@@ -48,7 +45,9 @@ from .protocol import (
 JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
 LEAST_JUMP = 5  # counts, above noise of a count or two
 SETTLE = 0.7  # s for which the device keeps its last records
-SILENCE_MS, TICKS_PER_RECORD = 1000, 5  # what a device has to run with
+# What every device runs with: silence that vents, ticks of a record; greatest plausible reading, 4.7 V,
+# where no transducer of 0.5 to 4.5 V is; time without variation that trips.
+SILENCE_MS, TICKS_PER_RECORD, CEILING, STILL_MS = 1000, 5, 963, 700
 # What to check after each fault of the device.
 ADVICE = {
     "silence": "no line reached it for a second; check the cable and the load on this computer",
@@ -90,77 +89,29 @@ class Control:
         return cls(proportional / PSI, integral / PSI)
 
 
-_Reading = Annotated[int, Meta(ge=0, le=1023, description="0 to 1023 counts")]
-
-
-@dataclasses.dataclass(frozen=True)
-class Guards:
-    """When the device trips because its reading is implausible; the reasons are in `firmware/README.md`.
-
-    Attributes:
-        floor: least plausible reading [counts of one conversion]; None derives it from the
-            calibration, see `floor_counts`.
-        ceiling: greatest plausible reading [counts]: 4.7 V, where no transducer of 0.5 to 4.5 V is.
-        still: time [s] within two counts that trips, of a reading that varied at rest;
-            one that varied little has up to three times as long.
-        frozen_output: PWM counts by which the output may exceed the one that held the pressure;
-            255 switches this off.
-        frozen: time [s] at twice that output without a move of the reading that trips.
-        stall: time [s] with output or integral at its upper limit without a rise that trips.
-    """
-
-    floor: _Reading | None = None
-    ceiling: _Reading = 963
-    still: Annotated[float, Meta(ge=0.5, le=60, description="0.5 to 60 s")] = 0.7
-    frozen_output: Annotated[int, Meta(ge=1, le=255, description="1 to 255 counts")] = 4
-    frozen: Annotated[float, Meta(ge=0.1, le=2, description="0.1 to 2 s")] = 0.75
-    stall: Annotated[float, Meta(ge=0.5, le=30, description="0.5 to 30 s")] = 3.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, RigError)
-
-    def commands(self, calibration: Calibration, trip: int) -> list[tuple[str, tuple[float, ...]]]:
-        """The commands that set them, under a pressure limit [counts].
-
-        Raises:
-            RigError: a transducer at 0 Pa reads outside floor and ceiling, or the limit does.
-        """
-        zero = calibration.pressure.zero / READINGS
-        if self.floor is not None and not self.floor < zero:
-            raise RigError(
-                f"the floor must lie below the {zero:.0f} counts that the transducer reads at 0 Pa, "
-                f"got {self.floor}; leave it out and it is derived"
-            )
-        if not trip <= self.ceiling:
-            raise RigError(
-                f"the pressure limit of {trip} counts must not exceed the ceiling of plausible "
-                f"readings, {self.ceiling} counts; lower the one or raise the other"
-            )
-        return [
-            ("floor", (floor_counts(calibration) if self.floor is None else self.floor,)),
-            ("ceiling", (self.ceiling,)),
-            ("still", (round(1000 * self.still),)),
-            ("frozen", (self.frozen_output, round(1000 * self.frozen))),
-            ("stall", (round(1000 * self.stall),)),
-        ]
-
-
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
-    """What a device controls and trips with.
+    """What a device controls and trips with; the reasons are in `firmware/README.md`.
 
     Attributes:
         pressure_limit: at which it trips [Pa gauge]; there is no default.
         control: gains.
-        jump_limit: change of the pressure within 10 ms at which it trips [Pa].
-        guards: when it rejects its reading as implausible.
+        jump_limit: change of the pressure within 10 ms at which it trips [Pa]. A transducer that breaks
+            jumps. So does the pressure of a small muscle that a large valve fills: then the limit must
+            be higher, and protects less.
+        frozen_output: PWM counts, 1 to 255, by which the output may exceed the one that held the
+            pressure; 255 switches this off.
+        frozen: time [s], 0.1 to 2, at twice that output without a move of the reading that trips.
+        stall: time [s], 0.5 to 30, with output or integral at its upper limit without a rise that trips.
         unit: of pressures in messages.
     """
 
     pressure_limit: float
     control: Control
     jump_limit: float = JUMP_LIMIT
-    guards: Guards = dataclasses.field(default_factory=Guards)
+    frozen_output: int = 4
+    frozen: float = 0.75
+    stall: float = 3.0
     unit: str = "kPa"
 
     def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
@@ -169,14 +120,22 @@ class RigSettings:
         Raises:
             RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
         """
-        trip, gains = self._trip_counts(calibration), self.control
+        gains, frozen = self.control, (self.frozen_output, round(1000 * self.frozen))
+        ranges = {"frozen_output": (1, 255), "frozen": (0.1, 2), "stall": (0.5, 30)}
+        for name, (low, high) in ranges.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                raise RigError(f"{name} must be {low} to {high}, got {value}")
         return [
             ("hbms", (SILENCE_MS,)),
             ("tele", (TICKS_PER_RECORD,)),
             ("cal", _device_calibration(calibration)),
-            ("trip", (trip,)),
+            ("trip", (self._trip_counts(calibration),)),
             ("jump", (self._jump_counts(calibration),)),
-            *self.guards.commands(calibration, trip),
+            ("floor", (floor_counts(calibration),)),
+            ("ceiling", (CEILING,)),
+            ("still", (STILL_MS,)),
+            ("frozen", frozen),
+            ("stall", (round(1000 * self.stall),)),
             ("gain", (gains.proportional * PSI, gains.integral * PSI)),
             ("ilim", gains.integral_limits),
         ]
@@ -186,7 +145,9 @@ class RigSettings:
         return {
             "pressure_limit_Pa": self.pressure_limit,
             "jump_limit_Pa": self.jump_limit,
-            "guards": dataclasses.asdict(self.guards),
+            "frozen_output_counts": self.frozen_output,
+            "frozen_s": self.frozen,
+            "stall_s": self.stall,
             "control": dataclasses.asdict(self.control),
             "calibration": calibration_as_dict(calibration),
         }
@@ -200,28 +161,24 @@ class RigSettings:
                 "the circuit's, whichever is lower"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
-        if not 1 <= counts <= 1023 - 3:
+        if not 1 <= counts <= CEILING:
             raise RigError(
                 f"the limit of {pressure_text(limit, self.unit)} is {counts} counts of the transducer, "
-                "which ends at 1023: it could not be seen; choose a lower limit or another transducer"
+                f"whose readings are plausible up to {CEILING}: it could not be seen; choose a lower "
+                "limit or another transducer"
             )
         return counts
 
     def _jump_counts(self, calibration: Calibration) -> int:
-        """The change within five ticks that trips, in counts of one reading, rounded.
-
-        A transducer that breaks or is unplugged jumps. So does the pressure of a small muscle that a
-        large valve fills: then the limit must be higher, and protects less.
-        """
+        """The change within five ticks that trips, in counts of one reading, rounded."""
         limit, count = self.jump_limit, calibration.pressure.gain * READINGS
         counts = round(limit / count) if math.isfinite(limit) else 0
         if not LEAST_JUMP <= counts <= 1023:
-            given, *ends = (
-                pressure_text(x, self.unit) for x in (limit, LEAST_JUMP * count, 1023 * count)
-            )
+            values = (limit, LEAST_JUMP * count, 1023 * count)
+            given, least, most = (pressure_text(x, self.unit) for x in values)
             raise RigError(
                 f"a jump limit of {given} is {counts} counts of the transducer; the device takes "
-                f"{LEAST_JUMP} to 1023, here {' to '.join(ends)}"
+                f"{LEAST_JUMP} to 1023, here {least} to {most}"
             )
         return counts
 

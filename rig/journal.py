@@ -60,6 +60,7 @@ SUMMARY: tuple[str, ...] = (
 RESERVE_BYTES = 50_000_000  # free space on the disk at which a recording stops
 # Bytes queued for the disk at which it counts as hung: ten minutes and more.
 BACKLOG_LIMIT = 1 << 22
+SYNC_PERIOD = 1.0  # s between two syncs to the disk
 
 _sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 
@@ -68,7 +69,7 @@ class Journal:
     """A journal that is being written.
 
     Lines and notes may be queued from any thread and keep their order. One thread writes them to
-    the kernel at once; a second one syncs the file to the disk every `sync_period`.
+    the kernel at once; a second one syncs the file to the disk every `SYNC_PERIOD`.
 
     Args:
         path: the file; created, or with `append` continued after its last complete line.
@@ -77,8 +78,6 @@ class Journal:
         plan_seconds: expected duration [s]; the disk must have room for three times its records.
         reserve_bytes: free space at which `check` raises.
         began: date of the recording, of a simulated one; now if None.
-        sync_period: seconds between two syncs.
-        sync: brings a file descriptor's data to the disk.
 
     Raises:
         RigError: the file exists (or does not, with `append`), its folder cannot be written, or the
@@ -94,12 +93,9 @@ class Journal:
         plan_seconds: float = 0.0,
         reserve_bytes: int = RESERVE_BYTES,
         began: datetime.datetime | None = None,
-        sync_period: float = 1.0,
-        sync: Callable[[int], None] = _sync_data,
     ) -> None:
         self.path = Path(path)
         self._now, self._reserve = now, reserve_bytes
-        self._sync, self._sync_period = sync, sync_period
         # 100 records, statuses and notes need 6000 bytes a second.
         folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000 + reserve_bytes
         if folder.is_dir() and (free := shutil.disk_usage(folder).free) < needed:
@@ -172,7 +168,7 @@ class Journal:
         self._writer.join()
         self._syncer.join()
         try:
-            self._sync(self._file)
+            _sync_data(self._file)
         except OSError as error:
             self._fail(error)
         os.close(self._file)
@@ -202,11 +198,11 @@ class Journal:
 
     def _keep_synced(self) -> None:
         synced = 0
-        while not self._closing.wait(self._sync_period):
+        while not self._closing.wait(SYNC_PERIOD):
             try:
                 if self._written > synced:
                     synced = self._written
-                    self._sync(self._file)
+                    _sync_data(self._file)
                 free = shutil.disk_usage(self.path.absolute().parent).free
             except OSError as error:
                 self._fail(error)
@@ -235,13 +231,6 @@ def _open(path: Path, append: bool) -> int:
         if os.read(file, 1) != b"\n":  # ends a line that was cut short
             os.write(file, b"\n")
     return file
-
-
-class Damage(NamedTuple):
-    """Bytes of a file that cannot be verified: offset of the first one, and how many."""
-
-    offset: int
-    size: int
 
 
 class Missing(NamedTuple):
@@ -276,7 +265,8 @@ class Record:
         settings: (epoch, what the device controlled with), in the order of the file.
         missing: records that are missing.
         missing_notes: how many notes are missing.
-        damage: bytes that could not be verified.
+        damaged_bytes: how many bytes could not be verified, but for a line that was cut when a recording
+            was killed that was then resumed.
         refused: (epoch, seq) of rows whose CRC is right but that contradict their neighbours.
     """
 
@@ -289,7 +279,7 @@ class Record:
     settings: tuple[tuple[int, DeviceSettings], ...]
     missing: tuple[Missing, ...]
     missing_notes: int
-    damage: tuple[Damage, ...]
+    damaged_bytes: int
     refused: tuple[tuple[int, int], ...]
 
     def column(self, name: str) -> NDArray[np.int64]:
@@ -343,7 +333,7 @@ def read_journal(path: str | Path) -> Record:
     return Record(
         path, rows, epoch, tuple(found.notes), tuple(found.note_parts), tuple(found.epoch_parts),
         tuple(found.settings), _missing(rows, epoch, found.losses), found.missing_notes,
-        tuple(found.damage), refused,
+        found.damaged_bytes, refused,
     )  # fmt: skip
 
 
@@ -427,7 +417,7 @@ class _Lines:
         numbers: the records in the order of the file, field after field.
         epochs: of each record: the device's boots in the file, counted from 0.
         losses: (epoch, first, records) that the recorder noted.
-        notes, note_parts, epoch_parts, settings, damage: as in `Record`. A part of the recording begins
+        notes, note_parts, epoch_parts, settings, damaged_bytes: as in `Record`. A part of the recording begins
             with a "journal" note.
     """
 
@@ -439,18 +429,21 @@ class _Lines:
         self.epoch_parts: list[int] = []
         self.losses: list[tuple[int, int, int]] = []
         self.settings: list[tuple[int, DeviceSettings]] = []
-        self.damage: list[Damage] = []
+        self.damaged_bytes = 0
         self._boots: list[int] = []  # modulo 16, of each epoch
         self._epoch, self._first = -1, 0  # the present one, and the first of this part
         self._broken = True
         self._seen: set[bytes] = set()
         self._numbers: list[set[int]] = [set()]  # of the notes, part by part
-        offset = 0
+        cut = 0
         for line in data.split(b"\n"):
-            size = min(len(line) + 1, len(data) - offset)
             if line and not self._take(line):
-                self._damaged(offset, size)
-            offset += size
+                cut = len(line) + 1
+                self.damaged_bytes += cut
+            elif line:
+                if line.startswith(b'{"note":"journal"'):  # it goes on behind a line that was cut
+                    self.damaged_bytes -= cut
+                cut = 0
         # Numbers that the notes skip.
         self.missing_notes = sum(max(part) + 1 - len(part) for part in self._numbers if part)
 
@@ -501,12 +494,6 @@ class _Lines:
         if note["note"] == "lost" and note["boot"] in self._boots:
             epoch = len(self._boots) - 1 - self._boots[::-1].index(note["boot"])
             self.losses.append((epoch, note["first"], note["records"]))
-
-    def _damaged(self, offset: int, size: int) -> None:
-        if self.damage and sum(self.damage[-1]) == offset:
-            offset, before = self.damage.pop()
-            size += before
-        self.damage.append(Damage(offset, size))
 
 
 def _note(line: bytes) -> dict[str, Any] | None:
@@ -602,7 +589,7 @@ class Audit:
         equal: those that came out as recorded.
         unchecked: records in RUN whose law or whose predecessor is not known.
         first_wrong: (epoch, seq) of the first record that did not, or None.
-        ended: reason in the last "end" note, or None where the recording was cut off.
+        ended: reason in the "end" note of the last part, or None where the recording was cut off.
     """
 
     records: int
@@ -654,19 +641,20 @@ def audit(record: Record) -> Audit:
     right, known = _recomputed(record)
     wrong = np.flatnonzero(known & ~right)[:1]
     first = list(zip(record.epoch[wrong].tolist(), record.rows[wrong, 1].tolist(), strict=True))
-    ends, begins = record.notes_of("end"), record.notes_of("journal")
+    last = [note for part, note in zip(record.note_parts, record.notes, strict=True)
+            if part == record.note_parts[-1] and note["note"] == "end"]  # fmt: skip
     return Audit(
         records=len(record.rows),
         lost=sum(gap.records for gap in record.missing if gap.noted),
         torn=sum(gap.records for gap in record.missing if not gap.noted),
         missing_notes=record.missing_notes,
-        damaged_bytes=sum(damage.size for damage in record.damage),
+        damaged_bytes=record.damaged_bytes,
         refused=len(record.refused),
         checked=int(known.sum()),
         equal=int((right & known).sum()),
         unchecked=int((~known).sum()),
         first_wrong=first[0] if first else None,
-        ended=ends[-1].get("reason") if ends and len(ends) >= len(begins) else None,
+        ended=last[-1].get("reason") if last else None,
     )
 
 

@@ -18,7 +18,7 @@ from famjax.boundary.toml_file import (
     read_toml,
 )
 
-from .control import JUMP_LIMIT, Control, Guards, RigSettings
+from .control import Control, RigSettings
 from .errors import RigError
 
 
@@ -84,9 +84,8 @@ class PlanFile:
         pressure_limit: [Pa gauge]; there is no default.
         control: gains.
         calibration: path of the calibration, absolute; None where the file names none.
-        jump_limit: change of the pressure within 10 ms that trips [Pa].
-        guards: when the device rejects its reading as implausible.
         unit: in which the file states its pressures, for messages.
+        limits: further fields of `RigSettings`.
     """
 
     plan: Isobaric
@@ -94,16 +93,13 @@ class PlanFile:
     pressure_limit: float
     control: Control
     calibration: Path | None = None
-    jump_limit: float = JUMP_LIMIT
-    guards: Guards = dataclasses.field(default_factory=Guards)
     unit: str = "kPa"
+    limits: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def settings(self) -> RigSettings:
         """What the device controls and trips with."""
-        return RigSettings(
-            self.pressure_limit, self.control, self.jump_limit, self.guards, self.unit
-        )
+        return RigSettings(self.pressure_limit, self.control, unit=self.unit, **self.limits)
 
 
 def read_plan(path: str | Path) -> PlanFile:
@@ -124,9 +120,8 @@ def read_plan(path: str | Path) -> PlanFile:
     calibration = "calibration.toml"
 
     [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
-    10 ms that trips; and the guards against an implausible reading, see `Guards`:
-    reading_floor_counts, reading_ceiling_counts = 963, still_s = 0.7, frozen_output_counts = 4,
-    frozen_s = 0.75, stall_s = 3.
+    10 ms that trips; and the guards against an implausible reading, see `RigSettings`:
+    frozen_output_counts = 4, frozen_s = 0.75, stall_s = 3.
 
     Raises:
         RigError: what is wrong with the file; a missing pressure limit above all.
@@ -145,9 +140,8 @@ def read_plan(path: str | Path) -> PlanFile:
         rig.pressure_limit,
         dataclasses.replace(gains, integral_limits=rig.integral_limits_counts),
         Path(path).parent.absolute() / rig.calibration if rig.calibration else None,
-        rig.jump_limit,
-        Guards(**{field.name: getattr(rig, field.name) for field in dataclasses.fields(Guards)}),
         next(key for key in content["plan"] if key.startswith("pressures_"))[len("pressures_") :],
+        {name: getattr(rig, name) for name in ("jump_limit", "frozen_output", "frozen", "stall")},
     )
 
 
@@ -167,7 +161,7 @@ def _refuse_decimal_commas(path: str | Path) -> None:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _RigTable(Guards):
+class _RigTable:
     """The table [rig]."""
 
     circuit: Literal["air", "water"]
@@ -179,10 +173,10 @@ class _RigTable(Guards):
         Meta(description="[-255..0, 0..255]"),
     ] = Control.integral_limits
     calibration: Text | None = None
-    jump_limit: NotNegative = JUMP_LIMIT
-    still: Positive = Guards.still  # checked once it is in seconds
-    frozen: Positive = Guards.frozen
-    stall: Positive = Guards.stall
+    jump_limit: NotNegative = RigSettings.jump_limit
+    frozen_output: int = RigSettings.frozen_output
+    frozen: Positive = RigSettings.frozen
+    stall: Positive = RigSettings.stall
 
 
 _LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
@@ -191,13 +185,7 @@ _PLAN_FORM = Form(
     | dict.fromkeys(("settle", "photograph_every"), "time")
 )
 _RIG_FORM = Form(
-    kinds={
-        **dict.fromkeys(("pressure_limit", "jump_limit"), "pressure"),
-        **dict.fromkeys(("still", "frozen", "stall"), "time"),
-    },
-    keys={
-        "floor": "reading_floor_counts",
-        "ceiling": "reading_ceiling_counts",
-        "frozen_output": "frozen_output_counts",
-    },
+    dict.fromkeys(("pressure_limit", "jump_limit"), "pressure")
+    | dict.fromkeys(("frozen", "stall"), "time"),
+    {"frozen_output": "frozen_output_counts"},
 )
