@@ -129,8 +129,8 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
     if abs(load - calibration.force.zero) > REST_LOAD:
         force = float(calibration.force.value(load))
         raise RigError(
-            f"the load cell reads {force:.4g} N ({load / READINGS:.0f} counts) with the dump valve open: it "
-            "is dead or saturated, its channel is exchanged, or the muscle is loaded; check it"
+            f"the load cell reads {force:.4g} N ({load / READINGS:.0f} counts) with the dump valve open: "
+            "it is dead or saturated, its channel is exchanged, or the muscle is loaded; check it"
         )
     return status.alive == _ALIVE
 

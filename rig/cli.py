@@ -27,6 +27,7 @@ calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 import contextlib
 import functools
 import json
+import math
 import os
 import queue
 import shlex
@@ -40,8 +41,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Literal
 
-from famjax.boundary.units import from_si, parse_quantity, si_unit, unit_system
-from famjax.console import Units, parse_entries, print_rows
+from famjax.boundary.units import from_si, parse_quantity, quantity_unit, si_unit, unit_system
+from famjax.console import Units, parse_entries
 from rig.errors import RigError, RigFault
 
 COMMANDS: list[Callable[..., int]] = []  # of `famjax rig`, by their functions' names
@@ -70,13 +71,10 @@ WORDS = "Type begin (or Enter alone), pause or stop, and press Enter."
 @contextlib.contextmanager
 def ended_in_words() -> Iterator[None]:
     """A rig that had to stop ends the command with exit code 1, a signal with 130; the rig is vented."""
-    main = threading.current_thread() is threading.main_thread()
-    names = ("SIGTERM", "SIGHUP") if main else ()
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
-        for number in ours:
-            signal.signal(number, signal.default_int_handler)  # as Ctrl-C
         yield
     except RigFault as fault:
         notes = "".join(f"\n{note}" for note in getattr(fault, "__notes__", ()))
@@ -89,8 +87,8 @@ def ended_in_words() -> Iterator[None]:
         )
         sys.exit(130)
     finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _command(function: Callable[..., int]) -> Callable[..., int]:
@@ -132,12 +130,11 @@ def monitor(
         Of the values: si, metric or us.
     """
     from rig.calibration import read_calibration
-    from rig.link import Link, serial_opener
 
     known = read_calibration(calibration) if calibration else None
-    end = None if seconds is None else monotonic() + seconds
-    with Link(serial_opener(port, baud)) as link:
-        while end is None or monotonic() < end:
+    end = monotonic() + (seconds or math.inf)
+    with _opened(port, baud) as link:
+        while monotonic() < end:
             link.sleep(1.0)
             settings = link.session.settings
             ticks = settings.ticks_per_record if settings else None
@@ -171,11 +168,10 @@ def acknowledge(
     """
     from rig import control
     from rig.calibration import read_calibration
-    from rig.link import Link, serial_opener
     from rig.protocol import TRIP
 
-    known = None if calibration is None else read_calibration(calibration)
-    with Link(serial_opener(port, baud)) as link:
+    known = read_calibration(calibration) if calibration else None
+    with _opened(port, baud) as link:
         status = control.device_status(link)
         if status.state != TRIP:
             print("the device is not tripped")
@@ -197,7 +193,6 @@ def calibrate_sensor(
     baud: int = 115200,
     seconds: float = 2.0,
     calibration: Path = Path("calibration.toml"),
-    units: Units = "us",
 ) -> int:
     """Calibrate the pressure transducer or the load cell at known references, into a rig's file.
 
@@ -223,17 +218,15 @@ def calibrate_sensor(
         Time of each mean.
     calibration
         TOML file of the rig's calibration, created if missing.
-    units
-        Of the table: si, metric or us.
     """
     from rig.calibration import fit_sensor, update_calibration
     from rig.channels import numbered
-    from rig.link import Link, mean_counts, serial_opener
+    from rig.link import mean_counts
 
     applied = [parse_quantity(text, sensor) for text in reference]
     counts, board = list(reading), 0
     if not counts:
-        with Link(serial_opener(_known_port(port), baud)) as link:
+        with _opened(port, baud) as link:
             board = numbered(link)
             for text in reference:
                 _typed(f"Apply {text} and press Enter: ")
@@ -241,7 +234,7 @@ def calibrate_sensor(
                 print(f"{text}: {counts[-1]:.2f} counts", flush=True)
     found = fit_sensor(counts, applied)
     update_calibration(calibration, sensor, found, board)
-    unit = unit_system(units)[sensor]
+    unit = quantity_unit(reference[0])
     print(f"{sensor} at the references [{unit}]:")
     shown = zip(reference, applied, found.value(counts), found.error(counts), strict=True)
     for text, true, measured, std in shown:
@@ -261,10 +254,7 @@ def calibrate_pump(
     *,
     port: str | None = None,
     baud: int = 115200,
-    steps: tuple[int, ...] = STEPS,
-    settle: str = "3s",
     yes: bool = False,
-    units: Units = "us",
 ) -> int:
     """Step the pump of a water circuit with the controller off, for the output that holds a pressure.
 
@@ -279,22 +269,14 @@ def calibrate_pump(
         A serial port or socket://host:port.
     baud
         Of the firmware.
-    steps
-        Outputs from 0 to 255, repeatable; unless given, 40 to 200 by 20 and down again.
-    settle
-        Time after each step, with its unit.
     yes
         Start without asking, for scripts.
-    units
-        Of the table: si, metric or us.
     """
-    from rig.calibration import read_calibration, update_calibration
+    from rig.calibration import pressure_text, read_calibration, update_calibration
     from rig.execution import calibrate_feed_forward, rig_of
-    from rig.link import Link, serial_opener
     from rig.plan import read_plan
 
-    test, wait = read_plan(plan), parse_quantity(settle, "time")
-    port = _known_port(port)
+    test, port = read_plan(plan), _known_port(port)
     if test.circuit != "water":
         raise RigError(
             f"the pump of a water circuit is stepped; the circuit is {test.circuit!r}, whose valve "
@@ -302,21 +284,19 @@ def calibrate_pump(
         )
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
-    if beyond := [output for output in steps if not 0 <= output <= 255]:
-        raise RigError(f"an output is 0 to 255 counts, got {beyond[0]}")
-    calibration, unit = read_calibration(test.calibration), unit_system(units)["pressure"]
+    calibration = read_calibration(test.calibration)
     _tell_preconditions(test)
-    what = f"{len(steps)} steps of the pump, the controller off"
+    what = f"{len(STEPS)} steps of the pump, the controller off"
     _confirm(f"{what}. {PRESSURISE}", "started", yes=yes)
 
     def tell(output: int, pressure: float) -> None:
-        print(f"output {output}: {from_si(pressure, unit, 'pressure'):.4g} {unit}", flush=True)
+        print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
 
-    with Link(serial_opener(port, baud)) as link, rig_of(test, link, calibration) as rig:
-        found = calibrate_feed_forward(rig, steps, settle=wait, tell=tell)
+    with _opened(port, baud) as link, rig_of(test, link, calibration) as rig:
+        found = calibrate_feed_forward(rig, STEPS, tell=tell)
     update_calibration(test.calibration, "feed_forward", found)
-    low, high = (f"{from_si(P, unit, 'pressure'):.4g}" for P in found.pressure_range)
-    print(f"known from {low} to {high} {unit}, scatter {found.scatter:.2g} counts")
+    low, high = (pressure_text(P, test.unit) for P in found.pressure_range)
+    print(f"known from {low} to {high}, scatter {found.scatter:.2g} counts")
     print("written:", test.calibration)
     return 0
 
@@ -373,8 +353,6 @@ def run(
         Of the values: si, metric or us.
     """
     from rig.execution import JOURNAL, prepare, record_test
-    from rig.journal import read_journal, summary
-    from rig.link import Link, serial_opener
     from rig.plan import read_plan
 
     test = read_plan(plan)
@@ -395,18 +373,16 @@ def run(
     output.mkdir(parents=True, exist_ok=True)
     journal = output / JOURNAL
     try:
-        with Link(serial_opener(port, baud)) as link:
+        with _opened(port, baud) as link:
             record_test(
                 test, link, calibration, journal, first_block=first, append=resume, meta=entries,
                 attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
                 camera=photographer,
             )  # fmt: skip
     finally:
-        if journal.with_suffix(".csv").exists():
-            print_rows("Held", summary_rows(summary(read_journal(journal)), test.unit))
-            print("written:", journal, journal.with_suffix(".csv"))
         for name, why in photographer.failures().items() if photographer else ():
             print(f"photograph {name} failed: {why}", file=sys.stderr)
+    print("written:", journal, journal.with_suffix(".csv"))
     return 0
 
 
@@ -484,16 +460,21 @@ def operator_of(calibration: Any, system: str):
         def look(self, situation: Situation) -> Any:
             if monotonic() >= self.due:
                 self.due = monotonic() + every
-                line = values(situation.newest, calibration, system, wanted=situation.set_point)
-                self.tell(f"{_where(situation)}  {line}")
-            if typed.empty():
-                return ""
-            if (word := typed.get()) == "stop":
+                now = situation
+                cycle = f" {now.cycle} of {now.cycles}" if now.cycle else ""
+                phase = "waits for the first stroke" if now.phase == "ready" else now.phase
+                self.tell(
+                    f"block {now.block} (the last is {now.last_block}): {phase}{cycle}, "
+                    f"{_as_said(now.left)} left  "
+                    + values(now.newest, calibration, system, wanted=now.set_point)
+                )
+            word = "" if typed.empty() else typed.get() or "begin"
+            if word == "stop":
                 raise KeyboardInterrupt
             if word not in ("", "begin", "pause"):
                 self.tell(WORDS)
                 return ""
-            return word or "begin"
+            return word
 
     def read() -> None:
         with contextlib.suppress(OSError):  # the terminal has gone
@@ -508,16 +489,6 @@ def operator_of(calibration: Any, system: str):
     return Operator()
 
 
-def _where(situation: Any) -> str:
-    """Where in its plan a run is."""
-    cycle = f" {situation.cycle} of {situation.cycles}" if situation.cycle else ""
-    phase = "waits for the first stroke" if situation.phase == "ready" else situation.phase
-    return (
-        f"block {situation.block} (the last is {situation.last_block}): {phase}{cycle}, "
-        f"{_as_said(situation.left)} left"
-    )
-
-
 def _as_said(seconds: float) -> str:
     """A duration as a person says it.
 
@@ -530,28 +501,17 @@ def _as_said(seconds: float) -> str:
 
 def describe(test: Any, first_block: int = 0) -> list[str]:
     """A line for each pressure with the time at which it is set; nothing is run."""
+    from rig.calibration import pressure_text
+
     plan, lines = test.plan, []
     for block, pressure in list(enumerate(plan.pressures))[first_block:]:
         at = plan.duration(first_block) - plan.duration(block)
         lines.append(
-            f"{at:8.1f} s  block {block}: {from_si(pressure, test.unit, 'pressure'):.4g} {test.unit}, settle "
-            f"{plan.settle:g} s, {plan.cycles} strokes of {plan.stroke * 1e3:.4g} mm at "
-            f"{plan.rate * 1e3:.4g} mm/s, {plan.stroke_seconds:.4g} s"
+            f"{at:8.1f} s  block {block}: {pressure_text(pressure, test.unit)}, settle {plan.settle:g} s, "
+            f"{plan.cycles} strokes of {plan.stroke * 1e3:.4g} mm at {plan.rate * 1e3:.4g} mm/s, "
+            f"{plan.stroke_seconds:.4g} s"
         )
     return lines
-
-
-def summary_rows(rows: list[dict[str, Any]], unit: str) -> list[dict[str, Any]]:
-    """The rows of a test's summary with pressures in a unit."""
-    return [
-        {
-            f"{name[:-3]}_{unit}" if name.endswith("_Pa") else name: (
-                round(from_si(value, unit, "pressure"), 3) if name.endswith("_Pa") else value
-            )
-            for name, value in row.items()
-        }
-        for row in rows
-    ]
 
 
 class CameraCommand:
@@ -608,6 +568,13 @@ def _known_port(port: str | None) -> str:
     )
 
 
+def _opened(port: str | None, baud: int) -> Any:
+    """The link to a device at a port."""
+    from rig import link
+
+    return link.Link(link.serial_opener(_known_port(port), baud))
+
+
 def _at_terminal() -> bool:
     """Whether a person can type here and see what it does."""
     return sys.stdin.isatty() and sys.stdout.isatty()
@@ -615,8 +582,10 @@ def _at_terminal() -> bool:
 
 def _tell_preconditions(test: Any) -> None:
     """Print what must hold before the circuit of a test is pressurised and software cannot check."""
-    kilopascal, psi = (from_si(test.pressure_limit, unit, "pressure") for unit in ("kPa", "psi"))
-    print(f"Circuit of {test.circuit}, limit {kilopascal:.4g} kPa ({psi:.4g} psi). Make sure that:")
+    from rig.calibration import pressure_text
+
+    limit = pressure_text(test.pressure_limit, test.unit)
+    print(f"Circuit of {test.circuit}, limit {limit}. Make sure that:")
     print(*(f"- {sentence}" for sentence in PRECONDITIONS[test.circuit]), sep="\n")
 
 

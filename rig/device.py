@@ -98,17 +98,15 @@ class Device:
         bytes_per_tick: int = 21,
         trip_ceiling: int = TRIP_CEILING,
     ) -> None:
-        if not 1 <= ring <= 1024:
-            raise ValueError(f"ring must be 1 to 1024 records, got {ring}")
-        if not 2 <= bytes_per_tick <= 200:
-            raise ValueError(f"bytes_per_tick must be 2 to 200, got {bytes_per_tick}")
-        if not 1 <= trip_ceiling <= 1020:
-            raise ValueError(f"trip_ceiling must be 1 to 1020 counts, got {trip_ceiling}")
-        self._memory = Memory(eeprom)
-        self._trip_ceiling = trip_ceiling
-        self._size = ring
-        self._budget = bytes_per_tick
-        self._out = bytearray()
+        for name, value, low, high in (
+            ("ring", ring, 1, 1024),
+            ("bytes_per_tick", bytes_per_tick, 2, 200),
+            ("trip_ceiling", trip_ceiling, 1, 1020),
+        ):
+            if not low <= value <= high:
+                raise ValueError(f"{name} must be {low} to {high}, got {value}")
+        self._memory, self._out = Memory(eeprom), bytearray()
+        self._size, self._budget, self._trip_ceiling = ring, bytes_per_tick, trip_ceiling
         self.reset(POWER_ON)
 
     def reset(self, cause: int) -> None:
@@ -116,13 +114,9 @@ class Device:
         self.boot = (self._memory.boot + 1) & 0xFFFF
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
-        self._control = DeviceControl(
-            self.boot,
-            fault,
-            least_div=-(-_SAMPLE // self._budget),
-            trip_ceiling=self._trip_ceiling,
-            latch=self._memory.latch,
-        )
+        least_div = -(-_SAMPLE // self._budget)
+        latch, ceiling = self._memory.latch, self._trip_ceiling
+        self._control = DeviceControl(self.boot, fault, least_div, ceiling, latch)
         self._latched = self._control.latch
         self._memory.store(self.boot, self._latched)
         self._ring: list[Sample] = []
@@ -289,8 +283,9 @@ class Device:
             self._good = (self._good + 1) & 0xFFFF
             self._control.silence = 0
         if verb in (b"hb", b"rp"):
-            if verb == b"rp":
-                self._request(words)
+            if verb == b"rp" and (request := read_request(words)) is not None:
+                self._base, self._mask = request
+                self._range_sent = False
             return False
         check = crc16(body)
         if id_ == 0 or self._last[:2] != (id_, check) or verb == b"hello":
@@ -299,12 +294,6 @@ class Device:
         _, _, reason, seq = self._last
         self._send("A", id_, *(("OK", seq) if reason == OK else ("ERR", REASONS[reason])))
         return True
-
-    def _request(self, words: list[bytes]) -> None:
-        request = read_request(words)
-        if request is not None:
-            self._base, self._mask = request
-            self._range_sent = False
 
     def _execute(self, verb: bytes, words: list[bytes]) -> int:
         if verb not in ARGUMENTS:
@@ -329,15 +318,7 @@ class Device:
 
 
 class Memory:
-    """What outlives a reset.
-
-    Args:
-        eeprom: where it is kept; what does not fit into it lives as long as the device.
-
-    Attributes:
-        boot: the boot counter.
-        latch: the trip: fault, output, counts.
-    """
+    """What outlives a reset: boot counter and latch; what does not fit into it lives as long as this."""
 
     def __init__(self, eeprom: bytearray | None) -> None:
         self._eeprom = bytearray() if eeprom is None else eeprom

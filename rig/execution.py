@@ -204,7 +204,7 @@ def record_test(
     finally:
         if entered:
             with contextlib.suppress(OSError):  # a full disk, which the journal has reported
-                write_summary(path)
+                attendant.tell("\n".join(write_summary(path, test.unit)))
 
 
 def run(

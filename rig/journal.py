@@ -27,6 +27,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from famjax.boundary.units import from_si
+
 from .calibration import READINGS, Calibration, calibration_from_dict
 from .errors import RigError, RigFault
 from .protocol import (
@@ -397,14 +399,20 @@ def _held(
     }
 
 
-def write_summary(journal: Path) -> Path:
-    """Write the summary of a journal as CSV beside it."""
-    rows, path = summary(read_journal(journal)), journal.with_suffix(".csv")
-    with path.open("w", newline="", encoding="utf-8") as file:
+def write_summary(journal: Path, unit: str) -> list[str]:
+    """Write the summary of a journal as CSV beside it; its lines for a person, pressures in a unit."""
+    rows = summary(read_journal(journal))
+    with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, SUMMARY)
         writer.writeheader()
         writer.writerows(rows)
-    return path
+    lines = [f"{'set':>8}{'mean':>8}{'RMS error':>11}  strokes  trips   pressures in {unit}"]
+    for row in rows:
+        names = ("set_pressure_Pa", "mean_Pa", "rms_error_Pa")
+        set_, mean, rms = (from_si(row[name], unit, "pressure") for name in names)
+        left = "" if row["completed"] else "   not completed"
+        lines.append(f"{set_:8.4g}{mean:8.4g}{rms:11.3g}{row['strokes']:9}{row['trips']:7}{left}")
+    return lines
 
 
 class _Lines:
@@ -654,7 +662,7 @@ def audit(record: Record) -> Audit:
         equal=int((right & known).sum()),
         unchecked=int((~known).sum()),
         first_wrong=first[0] if first else None,
-        ended=last[-1].get("reason") if last else None,
+        ended=last[-1]["reason"] if last else None,
     )
 
 

@@ -53,9 +53,7 @@ _MOST_TICKS = 50  # in a record
 _NEAR = 16  # records between two that confirm each other, at most
 _CHANGES_SETTINGS = {"set", "gain", "ilim", "cal", "tele", "trip", "jump", "stall", "hbms",
                      "floor", "ceiling", "still", "frozen"}  # fmt: skip
-READ_TIMEOUT = 0.004  # s to wait for a byte at most, and the resolution of heartbeats and requests
-SLICE = 0.004  # s of virtual time between two exchanges of bytes
-_POLL = 0.004  # s between two looks for an answer
+SLICE = 0.004  # s between two exchanges of bytes, the resolution of heartbeats and requests
 
 
 class Lost(NamedTuple):
@@ -119,93 +117,6 @@ class Command:
         return self.answer is not None or self.failure is not None
 
 
-class Gaps:
-    """The missing records of one boot.
-
-    A request is a bit mask, and a new one takes the place of the one before; the device answers it in
-    ascending order at its own pace. So each request asks for everything that is missing but what,
-    at that pace, is under way; and for what will soon be overwritten in any case, since
-    requests are damaged, too. At 1 % damaged bytes nothing simpler suffices.
-
-    Args:
-        ring: records that the device can repeat.
-
-    Attributes:
-        ring: as given, then as the device reports.
-        pace: time [s] that the device takes for each repeated record; likewise.
-        round_trip: smoothed time [s] from a request to its first answer.
-    """
-
-    def __init__(self, ring: int) -> None:
-        self.ring = ring
-        self.pace = 0.0085
-        self.round_trip = SPACING
-        self._missing: dict[int, float] = {}  # its turn in the device's answer
-        self._last_request = -math.inf
-        self._oldest = 0
-
-    def __contains__(self, seq: int) -> bool:
-        return seq in self._missing
-
-    def __len__(self) -> int:
-        return len(self._missing)
-
-    def add(self, first: int, end: int) -> None:
-        """Records first <= seq < end are missing; none older than those added before."""
-        for seq in range(first, end):
-            self._missing.setdefault(seq, -math.inf)
-
-    def fill(self, seq: int, now: float) -> None:
-        """Record `seq` has come; its turn in the answer gives the time that an answer takes."""
-        taken = now - self._missing.pop(seq)
-        if 0 <= taken < 0.25:
-            self.round_trip += (taken - self.round_trip) / 16
-
-    def overwritten(self, next_seq: int, now: float) -> list[int]:
-        """Remove and return the records that the device has overwritten and that are not under way."""
-        self._oldest = oldest = next_seq - self.ring
-        if not self._missing or next(iter(self._missing)) >= oldest:
-            return []
-        turns = self._missing.items()
-        gone = [seq for seq, turn in turns if seq < oldest and now >= self._overdue(turn)]
-        for seq in gone:
-            del self._missing[seq]
-        return gone
-
-    def abandon(self) -> list[int]:
-        """Remove and return all missing records, in order."""
-        gone = sorted(self._missing)
-        self._missing.clear()
-        self._oldest = 0
-        return gone
-
-    def request(self, now: float) -> bytes:
-        """The line that asks for up to 64 records, or nothing."""
-        if not self._missing or now - self._last_request < SPACING - 1e-9:
-            return b""
-        urgent = self._oldest + 2 * self.ring // 3
-        wanted = sorted(
-            seq
-            for seq, turn in self._missing.items()
-            if seq >= self._oldest and (seq < urgent or now < turn or now >= self._overdue(turn))
-        )
-        if not wanted:
-            return b""
-        base, mask, turn = wanted[0], 0, now
-        for seq in wanted:
-            if seq - base >= MASK_BITS:
-                break
-            mask |= 1 << (seq - base)
-            self._missing[seq] = turn
-            turn += self.pace
-        self._last_request = now
-        return frame(command_body(0, "rp", base, f"{mask:x}"))
-
-    def _overdue(self, turn: float) -> float:
-        """Time from which an answer whose turn that was is taken to be damaged."""
-        return turn + 1.25 * self.round_trip + _SLACK
-
-
 class Session:
     r"""One session with a device.
 
@@ -214,13 +125,13 @@ class Session:
     same line has come twice: a CRC of 16 bits alone lets one damaged line in 65 536 pass.
 
     Args:
-        ring: records that the device can repeat, until its hello reports the number.
         first_id: number of the first command. The device remembers the last one it executed, also from
             a program that ran before: begin with another number than that one did.
 
     Attributes:
         newest: the last record in order, or None.
-        gaps: the records that are missing.
+        gaps: the records that are missing, and when their turn is in the device's answer [s].
+        ring: records that the device can repeat.
         recovered: records that came late, on request.
         settings: what governs the records, None until the device has reported it.
         hello: the last hello, None before the first.
@@ -233,12 +144,14 @@ class Session:
     1
     """
 
-    def __init__(self, ring: int = 64, first_id: int = 0) -> None:
+    def __init__(self, first_id: int = 0) -> None:
         self.settings: DeviceSettings | None = None
         self.hello: Hello | None = None
         self.status: DeviceStatus | None = None
         self.newest: Sample | None = None
-        self.gaps = Gaps(ring)
+        self.gaps: dict[int, float] = {}
+        self.ring, self._pace, self._round_trip = 64, 0.0085, SPACING  # until the hello tells
+        self._last_request = -math.inf
         self.bad_lines = self.recovered = 0
         self._splitter = Splitter()
         self._lines: list[bytes] = []  # verified, verbatim, each record once
@@ -274,8 +187,11 @@ class Session:
                 self._lines += (line, b"\n")
                 self._events.append(message)
                 self._on_message(message)
-        if self.gaps and self.newest is not None:
-            self._lose(self.newest.boot, self.gaps.overwritten(self._next, now))
+        oldest = self._next - self.ring
+        if self.newest is not None and self.gaps and next(iter(self.gaps)) < oldest:
+            turns = self.gaps.items()
+            gone = [seq for seq, turn in turns if seq < oldest and now >= self._overdue(turn)]
+            self._lose(self.newest.boot, gone)
         self._heard_at = now if self._heard_at is None else self._heard_at
         silence = now - self._heard_at
         if silence >= SILENCE and not self._silence_reported:
@@ -293,7 +209,7 @@ class Session:
     def give_up(self) -> None:
         """Report all records that are still missing as lost, with the next `feed`."""
         if self.newest is not None:
-            self._lose(self.newest.boot, self.gaps.abandon())
+            self._lose(self.newest.boot, sorted(self.gaps))
 
     @property
     def settings_known(self) -> bool:
@@ -343,8 +259,41 @@ class Session:
         if self._queue:
             out += self._send(now)
         if self.gaps and may_ask:
-            out += self.gaps.request(now)
+            out += self._request(now)
         return out
+
+    def _request(self, now: float) -> bytes:
+        """The line that asks for up to 64 missing records, or nothing.
+
+        A request is a bit mask, and a new one takes the place of the one before; the device answers it
+        in ascending order at its own pace. So each request asks for everything that is missing but
+        what, at that pace, is under way; and for what will soon be overwritten in any case, since
+        requests are damaged, too. At 1 % damaged bytes nothing simpler suffices.
+        """
+        if now - self._last_request < SPACING - 1e-9:
+            return b""
+        oldest = self._next - self.ring
+        urgent = oldest + 2 * self.ring // 3
+        wanted = sorted(
+            seq
+            for seq, turn in self.gaps.items()
+            if seq >= oldest and (seq < urgent or now < turn or now >= self._overdue(turn))
+        )
+        if not wanted:
+            return b""
+        base, mask, turn = wanted[0], 0, now
+        for seq in wanted:
+            if seq - base >= MASK_BITS:
+                break
+            mask |= 1 << (seq - base)
+            self.gaps[seq] = turn
+            turn += self._pace
+        self._last_request = now
+        return frame(command_body(0, "rp", base, f"{mask:x}"))
+
+    def _overdue(self, turn: float) -> float:
+        """Time from which an answer whose turn that was is taken to be damaged."""
+        return turn + 1.25 * self._round_trip + _SLACK
 
     def _put(self, verb: str, values: tuple[float | str, ...]) -> Command:
         if not all(isinstance(value, str) or math.isfinite(value) for value in values):
@@ -380,7 +329,7 @@ class Session:
             if self._settings_due is not None and message.since >= self._settings_due:
                 self._settings_due = None
         elif isinstance(message, Hello):
-            self.hello, self.gaps.ring = message, message.ring
+            self.hello, self.ring = message, message.ring
             self._set_pace(message.ticks_per_record)
 
     def _on_answer(self, answer: Ack) -> None:
@@ -396,14 +345,14 @@ class Session:
         """The device's pace from what its line carries besides new records; one in a tick at most."""
         if self.hello is not None:
             left = max(self.hello.bytes_per_tick - self._line_bytes / ticks_per_record, 1.0)
-            self.gaps.pace = max(1.0, self._line_bytes / left) / self.hello.tick_hz
+            self._pace = max(1.0, self._line_bytes / left) / self.hello.tick_hz
 
     def _restart(self, new_boot: int) -> None:
         """The device has restarted: missing records of the old boot are lost, and so are commands."""
         if self.newest is None:
             return
         old, self.newest, hello = self.newest.boot, None, self.hello
-        self._lose(old, self.gaps.abandon())
+        self._lose(old, sorted(self.gaps))
         self._doubtful.clear()
         self._next = 0
         cause = hello.cause if hello is not None and hello.boot & 15 == new_boot else None
@@ -442,7 +391,7 @@ class Session:
         ahead = sample.seq - newest.seq
         on_grid = (sample.tick - newest.tick - self._ticks * ahead) % TICKS == 0
         odd = not on_grid or (now < self._suspicious_until and _has_jumped(sample, newest))
-        near = on_grid or ahead <= self.gaps.ring
+        near = on_grid or ahead <= self.ring
         if not odd or self._is_confirmed(sample, line, now, late=late, near=near):
             self._accept(sample, line, now)
 
@@ -488,8 +437,10 @@ class Session:
                 self._ticks = (sample.tick - newest.tick) % TICKS
             self.newest, self._line_bytes = sample, len(line) + 1
         if seq in self.gaps:
-            self.gaps.fill(seq, now)
             self.recovered += 1
+            taken = now - self.gaps.pop(seq)  # by its turn: the time that an answer takes
+            if 0 <= taken < 0.25:
+                self._round_trip += (taken - self._round_trip) / 16
         else:
             if seq > self._next:
                 self._open_gap(sample, seq)
@@ -501,16 +452,18 @@ class Session:
 
     def _open_gap(self, sample: Sample, end: int) -> None:
         """Request next <= seq < end; those overwritten before `sample` are lost."""
-        first = max(self._next, sample.seq + 1 - self.gaps.ring)
+        first = max(self._next, sample.seq + 1 - self.ring)
         if first > self._next:
             self._events.append(Lost(sample.boot, self._next, first - self._next))
-        self.gaps.add(first, end)
+        for seq in range(first, end):
+            self.gaps.setdefault(seq, -math.inf)
         self._next = end
 
     def _lose(self, boot: int, seqs: list[int]) -> None:
         """Report lost records, runs of them together."""
         start = 0
         for i, seq in enumerate(seqs):
+            del self.gaps[seq]
             self._doubtful.pop(seq, None)
             if i + 1 == len(seqs) or seqs[i + 1] != seq + 1:
                 self._events.append(Lost(boot, seqs[start], i + 1 - start))
@@ -625,7 +578,7 @@ class AbstractLink(abc.ABC):
         while not command.done:
             if not self.running:
                 raise RigFault(f"{verb!r} was not sent: the link has ended")
-            self.sleep(_POLL)
+            self.sleep(SLICE)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
             raise RigFault(f"{said!r} failed: {command.failure}; check cable and supply")
@@ -637,7 +590,7 @@ class AbstractLink(abc.ABC):
         """Wait up to a time [s] for missing records; those that have not come by then are lost."""
         until = self.now + seconds
         while self.running and self.session.gaps and self.now < until:
-            self.sleep(_POLL)
+            self.sleep(SLICE)
         with self._lock:
             self.session.give_up()
             self._take(self.session.feed(b"", self.now))
@@ -691,7 +644,7 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
     def open_port() -> Any:
         import serial  # noqa: PLC0415 -- importing rig loads no serial library
 
-        options: dict[str, Any] = {"timeout": READ_TIMEOUT, "write_timeout": 0.5}
+        options: dict[str, Any] = {"timeout": SLICE, "write_timeout": 0.5}
         if "://" not in path:
             options["exclusive"] = True
         return serial.serial_for_url(path, baud, **options)

@@ -185,7 +185,6 @@ _PLAN_FORM = Form(
     | dict.fromkeys(("settle", "photograph_every"), "time")
 )
 _RIG_FORM = Form(
-    dict.fromkeys(("pressure_limit", "jump_limit"), "pressure")
-    | dict.fromkeys(("frozen", "stall"), "time"),
+    {"pressure_limit": "pressure", "jump_limit": "pressure", "frozen": "time", "stall": "time"},
     {"frozen_output": "frozen_output_counts"},
 )

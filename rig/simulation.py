@@ -235,8 +235,9 @@ class SimulatedRig:
         if not abs(clock_rate) < 0.1:
             raise RigError(f"clock_rate must be a small part, as -0.002, got {clock_rate}")
         if baud not in BAUD_RATES:
-            known = " or ".join(map(str, BAUD_RATES))
-            raise RigError(f"the firmware is built for {known} baud, got {baud}")
+            raise RigError(
+                f"the firmware is built for {' or '.join(map(str, BAUD_RATES))} baud, got {baud}"
+            )
         bytes_per_tick, ring = BAUD_RATES[baud]
         muscle = muscle or mckibben()
         self.machine = machine or machine_for(muscle)
