@@ -1,5 +1,6 @@
 from . import (
     calibration as calibration,
+    channels as channels,
     control as control,
     controller as controller,
     device as device,

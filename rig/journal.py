@@ -425,8 +425,8 @@ class _Lines:
         numbers: the records in the order of the file, field after field.
         epochs: of each record: the device's boots in the file, counted from 0.
         losses: (epoch, first, records) that the recorder noted.
-        notes, note_parts, epoch_parts, settings, damaged_bytes: as in `Record`. A part of the recording begins
-            with a "journal" note.
+        notes, note_parts, epoch_parts, settings, damaged_bytes: as in `Record`. A part of the recording
+            begins with a "journal" note.
     """
 
     def __init__(self, data: bytes) -> None:

@@ -8,6 +8,7 @@ Parameters that the reference work does not print are ASSUMED and say so.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -62,14 +63,20 @@ def iso_6358_flow(
     return flow, conductance * (share - ratio * slope), by_downstream
 
 
+@functools.cache
+def _kept(time: float, lag: float) -> float:
+    """What is left of an error after a time, of a time constant [s]."""
+    return math.exp(-time / lag)
+
+
 @dataclasses.dataclass(frozen=True)
 class PneumaticCircuit:
     """Air through a 5/3 proportional valve: fills above the bias, vents below it, leaks at it.
 
     dP/dt = n (p_anr Q - P_abs dV/dt) / (V + n P_abs dV/dP),  Q = C p_1 psi(p_2 / p_1)
 
-    with psi as in `iso_6358_flow`. Neglected: the gas's temperature (polytropic exponent n), and the valve's own dynamics
-    but for a lag.
+    with psi as in `iso_6358_flow`. Neglected: the gas's temperature (polytropic exponent n), and the
+    valve's own dynamics but for a lag.
 
     Attributes:
         supply: gauge pressure [Pa] (Chambers 2021, section 3.2: 115 psi).
@@ -122,7 +129,6 @@ class RunningPneumatic:
     def __init__(self, circuit: PneumaticCircuit) -> None:
         self.circuit = circuit
         self.pressure = self.opening = self.dump = 0.0
-        self._keep = (0.0, 0.0, 0.0)  # dt, what half of it leaves of the valves' errors
 
     def step(
         self, output: int, dump_open: bool, volume: float, rate: float, give: float, dt: float
@@ -134,15 +140,10 @@ class RunningPneumatic:
         """
         c = self.circuit
         above = output - c.bias
-        if above > c.dead_band:
-            target = (above - c.dead_band) / (FULL_OUTPUT - c.bias - c.dead_band)
-        elif above < -c.dead_band:
-            target = (above + c.dead_band) / (c.bias - c.dead_band)
-        else:
-            target = 0.0
-        if self._keep[0] != dt:
-            self._keep = (dt, math.exp(-0.5 * dt / c.lag), math.exp(-0.5 * dt / c.dump_lag))
-        _, keep, keep_dump = self._keep
+        beyond = max(abs(above) - c.dead_band, 0)
+        whole = FULL_OUTPUT - c.bias if above > 0 else c.bias
+        target = math.copysign(beyond / (whole - c.dead_band), above)
+        keep, keep_dump = _kept(0.5 * dt, c.lag), _kept(0.5 * dt, c.dump_lag)
         wanted, half = float(dump_open), 0.5 * dt
         # How far the valves are from where they go, in the middle of the step.
         behind, dump_behind = (self.opening - target) * keep, (self.dump - wanted) * keep_dump
@@ -232,7 +233,6 @@ class RunningHydraulic:
     def __init__(self, circuit: HydraulicCircuit) -> None:
         self.circuit = circuit
         self.pressure = self.speed = self.dump = 0.0
-        self._keep = (0.0, 0.0, 0.0)
 
     def step(
         self, output: int, dump_open: bool, volume: float, rate: float, give: float, dt: float
@@ -245,9 +245,7 @@ class RunningHydraulic:
         valve makes it, the end of the step is solved for instead (Euler).
         """
         c = self.circuit
-        if self._keep[0] != dt:
-            self._keep = (dt, math.exp(-0.5 * dt / c.lag), math.exp(-0.5 * dt / c.dump_lag))
-        _, keep, keep_dump = self._keep
+        keep, keep_dump = _kept(0.5 * dt, c.lag), _kept(0.5 * dt, c.dump_lag)
         target, wanted = c.full_speed * output / FULL_OUTPUT, float(dump_open)
         # How far pump and valve are from where they go, in the middle of the step.
         behind, dump_behind = (self.speed - target) * keep, (self.dump - wanted) * keep_dump
@@ -460,7 +458,6 @@ class TestMachine:
         velocity: dL/dt [m/s], negative while the muscle shortens.
         sync: whether its digital input is high.
         cycles_left: strokes that remain, the present one included.
-        stopped_by_limit: True after the limit switch has ended a test.
         rows: of its log: time [s] of its own clock, displacement [m], negative where the muscle is shorter
             than at rest, force [N], sync.
     """
@@ -484,7 +481,6 @@ class TestMachine:
         self.velocity = 0.0
         self.sync = False
         self.cycles_left = 0
-        self.stopped_by_limit = False
         self._program = (0.0, shortest, 0.0)
         self._rng = np.random.default_rng(seed)
         self.rows: list[tuple[float, float, float, float]] = []
@@ -522,7 +518,7 @@ class TestMachine:
         turn_at = self.shortest if stroke is None else self.rest_length - stroke
         program = (rate, turn_at, turn_load)
         if not self.busy:
-            self._program, self.velocity, self.stopped_by_limit = program, -rate, False
+            self._program, self.velocity = program, -rate
         elif program != self._program:
             raise RigError("the machine is busy with other strokes: wait for them")
         self.cycles_left += cycles
@@ -534,8 +530,6 @@ class TestMachine:
         if velocity < 0:
             rate, turn_at, turn_load = self._program
             if load <= turn_load or length <= turn_at:
-                if length <= self.shortest and load > turn_load:
-                    self.stopped_by_limit = True
                 length = max(length, turn_at)
                 self.velocity = rate
         elif velocity > 0 and length >= self.rest_length:

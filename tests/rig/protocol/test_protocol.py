@@ -80,11 +80,6 @@ def test_lines_say_what_they_say(body: str, message: Message) -> None:
     assert type(parse(line[:-1])) is type(message)
 
 
-def test_flags_of_a_sample() -> None:
-    sample = Sample(0, 0, 0, 0, 0, 0, 0, 0, 2 * 16 + 4 + 3)
-    assert (sample.state, sample.sync, sample.fault) == (3, True, 2)
-
-
 @pytest.mark.parametrize(("body", "message"), LINES)
 def test_every_damage_of_one_or_two_bytes_is_seen(body: str, message: Message) -> None:
     """A CRC-16 finds every burst of up to 16 bits: no damaged line is taken, none differently."""
@@ -173,14 +168,6 @@ def test_splitter_does_not_care_how_the_stream_is_cut() -> None:
     assert found == expected
     assert pieces.discarded == whole.discarded > 0
     assert max(map(len, expected)) <= 50
-
-
-def test_splitter_holds_no_more_than_its_limit() -> None:
-    splitter = Splitter(limit=50)
-    for _ in range(1000):
-        assert splitter.feed(b"x" * 100) == []
-    assert splitter.feed(b"tail\nnext\n") == [b"next"]
-    assert splitter.discarded == 100_004
 
 
 def test_every_command_is_in_the_firmwares_readme() -> None:
