@@ -1,6 +1,7 @@
 """What a test does: strokes of a test machine at constant pressures, and the file PLAN.toml."""
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -95,6 +96,10 @@ class PlanFile:
     calibration: Path | None = None
     unit: str = "kPa"
     limits: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.pressure_limit):
+            raise RigError(f"the pressure limit must be finite, got {self.pressure_limit}")
 
     @property
     def settings(self) -> RigSettings:

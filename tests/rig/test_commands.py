@@ -32,7 +32,8 @@ Capsys = pytest.CaptureFixture
 def test_simulate_writes_everything_that_a_fit_needs(simulated: Path) -> None:
     names = {path.name for path in simulated.iterdir()}
     assert names == {
-        "test.fam", "machine.csv", "dataset.csv", "characterisation.json", "characterisation.png",
+        "test.fam", "test.csv", "machine.csv", "dataset.csv", "characterisation.json",
+        "characterisation.png",
     }  # fmt: skip
     data = read_csv(simulated / "dataset.csv")
     assert data.specimen.rest_length == pytest.approx(9.28125 * 0.0254)
@@ -332,7 +333,7 @@ def test_a_run_waits_for_a_yes(
         (
             "pressure_limit_psi = 110",
             "pressure_limit_psi = 1e308",
-            "finite pressure limit > 0, got inf",
+            "the pressure limit must be finite, got inf",
         ),
         (
             "pressure_limit_psi = 110",
