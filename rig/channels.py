@@ -33,6 +33,7 @@ TEST_RECORDS = 12  # in a mean
 
 HELD = 1 * PSI  # from the set pressure, and one still counts as held: three times what is measured
 WATCH_LOOKS = 20  # in a mean of the watch
+WATCH_QUIET = 0.5  # counts from one mean to the next by which a load that rests moves
 WATCH_TIMES = 4  # means in a row that contradict the muscle, and
 WATCH_RISE = 15  # counts by which the load has to rise in them
 
@@ -195,13 +196,14 @@ class FlowWatch:
 
     def __init__(self) -> None:
         self._outputs, self._loads = [], []
-        self._reference = self._load = math.nan
+        self._reference, self._load, self._quiet = 0.0, math.nan, 0
         self._times, self._rise = 0, 0.0
 
     def contradicts(self, record: Sample, *, held: bool) -> bool:
         """Look at a record; true when the load has risen for some seconds while fluid flowed in."""
         if not held:
-            self.__init__()
+            self._outputs, self._loads, self._load = [], [], math.nan
+            self._times, self._rise = 0, 0.0
             return False
         self._outputs.append(record.output)
         self._loads.append(record.force_sum / READINGS)
@@ -210,11 +212,9 @@ class FlowWatch:
         output, load = (math.fsum(x) / WATCH_LOOKS for x in (self._outputs, self._loads))
         rise, self._load = load - self._load, load
         self._outputs, self._loads = [], []
-        if math.isnan(self._reference):
-            self._reference = output
-        elif abs(rise) < 0.5:  # nothing moves: this output holds the pressure
-            self._reference += 0.3 * (output - self._reference)
-        wrong = output > self._reference + 1 and rise >= 0.5
+        if abs(rise) < WATCH_QUIET:  # nothing moves: this output holds the pressure
+            self._reference, self._quiet = max(self._reference, output), self._quiet + 1
+        wrong = output > self._reference + 1 and rise >= WATCH_QUIET and self._quiet >= 3
         self._times, self._rise = (self._times + 1, self._rise + rise) if wrong else (0, 0.0)
         return self._times >= WATCH_TIMES and self._rise >= WATCH_RISE
 

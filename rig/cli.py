@@ -4,7 +4,7 @@ PLAN.toml, units in the keys (psi, kPa, bar, in, mm, ...):
 
 ```toml
 [plan]
-pressures_psi = [20, 40, 60, 80, 100]
+pressures_psi = [20, 40, 60, 80, 90]
 cycles = 3
 stroke_in = 3.4
 rate_in_per_s = 0.04
@@ -12,7 +12,7 @@ settle_s = 10
 # photograph_every_s = 1               # `run` needs --camera for it
 
 [rig]
-circuit = "air"                       # for water: "water", and gains of 0 and 5
+circuit = "air"                       # for water: "water", and gains of 3 and 8
 pressure_limit_psi = 110              # trips; without it nothing runs
 proportional_counts_per_psi = 4
 integral_counts_per_psi_s = 2

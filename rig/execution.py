@@ -340,13 +340,13 @@ class _Run:
         if self._machine is not None or self._start == "at-once":
             return
         left, held = LOAD_TIME, self._held  # once: the first stroke itself may disturb the pressure
-        self._loads.clear()
+        before = list(self._loads)
         while True:
             asked = self._look("ready", LOOK)
-            if held and (asked == "begin" or (self._start == "load" and self._load_moved)):
+            if held and (asked == "begin" or (self._start == "load" and self._load_left(before))):
                 return
             if not held and self._held:
-                held = True
+                held, before = True, list(self._loads)
                 tell(self._start_strokes())
             elif asked == "begin":
                 tell("not yet: the pressure is not held; wait or stop")
@@ -357,14 +357,11 @@ class _Run:
                     "cell is dead; the device vents"
                 )
 
-    @property
-    def _load_moved(self) -> bool:
-        """Whether the newest load differs from that of a second before by more than its noise."""
-        before, now = list(self._loads)[:_SECOND], list(self._loads)[-3:]
-        if len(self._loads) < _SECOND + 3:
-            return False
-        noise = max(before) - min(before)
-        return abs(math.fsum(now) / len(now) - math.fsum(before) / len(before)) > 1.5 * noise
+    def _load_left(self, before: list[float]) -> bool:
+        """Whether the load of the last quarter of a second is beyond what it was, by its spread then."""
+        now = math.fsum(list(self._loads)[-5:]) / 5
+        spread = max(before) - min(before)
+        return not min(before) - spread <= now <= max(before) + spread
 
     @property
     def _held(self) -> bool:

@@ -482,7 +482,7 @@ def test_a_reset_forgets_all_settings_and_keeps_the_number_of_the_board(bench: B
     assert (bench.device.output, bench.device.dump_open) == (0, True)
     assert bench.command("run").reason == "no trip limit"
     bench.ticks(30)
-    assert [hello.board for hello in bench.of(Hello)] == [0, 4711, 4711]
+    assert [hello.board for hello in bench.of(Hello)] == [4711, 4711]
     bench.torn.clear()
 
 

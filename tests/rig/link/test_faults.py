@@ -208,7 +208,7 @@ print((bench.sim.device.state, bench.sim.device.output) == (SAFE, 0))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs setrlimit")
-@pytest.mark.parametrize("size", [30_000, 61_001])
+@pytest.mark.parametrize("size", [90_000, 121_001])
 def test_a_file_that_may_not_grow_keeps_all_that_it_took(size: int, tmp_path: Path) -> None:
     """A true short write in the middle of a line, then a refusal, in a process of its own."""
     path = tmp_path / "run.fam"
