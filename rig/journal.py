@@ -331,7 +331,9 @@ def read_journal(path: str | Path) -> Record:
         if note["note"] == "journal" and note.get("format") != FORMAT:
             raise RigError(f"{path} has the format {note.get('format')!r}; this reads {FORMAT!r}")
     rows = np.array(found.numbers, np.int64).reshape(-1, len(COLUMNS))
-    rows, epoch, refused = _in_order(rows, np.array(found.epochs, np.int64))
+    epoch = np.array(found.epochs, np.int64)
+    parts = np.array([*found.epoch_parts, 0], np.int64)[epoch]
+    rows, epoch, refused = _in_order(rows, epoch, parts)
     return Record(
         path, rows, epoch, tuple(found.notes), tuple(found.note_parts), tuple(found.epoch_parts),
         tuple(found.settings), _missing(rows, epoch, found.losses), found.missing_notes,
@@ -516,12 +518,12 @@ def _note(line: bytes) -> dict[str, Any] | None:
 
 
 def _in_order(
-    rows: NDArray[np.int64], epoch: NDArray[np.int64]
+    rows: NDArray[np.int64], epoch: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
     """Rows by epoch and number, each once; those that contradict another are left out and listed."""
     if np.unique(epoch).size > np.unique(rows[:, 0]).size:
         # Two boots have one number: a page may be in the file twice.
-        _, first = np.unique(rows, axis=0, return_index=True)
+        _, first = np.unique(np.column_stack((parts, rows)), axis=0, return_index=True)
         rows, epoch = rows[first], epoch[first]
     order = np.lexsort((rows[:, 1], epoch))
     rows, epoch = _unwrapped(rows[order], epoch[order]), epoch[order]

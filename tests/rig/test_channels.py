@@ -115,12 +115,10 @@ def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run() ->
 def test_the_watch_says_nothing_of_a_muscle_that_shortens_as_it_fills() -> None:
     def says(slope: float) -> bool:
         watch = FlowWatch()
-        records = (
-            Sample(
-                0, k, 5 * k, 1000, 200, round(5 * (400 + slope * k)), 130 + 20 * (k > 100), 0, RUN
-            )
-            for k in range(400)
-        )
+        records = []
+        for k in range(400):
+            load, output = 400 + slope * max(k - 100, 0), 130 + 20 * (k > 100)
+            records.append(Sample(0, k, 5 * k, 1000, 200, round(5 * load), output, 0, RUN))
         said = [watch.contradicts(record, held=True) for record in records]
         return any(said)
 

@@ -62,7 +62,7 @@ def test_an_audit_sees_an_edited_figure(
 ) -> None:
     """The sum and the count of the pressure, output and integral, each with its CRC made right."""
     lines = recorded.read_bytes().split(b"\n")
-    at = next(i for i, line in enumerate(lines) if b",2900," in line and line.startswith(b"T"))
+    at = next(i for i, line in enumerate(lines) if line.startswith(b"T,0,2900,"))
     fields = lines[at][:-5].decode().split(",")
     fields[column] = str(int(fields[column]) + by)
     lines[at] = frame(",".join(fields))[:-1]
