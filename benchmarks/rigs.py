@@ -51,10 +51,9 @@ from rig.control import Control, Rig
 from rig.device import Device, firmware_folder
 from rig.errors import RigError, RigFault
 from rig.journal import Journal, read_journal
-from rig.link import Link, VirtualLink, serial_opener
+from rig.link import Link, Lost, Session, VirtualLink, serial_opener
 from rig.plan import Isobaric, PlanFile
 from rig.protocol import Sample, parse
-from rig.session import Lost, Session
 from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig
 
 TICK, CHUNK = 2e-3, 100_000  # s; ticks of one seed

@@ -1,5 +1,6 @@
 from . import (
     calibration as calibration,
+    channels as channels,
     control as control,
     controller as controller,
     device as device,
@@ -10,7 +11,6 @@ from . import (
     plan as plan,
     plant as plant,
     protocol as protocol,
-    session as session,
     simulation as simulation,
 )
 from .calibration import Calibration as Calibration, read_calibration as read_calibration

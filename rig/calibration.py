@@ -8,18 +8,29 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
+from famjax.boundary.units import from_si
 
 from .errors import RigError
 
 READINGS = 5  # of the converter in one record's sum
 FULL_SCALE = 1023 * READINGS  # largest sum of a record [counts]
 FULL_OUTPUT = 255  # largest output [counts of pulse-width modulation], 5 V
+
+
+def pressure_text(pressure: float, unit: str) -> str:
+    """A pressure [Pa] in a unit.
+
+    >>> pressure_text(275790.3, "psi")
+    '40 psi'
+    """
+    return f"{from_si(pressure, unit, 'pressure'):.4g} {unit}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,13 +101,9 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     >>> round(sensor.gain, 9), round(sensor.zero, 6)
     (100.0, 500.0)
     """
-    y, x = np.asarray(counts, np.float64), np.asarray(references, np.float64)
-    if y.ndim != 1 or y.shape != x.shape:
-        raise RigError(f"counts and references must have one shape (n,), got {y.shape}, {x.shape}")
+    y, x = _pairs("counts and references", counts, references)
     if y.size < 3:
         raise RigError(f"a sensor's errors need three references or more, got {y.size}")
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise RigError("counts and references must be finite; leave out what was not read")
     bad = np.flatnonzero((y <= 0) | (y >= FULL_SCALE))
     if bad.size:
         raise RigError(
@@ -144,21 +151,23 @@ class FeedForward:
         """The same output at every pressure: 2.5 V, the proportional valve's middle."""
         return cls((output, 0.0, 0.0, 0.0))
 
-    def output(self, pressure: float) -> float:
-        """Output [counts, 0..255] that holds a pressure [Pa].
+    def output(self, pressure: float, unit: str = "kPa") -> float:
+        """Output [counts, 0..255] that holds a pressure [Pa]; `unit` is that of messages.
 
         Raises:
             RigError: the pressure lies outside `pressure_range`, or the output outside 0..255.
         """
         low, high = self.pressure_range
         if not low <= pressure <= high:
+            said = (pressure_text(x, unit) for x in (low, high, pressure))
             raise RigError(
-                f"the feed-forward is known from {low:.0f} to {high:.0f} Pa, not at {pressure:.0f} "
-                "Pa; step the pump over the whole range of the plan"
+                "the feed-forward is known from {} to {}, not at {}; step the pump over the whole range "
+                "of the plan".format(*said)
             )
         v = math.fsum(c * (pressure / self.scale) ** k for k, c in enumerate(self.coefficients))
         if not 0 <= v <= FULL_OUTPUT:
-            raise RigError(f"the feed-forward at {pressure:.0f} Pa is {v:.1f}; it must be 0..255")
+            at = pressure_text(pressure, unit)
+            raise RigError(f"the feed-forward at {at} is {v:.1f}; it must be 0..255")
         return v
 
 
@@ -181,11 +190,7 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
     >>> round(v.output(3.5e5), 6)
     80.0
     """
-    P, u = np.asarray(pressures, np.float64), np.asarray(outputs, np.float64)
-    if P.ndim != 1 or P.shape != u.shape:
-        raise RigError(f"pressures and outputs must have one shape (n,), got {P.shape}, {u.shape}")
-    if not (np.isfinite(P).all() and np.isfinite(u).all()):
-        raise RigError("pressures and outputs must be finite; leave out steps that were not read")
+    P, u = _pairs("pressures and outputs", pressures, outputs)
     if u.size < 5 or np.unique(u).size < 4 or np.unique(P).size < 4:
         raise RigError(f"a cubic with its error needs five steps of four outputs, got {u.size}")
     scale = float(np.abs(P).max())
@@ -203,6 +208,18 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
             "each step, start where the pump begins to deliver, and check the needle valve"
         )
     return FeedForward(tuple(c.tolist()), scale, (float(P.min()), float(P.max())), scatter)
+
+
+def _pairs(
+    what: str, first: ArrayLike, second: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two columns of one length, finite."""
+    a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    if a.ndim != 1 or a.shape != b.shape:
+        raise RigError(f"{what} must have one shape (n,), got {a.shape}, {b.shape}")
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise RigError(f"{what} must be finite; leave out what was not read")
+    return a, b
 
 
 def _sensor_form(unit: str) -> Form:
@@ -233,11 +250,13 @@ class Calibration:
         pressure: the transducer, Pa gauge; its gain is positive, as the device's trip needs.
         force: the load cell, N, positive when the muscle pulls.
         feed_forward: output that holds a pressure.
+        board: number of the board that it was made at, 0 if that has none; no other runs with it.
     """
 
     pressure: Sensor
     force: Sensor
     feed_forward: FeedForward = dataclasses.field(default_factory=FeedForward.bias)
+    board: int = 0
 
     def __post_init__(self) -> None:
         if self.pressure.gain <= 0:
@@ -249,14 +268,16 @@ class Calibration:
 
 def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
     """The calibration with the unit in each key; what is not known or unlimited is left out."""
-    return {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
+    board = {"board": calibration.board} if calibration.board else {}
+    parts = {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
+    return board | parts
 
 
 def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibration:
     """The calibration of such a dictionary.
 
     Args:
-        content: a table for each sensor, and one for the feed-forward or none.
+        content: a table for each sensor, one for the feed-forward or none, the board or none.
         where: the place of the tables, for messages.
 
     Raises:
@@ -264,13 +285,12 @@ def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibr
     """
     tables = from_entries(_Tables, content, where=where, error=RigError)
     kinds: dict[str, Any] = {"pressure": Sensor, "force": Sensor, "feed_forward": FeedForward}
-    return Calibration(
-        **{
-            name: from_entries(kinds[name], table, form, where=f"{where}[{name}]: ", error=RigError)
-            for name, form in _FORMS.items()
-            if (table := getattr(tables, name)) is not None
-        }
-    )
+    parts = {
+        name: from_entries(kinds[name], table, form, where=f"{where}[{name}]: ", error=RigError)
+        for name, form in _FORMS.items()
+        if (table := getattr(tables, name)) is not None
+    }
+    return Calibration(**parts, board=tables.board)
 
 
 def read_calibration(path: str | Path) -> Calibration:
@@ -287,22 +307,29 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
     _write(path, calibration_as_dict(calibration))
 
 
-def update_calibration(path: str | Path, name: str, part: Sensor | FeedForward) -> None:
-    """Put one part into a calibration's file and keep its other parts; the file is made if need be.
+def update_calibration(
+    path: str | Path, name: str, part: Sensor | FeedForward, board: int = 0
+) -> None:
+    """Put one part into a calibration's file and keep its other parts; the file is created if missing.
 
     Args:
         path: of the file.
         name: pressure, force or feed_forward.
         part: what was found.
+        board: number of the board that it was found at; 0 keeps that of the file.
 
     Raises:
-        RigError: the file cannot be read, or the calibration cannot be.
+        RigError: the file cannot be read, is of another board, or the calibration cannot be.
     """
     known = read_toml(path, "calibration", RigError) if Path(path).exists() else {}
-    content = known | {name: to_entries(part, _FORMS[name])}
+    if board and known and known.get("board", board) != board:
+        raise RigError(
+            f"{path} is of board {known['board']}, this is board {board}: name another file"
+        )
+    content = known | {name: to_entries(part, _FORMS[name])} | ({"board": board} if board else {})
     if {"pressure", "force"} <= content.keys():
         calibration_from_dict(content, where=f"{path}: ")
-    _write(path, {name: content[name] for name in _FORMS if name in content})
+    _write(path, {name: content[name] for name in ("board", *_FORMS) if name in content})
 
 
 def _write(path: str | Path, content: dict[str, Any]) -> None:
@@ -317,3 +344,4 @@ class _Tables:
     pressure: dict[str, Any]
     force: dict[str, Any]
     feed_forward: dict[str, Any] | None = None
+    board: Annotated[int, Meta(ge=0, le=65534, description="a number of 0 to 65534")] = 0

@@ -4,7 +4,7 @@ PLAN.toml, units in the keys (psi, kPa, bar, in, mm, ...):
 
 ```toml
 [plan]
-pressures_psi = [20, 40, 60, 80, 100]
+pressures_psi = [20, 40, 60, 80, 90]
 cycles = 3
 stroke_in = 3.4
 rate_in_per_s = 0.04
@@ -12,15 +12,13 @@ settle_s = 10
 # photograph_every_s = 1               # `run` needs --camera for it
 
 [rig]
-circuit = "air"                       # or "water"
+circuit = "air"                       # for water: "water", and gains of 3 and 8
 pressure_limit_psi = 110              # trips; without it nothing runs
 proportional_counts_per_psi = 4
 integral_counts_per_psi_s = 2
 calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 # jump_limit_psi = 15                 # a change in 10 ms that trips
 # integral_limits_counts = [-128, 128]
-# reading_floor_counts = 61            # of one conversion; of the calibration unless given
-# reading_ceiling_counts = 963         # 4.7 V
 # stall_s = 3                          # at the output's limit without a rise
 # frozen_s = 0.75                      # without a move while the output moves
 ```
@@ -29,6 +27,7 @@ calibration = "calibration.toml"      # of the sensors; `simulate` needs none
 import contextlib
 import functools
 import json
+import math
 import os
 import queue
 import shlex
@@ -42,7 +41,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Literal
 
-from famjax.boundary.units import from_si, parse_quantity, si_unit, unit_system
+from famjax.boundary.units import from_si, parse_quantity, quantity_unit, si_unit, unit_system
 from famjax.console import Units, parse_entries
 from rig.errors import RigError, RigFault
 
@@ -66,19 +65,16 @@ PRECONDITIONS = {
 }
 STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
 PRESSURISE = "Type yes to pressurise the muscle: "
-WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Enter."
+WORDS = "Type begin (or Enter alone), pause or stop, and press Enter."
 
 
 @contextlib.contextmanager
 def ended_in_words() -> Iterator[None]:
     """A rig that had to stop ends the command with exit code 1, a signal with 130; the rig is vented."""
-    main = threading.current_thread() is threading.main_thread()
-    names = ("SIGTERM", "SIGHUP") if main else ()
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
-        for number in ours:
-            signal.signal(number, signal.default_int_handler)  # as Ctrl-C
         yield
     except RigFault as fault:
         notes = "".join(f"\n{note}" for note in getattr(fault, "__notes__", ()))
@@ -91,8 +87,8 @@ def ended_in_words() -> Iterator[None]:
         )
         sys.exit(130)
     finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _command(function: Callable[..., int]) -> Callable[..., int]:
@@ -105,19 +101,6 @@ def _command(function: Callable[..., int]) -> Callable[..., int]:
 
     COMMANDS.append(run)
     return run
-
-
-@_command
-def ports() -> int:
-    """List the serial ports of this computer."""
-    from rig import link
-
-    found = link.ports()
-    for port, description in found.items():
-        print(f"{port}  {description}")
-    if not found:
-        print("no serial port; plug the device in, or give socket://host:port")
-    return 0
 
 
 @_command
@@ -147,12 +130,11 @@ def monitor(
         Of the values: si, metric or us.
     """
     from rig.calibration import read_calibration
-    from rig.link import Link, serial_opener
 
     known = read_calibration(calibration) if calibration else None
-    end = None if seconds is None else monotonic() + seconds
-    with Link(serial_opener(port, baud)) as link:
-        while end is None or monotonic() < end:
+    end = monotonic() + (seconds or math.inf)
+    with _opened(port, baud) as link:
+        while monotonic() < end:
             link.sleep(1.0)
             settings = link.session.settings
             ticks = settings.ticks_per_record if settings else None
@@ -186,11 +168,10 @@ def acknowledge(
     """
     from rig import control
     from rig.calibration import read_calibration
-    from rig.link import Link, serial_opener
     from rig.protocol import TRIP
 
-    known = None if calibration is None else read_calibration(calibration)
-    with Link(serial_opener(port, baud)) as link:
+    known = read_calibration(calibration) if calibration else None
+    with _opened(port, baud) as link:
         status = control.device_status(link)
         if status.state != TRIP:
             print("the device is not tripped")
@@ -212,13 +193,13 @@ def calibrate_sensor(
     baud: int = 115200,
     seconds: float = 2.0,
     calibration: Path = Path("calibration.toml"),
-    units: Units = "us",
 ) -> int:
     """Calibrate the pressure transducer or the load cell at known references, into a rig's file.
 
     Asks at each reference for its application and takes the mean of the counts, or takes counts that
     were read before. The device stays in SAFE with its dump valve open: apply a reference pressure to
-    the transducer itself, from a calibrator or a gauge's line. The file keeps its other tables.
+    the transducer itself, from a calibrator or a gauge's line. The file keeps its other tables, and the
+    number of the board: no other board runs with it.
 
     Parameters
     ----------
@@ -236,24 +217,24 @@ def calibrate_sensor(
     seconds
         Time of each mean.
     calibration
-        TOML file of the rig's calibration, made if need be.
-    units
-        Of the table: si, metric or us.
+        TOML file of the rig's calibration, created if missing.
     """
     from rig.calibration import fit_sensor, update_calibration
-    from rig.link import Link, mean_counts, serial_opener
+    from rig.channels import numbered
+    from rig.link import mean_counts
 
     applied = [parse_quantity(text, sensor) for text in reference]
-    counts = list(reading)
+    counts, board = list(reading), 0
     if not counts:
-        with Link(serial_opener(_known_port(port), baud)) as link:
+        with _opened(port, baud) as link:
+            board = numbered(link)
             for text in reference:
                 _typed(f"Apply {text} and press Enter: ")
                 counts.append(mean_counts(link, seconds)[sensor == "force"])
                 print(f"{text}: {counts[-1]:.2f} counts", flush=True)
     found = fit_sensor(counts, applied)
-    update_calibration(calibration, sensor, found)
-    unit = unit_system(units)[sensor]
+    update_calibration(calibration, sensor, found, board)
+    unit = quantity_unit(reference[0])
     print(f"{sensor} at the references [{unit}]:")
     shown = zip(reference, applied, found.value(counts), found.error(counts), strict=True)
     for text, true, measured, std in shown:
@@ -273,10 +254,7 @@ def calibrate_pump(
     *,
     port: str | None = None,
     baud: int = 115200,
-    steps: tuple[int, ...] = STEPS,
-    settle: str = "3s",
     yes: bool = False,
-    units: Units = "us",
 ) -> int:
     """Step the pump of a water circuit with the controller off, for the output that holds a pressure.
 
@@ -291,22 +269,14 @@ def calibrate_pump(
         A serial port or socket://host:port.
     baud
         Of the firmware.
-    steps
-        Outputs from 0 to 255, repeatable; unless given, 40 to 200 by 20 and down again.
-    settle
-        Time after each step, with its unit.
     yes
         Start without asking, for scripts.
-    units
-        Of the table: si, metric or us.
     """
-    from rig.calibration import read_calibration, update_calibration
+    from rig.calibration import pressure_text, read_calibration, update_calibration
     from rig.execution import calibrate_feed_forward, rig_of
-    from rig.link import Link, serial_opener
     from rig.plan import read_plan
 
-    test, wait = read_plan(plan), parse_quantity(settle, "time")
-    port = _known_port(port)
+    test, port = read_plan(plan), _known_port(port)
     if test.circuit != "water":
         raise RigError(
             f"the pump of a water circuit is stepped; the circuit is {test.circuit!r}, whose valve "
@@ -314,21 +284,19 @@ def calibrate_pump(
         )
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
-    if beyond := [output for output in steps if not 0 <= output <= 255]:
-        raise RigError(f"an output is 0 to 255 counts, got {beyond[0]}")
-    calibration, unit = read_calibration(test.calibration), unit_system(units)["pressure"]
+    calibration = read_calibration(test.calibration)
     _tell_preconditions(test)
-    what = f"{len(steps)} steps of the pump, the controller off"
+    what = f"{len(STEPS)} steps of the pump, the controller off"
     _confirm(f"{what}. {PRESSURISE}", "started", yes=yes)
 
     def tell(output: int, pressure: float) -> None:
-        print(f"output {output}: {from_si(pressure, unit, 'pressure'):.4g} {unit}", flush=True)
+        print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
 
-    with Link(serial_opener(port, baud)) as link, rig_of(test, link, calibration) as rig:
-        found = calibrate_feed_forward(rig, steps, settle=wait, tell=tell)
+    with _opened(port, baud) as link, rig_of(test, link, calibration) as rig:
+        found = calibrate_feed_forward(rig, STEPS, tell=tell)
     update_calibration(test.calibration, "feed_forward", found)
-    low, high = (f"{from_si(P, unit, 'pressure'):.4g}" for P in found.pressure_range)
-    print(f"known from {low} to {high} {unit}, scatter {found.scatter:.2g} counts")
+    low, high = (pressure_text(P, test.unit) for P in found.pressure_range)
+    print(f"known from {low} to {high}, scatter {found.scatter:.2g} counts")
     print("written:", test.calibration)
     return 0
 
@@ -344,7 +312,7 @@ def run(
     dry_run: bool = False,
     yes: bool = False,
     meta: tuple[str, ...] = (),
-    start: Literal["asked", "at-once"] | None = None,
+    start: Literal["asked", "load", "at-once"] | None = None,
     camera: str | None = None,
     units: Units = "us",
 ) -> int:
@@ -354,7 +322,8 @@ def run(
     confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
     measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
     takes words, each with Enter: begin (or Enter alone) when the strokes have begun, or to go on;
-    pause with the pressure held; skip a pressure; repeat it; stop.
+    pause with the pressure held; stop. Ends with a table of what was held, which is written beside the
+    journal as `test.csv`.
 
     Parameters
     ----------
@@ -365,7 +334,7 @@ def run(
     baud
         Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
     output
-        Folder for the journal, made if need be.
+        Folder for the journal, created if missing.
     resume
         Continue the existing journal with the pressure that was not completed; only with the same
         plan, limits, gains and calibration.
@@ -376,16 +345,15 @@ def run(
     meta
         An entry of the journal, `operator=NAME`, repeatable.
     start
-        When strokes count as begun: `asked`, when begin is typed; `at-once`, when they are asked for,
-        as without a terminal.
+        When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
+        60 s; `at-once`, when they are asked for, as without a terminal.
     camera
         Command that takes a photograph, `{name}` in it for its name; for photograph_every_s.
     units
         Of the values: si, metric or us.
     """
     from rig.execution import JOURNAL, prepare, record_test
-    from rig.link import Link, serial_opener
-    from rig.plan import duration, read_plan
+    from rig.plan import read_plan
 
     test = read_plan(plan)
     entries = parse_entries(meta, "meta", "operator=A")
@@ -393,24 +361,28 @@ def run(
     port = port if dry_run else _known_port(port)
     photographer = None if camera is None else CameraCommand(camera)
     calibration, first = prepare(test, output, resume=resume, camera=photographer)
-    lasts = _as_said(duration(test.plan, first))
+    lasts = _as_said(test.plan.duration(first))
     if port is None or dry_run:
-        print(*describe(test.plan, first), sep="\n")
+        print(*describe(test, first), sep="\n")
         print(f"lasts {lasts}, besides the device's answers")
         return 0
     if start == "asked" and not _at_terminal():
-        raise RigError("--start asked waits for a word, and here is no terminal: at-once")
+        raise RigError("--start asked waits for a word, and here is no terminal: at-once or load")
     _confirm(f"{lasts} of strokes and rests. {PRESSURISE}", "started", yes=yes)
     operator = operator_of(calibration, units)
     output.mkdir(parents=True, exist_ok=True)
-    with Link(serial_opener(port, baud)) as link:
-        record_test(
-            test, link, calibration, output / JOURNAL, first_block=first, append=resume, meta=entries,
-            attendant=operator, asked=start != "at-once" and _at_terminal(), camera=photographer,
-        )  # fmt: skip
-    for name, why in photographer.failures().items() if photographer else ():
-        print(f"photograph {name} failed: {why}", file=sys.stderr)
-    print("written:", output / JOURNAL)
+    journal = output / JOURNAL
+    try:
+        with _opened(port, baud) as link:
+            record_test(
+                test, link, calibration, journal, first_block=first, append=resume, meta=entries,
+                attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
+                camera=photographer,
+            )  # fmt: skip
+    finally:
+        for name, why in photographer.failures().items() if photographer else ():
+            print(f"photograph {name} failed: {why}", file=sys.stderr)
+    print("written:", journal, journal.with_suffix(".csv"))
     return 0
 
 
@@ -488,16 +460,21 @@ def operator_of(calibration: Any, system: str):
         def look(self, situation: Situation) -> Any:
             if monotonic() >= self.due:
                 self.due = monotonic() + every
-                line = values(situation.newest, calibration, system, wanted=situation.set_point)
-                self.tell(f"{_where(situation)}  {line}")
-            if typed.empty():
-                return ""
-            if (word := typed.get()) == "stop":
+                now = situation
+                cycle = f" {now.cycle} of {now.cycles}" if now.cycle else ""
+                phase = "waits for the first stroke" if now.phase == "ready" else now.phase
+                self.tell(
+                    f"block {now.block} (the last is {now.last_block}): {phase}{cycle}, "
+                    f"{_as_said(now.left)} left  "
+                    + values(now.newest, calibration, system, wanted=now.set_point)
+                )
+            word = "" if typed.empty() else typed.get() or "begin"
+            if word == "stop":
                 raise KeyboardInterrupt
-            if word not in ("", "begin", "pause", "skip", "repeat"):
+            if word not in ("", "begin", "pause"):
                 self.tell(WORDS)
                 return ""
-            return word or "begin"
+            return word
 
     def read() -> None:
         with contextlib.suppress(OSError):  # the terminal has gone
@@ -512,16 +489,6 @@ def operator_of(calibration: Any, system: str):
     return Operator()
 
 
-def _where(situation: Any) -> str:
-    """Where in its plan a run is."""
-    cycle = f" {situation.cycle} of {situation.cycles}" if situation.cycle else ""
-    phase = "waits for the first stroke" if situation.phase == "ready" else situation.phase
-    return (
-        f"block {situation.block} (the last is {situation.last_block}): {phase}{cycle}, "
-        f"{_as_said(situation.left)} left"
-    )
-
-
 def _as_said(seconds: float) -> str:
     """A duration as a person says it.
 
@@ -532,26 +499,18 @@ def _as_said(seconds: float) -> str:
     return f"{seconds:.0f} s ({minutes} min {left} s)" if minutes else f"{seconds:.0f} s"
 
 
-def describe(plan: Any, first_block: int = 0) -> list[str]:
-    """One line for each step with the time at which it begins, units in the line; nothing is run.
+def describe(test: Any, first_block: int = 0) -> list[str]:
+    """A line for each pressure with the time at which it is set; nothing is run."""
+    from rig.calibration import pressure_text
 
-    >>> from rig.plan import Isobaric
-    >>> describe(Isobaric((1e5,), cycles=1, stroke=0.0625, rate=0.0009765625, settle=5.0))[:3]
-    ['     0.0 s  block 0: 100000 Pa', '     0.0 s  set 100000 Pa', '     0.0 s  wait 5 s']
-    """
-    from rig.plan import seconds_of
-
-    texts = {
-        "block": "block {1}: {2:.0f} Pa",
-        "set": "set {1:.0f} Pa",
-        "wait": "wait {1:g} s",
-        "strokes": "{2} cycles, {3:g} s: stroke {4:g} m at {5:g} m/s",
-        "done": "block {1} is complete",
-    }
-    at, lines = 0.0, []
-    for step in plan.steps(first_block):
-        lines.append(f"{at:8.1f} s  {texts[step[0]].format(*step)}")
-        at += seconds_of(step)
+    plan, lines = test.plan, []
+    for block, pressure in list(enumerate(plan.pressures))[first_block:]:
+        at = plan.duration(first_block) - plan.duration(block)
+        lines.append(
+            f"{at:8.1f} s  block {block}: {pressure_text(pressure, test.unit)}, settle {plan.settle:g} s, "
+            f"{plan.cycles} strokes of {plan.stroke * 1e3:.4g} mm at {plan.rate * 1e3:.4g} mm/s, "
+            f"{plan.stroke_seconds:.4g} s"
+        )
     return lines
 
 
@@ -571,8 +530,7 @@ class CameraCommand:
         if "{name}" not in command:
             raise RigError(
                 "the camera's command needs {name} where the photograph's name goes, as in 'gphoto2 "
-                "--capture-image-and-download --filename photographs/{name}.jpg'; got "
-                f"{command!r}"
+                f"--capture-image-and-download --filename photographs/{{name}}.jpg'; got {command!r}"
             )
         if shutil.which(self._words[0]) is None:
             raise RigError(
@@ -584,20 +542,17 @@ class CameraCommand:
         words = [word.replace("{name}", name) for word in self._words]
         nothing = subprocess.DEVNULL
         self._started[name] = subprocess.Popen(words, stdin=nothing, stdout=nothing)
-        for process in self._started.values():
-            process.poll()  # those that have ended go
 
     def failures(self) -> dict[str, str]:
         """Photographs that were not taken and why; waits for those under way, 30 s for each at most."""
         failed = {}
         for name, process in self._started.items():
             try:
-                code = process.wait(30)
+                if code := process.wait(30):
+                    failed[name] = f"exit code {code}"
             except subprocess.TimeoutExpired:
                 process.kill()
-                code = "none within 30 s"
-            if code != 0:
-                failed[name] = f"exit code {code}"
+                failed[name] = "not done within 30 s"
         return failed
 
 
@@ -613,6 +568,13 @@ def _known_port(port: str | None) -> str:
     )
 
 
+def _opened(port: str | None, baud: int) -> Any:
+    """The link to a device at a port."""
+    from rig import link
+
+    return link.Link(link.serial_opener(_known_port(port), baud))
+
+
 def _at_terminal() -> bool:
     """Whether a person can type here and see what it does."""
     return sys.stdin.isatty() and sys.stdout.isatty()
@@ -620,8 +582,10 @@ def _at_terminal() -> bool:
 
 def _tell_preconditions(test: Any) -> None:
     """Print what must hold before the circuit of a test is pressurised and software cannot check."""
-    kilopascal, psi = (from_si(test.pressure_limit, unit, "pressure") for unit in ("kPa", "psi"))
-    print(f"Circuit of {test.circuit}, limit {kilopascal:.4g} kPa ({psi:.4g} psi). Make sure that:")
+    from rig.calibration import pressure_text
+
+    limit = pressure_text(test.pressure_limit, test.unit)
+    print(f"Circuit of {test.circuit}, limit {limit}. Make sure that:")
     print(*(f"- {sentence}" for sentence in PRECONDITIONS[test.circuit]), sep="\n")
 
 

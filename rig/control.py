@@ -7,37 +7,54 @@ acknowledges a trip, and heartbeats go on only while the code that supervises th
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, NoReturn, Self
+from typing import Any, NoReturn, Self
 
-from msgspec import Meta
-
-from famjax.boundary.toml_file import check_fields
 from famjax.units import PSI
 
-from .calibration import READINGS, Calibration, calibration_as_dict
+from .calibration import READINGS, Calibration, calibration_as_dict, pressure_text
+from .channels import (
+    HELD,
+    LOOK,
+    FlowWatch,
+    check_channels,
+    device_status,
+    floor_counts,
+    greet,
+    unseen,
+    watch_rest,
+)
+from .controller import DeviceControl, Latch
+from .device import read_numbers
 from .errors import RigError, RigFault
 from .journal import Journal
-from .link import AbstractLink
-from .protocol import DRIVEN, FAULTS, PROTOCOL, RUN, STATES, TICK_HZ, TRIP, DeviceStatus, Sample
-from .session import Lost, Reset, Silent
+from .link import AbstractLink, Lost, Reset, Silent
+from .protocol import (
+    DRIVEN,
+    FAULTS,
+    RUN,
+    STATES,
+    TICK_HZ,
+    TRIP,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Sample,
+    command_body,
+)
 
 JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
 LEAST_JUMP = 5  # counts, above noise of a count or two
-LIVE_ZERO = 20  # least counts at 0 Pa of a transducer that has a floor: 0.1 V
-FLOOR_SHARE = 0.6  # floor over the counts at 0 Pa: 0.3 V of 0.5 V
-LOOK = 0.05  # s between two looks at the device's state during a wait
 SETTLE = 0.7  # s for which the device keeps its last records
-HELLOS = 5  # times a device is greeted: a board that opening its port has reset starts in 2 s
-REST_PRESSURE = 5 * PSI  # a vented rig may still read it, up or down: offset and drift [Pa]
-REST_TIME = 8.0  # s for which the reading is watched at rest at most; two seconds at rest suffice
-_ALIVE = 2  # of `DeviceStatus.alive`
-
+# What every device runs with: silence that vents, ticks of a record; greatest plausible reading, 4.7 V,
+# where no transducer of 0.5 to 4.5 V is; time without variation that trips.
+SILENCE_MS, TICKS_PER_RECORD, CEILING, STILL_MS = 1000, 5, 963, 700
 # What to check after each fault of the device.
 ADVICE = {
     "silence": "no line reached it for a second; check the cable and the load on this computer",
-    "over-pressure": "the pressure limit was reached, or the transducer is unplugged",
-    "jump": "the pressure changed by more than the jump limit in 10 ms: a transducer that fails, or a "
-    "small muscle that fills fast; then raise jump_limit_<unit> in the plan's [rig], or step less",
+    "over-pressure": "the pressure limit was reached, or the transducer is unplugged or lost its supply",
+    "jump": "the pressure changed by more than the jump limit in 10 ms: a muscle or hose that burst, a "
+    "transducer that fails, or a small muscle that fills fast; only then raise jump_limit_<unit> in the "
+    "plan's [rig], or step less",
     "stall": "output or integral stood at its limit and the pressure did not rise; check supply, hose, "
     "muscle and transducer",
     "watchdog": "its program had stopped; check its supply",
@@ -72,91 +89,30 @@ class Control:
         return cls(proportional / PSI, integral / PSI)
 
 
-_Reading = Annotated[int, Meta(ge=0, le=1023, description="0 to 1023 counts")]
-
-
-@dataclasses.dataclass(frozen=True)
-class Guards:
-    """When the device trips because its reading is implausible; the reasons are in `firmware/README.md`.
-
-    Attributes:
-        floor: least plausible reading [counts of one conversion]; None derives it from the
-            calibration, see `floor_counts`.
-        ceiling: greatest plausible reading [counts]: 4.7 V, where no transducer of 0.5 to 4.5 V is.
-        still: time [s] within two counts that trips, of a reading that varied at rest;
-            one that varied little has up to three times as long.
-        frozen_output: PWM counts by which the output may exceed the one that held the pressure;
-            255 switches this off.
-        frozen: time [s] at twice that output without a move of the reading that trips.
-        stall: time [s] with output or integral at its upper limit without a rise that trips.
-    """
-
-    floor: _Reading | None = None
-    ceiling: _Reading = 963
-    still: Annotated[float, Meta(ge=0.5, le=60, description="0.5 to 60 s")] = 0.7
-    frozen_output: Annotated[int, Meta(ge=1, le=255, description="1 to 255 counts")] = 4
-    frozen: Annotated[float, Meta(ge=0.1, le=2, description="0.1 to 2 s")] = 0.75
-    stall: Annotated[float, Meta(ge=0.5, le=30, description="0.5 to 30 s")] = 3.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, RigError)
-
-    def commands(self, calibration: Calibration, trip: int) -> list[tuple[str, tuple[float, ...]]]:
-        """The commands that set them, under a pressure limit [counts].
-
-        Raises:
-            RigError: a transducer at 0 Pa reads outside floor and ceiling, or the limit does.
-        """
-        zero = calibration.pressure.zero / READINGS
-        if self.floor is not None and not self.floor < zero:
-            raise RigError(
-                f"the floor must lie below the {zero:.0f} counts that the transducer reads at 0 Pa, "
-                f"got {self.floor}; leave it out and it is derived"
-            )
-        if not trip <= self.ceiling:
-            raise RigError(
-                f"the pressure limit of {trip} counts must not exceed the ceiling of plausible "
-                f"readings, {self.ceiling} counts; lower the one or raise the other"
-            )
-        return [
-            ("floor", (floor_counts(calibration) if self.floor is None else self.floor,)),
-            ("ceiling", (self.ceiling,)),
-            ("still", (round(1000 * self.still),)),
-            ("frozen", (self.frozen_output, round(1000 * self.frozen))),
-            ("stall", (round(1000 * self.stall),)),
-        ]
-
-
-def floor_counts(calibration: Calibration) -> int:
-    """Least plausible reading of one conversion [counts]; 0 where the transducer can have none.
-
-    A gauge pressure is never far below zero, so a transducer whose 0 Pa lies above the converter's
-    end reads less only when it fails: six tenths of its reading at 0 Pa. One of 0 to 5 V reads 0 at
-    0 Pa and with a broken wire alike.
-
-    >>> from rig.simulation import load_cell, pressure_transducer
-    >>> floor_counts(Calibration(pressure_transducer().calibration(), load_cell().calibration()))
-    61
-    """
-    zero = calibration.pressure.zero / READINGS
-    return math.floor(FLOOR_SHARE * zero) if zero >= LIVE_ZERO else 0
-
-
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
-    """What a device controls and trips with.
+    """What a device controls and trips with; the reasons are in `firmware/README.md`.
 
     Attributes:
         pressure_limit: at which it trips [Pa gauge]; there is no default.
         control: gains.
-        jump_limit: change of the pressure within 10 ms at which it trips [Pa].
-        guards: when it rejects its reading as implausible.
+        jump_limit: change of the pressure within 10 ms at which it trips [Pa]. A transducer that breaks
+            jumps. So does the pressure of a small muscle that a large valve fills: then the limit must
+            be higher, and protects less.
+        frozen_output: PWM counts, 1 to 255, by which the output may exceed the one that held the
+            pressure; 255 switches this off.
+        frozen: time [s], 0.1 to 2, at twice that output without a move of the reading that trips.
+        stall: time [s], 0.5 to 30, with output or integral at its upper limit without a rise that trips.
+        unit: of pressures in messages.
     """
 
     pressure_limit: float
     control: Control
     jump_limit: float = JUMP_LIMIT
-    guards: Guards = dataclasses.field(default_factory=Guards)
+    frozen_output: int = 4
+    frozen: float = 0.75
+    stall: float = 3.0
+    unit: str = "kPa"
 
     def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
         """The commands that set them, and the transducer.
@@ -164,12 +120,22 @@ class RigSettings:
         Raises:
             RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
         """
-        trip, gains = self._trip_counts(calibration), self.control
+        gains, frozen = self.control, (self.frozen_output, round(1000 * self.frozen))
+        ranges = {"frozen_output": (1, 255), "frozen": (0.1, 2), "stall": (0.5, 30)}
+        for name, (low, high) in ranges.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                raise RigError(f"{name} must be {low} to {high}, got {value}")
         return [
+            ("hbms", (SILENCE_MS,)),
+            ("tele", (TICKS_PER_RECORD,)),
             ("cal", _device_calibration(calibration)),
-            ("trip", (trip,)),
+            ("trip", (self._trip_counts(calibration),)),
             ("jump", (self._jump_counts(calibration),)),
-            *self.guards.commands(calibration, trip),
+            ("floor", (floor_counts(calibration),)),
+            ("ceiling", (CEILING,)),
+            ("still", (STILL_MS,)),
+            ("frozen", frozen),
+            ("stall", (round(1000 * self.stall),)),
             ("gain", (gains.proportional * PSI, gains.integral * PSI)),
             ("ilim", gains.integral_limits),
         ]
@@ -179,7 +145,9 @@ class RigSettings:
         return {
             "pressure_limit_Pa": self.pressure_limit,
             "jump_limit_Pa": self.jump_limit,
-            "guards": dataclasses.asdict(self.guards),
+            "frozen_output_counts": self.frozen_output,
+            "frozen_s": self.frozen,
+            "stall_s": self.stall,
             "control": dataclasses.asdict(self.control),
             "calibration": calibration_as_dict(calibration),
         }
@@ -189,32 +157,47 @@ class RigSettings:
         limit: float | None = self.pressure_limit
         if limit is None or not math.isfinite(limit) or limit <= 0:
             raise RigError(
-                f"a rig runs only under a pressure limit > 0, got {limit}; give the muscle's or the "
-                "circuit's, whichever is lower"
+                f"a rig runs only under a finite pressure limit > 0, got {limit}; give the muscle's or "
+                "the circuit's, whichever is lower"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
-        if not 1 <= counts <= 1023 - 3:
+        if not 1 <= counts <= CEILING:
             raise RigError(
-                f"the limit of {limit:.0f} Pa is {counts} counts of the transducer, which ends at "
-                "1023: it could not be seen; choose a lower limit or another transducer"
+                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts of the transducer, "
+                f"whose readings are plausible up to {CEILING}: it could not be seen; choose a lower "
+                "limit or another transducer"
             )
         return counts
 
     def _jump_counts(self, calibration: Calibration) -> int:
-        """The change within five ticks that trips, in counts of one reading, rounded.
-
-        A transducer that breaks or is unplugged jumps. So does the pressure of a small muscle that a
-        large valve fills: then the limit must be higher, and protects less.
-        """
+        """The change within five ticks that trips, in counts of one reading, rounded."""
         limit, count = self.jump_limit, calibration.pressure.gain * READINGS
         counts = round(limit / count) if math.isfinite(limit) else 0
         if not LEAST_JUMP <= counts <= 1023:
-            least, most = LEAST_JUMP * count / PSI, 1023 * count / PSI
+            values = (limit, LEAST_JUMP * count, 1023 * count)
+            given, least, most = (pressure_text(x, self.unit) for x in values)
             raise RigError(
-                f"a jump limit of {limit:.0f} Pa is {counts} counts of the transducer; the device "
-                f"takes {LEAST_JUMP} to 1023, here {least:.3g} to {most:.4g} psi"
+                f"a jump limit of {given} is {counts} counts of the transducer; the device takes "
+                f"{LEAST_JUMP} to 1023, here {least} to {most}"
             )
         return counts
+
+
+def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, Any]:
+    """What a device reports once it has taken these commands, as its twin in Python stores them."""
+    twin = DeviceControl(0, 0, least_div=1, trip_ceiling=1023, latch=Latch())
+    for verb, values in commands:
+        words = command_body(0, verb, *values).encode().split()[2:]
+        twin.execute(verb.encode(), read_numbers(verb.encode(), words) or [])
+    twin.step(0, 0)
+    return lasting(twin.settings)
+
+
+def lasting(settings: DeviceSettings) -> dict[str, Any]:
+    """The settings that hold for a whole test, by name."""
+    passing = {"law", "boot", "since", "set_point", "feed_forward"}
+    named = settings.law._asdict() | settings._asdict()
+    return {name: value for name, value in named.items() if name not in passing}
 
 
 def _device_calibration(calibration: Calibration) -> tuple[float, float]:
@@ -240,12 +223,9 @@ class Rig:
     Args:
         link: to the device.
         calibration: of its sensors and its valve or pump.
-        pressure_limit: at which the device trips [Pa gauge]; there is no default.
-        control: gains.
-        jump_limit: change of the pressure within 10 ms at which the device trips [Pa].
-        guards: when the device rejects its reading as implausible.
         journal: records everything, or None.
         camera: called with a name to take a photograph, or None.
+        settings: fields of `RigSettings`: `pressure_limit`, for which there is no default, `control`, ...
 
     Attributes:
         settings: what the device controls and trips with.
@@ -262,16 +242,14 @@ class Rig:
         link: AbstractLink,
         calibration: Calibration,
         *,
-        pressure_limit: float,
-        control: Control,
-        jump_limit: float = JUMP_LIMIT,
-        guards: Guards | None = None,
         journal: Journal | None = None,
         camera: Callable[[str], None] | None = None,
+        **settings: Any,
     ) -> None:
         self.link, self.calibration = link, calibration
-        self.settings = RigSettings(pressure_limit, control, jump_limit, guards or Guards())
+        self.settings = RigSettings(**settings)
         self.settings.commands(calibration)  # refused before the port is used
+        self._watch = FlowWatch()
         self.lost, self.set_point = 0, math.nan
         self.unseen: tuple[str, ...] = ()
         self._journal, self._camera = journal, camera
@@ -280,8 +258,8 @@ class Rig:
     def __enter__(self) -> Self:
         self.link.attach(self._journal)
         try:
-            greet(self.link)
-            self._set_up()
+            self._set_up(greet(self.link))
+            self.note("channels", **check_channels(self.link))
         except BaseException as error:
             self._leave(error)
             raise
@@ -306,12 +284,14 @@ class Rig:
         """
         limit = self.settings.pressure_limit
         if not 0 <= pressure < limit:
-            must = f"must be >= 0 and below the limit of {limit:.0f} Pa"
-            raise RigError(f"a set pressure {must}, got {pressure:.0f} Pa")
-        output = self.calibration.feed_forward.output(pressure)
+            highest, got = (pressure_text(x, self.settings.unit) for x in (limit, pressure))
+            raise RigError(
+                f"a set pressure must be >= 0 and below the limit of {highest}, got {got}"
+            )
+        output = self.calibration.feed_forward.output(pressure, self.settings.unit)
         answer = self.link.command("set", pressure / PSI, output)
         self.note("set", pressure_Pa=pressure, feed_forward_counts=output, seq=answer.seq)
-        self.set_point = pressure
+        self.set_point, self._watch = pressure, FlowWatch()
         newest = self.link.newest
         if self._active_from is None or newest is None or newest.state != RUN:
             self._activate("run")
@@ -359,13 +339,25 @@ class Rig:
                     self.lost += records
                 case Reset(old, new, cause):
                     what = f"was reset (boot {old} to {new}, cause {cause}); check its supply"
-                    self._fault(f"the device {what}; it vents")
+                    self.fault(f"the device {what}; it vents")
                 case Silent(seconds):
                     what = f"is silent for {seconds:.1f} s; check the cable"
-                    self._fault(f"the device {what}; it vents by itself")
+                    self.fault(f"the device {what}; it vents by itself")
         newest, since = self.link.newest, self._active_from
         if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
             self._left_by_itself(newest)
+        if (
+            newest
+            and newest.state == RUN
+            and self._watch.contradicts(
+                newest, held=abs(self.pressure - self.set_point) <= 2 * HELD
+            )
+        ):
+            self.fault(
+                "the load rises while the circuit is filled at a pressure that reads constant: the "
+                "channels of pressure and load are exchanged, or the transducer's line is blocked; the "
+                "device vents"
+            )
 
     def sync(self, seconds: float) -> None:
         """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
@@ -385,29 +377,42 @@ class Rig:
         if self._camera is not None:
             self._camera(name)
 
-    def _set_up(self) -> None:
-        """Send the device all that it controls with, and note what governs the test."""
-        link, session = self.link, self.link.session
+    def _set_up(self, hello: Hello) -> None:
+        """Send the device all that it controls with, see that it has it, and note what governs the test."""
+        link, session, calibration = self.link, self.link.session, self.calibration
         link.command("stop")
         status = device_status(link)
         if status.state == TRIP:
             raise RigError(
-                f"the device is tripped: {trip_text(status, self.calibration)}. Find the cause, then "
+                f"the device is tripped: {trip_text(status, calibration)}. Find the cause, then "
                 "acknowledge the trip: `famjax rig acknowledge PORT`"
             )
-        for verb, values in self.settings.commands(self.calibration):
+        if hello.board != calibration.board:
+            raise RigError(
+                f"this is board {hello.board or 'without a number'}, the calibration is of "
+                f"{calibration.board or 'none'}: another rig's would read wrong pressures. Take this "
+                f"board's calibration, calibrate, or if it is surely its own write board = {hello.board} "
+                "as the first line of the file"
+            )
+        commands = self.settings.commands(calibration)
+        for verb, values in commands:
             link.command(verb, *values)
         until = link.now + 1.0
         while not session.settings_known:
             if link.now > until:
                 raise RigFault("the device does not report its settings; check the cable")
             link.sleep(LOOK)
-        self.unseen = tuple(unseen(self.calibration, alive=watch_rest(link, self.calibration)))
-        hello, stored = session.hello, session.settings
-        if hello is None or stored is None:
+        stored = session.settings
+        if stored is None:
             raise RigFault("the device was reset while it was set up; check its supply")
+        found, wanted = lasting(stored), stored_settings(commands)
+        if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
+            raise RigFault(
+                f"the device has not taken its settings: {', '.join(wrong)}; upload its firmware"
+            )
+        self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
-            "rig", **self.settings.as_note(self.calibration), unseen=self.unseen,
+            "rig", **self.settings.as_note(calibration), unseen=self.unseen,
             trip_counts=stored.trip, jump_counts=stored.jump,
             gains_stored_counts_per_psi=stored.law.gains, hello=hello._asdict(),
         )  # fmt: skip
@@ -423,10 +428,10 @@ class Rig:
             trip = {"cause": fault, "tick": status.tripped_at, "counts": status.tripped_count,
                     "output": status.tripped_output}  # fmt: skip
         what = f"the device went to {STATES[record.state]} by itself: {fault}{at}; it has vented. "
-        self._fault(what + ADVICE.get(fault, "").capitalize(), **trip)
+        self.fault(what + ADVICE.get(fault, "").capitalize(), **trip)
 
-    def _fault(self, what: str, **trip: object) -> NoReturn:
-        """Stop the heartbeats and raise; a fault is reported once."""
+    def fault(self, what: str, **trip: object) -> NoReturn:
+        """Stop the heartbeats, note a fault and raise it as `RigFault`: the device vents."""
         self._active_from = None
         self.link.rest()
         self.note("fault", what=what, **trip)
@@ -458,45 +463,6 @@ class Rig:
             raise failure
         if failure is not None and error is not None:
             error.add_note(str(failure))
-
-
-def greet(link: AbstractLink) -> None:
-    """Wait for a device that speaks this protocol and sends records.
-
-    Raises:
-        RigFault: there is none.
-    """
-    session = link.session
-    for attempt in range(HELLOS):
-        try:
-            link.command("hello")
-            link.command("strict", 1)
-        except (RigFault, RigError):  # before that, a damaged command may be misunderstood
-            if attempt == HELLOS - 1:
-                raise
-            continue
-        link.sleep(4 * LOOK)
-        if session.hello is not None and link.newest is not None:
-            break
-    if session.hello is None or link.newest is None or session.hello.protocol != PROTOCOL:
-        raise RigFault(
-            f"the device answers, but not in protocol {PROTOCOL} with a hello and records; upload the "
-            "firmware that comes with this program"
-        )
-    link.alarms.clear()  # opening the port may have reset the board
-
-
-def device_status(link: AbstractLink) -> DeviceStatus:
-    """The device's state and, of a trip, its fault, reading and output.
-
-    Raises:
-        RigFault: it does not answer.
-    """
-    link.command("status")
-    link.sleep(2 * LOOK)
-    if link.session.status is None:
-        raise RigFault("the device answers but sends no status; is it famrig?")
-    return link.session.status
 
 
 def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> None:
@@ -543,43 +509,3 @@ def _newest(link: AbstractLink, name: str) -> float:
     if newest is None or settings is None:
         return math.nan
     return getattr(newest, name) * READINGS / settings.ticks_per_record
-
-
-def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
-    """Whether the transducer's reading varies at rest, after it has vented.
-
-    Raises:
-        RigError: it reads a pressure although the dump valve is open.
-    """
-    until = link.now + REST_TIME
-    while True:
-        link.keep_alive()
-        status = device_status(link)
-        pressure = float(calibration.pressure.value(_newest(link, "pressure_sum")))
-        vented, late = abs(pressure) <= REST_PRESSURE, link.now > until
-        if vented and (status.alive or late):
-            return status.alive == _ALIVE
-        if late:
-            raise RigError(
-                f"the transducer reads {pressure / 1e3:.4g} kPa ({pressure / PSI:.3g} psi) with the "
-                "dump valve open: it is stuck, its calibration is not this one's, or the rig does "
-                "not vent; compare it with a gauge"
-            )
-
-
-def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
-    """Faults of this transducer that the device cannot detect, one sentence each.
-
-    Args:
-        calibration: of the transducer.
-        alive: whether its reading varied at rest.
-    """
-    floor = (
-        "the transducer reads no counts at 0 Pa, so that it cannot have a floor: a broken wire reads "
-        "like 0 Pa; one of 0.5 to 4.5 V is better"
-    )
-    frozen = (
-        "the reading hardly varies at rest, so that one that freezes close to the set pressure cannot "
-        "be distinguished from a quiet one"
-    )
-    return [floor] * (not floor_counts(calibration)) + [frozen] * (not alive)

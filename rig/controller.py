@@ -12,6 +12,7 @@ from .protocol import (
     SAFE,
     TRIP,
     ControlLaw,
+    DeviceSettings,
     Sample,
     drive,
     next_integral,
@@ -23,6 +24,7 @@ TRIPS = (OVER_PRESSURE, JUMP, STALL, RANGE, FROZEN, NO_RESPONSE)
 IN_A_ROW = 3  # conversions beyond a limit that trip
 JUMP_TICKS = 5
 STALL_RISE = 5  # counts that count as a rise: about 1 psi of 200
+NO_BOARD = 0xFFFF  # of a blank memory
 COUNTER = 0xFFFFFFFF  # records and ticks wrap here, after 99 days
 
 OK, VERB, NUMBER, TRIPPED, NO_LIMIT, PRESSURE, RUNNING, BAUD, OUTSIDE, ABOVE_CEILING = range(10)
@@ -76,11 +78,12 @@ NOTHING, STEP, START = range(3)  # what the pressure has to answer
 
 
 class Latch(NamedTuple):
-    """What a trip leaves behind, also over a reset; `fault` is none of `TRIPS` where none is latched."""
+    """What outlives a reset: a trip, where `fault` is one of `TRIPS`, and the board's number, or 0."""
 
     fault: int = 0
     output: int = 0
     reading: int = 0
+    board: int = 0
 
 
 class DeviceControl:
@@ -94,10 +97,11 @@ class DeviceControl:
     def __init__(
         self, boot: int, fault: int, least_div: int, trip_ceiling: int, latch: Latch
     ) -> None:
-        self._boot = boot & 15
+        self.boot = boot
         self._least_div = least_div  # ticks per record that the serial line can carry
         self._trip_ceiling = trip_ceiling
-        self.latch = latch if latch.fault in TRIPS else Latch()
+        board = 0 if latch.board == NO_BOARD else latch.board
+        self.latch = latch._replace(board=board) if latch.fault in TRIPS else Latch(board=board)
         self.state, self.fault = (TRIP, latch.fault) if self.latch.fault else (SAFE, fault)
         self.output = self.tick = self.seq = self.count = self.silence = 0
         self.phase = self.since = self.tripped_at = 0
@@ -162,7 +166,8 @@ class DeviceControl:
     def leave(self, state: int, fault: int, pressure: int = 0) -> None:
         """Output off, dump valve open, at once; a trip is latched with its reading and output."""
         if state == TRIP:
-            self.latch, self.tripped_at = Latch(fault, self.output, pressure), self.tick
+            self.latch = Latch(fault, self.output, pressure, self.latch.board)
+            self.tripped_at = self.tick
         self.plausibility.rest()
         self.state, self.fault, self._next_state = state, fault, SAFE
         self.output = self._integral = 0
@@ -198,12 +203,13 @@ class DeviceControl:
             )
         self.output = output = drive(law, self._integral, error)
         oldest = self._history[self._oldest]
-        now = Tick(pressure, oldest, error, output, self._integral, record)
         if self._stalls(pressure, error):
             self.leave(TRIP, STALL, pressure)
-        elif self.plausibility.is_frozen(now, law):
+        elif self.plausibility.is_frozen(
+            law, output, self._integral, error, record, pressure, oldest
+        ):
             self.leave(TRIP, FROZEN, pressure)
-        elif self.plausibility.no_answer(now, law, self._history):
+        elif self.plausibility.no_answer(law, output, error, record, self._history):
             self.leave(TRIP, NO_RESPONSE, pressure)
 
     def _stalls(self, pressure: int, error: int) -> bool:
@@ -223,19 +229,19 @@ class DeviceControl:
         seq, self.seq = self.seq, (self.seq + 1) & COUNTER
         sums = self._sum_p, self.count, self._sum_f
         flags = self.state + 4 * self.sync + 16 * self.fault
-        return Sample(self._boot, seq, self.tick, *sums, self.output, self._integral, flags)
+        return Sample(self.boot & 15, seq, self.tick, *sums, self.output, self._integral, flags)
 
     def in_force(self) -> int:
         """The first record that a command given now governs in full."""
         return (self.seq + (self.phase > 0)) & COUNTER
 
-    def measured(self) -> int:
-        """The last pressure [1/128 psi]."""
-        return self.law.set_point - pressure_error(self.law, self.count)
-
-    def integral_counts(self) -> int:
-        """The integral term [PWM counts], rounded."""
-        return (self._integral + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
+    @property
+    def settings(self) -> DeviceSettings:
+        """What governs the records from `since` on."""
+        guards = self.div, self.trip, self.jump, self.stall, self.silent, self.floor, self.ceiling
+        watch = self.plausibility
+        frozen = watch.still, watch.frozen, watch.frozen_ticks
+        return DeviceSettings(self.boot, self.since, self.law, *guards, *frozen)
 
     def execute(self, verb: bytes, values: list[int]) -> int:
         """Carry out one command of the controller; index into `REASONS`."""
@@ -324,26 +330,6 @@ class Band:
         return True
 
 
-class Tick(NamedTuple):
-    """One tick of the controller.
-
-    Attributes:
-        reading: counts.
-        oldest: the reading four ticks before.
-        error: [1/128 psi].
-        output: PWM counts.
-        integral: [1/32768 PWM count].
-        record: whether a record ends with it.
-    """
-
-    reading: int
-    oldest: int
-    error: int
-    output: int
-    integral: int
-    record: bool
-
-
 class Plausibility:
     """Watches the readings at rest, and in RUN whether they follow the output.
 
@@ -408,49 +394,52 @@ class Plausibility:
         enough = self._still_ticks * self._liveliness >= self.still * LIVELY_MOVES
         return enough and self.alive != QUIET
 
-    def is_frozen(self, now: Tick, law: ControlLaw) -> bool:
+    def is_frozen(
+        self, law: ControlLaw, output: int, integral: int, error: int, record: bool, reading: int,
+        oldest: int,
+    ) -> bool:  # fmt: skip
         """Whether the output has pushed more than a reading that has not moved can bear."""
         self._close_ticks += 1
         before = self._close.low
-        if self._close.left(now.reading, CLOSE_BAND):
-            self._held = now.integral
-            self._leapt = abs(now.reading - before) > LEAP
+        if self._close.left(reading, CLOSE_BAND):
+            self._held = integral
+            self._leapt = abs(reading - before) > LEAP
             self._close_ticks = self._push = self._wound_push = 0
-        if abs(now.reading - now.oldest) >= QUICK_CHANGE:
+        if abs(reading - oldest) >= QUICK_CHANGE:
             self._quick_ticks = QUICK_TICKS
         elif self._quick_ticks:
             self._quick_ticks -= 1
         least = min(self._settled, self._held)
-        self._push = self._pushed(self._push, now.output, self._held, law, self.frozen)
+        self._push = self._pushed(self._push, output, self._held, law, self.frozen)
         slack = OFF if self.frozen == OFF else 0
-        self._wound_push = self._pushed(self._wound_push, now.output, least, law, slack)
-        if now.record:
-            self._held += (now.integral - self._held) >> HELD_SHIFT
-            self._settled += (now.integral - self._settled) >> SETTLED_SHIFT
+        self._wound_push = self._pushed(self._wound_push, output, least, law, slack)
+        if record:
+            self._held += (integral - self._held) >> HELD_SHIFT
+            self._settled += (integral - self._settled) >> SETTLED_SHIFT
         enough = LEAP_TICKS if self._leapt else CLOSE_TICKS
         rests = self._close_ticks * self._liveliness >= enough * LIVELY_MOVES
         wound = self.alive != QUIET and rests
         push = max(self._push, self._wound_push) if wound else self._push
-        half = now.error // 2 if now.error >= 0 else -(-now.error // 2)  # as C divides
+        half = error // 2 if error >= 0 else -(-error // 2)  # as C divides
         known = 0 if self._leapt else self._headroom + half  # it may have been at the limit
         headroom = max(min(known, HEADROOM), HEADROOM // 4)
         quiet = self.alive == QUIET and self._asked != START
         share = (1 if self._quick_ticks else 2) << quiet
         return push * HEADROOM >= self.frozen * self.frozen_ticks * share * headroom
 
-    def no_answer(self, now: Tick, law: ControlLaw, recent: Sequence[int]) -> bool:
+    def no_answer(
+        self, law: ControlLaw, output: int, error: int, record: bool, recent: Sequence[int]
+    ) -> bool:
         """Whether the mean pressure does not follow a start or a higher set point."""
         if self._asked == NOTHING:
             return False
         quiet = self.alive == QUIET
         slack = self.frozen // 4 if quiet and self.frozen != OFF else self.frozen
-        self._answer_push = self._pushed(
-            self._answer_push, now.output, self._answer_held, law, slack
-        )
+        self._answer_push = self._pushed(self._answer_push, output, self._answer_held, law, slack)
         if self._answer_push >= self.frozen * self.frozen_ticks << (self._asked == STEP):
             return True
         answered = abs(sum(recent) - self._answer_sum) >= ANSWER * len(recent)
-        reached = now.record and now.error <= (law.span * (1 if quiet else ANSWER)) >> 9
+        reached = record and error <= (law.span * (1 if quiet else ANSWER)) >> 9
         if answered or reached:
             self._asked = NOTHING
         return False

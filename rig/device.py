@@ -6,9 +6,9 @@ from importlib import resources
 from pathlib import Path
 
 from .controller import COUNTER, NUMBER, OK, REASONS, VERB, WATCHDOG, DeviceControl, Latch
-from .protocol import DRIVEN, PROTOCOL, STATES, TICK_HZ, Sample, crc16, frame
+from .protocol import DRIVEN, PROTOCOL, TICK_HZ, Sample, crc16, frame
 
-FIRMWARE = 2  # version of the firmware that this is the port of
+FIRMWARE = 3  # version of the firmware that this is the port of
 
 # Causes of a reset, as the ATmega328P's MCUSR has them.
 POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
@@ -25,7 +25,7 @@ _LIMIT = 200  # bytes to send that the device can hold
 _SAMPLE = 68  # room that a record needs; what else is sent leaves as much
 _ANSWER, _REPEAT, _REPORT, _SETTINGS = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100, _SAMPLE + 120
 _FUTURE = 1 << 31  # a record this old is one that is still to come
-_MEMORY = struct.Struct("<HBBH")
+_MEMORY = struct.Struct("<HBBHH")
 
 LINE_LIMIT = 63  # bytes of the longest line the device takes, its end aside
 
@@ -38,7 +38,7 @@ _REQUEST = re.compile(rb"(\d{1,10}) ([\dA-Fa-f]{1,16})").fullmatch
 ARGUMENTS: dict[bytes, tuple[int, tuple[tuple[int, int, int], ...]]] = {
     **dict.fromkeys((b"hello", b"status", b"hb", b"rp", b"run", b"stop", b"clear"), (0, ())),
     b"strict": (1, ((1, 0, 1),)),
-    b"human": (1, ((1, 0, 1),)),
+    b"board": (1, ((1, 1, 65534),)),
     b"set": (1, ((128, 0, 131071), (256, 0, 65280))),
     b"gain": (2, ((256, 0, 32767), (256, 0, 32767))),
     b"ilim": (2, ((1, -255, 0), (1, 0, 255))),
@@ -69,8 +69,8 @@ class Device:
     tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
 
     Args:
-        eeprom: six bytes that outlive the device: boot counter, and the trip that is latched (fault,
-            output, counts); with two, the counter alone. Blank where none is given.
+        eeprom: eight bytes that outlive the device: boot counter, the trip that is latched (fault,
+            output, counts), number of the board; fewer keep the first of them. Blank if None.
         ring: records that can be repeated, 1 to 1024.
         bytes_per_tick: sent in 2 ms: 21 at 115200 baud, 91 at 500000.
         trip_ceiling: highest pressure limit that `trip` sets [counts], 1 to 1020.
@@ -98,17 +98,15 @@ class Device:
         bytes_per_tick: int = 21,
         trip_ceiling: int = TRIP_CEILING,
     ) -> None:
-        if not 1 <= ring <= 1024:
-            raise ValueError(f"ring must be 1 to 1024 records, got {ring}")
-        if not 2 <= bytes_per_tick <= 200:
-            raise ValueError(f"bytes_per_tick must be 2 to 200, got {bytes_per_tick}")
-        if not 1 <= trip_ceiling <= 1020:
-            raise ValueError(f"trip_ceiling must be 1 to 1020 counts, got {trip_ceiling}")
-        self._memory = Memory(eeprom)
-        self._trip_ceiling = trip_ceiling
-        self._size = ring
-        self._budget = bytes_per_tick
-        self._out = bytearray()
+        for name, value, low, high in (
+            ("ring", ring, 1, 1024),
+            ("bytes_per_tick", bytes_per_tick, 2, 200),
+            ("trip_ceiling", trip_ceiling, 1, 1020),
+        ):
+            if not low <= value <= high:
+                raise ValueError(f"{name} must be {low} to {high}, got {value}")
+        self._memory, self._out = Memory(eeprom), bytearray()
+        self._size, self._budget, self._trip_ceiling = ring, bytes_per_tick, trip_ceiling
         self.reset(POWER_ON)
 
     def reset(self, cause: int) -> None:
@@ -116,26 +114,21 @@ class Device:
         self.boot = (self._memory.boot + 1) & 0xFFFF
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
-        self._control = DeviceControl(
-            self.boot,
-            fault,
-            least_div=-(-_SAMPLE // self._budget),
-            trip_ceiling=self._trip_ceiling,
-            latch=self._memory.latch,
-        )
+        least_div = -(-_SAMPLE // self._budget)
+        latch, ceiling = self._memory.latch, self._trip_ceiling
+        self._control = DeviceControl(self.boot, fault, least_div, ceiling, latch)
         self._latched = self._control.latch
         self._memory.store(self.boot, self._latched)
         self._ring: list[Sample] = []
         self._received, self._line = bytearray(), bytearray()
         self._sending = bytearray(b"\n")  # ends the line that the reset has cut
-        self._strict = self._human = False
+        self._strict = False
         self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
         self._base = self._mask = 0
         self._range_sent = False
         self._bad = self._good = self._overrun = self._dropped = 0
         self._hello = True
         self._control.report_state = self._control.report_settings = True
-        self._comment = False
 
     @property
     def output(self) -> int:
@@ -161,6 +154,11 @@ class Device:
     def fault(self) -> int:
         """What made it leave `RUN` or `MANUAL`, a place in `rig.protocol.FAULTS`; 0 for nothing."""
         return self._control.fault
+
+    @property
+    def board(self) -> int:
+        """The number that it was given, 0 for none."""
+        return self._control.latch.board
 
     def feed(self, data: bytes) -> None:
         """Bytes that have arrived; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
@@ -200,11 +198,9 @@ class Device:
             self._memory.store(self.boot, control.latch)
         if control.tick % TICK_HZ == 0:
             control.report_state = control.report_settings = True
-        if self._human and control.tick % 100 == 0:
-            self._comment = True
         answered = self._received and self._room() >= _ANSWER and self._read()
         if not answered:
-            if self._hello or control.report_state or control.report_settings or self._comment:
+            if self._hello or control.report_state or control.report_settings:
                 self._report()
             elif self._mask and self._room() >= _REPEAT:
                 self._repeat()
@@ -228,30 +224,25 @@ class Device:
     def _report(self) -> None:
         """One of the lines that are due, where there is room."""
         c = self._control
-        settings = not (self._hello or c.report_state) and c.report_settings
+        settings = not (self._hello or c.report_state)
         if self._room() < (_SETTINGS if settings else _REPORT):
             return
         if self._hello:
             self._hello = False
-            reset, built = (self.boot, self._cause), (self._size, self._budget, self._trip_ceiling)
-            self._send("H,famrig", PROTOCOL, FIRMWARE, *reset, TICK_HZ, c.div, *built)
+            built = self._size, self._budget, self._trip_ceiling, c.latch.board
+            self._send(
+                "H,famrig", PROTOCOL, FIRMWARE, self.boot, self._cause, TICK_HZ, c.div, *built
+            )
         elif c.report_state:
             c.report_state = False
             now = self.boot, c.seq, c.tick, c.state, c.fault, c.count
             counters = self._bad, self._good, self._overrun, self._dropped, 0
             trip = c.tripped_at, c.latch.reading, c.latch.output
             self._send("S", *now, *counters, *trip, c.plausibility.alive)
-        elif settings:
-            c.report_settings = False
-            guards = c.div, c.trip, c.jump, c.stall, c.silent, c.floor, c.ceiling
-            frozen = c.plausibility.still, c.plausibility.frozen, c.plausibility.frozen_ticks
-            self._send("P", self.boot, c.since, *c.law, *guards, *frozen)
         else:
-            self._comment = False
-            self._send(
-                f"# p={_hundredths(c.measured())} set={_hundredths(c.law.set_point)} u={c.output} "
-                f"i={c.integral_counts()} {STATES[c.state]} fault={c.fault}"
-            )
+            c.report_settings = False
+            boot, since, law, *limits = c.settings
+            self._send("P", boot, since, *law, *limits)
 
     def _repeat(self) -> None:
         """The next record of the re-request; that some are too old is reported once per request."""
@@ -292,8 +283,9 @@ class Device:
             self._good = (self._good + 1) & 0xFFFF
             self._control.silence = 0
         if verb in (b"hb", b"rp"):
-            if verb == b"rp":
-                self._request(words)
+            if verb == b"rp" and (request := read_request(words)) is not None:
+                self._base, self._mask = request
+                self._range_sent = False
             return False
         check = crc16(body)
         if id_ == 0 or self._last[:2] != (id_, check) or verb == b"hello":
@@ -302,12 +294,6 @@ class Device:
         _, _, reason, seq = self._last
         self._send("A", id_, *(("OK", seq) if reason == OK else ("ERR", REASONS[reason])))
         return True
-
-    def _request(self, words: list[bytes]) -> None:
-        request = read_request(words)
-        if request is not None:
-            self._base, self._mask = request
-            self._range_sent = False
 
     def _execute(self, verb: bytes, words: list[bytes]) -> int:
         if verb not in ARGUMENTS:
@@ -318,8 +304,11 @@ class Device:
         match verb:
             case b"strict":
                 self._strict = bool(values[0])
-            case b"human":
-                self._human = bool(values[0])
+            case b"board":
+                self._hello, self._control.latch = (
+                    True,
+                    self._control.latch._replace(board=values[0]),
+                )
             case b"hello" | b"status":
                 self._hello = self._hello or verb == b"hello"
                 self._control.report_state = self._control.report_settings = True
@@ -329,15 +318,7 @@ class Device:
 
 
 class Memory:
-    """What outlives a reset.
-
-    Args:
-        eeprom: where it is kept; what does not fit into it lives as long as the device.
-
-    Attributes:
-        boot: the boot counter.
-        latch: the trip: fault, output, counts.
-    """
+    """What outlives a reset: boot counter and latch; what does not fit into it lives as long as this."""
 
     def __init__(self, eeprom: bytearray | None) -> None:
         self._eeprom = bytearray() if eeprom is None else eeprom
@@ -349,12 +330,6 @@ class Memory:
         """Keep both."""
         self.boot, self.latch = boot, latch
         self._eeprom[:] = _MEMORY.pack(boot, *latch)[: len(self._eeprom)]
-
-
-def _hundredths(pressure: int) -> str:
-    """A pressure in 1/128 psi as psi with two decimals."""
-    value = (100 * abs(pressure) + 64) >> 7
-    return f"{'-' * (pressure < 0)}{value // 100}.{value % 100:02d}"
 
 
 def body_of(line: bytes, *, strict: bool) -> bytes | None:

@@ -1,5 +1,7 @@
 """A test carried out, recorded, and steered by who attends it; the pump stepped for its feed-forward."""
 
+import contextlib
+import dataclasses
 import datetime
 import json
 import math
@@ -8,23 +10,28 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from famjax.units import PSI
-
-from .calibration import Calibration, FeedForward, fit_feed_forward, read_calibration
-from .control import LOOK, Rig
+from .calibration import (
+    Calibration,
+    FeedForward,
+    fit_feed_forward,
+    pressure_text,
+    read_calibration,
+)
+from .control import HELD, LOOK, Rig, RigSettings
 from .errors import RigError
-from .journal import Journal, Record, read_journal
+from .journal import Journal, Record, read_journal, write_summary
 from .link import AbstractLink, mean_counts
-from .plan import Plan, PlanFile, Step, duration, next_block, seconds_of
+from .plan import Isobaric, PlanFile, next_block
 from .protocol import Sample
 
 JOURNAL = "test.fam"  # name of a test's journal in its folder
-HELD = 1 * PSI  # from the set pressure, and one still counts as held: three times what is measured
+LOAD_TIME = 60.0  # s within which the load has to show the first stroke
 _SECOND = 20  # looks
 
-# An attendant's request: none; strokes are under way, or go on; pause with the pressure held, or go
-# on; skip this block; repeat it.
-Request = Literal["", "begin", "pause", "skip", "repeat"]
+# An attendant's request: none; strokes are under way, or go on; pause with the pressure held, or go on.
+Request = Literal["", "begin", "pause"]
+# When strokes count as begun: when they are asked for, when the attendant says so, when the load moves.
+Start = Literal["at-once", "asked", "load"]
 # What a run waits for: the pressure, the first stroke, the last one, the attendant.
 Phase = Literal["settling", "ready", "strokes", "paused"]
 
@@ -113,7 +120,7 @@ def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
             "set. Step the pump against the needle valve: `famjax rig calibrate-pump`"
         )
     test.settings.commands(calibration)
-    check_plan(test.plan, calibration, test.pressure_limit, first_block)
+    check_plan(test.plan, calibration, test.settings, first_block)
 
 
 def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> int:
@@ -135,8 +142,9 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
 
 def rig_of(test: PlanFile, link: AbstractLink, calibration: Calibration, **more: Any) -> Rig:
     """The rig of a test, still to be entered; `journal` and `camera` as for `Rig`."""
-    limits = {"pressure_limit": test.pressure_limit, "jump_limit": test.jump_limit}
-    return Rig(link, calibration, control=test.control, guards=test.guards, **limits, **more)
+    settings = test.settings
+    names = (field.name for field in dataclasses.fields(settings))
+    return Rig(link, calibration, **{name: getattr(settings, name) for name in names}, **more)
 
 
 def record_test(
@@ -145,16 +153,15 @@ def record_test(
     calibration: Calibration,
     path: Path,
     *,
-    machine: Any = None,
-    first_block: int = 0,
     append: bool = False,
     meta: Mapping[str, str] | None = None,
-    attendant: Attendant | None = None,
-    asked: bool = False,
     camera: Callable[[str], None] | None = None,
     began: datetime.datetime | None = None,
+    first_block: int = 0,
+    attendant: Attendant | None = None,
+    **more: Any,
 ) -> None:
-    """Carry out a test over a link, real or virtual, and record it.
+    """Carry out a test over a link, real or virtual, record it, and write its summary beside the journal.
 
     A test that is refused leaves no journal behind.
 
@@ -163,54 +170,55 @@ def record_test(
         link: to the device.
         calibration: of its sensors.
         path: of the journal.
-        machine: as for `run`.
-        first_block: as for `run`.
         append: continue the existing journal.
         meta: further entries of the journal.
-        attendant: as for `run`.
-        asked: as for `run`.
         camera: called with a name to take a photograph, or None.
         began: date of a simulated test; now if None.
+        first_block: as for `run`.
+        attendant: as for `run`.
+        **more: `machine` and `start` of `run`.
 
     Raises:
         RigError: as `Journal`, `Rig` and `run`.
         RigFault: the test had to stop; the rig is vented.
     """
     _check(test, calibration, first_block)
-    empty = False
+    attendant, seconds = attendant or Attendant(), test.plan.duration(first_block)
+    entered, ours = append, False
     try:
         with Journal(
-            path, lambda: link.now, append=append,
-            plan_seconds=duration(test.plan, first_block), began=began,
-        ) as journal:  # fmt: skip
-            empty = not append
+            path, lambda: link.now, append=append, plan_seconds=seconds, began=began
+        ) as journal:
+            ours = not append
             if meta:
                 journal.note("meta", entries=dict(meta))
             with rig_of(test, link, calibration, journal=journal, camera=camera) as rig:
-                empty = False
+                entered = True
                 for sentence in rig.unseen:
-                    (attendant or Attendant()).tell(f"note: {sentence}")
-                run(rig, test.plan, machine=machine, first_block=first_block, attendant=attendant,
-                    asked=asked)  # fmt: skip
+                    attendant.tell(f"note: {sentence}")
+                run(rig, test.plan, first_block=first_block, attendant=attendant, **more)
     except RigError:
-        if empty:  # the device refused the test: nothing has run
+        if ours and not entered:  # the device refused the test: nothing has run
             path.unlink()
         raise
+    finally:
+        if entered:
+            with contextlib.suppress(OSError):  # a full disk, which the journal has reported
+                attendant.tell("\n".join(write_summary(path, test.unit)))
 
 
 def run(
     rig: Rig,
-    plan: Plan,
+    plan: Isobaric,
     *,
     machine: Any = None,
     first_block: int = 0,
     attendant: Attendant | None = None,
-    asked: bool = False,
+    start: Start = "at-once",
 ) -> None:
     """Carry out a plan from a block on and stop the rig.
 
-    The pressure is held while a run is paused, and while it waits for the first stroke. A block
-    that the attendant leaves or repeats is noted, and no analysis takes what was recorded of it.
+    The pressure is held while a run is paused, and while it waits for the first stroke.
 
     Args:
         rig: entered, so that it vents whatever happens.
@@ -219,38 +227,38 @@ def run(
             waits for as long as they last.
         first_block: where to begin; `next_block` of a journal's notes resumes it.
         attendant: gets the instruction to start the strokes, sees the rig at every look, may steer.
-        asked: without a machine, wait until the attendant says that the strokes of a block have begun.
+        start: when the strokes of a block count as begun, without a machine: when they are asked for,
+            when the attendant says so, or when the load moves, within `LOAD_TIME`.
 
     Raises:
         RigError: as `check_plan`; nothing has been started then.
         RigFault: the test had to stop.
     """
-    check_plan(plan, rig.calibration, rig.settings.pressure_limit, first_block)
-    rig.note("plan", plan=repr(plan), first_block=first_block, seconds=duration(plan, first_block))
-    carried_out = _Run(rig, plan, machine, attendant or Attendant(), asked)
-    following: int | None = first_block
-    while following is not None:
-        following = carried_out.blocks(following)
+    check_plan(plan, rig.calibration, rig.settings, first_block)
+    seconds = plan.duration(first_block)
+    rig.note("plan", plan=repr(plan), first_block=first_block, seconds=seconds)
+    _Run(rig, plan, machine, attendant or Attendant(), start, seconds).blocks(first_block)
     rig.stop()
 
 
 def check_plan(
-    plan: Plan, calibration: Calibration, pressure_limit: float, first_block: int = 0
+    plan: Isobaric, calibration: Calibration, settings: RigSettings, first_block: int = 0
 ) -> None:
     """Refuse a plan that a rig cannot carry out, before anything is started.
 
     Raises:
-        RigError: a set pressure of the plan is at or above the rig's limit [Pa], or one that the
+        RigError: a set pressure of the plan is at or above the rig's limit, or one that the
             feed-forward does not know.
     """
-    pressures = [step[1] for step in plan.steps(first_block) if step[0] == "set"]
-    if (highest := max(pressures, default=0.0)) >= pressure_limit:
+    pressures = plan.pressures[first_block:]
+    if (highest := max(pressures, default=0.0)) >= settings.pressure_limit:
+        set_, limit = (pressure_text(P, settings.unit) for P in (highest, settings.pressure_limit))
         raise RigError(
-            f"the plan sets {highest:.0f} Pa, the limit is {pressure_limit:.0f} Pa; lower the one "
-            "or, if muscle and circuit are rated for it, raise the other"
+            f"the plan sets {set_}, the limit is {limit}; lower the one or, if muscle and circuit are "
+            "rated for it, raise the other"
         )
     for pressure in pressures:
-        calibration.feed_forward.output(pressure)
+        calibration.feed_forward.output(pressure, settings.unit)
 
 
 def sync_seconds(block: int) -> float:
@@ -266,66 +274,50 @@ def sync_seconds(block: int) -> float:
     return 0.51 + 0.26 * (block % 16)
 
 
-class _BlockLeft(Exception):  # noqa: N818 -- no error: what ends the steps of a block
-    """The attendant leaves this block, and goes on with another, the first argument."""
-
-
 class _Run:
-    """One run of a plan; arguments as for `run`."""
+    """One run of a plan; arguments as for `run`, and how long it lasts [s]."""
 
     def __init__(
-        self, rig: Rig, plan: Plan, machine: Any, attendant: Attendant, asked: bool
+        self,
+        rig: Rig,
+        plan: Isobaric,
+        machine: Any,
+        attendant: Attendant,
+        start: Start,
+        seconds: float,
     ) -> None:
         self._rig, self._plan, self._machine = rig, plan, machine
-        self._attendant, self._asked = attendant, asked
-        self._last = max((step[1] for step in plan.steps() if step[0] == "block"), default=0)
+        self._attendant, self._start = attendant, start
         self._block, self._paused = 0, False
-        self._done = self._left = 0.0
+        self._done, self._seconds = 0.0, seconds
         self._pressures: deque[float] = deque(maxlen=_SECOND)
+        self._loads: deque[float] = deque(maxlen=2 * _SECOND)
 
-    def blocks(self, first: int) -> int | None:
-        """The steps of a block and of those behind it; the block to go back or on to, if any."""
-        self._left = duration(self._plan, first)
-        try:
-            for step in self._plan.steps(first):
-                left = self._left - seconds_of(step)
-                self._carry_out(step)
-                self._left = left
-        except _BlockLeft as left:
-            return left.args[0]
-        return None
+    def blocks(self, first: int) -> None:
+        """At each pressure: set, settle, strokes."""
+        rig, plan = self._rig, self._plan
+        for block, pressure in list(enumerate(plan.pressures))[first:]:
+            self._block = block
+            rig.note("block", block=block, pressure_Pa=pressure)
+            rig.set_pressure(pressure)
+            end = self._done + plan.settle
+            while self._done < end - 1e-9:
+                self._look("settling", end - self._done)
+            self._wait_for_the_first()
+            self._strokes()
+            rig.note("done", block=block)
 
-    def _carry_out(self, step: Step) -> None:
-        rig = self._rig
-        match step:
-            case ("block", block, pressure):
-                self._block = block
-                rig.note("block", block=block, pressure_Pa=pressure)
-            case ("set", pressure):
-                rig.set_pressure(pressure)
-            case ("wait", seconds):
-                end = self._done + seconds
-                while self._done < end - 1e-9:
-                    self._look("settling", end - self._done)
-            case ("strokes", *_):
-                self._strokes(step)
-            case ("done", block):
-                rig.note("done", block=block)
-            case _:
-                raise RigError(f"unknown step {step!r} of a plan")
-
-    def _strokes(self, step: Step) -> None:
+    def _strokes(self) -> None:
         """Until the machine is done, or for as long as its strokes last, with photographs."""
-        rig, machine = self._rig, self._machine
-        _, block, cycles, seconds, stroke, rate, every = step
-        self._wait_for_the_first(step)
+        rig, plan, machine, block = self._rig, self._plan, self._machine, self._block
+        cycles, seconds, every = plan.cycles, plan.stroke_seconds, plan.photograph_every
         rig.note(
-            "strokes", block=block, cycles=cycles, seconds=seconds, stroke_m=stroke,
-            rate_m_per_s=rate, pressure_Pa=rig.pressure, held=self._held,
+            "strokes", block=block, cycles=cycles, seconds=seconds, stroke_m=plan.stroke,
+            rate_m_per_s=plan.rate, pressure_Pa=rig.pressure, held=self._held, seq=_seq(rig),
         )  # fmt: skip
         rig.sync(sync_seconds(block))
         if machine is not None:
-            machine.start(cycles, rate, stroke=stroke)
+            machine.start(cycles, plan.rate, stroke=plan.stroke)
         begin, photographs = self._done, 0
         while True:
             passed = self._done - begin
@@ -338,21 +330,38 @@ class _Run:
             if every:
                 ends.append(photographs * every - passed)
             cycle = min(1 + int(passed / seconds * cycles), cycles)
-            self._look("strokes", max(min(ends), 1e-3), cycle, cycles)
-        rig.note("strokes_end", block=block)
+            self._look("strokes", max(min(ends), 1e-3), cycle)
+        rig.note("strokes_end", block=block, seq=_seq(rig))
 
-    def _wait_for_the_first(self, step: Step) -> None:
+    def _wait_for_the_first(self) -> None:
         """Ask for the strokes, and hold the pressure until they have begun."""
-        self._attendant.tell(self._start_strokes(step))
-        if self._machine is not None or not self._asked:
+        rig, tell = self._rig, self._attendant.tell
+        tell(self._start_strokes())
+        if self._machine is not None or self._start == "at-once":
             return
-        held = self._held  # once: the first stroke itself may disturb the pressure
-        while (asked := self._look("ready", LOOK, 0, step[2])) != "begin" or not held:
+        left, held = LOAD_TIME, self._held  # once: the first stroke itself may disturb the pressure
+        before = list(self._loads)
+        while True:
+            asked = self._look("ready", LOOK)
+            if held and (asked == "begin" or (self._start == "load" and self._load_left(before))):
+                return
             if not held and self._held:
-                held = True
-                self._attendant.tell(self._start_strokes(step))
+                held, before = True, list(self._loads)
+                tell(self._start_strokes())
             elif asked == "begin":
-                self._attendant.tell("not yet: the pressure is not held; wait, skip or stop")
+                tell("not yet: the pressure is not held; wait or stop")
+            left -= 0 if self._paused else LOOK
+            if self._start == "load" and left <= 0:
+                rig.fault(
+                    f"the load has not moved for {LOAD_TIME:.0f} s: no stroke has begun, or the load "
+                    "cell is dead; the device vents"
+                )
+
+    def _load_left(self, before: list[float]) -> bool:
+        """Whether the load of the last quarter of a second is beyond what it was, by its spread then."""
+        now = math.fsum(list(self._loads)[-5:]) / 5
+        spread = max(before) - min(before)
+        return not min(before) - spread <= now <= max(before) + spread
 
     @property
     def _held(self) -> bool:
@@ -360,7 +369,7 @@ class _Run:
         seen = self._pressures or [self._rig.pressure]
         return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
-    def _look(self, phase: Phase, seconds: float, cycle: int = 0, cycles: int = 0) -> Request:
+    def _look(self, phase: Phase, seconds: float, cycle: int = 0) -> Request:
         """Wait for a look at most and do what the attendant asks.
 
         The plan stands while it is paused or waits for the first stroke.
@@ -368,44 +377,40 @@ class _Run:
         rig, before = self._rig, self._rig.link.now
         rig.wait(min(seconds, LOOK))
         self._pressures.append(rig.pressure)
+        self._loads.append(rig.force)
         if phase != "ready" and not self._paused:
-            passed = rig.link.now - before
-            self._done, self._left = self._done + passed, self._left - passed
+            self._done += rig.link.now - before
         asked = self._attendant.look(
             Situation(
-                "paused" if self._paused else phase, self._block, self._last, cycle, cycles,
-                rig.pressure, rig.set_point, self._done, max(self._left, 0.0), rig.link.newest,
+                "paused" if self._paused else phase, self._block, len(self._plan.pressures) - 1, cycle,
+                self._plan.cycles, rig.pressure, rig.set_point, self._done,
+                max(self._seconds - self._done, 0.0), rig.link.newest,
             )
         )  # fmt: skip
-        if asked == "begin" and self._paused:
-            asked = "pause"
-        self._obey(asked)
+        if asked == "pause" or (asked == "begin" and self._paused):
+            self._paused, asked = not self._paused, "pause"
+            rig.note("paused" if self._paused else "went_on", block=self._block)
+            held = "paused, the pressure is held; stop the strokes"
+            self._attendant.tell(f"block {self._block}: {held if self._paused else 'goes on'}")
         return asked
 
-    def _obey(self, asked: Request) -> None:
-        block, tell = self._block, self._attendant.tell
-        if asked == "pause":
-            self._paused = not self._paused
-            self._rig.note("paused" if self._paused else "went_on", block=block)
-            held = "paused, the pressure is held; stop the strokes"
-            tell(f"block {block}: {held if self._paused else 'goes on'}")
-        elif asked in ("skip", "repeat"):
-            self._paused = False
-            what = "skipped" if asked == "skip" else "repeated"
-            self._rig.note(what, block=block)
-            tell(f"block {block} is {what}: stop the strokes")
-            raise _BlockLeft(block + (asked == "skip"))
-
-    def _start_strokes(self, step: Step) -> str:
+    def _start_strokes(self) -> str:
         """The instruction to the person at the test machine, with the measured pressure."""
-        _, block, cycles, seconds, stroke, rate, _ = step
-        measured, wanted, held = self._rig.pressure, self._rig.set_point, self._held
-        return (
-            f"block {block}: pressure {'held' if held else 'NOT held'}, {measured / 1e3:.4g} kPa "
-            f"({measured / PSI:.4g} psi) of {wanted / 1e3:.4g} kPa ({wanted / PSI:.4g} psi): "
-            f"{'start the strokes' if held else 'do not start, or stop the run'}: {cycles} of "
-            f"{stroke * 1e3:.4g} mm at {rate * 1e3:.4g} mm/s, {seconds:.0f} s"
+        rig, plan, held = self._rig, self._plan, self._held
+        measured, wanted = (
+            pressure_text(P, rig.settings.unit) for P in (rig.pressure, rig.set_point)
         )
+        what = "start the strokes" if held else "do not start, or stop the run"
+        return (
+            f"block {self._block}: pressure {'held' if held else 'NOT held'}, {measured} of {wanted}: "
+            f"{what}: {plan.cycles} of {plan.stroke * 1e3:.4g} mm at {plan.rate * 1e3:.4g} mm/s, "
+            f"{plan.stroke_seconds:.0f} s"
+        )
+
+
+def _seq(rig: Rig) -> int:
+    """Number of the newest record, -1 before the first."""
+    return rig.link.newest.seq if rig.link.newest else -1
 
 
 def calibrate_feed_forward(

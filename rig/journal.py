@@ -10,9 +10,11 @@ no more than that; it is on the disk within about a second. Neither blocks the c
 reads what can be verified and lists what is missing, `audit` recomputes what the device did.
 """
 
+import csv
 import dataclasses
 import datetime
 import json
+import math
 import os
 import queue
 import shutil
@@ -25,11 +27,14 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .calibration import Calibration, calibration_from_dict
+from famjax.boundary.units import from_si
+
+from .calibration import READINGS, Calibration, calibration_from_dict
 from .errors import RigError, RigFault
 from .protocol import (
     MANUAL,
     RUN,
+    TICK_HZ,
     TICKS,
     DeviceSettings,
     DeviceStatus,
@@ -45,9 +50,19 @@ from .protocol import (
 
 FORMAT = "famjax journal 1"
 COLUMNS = Sample._fields
+SUMMARY: tuple[str, ...] = (
+    "block",
+    "set_pressure_Pa",
+    "mean_Pa",
+    "rms_error_Pa",
+    "strokes",
+    "trips",
+    "completed",
+)
 RESERVE_BYTES = 50_000_000  # free space on the disk at which a recording stops
 # Bytes queued for the disk at which it counts as hung: ten minutes and more.
 BACKLOG_LIMIT = 1 << 22
+SYNC_PERIOD = 1.0  # s between two syncs to the disk
 
 _sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 
@@ -56,7 +71,7 @@ class Journal:
     """A journal that is being written.
 
     Lines and notes may be queued from any thread and keep their order. One thread writes them to
-    the kernel at once; a second one syncs the file to the disk every `sync_period`.
+    the kernel at once; a second one syncs the file to the disk every `SYNC_PERIOD`.
 
     Args:
         path: the file; created, or with `append` continued after its last complete line.
@@ -65,8 +80,6 @@ class Journal:
         plan_seconds: expected duration [s]; the disk must have room for three times its records.
         reserve_bytes: free space at which `check` raises.
         began: date of the recording, of a simulated one; now if None.
-        sync_period: seconds between two syncs.
-        sync: brings a file descriptor's data to the disk.
 
     Raises:
         RigError: the file exists (or does not, with `append`), its folder cannot be written, or the
@@ -82,12 +95,9 @@ class Journal:
         plan_seconds: float = 0.0,
         reserve_bytes: int = RESERVE_BYTES,
         began: datetime.datetime | None = None,
-        sync_period: float = 1.0,
-        sync: Callable[[int], None] = _sync_data,
     ) -> None:
         self.path = Path(path)
         self._now, self._reserve = now, reserve_bytes
-        self._sync, self._sync_period = sync, sync_period
         # 100 records, statuses and notes need 6000 bytes a second.
         folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000 + reserve_bytes
         if folder.is_dir() and (free := shutil.disk_usage(folder).free) < needed:
@@ -160,7 +170,7 @@ class Journal:
         self._writer.join()
         self._syncer.join()
         try:
-            self._sync(self._file)
+            _sync_data(self._file)
         except OSError as error:
             self._fail(error)
         os.close(self._file)
@@ -190,11 +200,11 @@ class Journal:
 
     def _keep_synced(self) -> None:
         synced = 0
-        while not self._closing.wait(self._sync_period):
+        while not self._closing.wait(SYNC_PERIOD):
             try:
                 if self._written > synced:
                     synced = self._written
-                    self._sync(self._file)
+                    _sync_data(self._file)
                 free = shutil.disk_usage(self.path.absolute().parent).free
             except OSError as error:
                 self._fail(error)
@@ -223,13 +233,6 @@ def _open(path: Path, append: bool) -> int:
         if os.read(file, 1) != b"\n":  # ends a line that was cut short
             os.write(file, b"\n")
     return file
-
-
-class Damage(NamedTuple):
-    """Bytes of a file that cannot be verified: offset of the first one, and how many."""
-
-    offset: int
-    size: int
 
 
 class Missing(NamedTuple):
@@ -264,7 +267,8 @@ class Record:
         settings: (epoch, what the device controlled with), in the order of the file.
         missing: records that are missing.
         missing_notes: how many notes are missing.
-        damage: bytes that could not be verified.
+        damaged_bytes: how many bytes could not be verified, but for a line that was cut when a recording
+            was killed that was then resumed.
         refused: (epoch, seq) of rows whose CRC is right but that contradict their neighbours.
     """
 
@@ -277,7 +281,7 @@ class Record:
     settings: tuple[tuple[int, DeviceSettings], ...]
     missing: tuple[Missing, ...]
     missing_notes: int
-    damage: tuple[Damage, ...]
+    damaged_bytes: int
     refused: tuple[tuple[int, int], ...]
 
     def column(self, name: str) -> NDArray[np.int64]:
@@ -327,11 +331,13 @@ def read_journal(path: str | Path) -> Record:
         if note["note"] == "journal" and note.get("format") != FORMAT:
             raise RigError(f"{path} has the format {note.get('format')!r}; this reads {FORMAT!r}")
     rows = np.array(found.numbers, np.int64).reshape(-1, len(COLUMNS))
-    rows, epoch, refused = _in_order(rows, np.array(found.epochs, np.int64))
+    epoch = np.array(found.epochs, np.int64)
+    parts = np.array([*found.epoch_parts, 0], np.int64)[epoch]
+    rows, epoch, refused = _in_order(rows, epoch, parts)
     return Record(
         path, rows, epoch, tuple(found.notes), tuple(found.note_parts), tuple(found.epoch_parts),
         tuple(found.settings), _missing(rows, epoch, found.losses), found.missing_notes,
-        tuple(found.damage), refused,
+        found.damaged_bytes, refused,
     )  # fmt: skip
 
 
@@ -347,6 +353,70 @@ def stored_calibration(record: Record) -> Calibration:
     return calibration_from_dict(notes[-1]["calibration"])
 
 
+def summary(record: Record) -> list[dict[str, Any]]:
+    """A row for each time that a pressure of the plan was set: what was held, and what was done.
+
+    Returns:
+        Rows of block, set pressure [Pa], mean and root-mean-square error of the pressure [Pa] during
+        the strokes (nan where there were none), strokes there and back that were completed, trips of
+        the device, and whether the block was completed.
+    """
+    rows: list[dict[str, Any]] = []
+    begun: dict[str, Any] = {}
+    for part, note in zip(record.note_parts, record.notes, strict=True):
+        if note["note"] == "block":
+            values = (note["block"], note["pressure_Pa"], math.nan, math.nan, 0, 0, False)
+            rows.append(dict(zip(SUMMARY, values, strict=True)))
+        elif note["note"] == "strokes":
+            begun = note
+            rows[-1] |= _held(record, part, begun, math.inf, rows[-1]["set_pressure_Pa"])
+        elif note["note"] == "strokes_end":
+            rows[-1] |= _held(record, part, begun, note["seq"], rows[-1]["set_pressure_Pa"])
+            rows[-1]["strokes"] = begun["cycles"]
+        elif note["note"] == "done":
+            rows[-1]["completed"] = True
+        elif note["note"] == "fault" and rows:
+            rows[-1]["trips"] += "cause" in note
+    return rows
+
+
+def _held(
+    record: Record, part: int, begun: dict[str, Any], end: float, wanted: float
+) -> dict[str, Any]:
+    """Pressure and whole strokes from the record that a note names to another one."""
+    epoch = max((e for e, at in enumerate(record.epoch_parts) if at == part), default=-1)
+    seq = record.column("seq")
+    mine = (record.epoch == epoch) & (seq > begun["seq"]) & (seq <= end)
+    mine &= record.column("flags") & 3 == RUN
+    if not mine.any():
+        return {}
+    ticks = np.array([s.ticks_per_record for _, s in record.settings])[record.governing()[mine]]
+    counts = record.column("pressure_sum")[mine] * READINGS / ticks
+    pressure = stored_calibration(record).pressure.value(counts)
+    share = np.ptp(record.column("tick")[mine]) / TICK_HZ / begun["seconds"]
+    return {
+        "mean_Pa": float(pressure.mean()),
+        "rms_error_Pa": float(np.sqrt(np.mean((pressure - wanted) ** 2))),
+        "strokes": int(share * begun["cycles"]),
+    }
+
+
+def write_summary(journal: Path, unit: str) -> list[str]:
+    """Write the summary of a journal as CSV beside it; its lines for a person, pressures in a unit."""
+    rows = summary(read_journal(journal))
+    with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, SUMMARY)
+        writer.writeheader()
+        writer.writerows(rows)
+    lines = [f"{'set':>8}{'mean':>8}{'RMS error':>11}  strokes  trips   pressures in {unit}"]
+    for row in rows:
+        names = ("set_pressure_Pa", "mean_Pa", "rms_error_Pa")
+        set_, mean, rms = (from_si(row[name], unit, "pressure") for name in names)
+        left = "" if row["completed"] else "   not completed"
+        lines.append(f"{set_:8.4g}{mean:8.4g}{rms:11.3g}{row['strokes']:9}{row['trips']:7}{left}")
+    return lines
+
+
 class _Lines:
     """The lines of a journal one by one: what can be verified, and where the rest is.
 
@@ -357,8 +427,8 @@ class _Lines:
         numbers: the records in the order of the file, field after field.
         epochs: of each record: the device's boots in the file, counted from 0.
         losses: (epoch, first, records) that the recorder noted.
-        notes, note_parts, epoch_parts, settings, damage: as in `Record`. A part of the recording begins
-            with a "journal" note.
+        notes, note_parts, epoch_parts, settings, damaged_bytes: as in `Record`. A part of the recording
+            begins with a "journal" note.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -369,18 +439,21 @@ class _Lines:
         self.epoch_parts: list[int] = []
         self.losses: list[tuple[int, int, int]] = []
         self.settings: list[tuple[int, DeviceSettings]] = []
-        self.damage: list[Damage] = []
+        self.damaged_bytes = 0
         self._boots: list[int] = []  # modulo 16, of each epoch
         self._epoch, self._first = -1, 0  # the present one, and the first of this part
         self._broken = True
         self._seen: set[bytes] = set()
         self._numbers: list[set[int]] = [set()]  # of the notes, part by part
-        offset = 0
+        cut = 0
         for line in data.split(b"\n"):
-            size = min(len(line) + 1, len(data) - offset)
             if line and not self._take(line):
-                self._damaged(offset, size)
-            offset += size
+                cut = len(line) + 1
+                self.damaged_bytes += cut
+            elif line:
+                if line.startswith(b'{"note":"journal"'):  # it goes on behind a line that was cut
+                    self.damaged_bytes -= cut
+                cut = 0
         # Numbers that the notes skip.
         self.missing_notes = sum(max(part) + 1 - len(part) for part in self._numbers if part)
 
@@ -432,12 +505,6 @@ class _Lines:
             epoch = len(self._boots) - 1 - self._boots[::-1].index(note["boot"])
             self.losses.append((epoch, note["first"], note["records"]))
 
-    def _damaged(self, offset: int, size: int) -> None:
-        if self.damage and sum(self.damage[-1]) == offset:
-            offset, before = self.damage.pop()
-            size += before
-        self.damage.append(Damage(offset, size))
-
 
 def _note(line: bytes) -> dict[str, Any] | None:
     """A note whose CRC is right."""
@@ -451,12 +518,12 @@ def _note(line: bytes) -> dict[str, Any] | None:
 
 
 def _in_order(
-    rows: NDArray[np.int64], epoch: NDArray[np.int64]
+    rows: NDArray[np.int64], epoch: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[tuple[int, int], ...]]:
     """Rows by epoch and number, each once; those that contradict another are left out and listed."""
     if np.unique(epoch).size > np.unique(rows[:, 0]).size:
         # Two boots have one number: a page may be in the file twice.
-        _, first = np.unique(rows, axis=0, return_index=True)
+        _, first = np.unique(np.column_stack((parts, rows)), axis=0, return_index=True)
         rows, epoch = rows[first], epoch[first]
     order = np.lexsort((rows[:, 1], epoch))
     rows, epoch = _unwrapped(rows[order], epoch[order]), epoch[order]
@@ -532,7 +599,7 @@ class Audit:
         equal: those that came out as recorded.
         unchecked: records in RUN whose law or whose predecessor is not known.
         first_wrong: (epoch, seq) of the first record that did not, or None.
-        ended: reason in the last "end" note, or None where the recording was cut off.
+        ended: reason in the "end" note of the last part, or None where the recording was cut off.
     """
 
     records: int
@@ -584,19 +651,20 @@ def audit(record: Record) -> Audit:
     right, known = _recomputed(record)
     wrong = np.flatnonzero(known & ~right)[:1]
     first = list(zip(record.epoch[wrong].tolist(), record.rows[wrong, 1].tolist(), strict=True))
-    ends, begins = record.notes_of("end"), record.notes_of("journal")
+    last = [note for part, note in zip(record.note_parts, record.notes, strict=True)
+            if part == record.note_parts[-1] and note["note"] == "end"]  # fmt: skip
     return Audit(
         records=len(record.rows),
         lost=sum(gap.records for gap in record.missing if gap.noted),
         torn=sum(gap.records for gap in record.missing if not gap.noted),
         missing_notes=record.missing_notes,
-        damaged_bytes=sum(damage.size for damage in record.damage),
+        damaged_bytes=record.damaged_bytes,
         refused=len(record.refused),
         checked=int(known.sum()),
         equal=int((right & known).sum()),
         unchecked=int((~known).sum()),
         first_wrong=first[0] if first else None,
-        ended=ends[-1].get("reason") if ends and len(ends) >= len(begins) else None,
+        ended=last[-1]["reason"] if last else None,
     )
 
 

@@ -1,28 +1,492 @@
-"""The connection to a device: bytes over a serial port or from a simulated rig, recorded.
+"""The connection to a device: the host's side of the protocol, and the bytes that carry it, recorded.
 
-`Link` is a real port in real time, `VirtualLink` a simulated rig in virtual time; both carry one
-`Session`, whose commands and records they hand on.
+`Session` has no clock and no thread: bytes and times in, bytes and events out. Every record comes once:
+missing ones are requested, and a doubtful one needs a confirmation. A command is sent until it is
+answered. Heartbeats go on only while somebody supervises the test. `Link` carries a session over a real
+port in real time, `VirtualLink` over a simulated rig in virtual time.
 """
 
 import abc
 import contextlib
+import dataclasses
+import math
 import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from .calibration import READINGS
 from .errors import RigError, RigFault
 from .journal import Journal
-from .protocol import Ack, Sample
-from .session import NOTES, Event, Lost, Reset, Session, Silent
+from .protocol import (
+    DRIVEN,
+    TICK_HZ,
+    TICKS,
+    Ack,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Message,
+    Sample,
+    Splitter,
+    command_body,
+    frame,
+    parse,
+)
 
-READ_TIMEOUT = 0.004  # s to wait for a byte at most, and the resolution of heartbeats and requests
-SLICE = 0.004  # s of virtual time between two exchanges of bytes
-_POLL = 0.004  # s between two looks for an answer
+HEARTBEAT = 0.2  # s between heartbeats
+ALIVE = 5.0  # s for which heartbeats continue after `keep_alive`: if a plan hangs for longer, the rig vents
+SILENCE = 1.0  # s without a verified line
+SUSPICION = 10.0  # s after a damaged line during which odd records must come twice
+RETRY = 0.06  # s after which a command that was not answered is sent again
+GIVE_UP = 2.0  # s after which it has failed
+SPACING = 0.012  # s between two requests for records, at least
+MASK_BITS = 64  # records in a request
+_SLACK = 0.004  # s
+_LAST_ID = 30_000
+# From one record to the next it is odd: 2.5 psi of 200 in sum and count, force, output, integral.
+_JUMP = (64, 13, 64, 32, 2 << 15)
+_MOST_TICKS = 50  # in a record
+_NEAR = 16  # records between two that confirm each other, at most
+_CHANGES_SETTINGS = {"set", "gain", "ilim", "cal", "tele", "trip", "jump", "stall", "hbms",
+                     "floor", "ceiling", "still", "frozen"}  # fmt: skip
+SLICE = 0.004  # s between two exchanges of bytes, the resolution of heartbeats and requests
+
+
+class Lost(NamedTuple):
+    """Records that will never come: first <= seq < first + records of that boot."""
+
+    boot: int
+    first: int
+    records: int
+
+
+class Reset(NamedTuple):
+    """The device restarted; boots modulo 16, `cause` as in `Hello`, None where no hello came."""
+
+    old: int
+    new: int
+    cause: int | None
+
+
+class Silent(NamedTuple):
+    """No verified line for that many seconds; one such event for each silence."""
+
+    seconds: float
+
+
+class Timing(NamedTuple):
+    """The record of its quarter second with the shortest latency: its tick and time of arrival [s]."""
+
+    boot: int
+    tick: int
+    arrival_s: float
+
+
+# Events that a journal notes, and the kind of note; its fields are those of the event.
+NOTES = {Lost: "lost", Reset: "reset", Silent: "silent", Timing: "clock"}
+Event = Message | Lost | Reset | Silent | Timing
+
+
+@dataclasses.dataclass(eq=False)
+class Command:
+    """A command under way.
+
+    Attributes:
+        id: its number; the device answers a repeated number without executing it twice.
+        verb: what to do.
+        line: as it is sent.
+        answer: of the device, None until it has come.
+        failure: why none will come, None while one may.
+        sent_at: when it was sent first [s].
+    """
+
+    id: int
+    verb: str
+    line: bytes
+    answer: Ack | None = None
+    failure: str | None = None
+    sent_at: float | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether it was answered or has failed."""
+        return self.answer is not None or self.failure is not None
+
+
+class Session:
+    r"""One session with a device.
+
+    A record that does not follow from the newest one (its tick off the grid; on a line that is being
+    damaged also a value that jumps) is accepted only when the next one follows from it, or when the
+    same line has come twice: a CRC of 16 bits alone lets one damaged line in 65 536 pass.
+
+    Args:
+        first_id: number of the first command. The device remembers the last one it executed, also from
+            a program that ran before: begin with another number than that one did.
+
+    Attributes:
+        newest: the last record in order, or None.
+        gaps: the records that are missing, and when their turn is in the device's answer [s].
+        ring: records that the device can repeat.
+        recovered: records that came late, on request.
+        settings: what governs the records, None until the device has reported it.
+        hello: the last hello, None before the first.
+        status: the last status, None before the first.
+        bad_lines: lines refused so far.
+
+    >>> session = Session()
+    >>> _ = session.feed(b"T,3,17,90,1025,205,512,131,-42,1*0000\n", now=0.0)
+    >>> session.bad_lines
+    1
+    """
+
+    def __init__(self, first_id: int = 0) -> None:
+        self.settings: DeviceSettings | None = None
+        self.hello: Hello | None = None
+        self.status: DeviceStatus | None = None
+        self.newest: Sample | None = None
+        self.gaps: dict[int, float] = {}
+        self.ring, self._pace, self._round_trip = 64, 0.0085, SPACING  # until the hello tells
+        self._last_request = -math.inf
+        self.bad_lines = self.recovered = 0
+        self._splitter = Splitter()
+        self._lines: list[bytes] = []  # verified, verbatim, each record once
+        self._events: list[Event] = []
+        self._line_bytes = 50  # of the last record, its end included
+        self._begun, self._next, self._ticks = False, 0, 5
+        self._doubtful: dict[int, set[bytes]] = {}
+        self._candidate: tuple[Sample, bytes] | None = None
+        self._suspicious_until = self._beat_at = self._status_at = self._alive_until = -math.inf
+        self._heard_at: float | None = None
+        self._silence_reported = False
+        self._settings_due: int | None = None
+        self._queue: deque[Command] = deque()
+        self._inquiry: Command | None = None
+        self._id, self._retry_at = first_id % _LAST_ID, -math.inf
+        self._quarter = (-1, -1)
+        self._earliest = (math.inf, 0, 0.0)
+
+    def feed(self, data: bytes, now: float) -> list[Event]:
+        """The events in `data`, received by host time `now` [s]; to be called without data, too."""
+        for line in self._splitter.feed(data) if data else ():
+            message = parse(line)
+            if message is None:
+                self.bad_lines += 1
+                self._suspicious_until = now + SUSPICION
+                continue
+            self._heard_at = now
+            if type(message) is Sample:
+                self._take(message, line, now)
+                if self.newest is message:
+                    self._time(message, now)
+            else:
+                self._lines += (line, b"\n")
+                self._events.append(message)
+                self._on_message(message)
+        oldest = self._next - self.ring
+        if self.newest is not None and self.gaps and next(iter(self.gaps)) < oldest:
+            turns = self.gaps.items()
+            gone = [seq for seq, turn in turns if seq < oldest and now >= self._overdue(turn)]
+            self._lose(self.newest.boot, gone)
+        self._heard_at = now if self._heard_at is None else self._heard_at
+        silence = now - self._heard_at
+        if silence >= SILENCE and not self._silence_reported:
+            self._events.append(Silent(round(silence, 3)))
+        self._silence_reported = silence >= SILENCE
+        events, self._events = self._events, []
+        return events
+
+    def take_lines(self) -> bytes:
+        """The verified lines since the last call, verbatim, each once, for the journal."""
+        data = b"".join(self._lines)
+        self._lines.clear()
+        return data
+
+    def give_up(self) -> None:
+        """Report all records that are still missing as lost, with the next `feed`."""
+        if self.newest is not None:
+            self._lose(self.newest.boot, sorted(self.gaps))
+
+    @property
+    def settings_known(self) -> bool:
+        """Whether the device has reported its settings since the last command that changed them."""
+        return self.settings is not None and self._settings_due is None
+
+    def idle(self, now: float) -> bool:
+        """Whether `feed` and `poll` have nothing to do at host time `now` [s] until a line comes."""
+        quiet = self._heard_at is not None and now - self._heard_at < SILENCE
+        waits = self._settings_due is not None or self._queue or self.gaps
+        return quiet and not waits and now < self._beat_at + HEARTBEAT
+
+    def command(self, verb: str, *values: float | str) -> Command:
+        """Queue a command, which `poll` sends; one is under way at a time.
+
+        Raises:
+            RigError: a number that is not finite.
+        """
+        if self._inquiry in self._queue:  # it must not delay others
+            self._queue.remove(self._inquiry)
+        return self._put(verb, values)
+
+    def keep_alive(self, now: float) -> None:
+        """Extend the heartbeats by `ALIVE` seconds."""
+        self._alive_until = now + ALIVE
+
+    def rest(self) -> None:
+        """Stop the heartbeats at once: the device vents within its limit of silence."""
+        self._alive_until = -math.inf
+
+    def poll(self, now: float) -> bytes:
+        """The bytes to send at host time `now` [s]: heartbeat, command, request for records.
+
+        Every line keeps the device alive. So what the session sends by itself to a device that
+        drives its output ends with the heartbeats.
+        """
+        out = b""
+        if self._beat_at + HEARTBEAT <= now < self._alive_until:
+            self._beat_at = now
+            out = frame("0 hb")
+        newest = self.newest
+        may_ask = now < self._alive_until or newest is None or newest.state not in DRIVEN
+        due = self._settings_due is not None and now >= self._status_at + RETRY
+        if due and may_ask and not self._queue:
+            self._status_at = now
+            self._inquiry = self._put("status", ())
+        if self._queue:
+            out += self._send(now)
+        if self.gaps and may_ask:
+            out += self._request(now)
+        return out
+
+    def _request(self, now: float) -> bytes:
+        """The line that asks for up to 64 missing records, or nothing.
+
+        A request is a bit mask, and a new one takes the place of the one before; the device answers it
+        in ascending order at its own pace. So each request asks for everything that is missing but
+        what, at that pace, is under way; and for what will soon be overwritten in any case, since
+        requests are damaged, too. At 1 % damaged bytes nothing simpler suffices.
+        """
+        if now - self._last_request < SPACING - 1e-9:
+            return b""
+        oldest = self._next - self.ring
+        urgent = oldest + 2 * self.ring // 3
+        wanted = sorted(
+            seq
+            for seq, turn in self.gaps.items()
+            if seq >= oldest and (seq < urgent or now < turn or now >= self._overdue(turn))
+        )
+        if not wanted:
+            return b""
+        base, mask, turn = wanted[0], 0, now
+        for seq in wanted:
+            if seq - base >= MASK_BITS:
+                break
+            mask |= 1 << (seq - base)
+            self.gaps[seq] = turn
+            turn += self._pace
+        self._last_request = now
+        return frame(command_body(0, "rp", base, f"{mask:x}"))
+
+    def _overdue(self, turn: float) -> float:
+        """Time from which an answer whose turn that was is taken to be damaged."""
+        return turn + 1.25 * self._round_trip + _SLACK
+
+    def _put(self, verb: str, values: tuple[float | str, ...]) -> Command:
+        if not all(isinstance(value, str) or math.isfinite(value) for value in values):
+            raise RigError(f"{verb} needs finite numbers, got {values}")
+        self._id = self._id % _LAST_ID + 1  # 0 is for lines that need no answer
+        command = Command(self._id, verb, frame(command_body(self._id, verb, *values)))
+        self._queue.append(command)
+        return command
+
+    def _send(self, now: float) -> bytes:
+        while self._queue:
+            command = self._queue[0]
+            if command.sent_at is None:
+                command.sent_at = now
+            elif now - command.sent_at >= GIVE_UP:
+                command.failure = f"the device did not answer for {GIVE_UP:g} s"
+                self._queue.popleft()
+                continue
+            elif now < self._retry_at:
+                return b""
+            self._retry_at = now + RETRY
+            return command.line
+        return b""
+
+    def _on_message(self, message: Message) -> None:
+        if isinstance(message, Ack):
+            self._on_answer(message)
+        elif isinstance(message, DeviceStatus):
+            self.status = message
+        elif isinstance(message, DeviceSettings):
+            self.settings = message
+            self._set_pace(message.ticks_per_record)
+            if self._settings_due is not None and message.since >= self._settings_due:
+                self._settings_due = None
+        elif isinstance(message, Hello):
+            self.hello, self.ring = message, message.ring
+            self._set_pace(message.ticks_per_record)
+
+    def _on_answer(self, answer: Ack) -> None:
+        command = self._queue[0] if self._queue else None
+        if command is None or command.id != answer.id or command.sent_at is None:
+            return  # an old one
+        self._queue.popleft()
+        command.answer = answer
+        if answer.seq is not None and command.verb in _CHANGES_SETTINGS:
+            self._settings_due = answer.seq
+
+    def _set_pace(self, ticks_per_record: int) -> None:
+        """The device's pace from what its line carries besides new records; one in a tick at most."""
+        if self.hello is not None:
+            left = max(self.hello.bytes_per_tick - self._line_bytes / ticks_per_record, 1.0)
+            self._pace = max(1.0, self._line_bytes / left) / self.hello.tick_hz
+
+    def _restart(self, new_boot: int) -> None:
+        """The device has restarted: missing records of the old boot are lost, and so are commands."""
+        if self.newest is None:
+            return
+        old, self.newest, hello = self.newest.boot, None, self.hello
+        self._lose(old, sorted(self.gaps))
+        self._doubtful.clear()
+        self._next = 0
+        cause = hello.cause if hello is not None and hello.boot & 15 == new_boot else None
+        self._events.append(Reset(old, new_boot, cause))
+        self.settings = self._settings_due = None
+        for command in self._queue:
+            command.failure = "the device was reset"
+        self._queue.clear()
+
+    def _time(self, sample: Sample, now: float) -> None:
+        """Of each quarter second, report the arrival that is earliest against the device's clock.
+
+        The arrival is that of the line's first byte: lines grow, and on a slow port by milliseconds.
+        """
+        quarter = (sample.boot, sample.tick // (TICK_HZ // 4))
+        if self.hello is not None:
+            now -= self._line_bytes / (self.hello.bytes_per_tick * self.hello.tick_hz)
+        arrival = (now - sample.tick / TICK_HZ, sample.tick, now)
+        if quarter == self._quarter:
+            self._earliest = min(self._earliest, arrival)
+            return
+        if self._quarter[0] >= 0:
+            _, tick, at = self._earliest
+            self._events.append(Timing(self._quarter[0], tick, round(at, 6)))
+        self._quarter, self._earliest = quarter, arrival
+
+    def _take(self, sample: Sample, line: bytes, now: float) -> None:
+        """Take a record whose CRC is right, received at host time `now` [s]."""
+        newest = self.newest
+        if newest is None or sample.boot != newest.boot:
+            self._take_stray(sample, line, now)
+            return
+        late = sample.seq < self._next
+        if late and sample.seq not in self.gaps:
+            return  # it came before
+        ahead = sample.seq - newest.seq
+        on_grid = (sample.tick - newest.tick - self._ticks * ahead) % TICKS == 0
+        odd = not on_grid or (now < self._suspicious_until and _has_jumped(sample, newest))
+        near = on_grid or ahead <= self.ring
+        if not odd or self._is_confirmed(sample, line, now, late=late, near=near):
+            self._accept(sample, line, now)
+
+    def _is_confirmed(
+        self, sample: Sample, line: bytes, now: float, *, late: bool, near: bool
+    ) -> bool:
+        """Whether a doubtful record is right after all; if not yet, it is requested again."""
+        copies = self._doubtful.setdefault(sample.seq, set())
+        if line in copies:
+            return True
+        if not late:
+            before, self._candidate = self._candidate, (sample, line)
+            if before is not None and _follows(sample, before[0]):
+                other = before[0].seq
+                if other >= self._next or other in self.gaps:
+                    self._candidate = None
+                    self._accept(*before, now)
+                    return True
+        copies.add(line)
+        if near and not late:  # else its number itself is doubtful
+            self._open_gap(sample, sample.seq + 1)
+        return False
+
+    def _take_stray(self, sample: Sample, line: bytes, now: float) -> None:
+        """A record of a boot that is not known: two that follow from each other begin it."""
+        before, self._candidate = self._candidate, (sample, line)
+        if before is None or not _follows(sample, before[0]):
+            return
+        first, first_line = before
+        self._candidate = None
+        anew, self._begun = self._begun, True
+        self._restart(sample.boot)
+        self._next = 0 if anew else first.seq
+        self._ticks = (sample.tick - first.tick) % TICKS // (sample.seq - first.seq)
+        self._accept(first, first_line, now)
+        self.newest = first
+        self._accept(sample, line, now)
+
+    def _accept(self, sample: Sample, line: bytes, now: float) -> None:
+        seq, newest = sample.seq, self.newest
+        if newest is not None and seq > newest.seq:
+            if seq == newest.seq + 1:
+                self._ticks = (sample.tick - newest.tick) % TICKS
+            self.newest, self._line_bytes = sample, len(line) + 1
+        if seq in self.gaps:
+            self.recovered += 1
+            taken = now - self.gaps.pop(seq)  # by its turn: the time that an answer takes
+            if 0 <= taken < 0.25:
+                self._round_trip += (taken - self._round_trip) / 16
+        else:
+            if seq > self._next:
+                self._open_gap(sample, seq)
+            self._next = seq + 1
+        if self._doubtful:
+            self._doubtful.pop(seq, None)
+        self._lines += (line, b"\n")
+        self._events.append(sample)
+
+    def _open_gap(self, sample: Sample, end: int) -> None:
+        """Request next <= seq < end; those overwritten before `sample` are lost."""
+        first = max(self._next, sample.seq + 1 - self.ring)
+        if first > self._next:
+            self._events.append(Lost(sample.boot, self._next, first - self._next))
+        for seq in range(first, end):
+            self.gaps.setdefault(seq, -math.inf)
+        self._next = end
+
+    def _lose(self, boot: int, seqs: list[int]) -> None:
+        """Report lost records, runs of them together."""
+        start = 0
+        for i, seq in enumerate(seqs):
+            del self.gaps[seq]
+            self._doubtful.pop(seq, None)
+            if i + 1 == len(seqs) or seqs[i + 1] != seq + 1:
+                self._events.append(Lost(boot, seqs[start], i + 1 - start))
+                start = i + 1
+
+
+def _has_jumped(sample: Sample, other: Sample) -> bool:
+    """Whether a value differs by more than the distance of the two explains, or the state does."""
+    times = 1 + abs(sample.seq - other.seq) // 4
+    pairs = zip(sample[3:8], other[3:8], _JUMP, strict=True)
+    return sample.flags != other.flags or any(abs(a - b) > times * most for a, b, most in pairs)
+
+
+def _follows(sample: Sample, before: Sample) -> bool:
+    """Whether a record can be one that comes soon after another, at whatever rate of records."""
+    records, ticks = sample.seq - before.seq, (sample.tick - before.tick) % TICKS
+    return (
+        sample.boot == before.boot
+        and 0 < records <= _NEAR
+        and ticks % records == 0
+        and 0 < ticks // records <= _MOST_TICKS
+        and not _has_jumped(sample, before)
+    )
 
 
 class AbstractLink(abc.ABC):
@@ -114,7 +578,7 @@ class AbstractLink(abc.ABC):
         while not command.done:
             if not self.running:
                 raise RigFault(f"{verb!r} was not sent: the link has ended")
-            self.sleep(_POLL)
+            self.sleep(SLICE)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
             raise RigFault(f"{said!r} failed: {command.failure}; check cable and supply")
@@ -126,7 +590,7 @@ class AbstractLink(abc.ABC):
         """Wait up to a time [s] for missing records; those that have not come by then are lost."""
         until = self.now + seconds
         while self.running and self.session.gaps and self.now < until:
-            self.sleep(_POLL)
+            self.sleep(SLICE)
         with self._lock:
             self.session.give_up()
             self._take(self.session.feed(b"", self.now))
@@ -180,7 +644,7 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
     def open_port() -> Any:
         import serial  # noqa: PLC0415 -- importing rig loads no serial library
 
-        options: dict[str, Any] = {"timeout": READ_TIMEOUT, "write_timeout": 0.5}
+        options: dict[str, Any] = {"timeout": SLICE, "write_timeout": 0.5}
         if "://" not in path:
             options["exclusive"] = True
         return serial.serial_for_url(path, baud, **options)

@@ -1,22 +1,11 @@
-"""What a test does: plans as generators of plain tuples, and the file PLAN.toml.
-
-A plan can be listed, timed, stopped and resumed.
-
-| step | does |
-|---|---|
-| ("block", k, pressure) | begins block k, which is resumed as a whole |
-| ("set", pressure) | sets the pressure [Pa] |
-| ("wait", seconds) | waits |
-| ("strokes", k, n, seconds, stroke, rate, every) | lasts while the test machine makes n cycles of block \
-k: stroke [m], rate [m/s]; the camera is triggered every so many seconds, 0 for never |
-| ("done", k) | block k is complete |
-"""
+"""What a test does: strokes of a test machine at constant pressures, and the file PLAN.toml."""
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -30,18 +19,8 @@ from famjax.boundary.toml_file import (
     read_toml,
 )
 
-from .control import JUMP_LIMIT, Control, Guards, RigSettings
+from .control import Control, RigSettings
 from .errors import RigError
-
-Step = tuple[Any, ...]
-
-
-class Plan(Protocol):
-    """Anything that yields steps from a block on."""
-
-    def steps(self, first_block: int = 0) -> Iterator[Step]:
-        """The steps from block `first_block` on, the same ones every time."""
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,36 +51,19 @@ class Isobaric:
     def __post_init__(self) -> None:
         check_fields(self, RigError)
 
-    def steps(self, first_block: int = 0) -> Iterator[Step]:
-        """The steps from the block of pressure `first_block` on."""
-        if not 0 <= first_block <= len(self.pressures):
-            raise RigError(
-                f"the plan has blocks 0 to {len(self.pressures) - 1}, it cannot start at {first_block}"
-            )
-        seconds = self.cycles * 2 * self.stroke / self.rate
-        strokes = self.cycles, seconds, self.stroke, self.rate, self.photograph_every
-        for block, pressure in list(enumerate(self.pressures))[first_block:]:
-            yield ("block", block, pressure)
-            yield ("set", pressure)
-            yield ("wait", self.settle)
-            yield ("strokes", block, *strokes)
-            yield ("done", block)
+    @property
+    def stroke_seconds(self) -> float:
+        """How long the strokes at one pressure last [s]."""
+        return self.cycles * 2 * self.stroke / self.rate
 
+    def duration(self, first_block: int = 0) -> float:
+        """How long the plan lasts from a block on [s], neglecting the device's answers.
 
-def duration(plan: Plan, first_block: int = 0) -> float:
-    """How long a plan lasts [s], neglecting the device's answers.
-
-    >>> plan = Isobaric((1e5, 2e5), cycles=3, stroke=0.05, rate=0.001, settle=5.0)
-    >>> round(duration(plan), 6)
-    610.0
-    """
-    return math.fsum(seconds_of(step) for step in plan.steps(first_block))
-
-
-def seconds_of(step: Step) -> float:
-    """How long one step lasts [s]."""
-    field = {"wait": 1, "strokes": 3}.get(step[0])
-    return float(step[field]) if field else 0.0
+        >>> plan = Isobaric((1e5, 2e5), cycles=3, stroke=0.05, rate=0.001, settle=5.0)
+        >>> round(plan.duration(), 6)
+        610.0
+        """
+        return len(self.pressures[first_block:]) * (self.settle + self.stroke_seconds)
 
 
 def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
@@ -110,8 +72,7 @@ def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
     >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
     1
     """
-    passed = (note["block"] + 1 for note in notes if note["note"] in {"done", "skipped"})
-    return max(passed, default=0)
+    return max((note["block"] + 1 for note in notes if note["note"] == "done"), default=0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,8 +85,8 @@ class PlanFile:
         pressure_limit: [Pa gauge]; there is no default.
         control: gains.
         calibration: path of the calibration, absolute; None where the file names none.
-        jump_limit: change of the pressure within 10 ms that trips [Pa].
-        guards: when the device rejects its reading as implausible.
+        unit: in which the file states its pressures, for messages.
+        limits: further fields of `RigSettings`.
     """
 
     plan: Isobaric
@@ -133,20 +94,17 @@ class PlanFile:
     pressure_limit: float
     control: Control
     calibration: Path | None = None
-    jump_limit: float = JUMP_LIMIT
-    guards: Guards = dataclasses.field(default_factory=Guards)
+    unit: str = "kPa"
+    limits: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.pressure_limit) and self.pressure_limit >= 0):
-            raise RigError(
-                f"pressure_limit must be a pressure >= 0 and finite, got {self.pressure_limit} Pa; "
-                "give the muscle's or the circuit's, whichever is lower"
-            )
+        if not math.isfinite(self.pressure_limit):
+            raise RigError(f"the pressure limit must be finite, got {self.pressure_limit}")
 
     @property
     def settings(self) -> RigSettings:
         """What the device controls and trips with."""
-        return RigSettings(self.pressure_limit, self.control, self.jump_limit, self.guards)
+        return RigSettings(self.pressure_limit, self.control, unit=self.unit, **self.limits)
 
 
 def read_plan(path: str | Path) -> PlanFile:
@@ -167,14 +125,14 @@ def read_plan(path: str | Path) -> PlanFile:
     calibration = "calibration.toml"
 
     [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
-    10 ms that trips; and the guards against an implausible reading, see `Guards`:
-    reading_floor_counts, reading_ceiling_counts = 963, still_s = 0.7, frozen_output_counts = 4,
-    frozen_s = 0.75, stall_s = 3.
+    10 ms that trips; and the guards against an implausible reading, see `RigSettings`:
+    frozen_output_counts = 4, frozen_s = 0.75, stall_s = 3.
 
     Raises:
         RigError: what is wrong with the file; a missing pressure limit above all.
     """
     content = read_toml(path, "plan", RigError)
+    _refuse_decimal_commas(path)
     if content.keys() != {"plan", "rig"} or not all(isinstance(t, dict) for t in content.values()):
         raise RigError(f"{path}: a plan has the tables [plan] and [rig], got {sorted(content)}")
     of_plan, of_rig = (f"{path}: [{table}]: " for table in ("plan", "rig"))
@@ -187,13 +145,28 @@ def read_plan(path: str | Path) -> PlanFile:
         rig.pressure_limit,
         dataclasses.replace(gains, integral_limits=rig.integral_limits_counts),
         Path(path).parent.absolute() / rig.calibration if rig.calibration else None,
-        rig.jump_limit,
-        Guards(**{field.name: getattr(rig, field.name) for field in dataclasses.fields(Guards)}),
+        next(key for key in content["plan"] if key.startswith("pressures_"))[len("pressures_") :],
+        {name: getattr(rig, name) for name in ("jump_limit", "frozen_output", "frozen", "stall")},
     )
 
 
+def _refuse_decimal_commas(path: str | Path) -> None:
+    """Refuse a list such as [20,5, 40,5]: TOML reads four numbers where two may have been meant."""
+    for name, items in _LIST(Path(path).read_text(encoding="utf-8")):
+        words = items.split(",")
+        tight = [bool(re.match(r"\d", word)) for word in words[1:]]
+        short = len(words) % 2 == 0 and all(
+            re.fullmatch(r"\d", word.strip()) for word in words[1::2]
+        )
+        if any(tight) and (not all(tight) or short):
+            raise RigError(
+                f"{path}: {name} = [{items.strip()}] may be read with decimal commas: write decimals with "
+                "a point, as 20.5, and a space after each comma"
+            )
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _RigTable(Guards):
+class _RigTable:
     """The table [rig]."""
 
     circuit: Literal["air", "water"]
@@ -205,24 +178,18 @@ class _RigTable(Guards):
         Meta(description="[-255..0, 0..255]"),
     ] = Control.integral_limits
     calibration: Text | None = None
-    jump_limit: NotNegative = JUMP_LIMIT
-    still: Positive = Guards.still  # checked once it is in seconds
-    frozen: Positive = Guards.frozen
-    stall: Positive = Guards.stall
+    jump_limit: NotNegative = RigSettings.jump_limit
+    frozen_output: int = RigSettings.frozen_output
+    frozen: Positive = RigSettings.frozen
+    stall: Positive = RigSettings.stall
 
 
+_LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
 _PLAN_FORM = Form(
     {"pressures": "pressure", "stroke": "length", "rate": "rate"}
     | dict.fromkeys(("settle", "photograph_every"), "time")
 )
 _RIG_FORM = Form(
-    kinds={
-        **dict.fromkeys(("pressure_limit", "jump_limit"), "pressure"),
-        **dict.fromkeys(("still", "frozen", "stall"), "time"),
-    },
-    keys={
-        "floor": "reading_floor_counts",
-        "ceiling": "reading_ceiling_counts",
-        "frozen_output": "frozen_output_counts",
-    },
+    {"pressure_limit": "pressure", "jump_limit": "pressure", "frozen": "time", "stall": "time"},
+    {"frozen_output": "frozen_output_counts"},
 )

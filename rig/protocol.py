@@ -12,7 +12,7 @@ import binascii
 import re
 from typing import Any, NamedTuple
 
-PROTOCOL = 2  # version of the protocol, field `proto` of the hello line
+PROTOCOL = 3  # version of the protocol, field `proto` of the hello line
 TICK_HZ = 500  # ticks of the controller per second
 TICKS = 1 << 32  # a device counts its ticks modulo this: from 0 again after 99 days
 
@@ -238,7 +238,7 @@ class DeviceSettings(NamedTuple):
 
 
 class Hello(NamedTuple):
-    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget,limit`.
+    """`H,famrig,proto,fw,boot,cause,tick_hz,div,ring,budget,limit,board`.
 
     Attributes:
         protocol: `PROTOCOL`.
@@ -250,6 +250,7 @@ class Hello(NamedTuple):
         ring: records that the device can still repeat.
         bytes_per_tick: bytes that it can send in a tick.
         trip_ceiling: highest pressure limit that it takes [counts].
+        board: its number, kept in its memory and in its calibration; 0 if it was given none.
     """
 
     protocol: int
@@ -261,6 +262,7 @@ class Hello(NamedTuple):
     ring: int
     bytes_per_tick: int
     trip_ceiling: int
+    board: int
 
 
 class Ack(NamedTuple):
@@ -284,13 +286,7 @@ class StoredRange(NamedTuple):
     next: int
 
 
-class Comment(NamedTuple):
-    """`# text`, to be read in a terminal."""
-
-    text: str
-
-
-Message = Sample | DeviceStatus | DeviceSettings | Hello | Ack | StoredRange | Comment
+Message = Sample | DeviceStatus | DeviceSettings | Hello | Ack | StoredRange
 
 
 def crc16(data: bytes) -> int:
@@ -356,8 +352,6 @@ def parse(line: bytes) -> Message | None:
     if body[:2] == b"T,":
         match = _SAMPLE(body)
         return Sample._make(map(int, match.groups())) if match else None
-    if body[:2] == b"# ":
-        return Comment(body[2:].decode("latin-1"))
     kind, *fields = body.split(b",")
     return _of_integers(kind, fields)
 

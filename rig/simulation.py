@@ -235,8 +235,9 @@ class SimulatedRig:
         if not abs(clock_rate) < 0.1:
             raise RigError(f"clock_rate must be a small part, as -0.002, got {clock_rate}")
         if baud not in BAUD_RATES:
-            known = " or ".join(map(str, BAUD_RATES))
-            raise RigError(f"the firmware is built for {known} baud, got {baud}")
+            raise RigError(
+                f"the firmware is built for {' or '.join(map(str, BAUD_RATES))} baud, got {baud}"
+            )
         bytes_per_tick, ring = BAUD_RATES[baud]
         muscle = muscle or mckibben()
         self.machine = machine or machine_for(muscle)
@@ -302,11 +303,12 @@ class SimulatedRig:
         The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
         """
         sensors = self.pressure_sensor.calibration(), self.force_sensor.calibration()
-        if not isinstance(self.circuit, HydraulicCircuit):
-            return Calibration(*sensors, FeedForward.bias(128.0))
-        pressures = [5 * PSI * k for k in range(1, 24)]
-        outputs = [self.circuit.steady_output(P) for P in pressures]
-        return Calibration(*sensors, fit_feed_forward(pressures, outputs))
+        feed_forward = FeedForward.bias(128.0)
+        if isinstance(self.circuit, HydraulicCircuit):
+            pressures = [5 * PSI * k for k in range(1, 24)]
+            outputs = [self.circuit.steady_output(P) for P in pressures]
+            feed_forward = fit_feed_forward(pressures, outputs)
+        return Calibration(*sensors, feed_forward, self.device.board)
 
 
 def machine_for(

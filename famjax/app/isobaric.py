@@ -317,7 +317,7 @@ def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str)
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
-    """Times [s] and what was set from then on [Pa]: nan after an end, and in a block left or repeated."""
+    """Times [s] and what was set from then on [Pa]: nan after an end."""
     found: list[tuple[float, float]] = []
     for note in journal.notes:
         at = float(note["at"])
@@ -325,10 +325,6 @@ def _set_pressures(journal: Record) -> list[tuple[float, float]]:
             case "set":
                 found.append((at, float(note["pressure_Pa"])))
             case "end":
-                found.append((at, math.nan))
-            case "skipped" | "repeated":
-                if found:
-                    found[-1] = (found[-1][0], math.nan)
                 found.append((at, math.nan))
     return sorted(found)
 

@@ -11,7 +11,6 @@
 #define STALL_RISE 5       /* counts that count as a rise */
 #define MAX_ERROR 32767    /* 1/128 psi that the proportional term sees at most */
 #define ONE_COUNT INT32_C(32768) /* of the integral */
-#define COMMENT_TICKS 100
 #define SAMPLE_ROOM 68     /* that a record needs; what else is sent leaves as much */
 #define ANSWER_ROOM (SAMPLE_ROOM + 50)
 #define REPEAT_ROOM (2 * SAMPLE_ROOM)
@@ -45,7 +44,9 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch)
     d->liveliness = FR_LIVELY_MOVES;
     d->frozen = 4;
     d->frozen_ticks = 375;
+    d->latch.board = latch.board == 0xFFFF ? 0 : latch.board;
     if (is_trip(latch.fault)) {
+        latch.board = d->latch.board;
         d->latch = latch;
         d->state = FR_TRIP;
         d->fault = latch.fault;
@@ -54,7 +55,7 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch)
     d->sending[d->sending_head++] = '\n'; /* ends what the reset has torn */
 }
 
-/* ---- controller: rig/protocol/control_law.py, in 32 bits ---- */
+/* ---- controller: rig/protocol.py, in 32 bits ---- */
 
 static int32_t pressure_error(const fr_law *law, uint16_t counts, uint8_t ticks)
 {
@@ -362,8 +363,9 @@ static uint8_t execute(famrig *d, uint8_t verb, const char *words)
     case FR_VERB_STRICT:
         d->strict = values[0];
         return FR_OK;
-    case FR_VERB_HUMAN:
-        d->human = values[0];
+    case FR_VERB_BOARD:
+        d->latch.board = (uint16_t)values[0];
+        d->tell_hello = true;
         return FR_OK;
     case FR_VERB_HELLO:
         d->tell_hello = true; /* fall through */
@@ -415,6 +417,7 @@ static void send_hello(famrig *d)
     fr_field(d, FR_RING);
     fr_field(d, FR_BYTES_PER_TICK);
     fr_field(d, FR_TRIP_CEILING);
+    fr_field(d, d->latch.board);
     fr_end(d);
 }
 
@@ -466,23 +469,6 @@ static void send_settings(famrig *d)
     fr_end(d);
 }
 
-static void send_comment(famrig *d)
-{
-    fr_begin(d, '#');
-    fr_label(d, FR_LABEL_P);
-    fr_hundredths(d, d->law.set_point - pressure_error(&d->law, d->count, 1));
-    fr_label(d, FR_LABEL_SET);
-    fr_hundredths(d, d->law.set_point);
-    fr_label(d, FR_LABEL_U);
-    fr_number(d, d->output);
-    fr_label(d, FR_LABEL_I);
-    fr_signed(d, (d->integral + ONE_COUNT / 2) >> 15);
-    fr_label(d, FR_LABEL_STATE + d->state);
-    fr_label(d, FR_LABEL_FAULT);
-    fr_number(d, d->fault);
-    fr_end(d);
-}
-
 static void answer(famrig *d, uint16_t id)
 {
     fr_begin(d, 'A');
@@ -529,18 +515,15 @@ static void tell(famrig *d)
     } else if (d->tell_state) {
         d->tell_state = false;
         send_status(d);
-    } else if (d->tell_settings) {
+    } else {
         d->tell_settings = false;
         send_settings(d);
-    } else {
-        d->tell_comment = false;
-        send_comment(d);
     }
 }
 
 static void report(famrig *d)
 {
-    if (d->tell_hello || d->tell_state || d->tell_settings || d->tell_comment) {
+    if (d->tell_hello || d->tell_state || d->tell_settings) {
         bool settings = !d->tell_hello && !d->tell_state && d->tell_settings;
         if (room(d) >= (settings ? SETTINGS_ROOM : REPORT_ROOM))
             tell(d);
@@ -613,8 +596,6 @@ void famrig_serve(famrig *d)
     d->fresh = false;
     if (d->tick % FR_TICK_HZ == 0)
         d->tell_state = d->tell_settings = true;
-    if (d->human && d->tick % COMMENT_TICKS == 0)
-        d->tell_comment = true;
     if (!(room(d) >= ANSWER_ROOM && read_line(d)))
         report(d);
 }

@@ -2,7 +2,7 @@
  *
  * A port calls famrig_step once per 2 ms tick with the counts of its converter, sets its output and
  * its pins at once, then calls famrig_serve and famrig_release. README.md describes the protocol;
- * rig/device/core.py is the same program in Python and must send the same bytes. */
+ * rig/device.py is the same program in Python and must send the same bytes. */
 #ifndef FAMRIG_CORE_H
 #define FAMRIG_CORE_H
 
@@ -22,8 +22,8 @@
 #error "FR_TRIP_CEILING is 1 to 1020 counts: a limit at the converter's end is never seen"
 #endif
 
-#define FR_PROTOCOL 2
-#define FR_FIRMWARE 2
+#define FR_PROTOCOL 3
+#define FR_FIRMWARE 3
 #define FR_TICK_HZ 500
 #define FR_LINE_LIMIT 63
 #define FR_RECEIVE_SIZE 128 /* a power of two; one byte stays free */
@@ -49,7 +49,7 @@ enum fr_fault {
 enum fr_alive { FR_NOT_KNOWN, FR_QUIET, FR_ALIVE };
 enum fr_cause { FR_POWER_ON = 1, FR_RESET_PIN = 2, FR_BROWN_OUT = 4, FR_WATCHDOG_RESET = 8 };
 
-/* What the controller controls with; units as in rig/protocol/control_law.py. */
+/* What the controller controls with; units as in rig/protocol.py. */
 typedef struct {
     int32_t set_point;             /* 1/128 psi */
     uint16_t feed_forward;         /* 1/256 PWM count */
@@ -68,11 +68,13 @@ typedef struct {
     uint16_t low, high;
 } fr_band;
 
-/* What a trip leaves behind, also over a reset: a port keeps it where power does not matter. */
+/* What outlives a reset: the trip that is latched and the number of the board. A port keeps it where
+ * power does not matter. */
 typedef struct {
     uint8_t fault;                 /* of FR_TRIP; anything else: nothing is latched */
     uint8_t output;                /* PWM counts before it was taken off */
     uint16_t count;                /* the reading that tripped */
+    uint16_t board;                /* 1 to 65534; 0, or 65535 of a blank memory: none was given */
 } fr_latch;
 
 typedef struct {
@@ -108,8 +110,8 @@ typedef struct {
     fr_latch latch;
     uint32_t tripped_at;
     /* what is to be told */
-    bool tell_hello, tell_state, tell_settings, tell_comment;
-    bool strict, human, told_limits;
+    bool tell_hello, tell_state, tell_settings;
+    bool strict, told_limits;
     /* lines */
     uint16_t boot, bad, good, overrun, dropped, late;
     uint16_t last_id, last_check;

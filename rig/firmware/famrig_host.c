@@ -1,4 +1,4 @@
-/* The core for a computer: one call per tick, for rig/device/native.py. */
+/* The core for a computer: one call per tick, for tests/rig/native.py. */
 #include "famrig_core.h"
 
 #include <stddef.h>
@@ -18,10 +18,11 @@ void famrig_host_feed(famrig *d, const uint8_t *bytes, size_t number)
 
 void famrig_host_reset(famrig *d, uint8_t cause, uint16_t boot, const uint8_t *latch)
 {
-    famrig_reset(d, cause, boot, (fr_latch){latch[0], latch[1], latch[2] | latch[3] << 8});
+    fr_latch kept = {latch[0], latch[1], latch[2] | latch[3] << 8, latch[4] | latch[5] << 8};
+    famrig_reset(d, cause, boot, kept);
 }
 
-/* Output, state, sync, the boot counter, and the latch: fault, output, count. */
+/* Output, state, sync, the boot counter, and the latch: fault, output, count, board. */
 void famrig_host_look(const famrig *d, int *values)
 {
     values[0] = d->output;
@@ -31,6 +32,7 @@ void famrig_host_look(const famrig *d, int *values)
     values[4] = d->latch.fault;
     values[5] = d->latch.output;
     values[6] = d->latch.count;
+    values[7] = d->latch.board;
 }
 
 /* A tick, and a look; writes what it sent, at most FR_BYTES_PER_TICK bytes, and says how many. */

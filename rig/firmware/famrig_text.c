@@ -17,7 +17,7 @@ static const FR_FLASH command_kind commands[FR_VERB_UNKNOWN] = {
     [FR_VERB_HB] = {"hb", 0, 0, {{0}}},
     [FR_VERB_RP] = {"rp", 0, 0, {{0}}},
     [FR_VERB_STRICT] = {"strict", 1, 1, {{1, 0, 1}}},
-    [FR_VERB_HUMAN] = {"human", 1, 1, {{1, 0, 1}}},
+    [FR_VERB_BOARD] = {"board", 1, 1, {{1, 1, 65534}}},
     [FR_VERB_SET] = {"set", 1, 2, {{128, 0, 131071}, {256, 0, 65280}}},
     [FR_VERB_GAIN] = {"gain", 2, 2, {{256, 0, 32767}, {256, 0, 32767}}},
     [FR_VERB_ILIM] = {"ilim", 2, 2, {{1, -255, 0}, {1, 0, 255}}},
@@ -49,12 +49,6 @@ static const FR_FLASH char reasons[][31] = {
     [FR_BAUD] = "too fast for this baud",
     [FR_OUTSIDE] = "reading out of range",
     [FR_ABOVE_CEILING] = "above the compiled-in ceiling",
-};
-
-static const FR_FLASH char labels[][8] = {
-    [FR_LABEL_P] = " p=",      [FR_LABEL_SET] = " set=",     [FR_LABEL_U] = " u=",
-    [FR_LABEL_I] = " i=",      [FR_LABEL_FAULT] = " fault=", [FR_LABEL_STATE] = " SAFE",
-    [FR_LABEL_STATE + 1] = " RUN", [FR_LABEL_STATE + 2] = " MAN", [FR_LABEL_STATE + 3] = " TRIP",
 };
 
 static const FR_FLASH uint32_t tens[] = {1,      10,      100,      1000,      10000,
@@ -119,7 +113,7 @@ void fr_end(famrig *d)
 }
 
 /* Subtraction of powers of ten: a division costs an AVR 600 cycles. */
-void fr_number(famrig *d, uint32_t value)
+static void put_number(famrig *d, uint32_t value)
 {
     uint8_t place = value < 1000 ? 2 : value < 100000 ? 4 : 9;
     while (place > 0 && value < tens[place])
@@ -135,43 +129,29 @@ void fr_number(famrig *d, uint32_t value)
     }
 }
 
-void fr_signed(famrig *d, int32_t value)
+static void put_signed(famrig *d, int32_t value)
 {
     if (value < 0)
         put(d, '-');
-    fr_number(d, value < 0 ? -(uint32_t)value : (uint32_t)value);
+    put_number(d, value < 0 ? -(uint32_t)value : (uint32_t)value);
 }
 
 void fr_field(famrig *d, uint32_t value)
 {
     put(d, ',');
-    fr_number(d, value);
+    put_number(d, value);
 }
 
 void fr_signed_field(famrig *d, int32_t value)
 {
     put(d, ',');
-    fr_signed(d, value);
+    put_signed(d, value);
 }
 
 void fr_text_field(famrig *d, fr_text text)
 {
     put(d, ',');
     put_text(d, text);
-}
-
-void fr_label(famrig *d, uint8_t label) { put_text(d, labels[label]); }
-
-void fr_hundredths(famrig *d, int32_t pressure)
-{
-    if (pressure < 0)
-        put(d, '-');
-    uint32_t size = pressure < 0 ? -(uint32_t)pressure : (uint32_t)pressure;
-    uint32_t value = (100 * size + 64) >> 7;
-    fr_number(d, value / 100);
-    put(d, '.');
-    put(d, (char)('0' + value / 10 % 10));
-    put(d, (char)('0' + value % 10));
 }
 
 /* ---- in ---- */

@@ -13,7 +13,7 @@
 #define FR_MAX_NUMBERS 2
 
 enum fr_verb {
-    FR_VERB_HELLO, FR_VERB_STATUS, FR_VERB_HB, FR_VERB_RP, FR_VERB_STRICT, FR_VERB_HUMAN,
+    FR_VERB_HELLO, FR_VERB_STATUS, FR_VERB_HB, FR_VERB_RP, FR_VERB_STRICT, FR_VERB_BOARD,
     FR_VERB_SET, FR_VERB_GAIN, FR_VERB_ILIM, FR_VERB_CAL, FR_VERB_RUN, FR_VERB_MAN, FR_VERB_STOP,
     FR_VERB_CLEAR, FR_VERB_SYNC, FR_VERB_TELE, FR_VERB_TRIP, FR_VERB_JUMP, FR_VERB_STALL,
     FR_VERB_HBMS, FR_VERB_FLOOR, FR_VERB_CEILING, FR_VERB_STILL, FR_VERB_FROZEN, FR_VERB_UNKNOWN
@@ -25,10 +25,6 @@ enum fr_reason {
     FR_OUTSIDE, FR_ABOVE_CEILING
 };
 
-enum fr_label {
-    FR_LABEL_P, FR_LABEL_SET, FR_LABEL_U, FR_LABEL_I, FR_LABEL_FAULT, FR_LABEL_STATE
-};
-
 typedef const FR_FLASH char *fr_text;
 
 extern const FR_FLASH char fr_name[], fr_error[];
@@ -36,13 +32,9 @@ extern const FR_FLASH char fr_name[], fr_error[];
 /* ---- out: a line begins with its letter, is written at once, ends with its CRC ---- */
 void fr_begin(famrig *d, char letter);
 void fr_end(famrig *d);
-void fr_number(famrig *d, uint32_t value);
-void fr_signed(famrig *d, int32_t value);
 void fr_field(famrig *d, uint32_t value);
 void fr_signed_field(famrig *d, int32_t value);
 void fr_text_field(famrig *d, fr_text text);
-void fr_label(famrig *d, uint8_t label);
-void fr_hundredths(famrig *d, int32_t pressure); /* 1/128 psi, as psi with two decimals */
 fr_text fr_reason(uint8_t reason);
 
 /* ---- in ---- */

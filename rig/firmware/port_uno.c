@@ -45,7 +45,7 @@ static volatile uint16_t pressure, force;
 static volatile bool converted, settled;
 static uint8_t reset_cause __attribute__((section(".noinit")));
 static uint16_t boot_counter EEMEM = 0xFFFF;
-static fr_latch latch EEMEM = {0xFF, 0xFF, 0xFFFF};
+static fr_latch latch EEMEM = {0xFF, 0xFF, 0xFFFF, 0xFFFF};
 
 /* After a reset by the watchdog it runs on, at 16 ms: stop it before anything else. */
 void save_cause(void) __attribute__((naked, used, section(".init3")));

@@ -30,6 +30,8 @@ class Avr:
     output, is seen in the next call.
     """
 
+    board = 0  # a number was not given
+
     def __init__(self, library: Path, firmware: Path) -> None:
         self._c = ctypes.CDLL(str(library))
         self._c.harness_open.restype = ctypes.c_void_p

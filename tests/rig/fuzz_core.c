@@ -96,7 +96,7 @@ static uint32_t any(uint32_t below)
 }
 
 static const char *const verbs[] = {
-    "hello", "status", "hb", "rp", "strict", "human", "set", "gain", "ilim", "cal", "run", "run", "run",
+    "hello", "status", "hb", "rp", "strict", "board", "set", "gain", "ilim", "cal", "run", "run", "run",
     "man", "stop", "sync", "tele", "trip", "jump", "stall", "hbms", "floor", "ceiling", "still", "frozen",
     "nonsense"};
 static const char *const numbers[] = {

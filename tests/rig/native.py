@@ -2,6 +2,7 @@
 
 import ctypes
 import shutil
+import struct
 import subprocess
 from pathlib import Path
 
@@ -66,7 +67,7 @@ class NativeDevice(Device):
         self._state = (ctypes.c_uint64 * (core.famrig_host_size() // 8 + 1))()
         self._pointer = ctypes.byref(self._state)
         self._sent = ctypes.create_string_buffer(_SENT)
-        self._looked = (ctypes.c_int * 7)()
+        self._looked = (ctypes.c_int * 8)()
         self._out = bytearray()
         self._tick = core.famrig_host_tick
         self._memory = Memory(eeprom)
@@ -74,8 +75,7 @@ class NativeDevice(Device):
 
     def reset(self, cause: int) -> None:
         """As `Device.reset`."""
-        boot, (fault, output, count) = self._memory.boot, self._memory.latch
-        latch = bytes((fault, output)) + count.to_bytes(2, "little")
+        boot, latch = self._memory.boot, struct.pack("<BBHH", *self._memory.latch)
         self._core.famrig_host_reset(
             self._pointer, ctypes.c_uint8(cause), ctypes.c_uint16(boot), latch
         )
@@ -97,14 +97,14 @@ class NativeDevice(Device):
         if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
             raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
         number = self._tick(self._pointer, pressure_counts, force_counts, self._sent, self._looked)
-        if self._looked[4] != self._latched:
+        if self._looked[4:8] != self._latched:
             self._store()
         if number:
             self._out += ctypes.string_at(self._sent, number)
 
     def _store(self) -> None:
-        self._latched = self._looked[4]
-        self._memory.store(self.boot, Latch(*self._looked[4:7]))
+        self._latched = self._looked[4:8]
+        self._memory.store(self.boot, Latch(*self._latched))
 
     @property
     def output(self) -> int:
@@ -125,6 +125,11 @@ class NativeDevice(Device):
     def boot(self) -> int:
         """As `Device.boot`."""
         return self._looked[3]
+
+    @property
+    def board(self) -> int:
+        """As `Device.board`."""
+        return self._looked[7]
 
     @property
     def dump_open(self) -> bool:

@@ -110,7 +110,7 @@ class Fuzz:
             ("hello", []),
             ("status", []),
             ("strict", [r.randint(0, 1)]),
-            ("human", [r.choice((0, 0, 1, 2))]),
+            ("board", [r.choice((0, 7, 65534, 65535))]),
             ("set", [round(r.uniform(0, 120), r.randint(0, 4)), round(r.uniform(0, 255), 3)]),
             ("set", [r.choice((20, 40, 60, 1023.99, 1024, -1))]),
             ("gain", [round(r.uniform(0, 10), 4), round(r.uniform(0, 10), 4)]),

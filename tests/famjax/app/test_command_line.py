@@ -134,7 +134,7 @@ def foreign(tmp_path: Path) -> Path:
     [
         (("doctor",), 1),
         (("fit",), 2),
-        (("rig", "ports"), 2),
+        (("rig", "check", "x.fam"), 2),
     ],
 )
 def test_a_clash_is_named_by_whatever_meets_it(

@@ -39,12 +39,6 @@ def test_port_and_core_agree(seed: int, native_library: Path) -> None:
     assert _same(port, core, Fuzz(seed), TICKS) > TICKS
 
 
-def test_they_agree_under_a_flood_of_bytes(native_library: Path) -> None:
-    port, core = Device(), NativeDevice(native_library)
-    assert _same(port, core, Fuzz(11, rate=100), TICKS) > TICKS
-    assert port.boot == core.boot
-
-
 @pytest.mark.parametrize(("ring", "bytes_per_tick"), [(7, 21), (500, 91), (64, 200)])
 def test_they_agree_with_other_options(ring: int, bytes_per_tick: int, tmp_path: Path) -> None:
     if shutil.which("cc") is None:
@@ -95,17 +89,6 @@ def _both(port: Device, core: NativeDevice, line: bytes, pressure: int) -> None:
         device.tick(pressure, 0)
     assert port.output == core.output
     assert port.take() == core.take()
-
-
-def test_counters_of_the_boot_outlive_the_device(native_library: Path) -> None:
-    eeprom = bytearray(b"\xfe\xff")
-    assert [NativeDevice(native_library, eeprom).boot, Device(eeprom).boot] == [0xFFFF, 0]
-    assert eeprom == b"\x00\x00"
-
-
-def test_core_refuses_counts_that_no_converter_gives(native_library: Path) -> None:
-    with pytest.raises(ValueError, match="0 to 1023, got 1024"):
-        NativeDevice(native_library).tick(1024, 0)
 
 
 def test_makefile_builds_the_same_core(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from rig.protocol import (
     SAFE,
     TRIP,
     Ack,
-    Comment,
     DeviceSettings,
     DeviceStatus,
     Hello,
@@ -45,7 +44,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 def test_starts_safe_and_says_who_it_is(bench: Bench) -> None:
     bench.ticks(30)
     assert (bench.device.output, bench.device.dump_open, bench.device.state) == (0, True, SAFE)
-    assert bench.of(Hello) == [Hello(2, 2, 0, 1, 500, 5, 64, 21, 900)]
+    assert bench.of(Hello) == [Hello(3, 3, 0, 1, 500, 5, 64, 21, 900, 0)]
     assert bench.of(DeviceStatus)[0].fault == 0
     assert bench.of(DeviceSettings)[0].trip == 0
 
@@ -114,11 +113,6 @@ def test_three_conversions_over_the_limit_trip_and_two_do_not(bench: Bench) -> N
     assert bench.of(DeviceStatus)[-1].fault == 2
 
 
-def test_an_unplugged_sensor_that_reads_full_scale_trips(bench: Bench) -> None:
-    bench.start()
-    assert _conversions(bench, [1023] * 3) == TRIP
-
-
 @pytest.mark.parametrize("guarded", [("run",), ("man", 90)])
 def test_a_jump_trips_and_a_single_bad_conversion_does_not(
     guarded: tuple[str, int], bench: Bench
@@ -170,21 +164,6 @@ def test_an_integral_at_its_limit_is_a_stall_below_full_output(bench: Bench) -> 
     assert (bench.device.state, bench.device.output) == (RUN, 178)
     bench.beat(400)
     assert (bench.device.state, bench.of(DeviceStatus)[-1].fault) == (TRIP, 4)
-
-
-def test_a_pressure_at_its_set_point_does_not_stall_at_any_output(bench: Bench) -> None:
-    bench.start(gains=(0, 127), set_psi=19.5)
-    bench.command("stall", 500)
-    bench.beat(3000, 100)
-    assert bench.device.state == RUN
-
-
-def test_a_rise_at_full_output_is_no_stall(bench: Bench) -> None:
-    bench.start(gains=(60, 0))
-    bench.command("stall", 1000)
-    for pressure in range(100, 170, 5):
-        bench.beat(400, pressure)
-    assert (bench.device.state, bench.device.output) == (RUN, 255)
 
 
 @pytest.mark.parametrize("milliseconds", [100, 1000, 3000])
@@ -262,13 +241,6 @@ def test_clear_is_refused_under_pressure_and_while_running(bench: Bench) -> None
     assert not bench.command("run").reason
 
 
-def test_calibration_is_not_changed_under_a_running_controller(bench: Bench) -> None:
-    assert not bench.command("cal", 102.4, 250).reason
-    bench.start()
-    assert bench.command("cal", 0, 200).reason == "running: stop first"
-    assert bench.of(DeviceSettings)[-1].law.zero == round(102.4 * 16)
-
-
 # ---- commands ----
 
 
@@ -306,6 +278,8 @@ def test_calibration_is_not_changed_under_a_running_controller(bench: Bench) -> 
         ("stall", (499,)),
         ("strict", (2,)),
         ("run", (1,)),
+        ("board", (0,)),
+        ("board", (65535,)),
     ],
 )
 def test_numbers_out_of_range_are_refused_and_nothing_changes(
@@ -322,16 +296,6 @@ def test_rates_that_the_line_cannot_carry_are_refused(bench: Bench) -> None:
     assert bench.command("tele", 3).reason == "too fast for this baud"
     assert not bench.command("tele", 4).reason
     assert not Bench(Device(bytes_per_tick=91)).command("tele", 1).reason
-
-
-def test_unknown_verbs_are_named_so(bench: Bench) -> None:
-    assert bench.command("launch").reason == "unknown verb"
-
-
-def test_gains_are_reported_as_stored(bench: Bench) -> None:
-    bench.command("gain", 1.2, 4.5)
-    bench.ticks(20)
-    assert bench.of(DeviceSettings)[-1].law.gains == (pytest.approx(1.1992, abs=5e-5), 4.5)
 
 
 def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench: Bench) -> None:
@@ -358,14 +322,11 @@ def test_hello_is_always_obeyed(bench: Bench) -> None:
 
 
 def test_a_person_may_type(bench: Bench) -> None:
-    for text in (b"trip 600\r\n", b"set 40.5\n", b"  gain   4  2 \n", b"human 1\r"):
+    for text in (b"trip 600\r\n", b"set 40.5\n", b"  gain   4  2 \r"):
         bench.send(text)
         bench.ticks(10)
     settings = bench.of(DeviceSettings)[-1]
     assert (settings.trip, settings.law.set_point_psi, settings.law.gains) == (600, 40.5, (4, 2))
-    bench.ticks(150)
-    comment = bench.of(Comment)[-1].text
-    assert comment == "p=19.53 set=40.50 u=0 i=0 SAFE fault=0"
 
 
 def test_more_bytes_than_there_is_room_for_are_counted(bench: Bench) -> None:
@@ -481,7 +442,8 @@ def test_what_is_too_old_is_told_once_and_the_rest_repeated(bench: Bench) -> Non
 
 
 @pytest.mark.parametrize(
-    "request_", ["0 rp", "0 rp 5", "0 rp x 1", "0 rp 5 g", "0 rp 4294967296 1", "0 rp 5 1 1"]
+    "request_",
+    ["0 rp", "0 rp 5", "0 rp x 1", "0 rp 5 g", "0 rp 4294967296 1", "0 rp 5 1 1", "0 rp 1000 ffff"],
 )
 def test_requests_that_make_no_sense_are_not_answered(request_: str, bench: Bench) -> None:
     bench.ticks(200)
@@ -489,14 +451,6 @@ def test_requests_that_make_no_sense_are_not_answered(request_: str, bench: Benc
     bench.send(frame(request_))
     bench.ticks(30)
     assert [s.seq for s in bench.samples] == sorted({s.seq for s in bench.samples})
-    assert not bench.of(StoredRange)
-
-
-def test_requests_for_what_is_still_to_come_are_not_answered(bench: Bench) -> None:
-    bench.ticks(200)
-    bench.said.clear()
-    bench.send(frame("0 rp 1000 ffff"))
-    bench.ticks(30)
     assert not bench.of(StoredRange)
 
 
@@ -521,19 +475,21 @@ def test_boot_counter_moves_and_stands_in_every_record() -> None:
     assert len(bench.torn) == 1
 
 
-def test_a_reset_forgets_all_settings() -> None:
-    bench = Bench(Device())
+def test_a_reset_forgets_all_settings_and_keeps_the_number_of_the_board(bench: Bench) -> None:
+    bench.command("board", 4711)
     bench.start()
     bench.device.reset(2)
     assert (bench.device.output, bench.device.dump_open) == (0, True)
     assert bench.command("run").reason == "no trip limit"
+    bench.ticks(30)
+    assert [hello.board for hello in bench.of(Hello)] == [4711, 4711]
+    bench.torn.clear()
 
 
 def test_no_line_is_dropped_under_a_full_load(bench: Bench) -> None:
-    """Comments, a command in every line, re-requests without end, records at the highest rate."""
+    """A command in every line, re-requests without end, records at the highest rate."""
     bench.start()
     bench.command("tele", 4)
-    bench.command("human", 1)
     for number in range(400):
         bench.device.feed(frame(f"0 rp {max(number - 40, 0)} ffffffff")[:21])
         bench.ticks(1)

@@ -49,7 +49,7 @@ def test_nor_under_bytes_as_a_fuzzer_makes_them(fuzz: Path) -> None:
     lines = b"".join(
         frame(f"{k} {body}")
         for k, body in enumerate(
-            ("trip 900", "jump 1023", "gain 127.9 127.9", "set 1023.9 255", "run", "human 1"), 1
+            ("trip 900", "jump 1023", "gain 127.9 127.9", "set 1023.9 255", "run", "board 77"), 1
         )
     )
     for _ in range(20):

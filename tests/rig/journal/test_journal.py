@@ -53,8 +53,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_goes_in_comes_out_in_order(whole: Path) -> None:
     record = read_journal(whole)
-    assert record.damage == record.refused == record.missing == ()
-    assert record.missing_notes == 0
+    assert record.refused == record.missing == ()
+    assert record.damaged_bytes == record.missing_notes == 0
     seq = record.column("seq")
     assert (np.diff(seq) == 1).all()
     assert seq.size > 950
@@ -99,7 +99,7 @@ def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole: Path, tmp_pat
         listed = {s for gap in found.missing for s in range(gap.first, gap.first + gap.records)}
         assert inside == listed
         assert not any(gap.noted for gap in found.missing)
-        damaged += bool(found.damage)
+        damaged += bool(found.damaged_bytes)
     assert damaged > 30
 
 
@@ -155,7 +155,7 @@ def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(tmp_path: 
         journal.lines(record(3) + record(4) + record(5))
     found = read_journal(path)
     assert found.column("seq").tolist() == [0, 1, 3, 4, 5]
-    assert [damage.size for damage in found.damage] == [10]
+    assert found.damaged_bytes == 0  # the line that was cut before the recording went on
     assert [note["note"] for note in found.notes] == ["journal", "journal"]
     assert found.missing == ()  # nobody was recording between the two parts
     with pytest.raises(RigError, match=r"cannot write"):
@@ -172,14 +172,6 @@ def test_what_is_no_journal_is_refused(tmp_path: Path) -> None:
     path.write_bytes(frame('{"note":"journal","n":0,"at":0,"format":"famjax journal 9"}'))
     with pytest.raises(RigError, match=r"'famjax journal 9'; this reads 'famjax journal 1'"):
         read_journal(path)
-
-
-def test_a_note_that_is_not_json_is_refused(tmp_path: Path) -> None:
-    with Journal(tmp_path / "n.fam", lambda: 0.0, reserve_bytes=0) as journal:
-        with pytest.raises(ValueError, match=r"Out of range float"):
-            journal.note("bad", value=float("nan"))
-        journal.note("good", value=1.5)
-    assert read_journal(tmp_path / "n.fam").missing_notes == 0
 
 
 def test_a_hanging_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,7 +218,7 @@ def test_a_full_disk_is_told_and_keeps_what_was_written(
     assert path.stat().st_size == room
     assert found.column("seq").tolist() == list(range(len(found.rows)))
     assert len(found.rows) > 8
-    assert sum(damage.size for damage in found.damage) < len(record(0))
+    assert found.damaged_bytes < len(record(0))
 
 
 def test_recording_stops_at_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -235,7 +227,8 @@ def test_recording_stops_at_the_reserve(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(sys.modules[Journal.__module__], "shutil", usage)
     with pytest.raises(RigError, match=r"1000 MB free, the plan needs"):
         Journal(tmp_path / "a.fam", lambda: 0.0, plan_seconds=60_000)
-    journal = Journal(tmp_path / "a.fam", lambda: 0.0, plan_seconds=3600, sync_period=0.001)
+    monkeypatch.setattr(sys.modules[Journal.__module__], "SYNC_PERIOD", 0.001)
+    journal = Journal(tmp_path / "a.fam", lambda: 0.0, plan_seconds=3600)
     journal.lines(record(0))
     free[0] = 49 * 10**6
     with pytest.raises(RigFault, match=r"less than 50 MB are free"):
@@ -275,7 +268,7 @@ def test_killing_the_recorder_loses_no_more_than_the_last_lines(tmp_path: Path, 
     last = max([after, *handed_over])
     assert found.column("seq").max() >= last - 20
     assert found.missing == ()
-    assert len(found.damage) <= 1
+    assert found.damaged_bytes < len(record(0))
 
 
 def test_notes_are_numbered_across_threads(tmp_path: Path) -> None:

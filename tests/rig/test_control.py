@@ -2,41 +2,25 @@
 
 # ruff: noqa: PT012 -- the way out of a with block is what is tested
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from benches import GAINS, LIMIT, PSI, journal_of, opened, vented
 
 from famjax.app.isobaric import convert, table
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
-from rig.control import Control, Rig
+from rig.control import Control, Rig, stored_settings
 from rig.device import firmware_folder
 from rig.errors import RigError, RigFault
 from rig.execution import calibrate_feed_forward, run
-from rig.journal import Journal, audit, read_journal
+from rig.journal import audit, read_journal, summary
 from rig.link import VirtualLink
 from rig.plan import Isobaric, next_block
-from rig.protocol import PRESSURE_UNIT, RUN, SAFE, frame
+from rig.protocol import PRESSURE_UNIT, RUN, frame
 from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
 
-PSI = 6894.757293168361
-LIMIT = 110 * PSI
-GAINS = Control.per_psi(4, 2)
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
-
-
-def opened(sim: SimulatedRig, journal: Journal | None = None, **changes: object) -> Rig:
-    settings = {"pressure_limit": LIMIT, "control": GAINS, "journal": journal, **changes}
-    return Rig(VirtualLink(sim), sim.calibration(), **settings)
-
-
-def journal_of(path: Path, sim: SimulatedRig, **options: bool) -> Journal:
-    return Journal(path, lambda: sim.now, reserve_bytes=0, **options)
-
-
-def vented(sim: SimulatedRig) -> bool:
-    return sim.device.state == SAFE and sim.device.output == 0 and sim.device.dump_open
 
 
 @pytest.fixture(scope="module")
@@ -49,15 +33,19 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_plan_holds_its_pressures(recorded: Path) -> None:
-    columns = table(read_journal(recorded))
-    for block, pressure in enumerate(PLAN.pressures):
+def test_a_plan_holds_its_pressures_and_its_summary_says_so(recorded: Path) -> None:
+    columns, rows = table(read_journal(recorded)), summary(read_journal(recorded))
+    for block, (pressure, row) in enumerate(zip(PLAN.pressures, rows, strict=True)):
         held = (columns["block"] == block) & (columns["state"] == RUN)
         settled = held & (columns["time_s"] > columns["time_s"][held][0] + PLAN.settle)
         assert columns["pressure_Pa"][settled].mean() == pytest.approx(pressure, abs=0.5 * PSI)
         unit = PSI / PRESSURE_UNIT  # the device's step
         assert columns["set_pressure_Pa"][settled] == pytest.approx(pressure, abs=unit)
         assert settled.sum() > 990
+        assert row["mean_Pa"] == pytest.approx(pressure, abs=0.5 * PSI)
+        error = columns["pressure_Pa"][settled] - pressure
+        assert row["rms_error_Pa"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
+        assert (row["block"], row["strokes"], row["trips"], row["completed"]) == (block, 1, 0, True)
 
 
 def test_an_audit_recomputes_every_record(recorded: Path) -> None:
@@ -66,47 +54,34 @@ def test_an_audit_recomputes_every_record(recorded: Path) -> None:
     assert found.checked == found.equal == found.records
     assert found.unchecked == found.lost == found.torn == 0
     assert found.ended == "complete"
-    assert "sound" in str(found)
 
 
-@pytest.mark.parametrize(("column", "by"), [(4, 1), (5, 1), (7, 1), (8, 1)])
+@pytest.mark.parametrize(("column", "by"), [(4, 100), (5, 100), (7, 1), (8, 1)])
 def test_an_audit_sees_an_edited_figure(
     recorded: Path, tmp_path: Path, column: int, by: int
 ) -> None:
     """The sum and the count of the pressure, output and integral, each with its CRC made right."""
     lines = recorded.read_bytes().split(b"\n")
-    at = next(i for i, line in enumerate(lines) if b",2000," in line and line.startswith(b"T"))
+    at = next(i for i, line in enumerate(lines) if line.startswith(b"T,0,2900,"))
     fields = lines[at][:-5].decode().split(",")
-    fields[column] = str(int(fields[column]) + by * (100 if column in (4, 5) else 1))
+    fields[column] = str(int(fields[column]) + by)
     lines[at] = frame(",".join(fields))[:-1]
-    edited = tmp_path / "edited.fam"
-    edited.write_bytes(b"\n".join(lines))
-    found = audit(read_journal(edited))
-    assert not found.sound
+    (tmp_path / "edited.fam").write_bytes(b"\n".join(lines))
+    found = audit(read_journal(tmp_path / "edited.fam"))
     assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
     assert found.first_wrong == (0, int(fields[2]))
 
 
-def test_an_audit_sees_other_gains_than_the_device_told(recorded: Path, tmp_path: Path) -> None:
-    lines = recorded.read_bytes().split(b"\n")
-    for i, line in enumerate(lines):
-        if line.startswith(b"P"):
-            fields = line[:-5].decode().split(",")
-            fields[5] = str(int(fields[5]) + 8)  # Kp, by 1/32 count per psi
-            lines[i] = frame(",".join(fields))[:-1]
-    edited = tmp_path / "gains.fam"
-    edited.write_bytes(b"\n".join(lines))
-    found = audit(read_journal(edited))
-    assert found.equal < found.checked
-
-
-def test_a_journal_that_was_cut_off_is_not_sound(recorded: Path, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.fam"
-    cut.write_bytes(recorded.read_bytes()[:60_000])
+def test_a_journal_that_was_cut_off_is_not_sound_until_it_is_resumed(
+    recorded: Path, tmp_path: Path
+) -> None:
+    cut, sim = tmp_path / "cut.fam", SimulatedRig(seed=1)
+    cut.write_bytes(recorded.read_bytes()[:90_000])  # in the middle of a line
+    assert not audit(read_journal(cut)).sound
+    with journal_of(cut, sim, append=True) as journal, opened(sim, journal) as rig:
+        run(rig, PLAN, first_block=next_block(read_journal(cut).notes))
     found = audit(read_journal(cut))
-    assert found.ended is None
-    assert not found.sound
-    assert found.checked == found.equal
+    assert (found.faults, found.ended) == ([], "complete")
 
 
 def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path: Path) -> None:
@@ -115,43 +90,16 @@ def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path
     assert {values.shape for values in columns.values()} == {(len(record.rows),)}
     assert (np.diff(columns["time_s"]) > 0).all()
     back = np.genfromtxt(convert(recorded, tmp_path / "run.csv"), delimiter=",", names=True)
-    assert back.dtype.names == tuple(columns)
     for name, values in columns.items():
         np.testing.assert_array_equal(back[name], values)
+    # The simulated clock gains 2000 ppm; a port sends at once what a tick of 2 ms carries, and the
+    # link looks every 4 ms.
+    assert np.abs(columns["time_s"] - columns["device_time_s"] / 1.002).max() < 4e-3
 
 
-def test_time_is_the_hosts(recorded: Path) -> None:
-    """The simulated clock gains 2000 ppm: after 26 s it is 52 ms ahead."""
-    columns = table(read_journal(recorded))
-    true = columns["device_time_s"] / 1.002
-    late = columns["time_s"] - true
-    # the simulated port sends at once what a tick of 2 ms carries, and the link looks every 4 ms
-    assert np.abs(late).max() < 4e-3
-
-
-def test_a_stopped_plan_goes_on_where_it_was(tmp_path: Path) -> None:
-    path, sim = tmp_path / "two.fam", SimulatedRig()
-    with (
-        journal_of(path, sim) as journal,
-        pytest.raises(KeyboardInterrupt),
-        opened(sim, journal) as rig,
-    ):
-        rig.link.watch = interrupt_at(sim, 16.0)
-        run(rig, PLAN)
-    assert vented(sim)
-    block = next_block(read_journal(path).notes)
-    assert block == 1
-    with journal_of(path, sim, append=True) as journal, opened(sim, journal) as rig:
-        run(rig, PLAN, first_block=block)
-    found = read_journal(path)
-    assert [n["block"] for n in found.notes_of("block")] == [0, 1, 1]
-    assert [n["block"] for n in found.notes_of("done")] == [0, 1]
-    assert [n["reason"] for n in found.notes_of("end")] == ["KeyboardInterrupt: ", "complete"]
-    assert audit(found).sound
-
-
-@pytest.mark.slow
-def test_parts_of_a_recording_may_have_other_clocks(tmp_path: Path) -> None:
+def test_parts_of_a_recording_go_on_where_they_were_and_may_have_other_clocks(
+    tmp_path: Path,
+) -> None:
     """Resumed after the computer was started again: the second part's time begins anew."""
     path, plan = tmp_path / "two.fam", Isobaric((20 * PSI, 40 * PSI), 1, 0.01, 0.01, settle=1.0)
     first, second = SimulatedRig(), SimulatedRig()
@@ -164,27 +112,19 @@ def test_parts_of_a_recording_may_have_other_clocks(tmp_path: Path) -> None:
     ):
         run(rig, Isobaric(plan.pressures[:1], 1, 0.01, 0.01, settle=1.0))
         raise KeyboardInterrupt
+    assert vented(first)
     with journal_of(path, second, append=True) as journal, opened(second, journal) as rig:
         run(rig, plan, first_block=next_block(read_journal(path).notes))
     found = read_journal(path)
     columns = table(found)
     assert found.epoch_parts == (0, 1)
     assert [note["block"] for note in found.notes_of("done")] == [0, 1]
+    assert [n["reason"] for n in found.notes_of("end")] == ["KeyboardInterrupt: ", "complete"]
+    assert audit(found).sound
     for block, start in ((0, 500.0), (1, 0.0)):
         times = columns["time_s"][columns["block"] == block]
-        assert start < times.min() < times.max() < start + 6
+        assert start < times.min() < times.max() < start + 12
         assert np.ptp(times) == pytest.approx(3.0, abs=0.05)
-
-
-def interrupt_at(sim: SimulatedRig, time: float) -> Callable[[object], None]:
-    times = [time]
-
-    def watch(_: object) -> None:
-        if times and sim.now > times[0]:
-            times.clear()
-            raise KeyboardInterrupt
-
-    return watch
 
 
 def test_photographs_are_triggered_and_noted(tmp_path: Path) -> None:
@@ -194,45 +134,70 @@ def test_photographs_are_triggered_and_noted(tmp_path: Path) -> None:
     with journal_of(path, sim) as journal, opened(sim, journal, camera=taken.append) as rig:
         run(rig, plan)
     notes = read_journal(path).notes_of("trigger")
-    assert taken == [note["name"] for note in notes]
-    assert taken == [f"block00-{k:05d}" for k in range(5)]
+    assert taken == [note["name"] for note in notes] == [f"block00-{k:05d}" for k in range(5)]
     np.testing.assert_allclose(np.diff([note["at"] for note in notes]), 2.5, atol=0.01)
     ticks = np.diff([note["tick"] for note in notes]) / 500
     np.testing.assert_allclose(ticks, 2.5, atol=0.02)
 
 
+FLAT = FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"pressure_limit": None}, "only under a pressure limit > 0, got None"),
-        ({"pressure_limit": 0.0}, "only under a pressure limit > 0, got 0"),
-        ({"pressure_limit": float("nan")}, "only under a pressure limit"),
-        ({"pressure_limit": 300 * PSI}, "could not be seen"),
-        ({"pressure_limit": 100.0 - 60 * PSI}, "only under"),
+        ({"pressure_limit": None}, "under a finite pressure limit > 0, got None"),
+        ({"pressure_limit": 0.0}, "pressure limit > 0, got 0"),
+        ({"pressure_limit": float("nan")}, "finite pressure limit > 0"),
+        ({"pressure_limit": 300 * PSI, "unit": "psi"}, "limit of 300 psi is 1330 counts"),
+        ({"jump_limit": 0.5 * PSI, "unit": "psi"}, "limit of 0.5 psi is 2 counts.*5 to 1023"),
+        ({"jump_limit": float("nan")}, "0 counts"),
+        ({"stall": 90.0}, "stall must be 0.5 to 30, got 90"),
+        ({"frozen_output": 0}, "frozen_output must be 1 to 255"),
+        (
+            {"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))},
+            "zero of 0 to 1023.9",
+        ),
     ],
 )
-def test_no_rig_without_a_pressure_limit_that_can_be_seen(changes: dict, message: str) -> None:
+def test_settings_that_cannot_be_are_refused(changes: dict, message: str) -> None:
     with pytest.raises(RigError, match=message):
         opened(SimulatedRig(), **changes)
 
 
-def test_the_limit_is_rounded_down_to_counts() -> None:
+def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
     sim = SimulatedRig()
-    with opened(sim) as rig:
-        counts = rig.link.session.settings.trip
+    with opened(sim, unit="psi") as rig:
+        with pytest.raises(RigError, match=r"the plan sets 110 psi, the limit is 110 psi"):
+            run(rig, Isobaric((20 * PSI, LIMIT), 1, 0.01, 0.002))
+        rig.calibration = Calibration(rig.calibration.pressure, rig.calibration.force, FLAT)
+        with pytest.raises(
+            RigError, match=r"feed-forward is known from 0 psi to 30 psi, not at 40"
+        ):
+            run(rig, PLAN)
+        with pytest.raises(RigError, match=r"below the limit of 110 psi, got 110 psi"):
+            rig.set_pressure(LIMIT)
+        rig.wait(1.0)
+        assert sim.pressure < PSI
+
+
+def test_the_device_reports_what_its_twin_stores_of_the_settings(tmp_path: Path) -> None:
+    sim = SimulatedRig()
+    with (
+        journal_of(tmp_path / "run.fam", sim) as journal,
+        opened(sim, journal, jump_limit=40 * PSI, frozen_output=6, frozen=0.5, stall=2.0) as rig,
+    ):
+        settings = rig.link.session.settings
+        assert settings is not None
+        wanted = stored_settings(rig.settings.commands(rig.calibration))
         sensor = sim.calibration().pressure
-        assert sensor.value(5 * counts) <= LIMIT < sensor.value(5 * (counts + 1))
-
-
-def test_a_sensor_that_the_device_cannot_take_is_refused() -> None:
-    force = Sensor(1.0, 0.0)
-    with pytest.raises(RigError, match=r"zero of 0 to 1023.9 counts"):
-        Rig(
-            VirtualLink(SimulatedRig()),
-            Calibration(Sensor(300.0, -50.0), force),
-            pressure_limit=2e5,
-            control=GAINS,
-        )
+        assert sensor.value(5 * settings.trip) <= LIMIT < sensor.value(5 * (settings.trip + 1))
+    assert settings.jump == wanted["jump"] == round(40 / (200 / (4.0 / 5 * 1024)))
+    assert (settings.frozen, settings.frozen_ticks, settings.stall) == (6, 250, 1000)
+    assert (settings.silence, settings.ticks_per_record) == (500, 5)
+    record = read_journal(tmp_path / "run.fam")
+    (note,) = record.notes_of("rig")
+    assert (note["frozen_output_counts"], note["unseen"]) == (6, [])
 
 
 SMALL = {"rest_length": 0.1, "thread_length": 0.106, "turns": 2.35, "solid_volume": 0.6e-6,
@@ -252,23 +217,8 @@ def test_a_small_muscle_trips_on_a_large_step_until_the_plan_allows_it() -> None
     assert step(jump_limit=60 * PSI) == pytest.approx(80 * PSI, abs=PSI)
 
 
-@pytest.mark.parametrize("baud", [115200, 500000])
-def test_the_device_is_told_the_jump_limit_in_its_counts(baud: int) -> None:
-    sim = SimulatedRig(baud=baud)
-    psi_per_count = 200 / (4.0 / 5 * 1024)  # 0.5 to 4.5 V of 200 psi on a converter of 5 V
-    for psi in (15, 40):
-        with opened(sim, jump_limit=psi * PSI) as rig:
-            settings = rig.link.session.settings
-            assert settings is not None
-            assert settings.jump == round(psi / psi_per_count)
-    with pytest.raises(RigError, match=r"jump limit of 3447 Pa is 2 counts.*5 to 1023"):
-        opened(sim, jump_limit=0.5 * PSI)
-    with pytest.raises(RigError, match=r"0 counts"):
-        opened(sim, jump_limit=float("nan"))
-
-
 def test_sync_raises_the_pin_for_whole_records(tmp_path: Path) -> None:
-    sim = SimulatedRig()
+    sim = SimulatedRig(baud=500000)
     with journal_of(tmp_path / "run.fam", sim) as journal, opened(sim, journal) as rig:
         rig.sync(0.25)
         rig.wait(1.0)
@@ -278,24 +228,6 @@ def test_sync_raises_the_pin_for_whole_records(tmp_path: Path) -> None:
     (note,) = record.notes_of("sync")
     high = record.column("seq")[record.column("flags") & 4 > 0]
     assert high.tolist() == list(range(note["seq"], note["seq"] + 25))
-
-
-def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
-    sim = SimulatedRig()
-    high = Isobaric((20 * PSI, LIMIT), 1, 0.01, 0.002)
-    with opened(sim) as rig:
-        with pytest.raises(RigError, match=r"the plan sets 758423 Pa, the limit is 758423 Pa"):
-            run(rig, high)
-        rig.calibration = Calibration(
-            rig.calibration.pressure,
-            rig.calibration.force,
-            FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI)),
-        )
-        with pytest.raises(RigError, match=r"feed-forward is known from"):
-            run(rig, PLAN)
-        with pytest.raises(RigError, match=r"below the limit"):
-            rig.set_pressure(LIMIT)
-        assert sim.pressure < PSI
 
 
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(1)])
@@ -316,13 +248,13 @@ def test_a_plan_that_hangs_vents_by_itself() -> None:
     with opened(sim) as rig:
         rig.set_pressure(40 * PSI)
         rig.wait(3.0)
-        rig.link.sleep(5.0 + 1.0 + 0.25)  # nobody kicks: heartbeats end after 5 s
+        rig.link.sleep(5.0 + 1.0 + 0.25)  # nobody supervises: heartbeats end after 5 s
         assert vented(sim)
         with pytest.raises(RigFault, match=r"went to SAFE by itself: silence"):
             rig.check()
 
 
-def test_a_device_that_does_not_answer_is_said_and_never_left_with_heartbeats() -> None:
+def test_a_device_that_does_not_answer_is_never_left_with_heartbeats() -> None:
     sim = SimulatedRig()
     with (
         pytest.raises(RigFault, match=r"did not confirm that it stopped.*look at the pressure"),
@@ -357,7 +289,7 @@ def test_the_feed_forward_of_a_pump_is_found_by_stepping_it() -> None:
     sim = SimulatedRig(circuit)
     true = sim.calibration().feed_forward
     outputs = [int(circuit.steady_output(p * PSI)) for p in (8, 20, 35, 50, 65, 80, 95)]
-    with opened(sim) as rig:
+    with Rig(VirtualLink(sim), sim.calibration(), pressure_limit=LIMIT, control=GAINS) as rig:
         found = calibrate_feed_forward(rig, [*outputs, *outputs[::-1]], settle=2.5, average=1.0)
     assert vented(sim)
     for pressure in (10, 30, 60, 90):

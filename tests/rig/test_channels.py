@@ -1,0 +1,259 @@
+"""Before the first pressure, and under it: foreign boards, exchanged channels, readings that cannot be."""
+
+# ruff: noqa: PT012 -- the way out of a with block is what is tested
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from benches import GAINS, PSI, Exchanged, highest, journal_of, opened
+from rig_commands import calibrated
+
+from rig import read_journal
+from rig.calibration import Calibration, FeedForward, Sensor, write_calibration
+from rig.channels import FlowWatch, floor_counts, numbered, unseen
+from rig.control import acknowledge, trip_text
+from rig.device import Device
+from rig.errors import RigError, RigFault
+from rig.execution import prepare, run
+from rig.link import VirtualLink
+from rig.plan import Isobaric, read_plan
+from rig.protocol import FAULTS, RUN, SAFE, TRIP, DeviceStatus, Sample
+from rig.simulation import (
+    HydraulicCircuit,
+    PneumaticCircuit,
+    SimulatedRig,
+    SimulatedSensor,
+    load_cell,
+    mckibben,
+    pressure_transducer,
+)
+
+LIVE = Calibration(pressure_transducer().calibration(), load_cell().calibration())
+ZERO_TO_FIVE = SimulatedSensor(0.0, 200 * PSI, 0.25 * PSI, 0.01, low_volts=0.0, high_volts=5.0)
+STROKES = Isobaric((40 * PSI,), 1, 0.05, 0.0025, settle=3.0)
+
+
+def ranged(limit_psi: float) -> float:
+    """Pull [N] at 1.2 times a limit."""
+    muscle = mckibben()
+    return 1.2 * muscle.force(muscle.rest_length, limit_psi * PSI)
+
+
+# ---- exchanged channels, and supplies that are not there ----
+
+
+@pytest.mark.parametrize("cell", ["1500 lbf", "ranged", "zero at 0.5 V"])
+@pytest.mark.parametrize(("set_psi", "limit_psi"), [(15, 30), (20, 60), (40, 60)])
+def test_exchanged_channels_are_refused_before_5_psi(
+    cell: str, set_psi: float, limit_psi: float
+) -> None:
+    sensor = {
+        "1500 lbf": load_cell(),
+        "ranged": load_cell(ranged(limit_psi)),
+        "zero at 0.5 V": SimulatedSensor(0.0, ranged(limit_psi), 2.0),
+    }[cell]
+    sim = SimulatedRig(device=Exchanged(), force_sensor=sensor)
+    peak = highest(sim)
+    with (
+        pytest.raises(RigError, match="exchanged"),
+        opened(sim, pressure_limit=limit_psi * PSI) as rig,
+    ):
+        rig.set_pressure(set_psi * PSI)
+    assert peak() < 5 * PSI
+    assert sim.device.state == SAFE
+
+
+@pytest.mark.parametrize(
+    "circuit", [PneumaticCircuit(), PneumaticCircuit(leak=0.0), HydraulicCircuit()]
+)
+@pytest.mark.parametrize("cell", [load_cell(), SimulatedSensor(0.0, ranged(30), 2.0)])
+def test_sound_channels_pass_below_5_psi(circuit: PneumaticCircuit, cell: SimulatedSensor) -> None:
+    sim = SimulatedRig(circuit, force_sensor=cell, seed=3)
+    peak = highest(sim)
+    with opened(sim) as rig:
+        assert peak() < 5 * PSI
+        rig.set_pressure(20 * PSI)
+        rig.wait(2.0)
+        assert sim.device.state == RUN
+
+
+@pytest.mark.parametrize(
+    ("circuit", "exchanged", "words"),
+    [
+        (PneumaticCircuit(supply=1.0), False, "moved neither pressure nor load: no supply"),
+        (HydraulicCircuit(displacement=1e-12), False, "moved neither pressure nor load"),
+    ],
+)
+def test_a_circuit_without_supply_is_refused(
+    circuit: PneumaticCircuit, exchanged: bool, words: str
+) -> None:
+    sim = SimulatedRig(circuit)
+    with pytest.raises(RigError, match=words):
+        opened(sim).__enter__()
+    assert (sim.device.state, sim.device.output) == (SAFE, 0)
+
+
+def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run() -> None:
+    """No deadband, and zeros alike: the load is then held, the pressure rises as the muscle shortens."""
+    cell = SimulatedSensor(0.0, ranged(60), 2.0)
+    sim = SimulatedRig(None, mckibben(deadband_pressure=0.0), device=Exchanged(), force_sensor=cell)
+    peak = highest(sim)
+    with (
+        pytest.raises(RigFault, match="the load rises while the circuit is filled"),
+        opened(sim, pressure_limit=60 * PSI) as rig,
+    ):
+        run(
+            rig,
+            dataclasses.replace(STROKES, pressures=(20 * PSI,), settle=8.0),
+            machine=sim.machine,
+        )
+    assert sim.device.state == SAFE
+    assert peak() < 60 * PSI
+
+
+def test_the_watch_says_nothing_of_a_muscle_that_shortens_as_it_fills() -> None:
+    def says(slope: float) -> bool:
+        watch = FlowWatch()
+        records = []
+        for k in range(400):
+            load, output = 400 + slope * max(k - 100, 0), 130 + 20 * (k > 100)
+            records.append(Sample(0, k, 5 * k, 1000, 200, round(5 * load), output, 0, RUN))
+        said = [watch.contradicts(record, held=True) for record in records]
+        return any(said)
+
+    assert says(+0.2)
+    assert not says(-0.2)
+    assert not says(0.0)
+
+
+# ---- which board, which settings ----
+
+
+def test_a_calibration_of_another_board_is_refused() -> None:
+    eeprom = bytearray(b"\xff" * 8)
+    sim = SimulatedRig(device=Device(eeprom))
+    board = numbered(VirtualLink(sim))
+    sim.advance(0.1)
+    again = SimulatedRig(device=Device(eeprom))  # switched off and on
+    assert numbered(VirtualLink(again)) == board == again.calibration().board != 0
+    for other in (0, board % 60000 + 1):
+        foreign = dataclasses.replace(again.calibration(), board=other)
+        with pytest.raises(RigError, match=f"this is board {board}, the calibration is of"):
+            opened(again, calibration=foreign).__enter__()
+    with opened(again) as rig:
+        rig.wait(0.1)
+
+
+def test_what_another_host_has_set_does_not_survive(tmp_path: Path) -> None:
+    """A board that opening its port does not reset, with limits of its own."""
+    sim = SimulatedRig()
+    link = VirtualLink(sim)
+    for verb, value in (("hbms", 10_000), ("tele", 20), ("floor", 0), ("stall", 30_000)):
+        link.command(verb, value)
+    rig = opened(sim)
+    rig.__enter__()
+    rig.set_pressure(40 * PSI)
+    rig.wait(3.0)
+    start = sim.now
+    while sim.device.output:  # the host is killed
+        sim.advance(0.002)
+    assert sim.now - start <= 1.05
+
+
+def test_a_device_that_does_not_take_a_setting_is_refused() -> None:
+    class Deaf(Device):
+        """Acknowledges `hbms` and keeps another one."""
+
+        def feed(self, data: bytes) -> None:
+            super().feed(data)
+            self._control.silent = 5000
+
+    with pytest.raises(RigFault, match=r"has not taken its settings: silence 5000 not 500"):
+        opened(SimulatedRig(device=Deaf())).__enter__()
+
+
+# ---- readings that cannot be ----
+
+
+def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none() -> None:
+    assert floor_counts(LIVE) == 61
+    dead = Calibration(ZERO_TO_FIVE.calibration(), load_cell().calibration())
+    assert floor_counts(dead) == 0
+    assert unseen(LIVE, alive=True) == []
+    assert "cannot have a floor" in unseen(dead, alive=True)[0]
+    assert "hardly varies" in unseen(LIVE, alive=False)[0]
+
+
+@pytest.mark.parametrize("stuck_psi", [-12.0, 4.0, 8.0, 37.0])
+def test_a_pressure_that_does_not_vent_is_refused(stuck_psi: float) -> None:
+    sim = SimulatedRig()
+    sim.sensor_fault = sim.pressure_sensor.counts(stuck_psi * PSI)
+    with pytest.raises(RigError, match="with the dump valve open: it is stuck"):
+        opened(sim).__enter__()
+    assert sim.device.state == SAFE
+
+
+@pytest.mark.parametrize("counts", [0, 1023])
+def test_a_dead_or_saturated_load_cell_is_refused(counts: int) -> None:
+    class Broken(Device):
+        def tick(self, pressure_counts: int, force_counts: int) -> None:
+            super().tick(pressure_counts, counts)
+
+    with pytest.raises(RigError, match=rf"\({counts} counts\) with the dump valve open"):
+        opened(SimulatedRig(device=Broken())).__enter__()
+
+
+def test_a_limit_above_the_compiled_ceiling_is_refused() -> None:
+    with pytest.raises(RigError, match=r"refuses 'trip 552': above the compiled-in ceiling"):
+        opened(SimulatedRig(device=Device(trip_ceiling=500))).__enter__()
+
+
+def test_water_with_the_bias_of_an_air_valve_is_refused(tmp_path: Path) -> None:
+    path = calibrated(tmp_path, circuit="water", pressures="10")
+    with pytest.raises(RigError, match="water circuit needs a feed-forward"):
+        prepare(read_plan(path), tmp_path / "out")
+    rising = FeedForward((20.0, 100.0, 0.0, 0.0), 7e5)
+    write_calibration(tmp_path / "calibration.toml", Calibration(LIVE.pressure, LIVE.force, rising))
+    prepare(read_plan(path), tmp_path / "out")
+
+
+# ---- trips ----
+
+
+def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(tmp_path: Path) -> None:
+    eeprom = bytearray(8)
+    sim = SimulatedRig(device=Device(eeprom))
+    path = tmp_path / "run.fam"
+    with (
+        journal_of(path, sim) as journal,
+        pytest.raises(RigFault, match=r"range at 3 counts \(-24.15 psi\), output \d+; it has"),
+        opened(sim, journal) as rig,
+    ):
+        rig.set_pressure(30 * PSI)
+        rig.wait(2.0)
+        sim.sensor_fault = 3
+        rig.wait(1.0)
+    (note,) = read_journal(path).notes_of("fault")
+    assert (note["cause"], note["counts"]) == ("range", 3)
+    with pytest.raises(RigError, match="refuses 'clear': reading out of range"):
+        acknowledge(VirtualLink(sim))
+    sim.sensor_fault = None
+    for again in (sim, SimulatedRig(device=Device(eeprom))):  # connected again, switched on again
+        with pytest.raises(RigError, match=r"is tripped: range at 3 counts .*then acknowledge"):
+            opened(again).__enter__()
+        assert again.device.state == TRIP
+    acknowledge(VirtualLink(again), again.calibration())
+    assert again.device.state == SAFE
+    with opened(again) as rig:
+        run(rig, dataclasses.replace(STROKES, stroke=0.001))
+
+
+def test_every_trip_can_be_told() -> None:
+    sensor = Calibration(Sensor(1e3, 500.0), Sensor(1.0, 0.0))
+    for fault in range(2, len(FAULTS)):
+        status = DeviceStatus(1, 1, 1, TRIP, fault, 0, 0, 0, 0, 0, 0, 9, 200, 131, 0)
+        text = trip_text(status, sensor)
+        assert text.startswith(f"{FAULTS[fault]} at 200 counts (72.52 psi), output 131; ")
+        assert not text.endswith("; ")
+    assert GAINS.integral_limits == (-128, 128)
