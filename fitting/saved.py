@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import Own
+from famjax.boundary.class_path import NotTrustedError, Own
 from famjax.boundary.errors import InputError
 from famjax.boundary.origin import Origin
 from famjax.boundary.sentence import in_units
@@ -139,6 +139,8 @@ def load_fit(path: str | Path, *, own: Own = ()) -> SavedFit:
         raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
     try:
         return _saved_fit(document, own)
+    except NotTrustedError as error:
+        raise NotTrustedError(f"{path}: {error}") from None
     except InputError as error:
         raise InputError(f"{path} is damaged: {error}") from None
 

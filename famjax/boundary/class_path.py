@@ -23,6 +23,10 @@ def class_path(cls: Any) -> str:
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
+class NotTrustedError(InputError):
+    """A file names a class that its reader has not been told to trust."""
+
+
 def check_trusted(path: str, own: Own, what: str) -> None:
     """Raise unless the user trusts a class that a file names: to import a module runs its code.
 
@@ -36,7 +40,7 @@ def check_trusted(path: str, own: Own, what: str) -> None:
     """
     module = path.partition(":")[0]
     if not {path, module} & {one if isinstance(one, str) else class_path(one) for one in own}:
-        raise InputError(
+        raise NotTrustedError(
             f"the {what} is {path!r}, which is not famjax's, and a file imports nothing by itself: if you "
             f"trust that module, name it, --own {module} or own=({module!r},) in Python"
         )

@@ -294,7 +294,7 @@ def test_a_law_of_ones_own_is_that_of_a_series(series: Series, tmp_path: Path) -
     )
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(series_as_dict(found), allow_nan=False))
-    rows = predict(load_fit(path), L[:3], P[:1], rest_length=0.15)
+    rows = predict(load_fit(path, own=(Stiffening,)), L[:3], P[:1], rest_length=0.15)
     assert rows[0]["force_N"] == pytest.approx(found.predict(0.15, L[:1], P[:1])[0][0], rel=1e-9)
 
 
