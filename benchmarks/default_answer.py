@@ -30,7 +30,7 @@ from dense_truth import Group, TruthMap, maps
 
 import fitting
 from fitting import Choice, ForceData
-from fitting.nested import NestedValidation, validate_choice
+from fitting.choice import NestedValidation, validate_choice
 from fitting.prediction import static_rows
 from fitting.saved import SavedFit
 from fitting.series import identify_series

@@ -27,14 +27,13 @@ from famjax.parameters import Declared
 
 from .arguments import check_names, check_whole
 from .checks import check_affine
-from .choice import choose
+from .choice import MOST, choose, validate_choice
 from .data import ForceData, check_maps, data_frame
 from .descent import End, descend_many
 from .engine import Point, predict
 from .families import EstimatedSource
 from .identification import identify
 from .model_families import ModelFamily, peer_families
-from .nested import MOST, validate_choice
 from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs, linear_response

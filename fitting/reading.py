@@ -18,9 +18,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, meant
 from famjax.boundary.files import csv_lines
-from famjax.boundary.near import meant
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import UNITS, factor, si_unit, to_si, unit_system
 

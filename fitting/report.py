@@ -26,8 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
-from famjax.boundary.files import as_png, write_all
-from famjax.boundary.origin import Origin
+from famjax.boundary.files import Origin, as_png, write_all
 from famjax.boundary.sentence import Quantity, in_units
 from famjax.boundary.units import factor, from_si, unit_system
 from famjax.compile_options import as_arrays, quick_jit

@@ -16,7 +16,7 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.class_path import NotTrustedError, Own
 from famjax.boundary.errors import InputError
-from famjax.boundary.origin import Origin
+from famjax.boundary.files import Origin
 from famjax.boundary.sentence import in_units
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 from famjax.cards import (

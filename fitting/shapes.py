@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import famjax
+from famjax.boundary.errors import InputError
 
 from .arguments import shown
 from .data import Specimen
-from .errors import InputError
 
 Array = NDArray[np.floating]
 

@@ -103,7 +103,7 @@ def characterise(
         Of tables and pictures: si, metric or us.
     """
     start_jax()
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
 
     from .evaluation import evaluation_steps
     from .folder import RESULTS, read_sheet, run_steps

@@ -13,7 +13,7 @@ import numpy as np
 import famjax
 import fitting
 from famjax.boundary.errors import InputError
-from famjax.boundary.origin import Origin
+from famjax.boundary.files import Origin
 from famjax.boundary.tasks import AnyExecutor
 from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
 from fitting.parameters import Parameter

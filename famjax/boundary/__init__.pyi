@@ -1,12 +1,12 @@
 from .errors import InputError as InputError, check_seed as check_seed
 from .files import (
+    Origin as Origin,
     as_png as as_png,
     check_output as check_output,
     csv_lines as csv_lines,
     make_output as make_output,
     write_all as write_all,
 )
-from .origin import Origin as Origin
 from .units import (
     SYSTEMS as SYSTEMS,
     UNITS as UNITS,

@@ -77,7 +77,7 @@ def design(
     json_
         Print one JSON object to standard output and nothing else there.
     """
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
     from famjax.compilation_cache import start_jax
 
     start_jax()

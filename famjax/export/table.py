@@ -18,7 +18,7 @@ from .. import __version__
 from .._arrays import RealArray
 from ..boundary.class_path import Own
 from ..boundary.errors import InputError
-from ..boundary.origin import Origin
+from ..boundary.files import Origin
 from ..cards import MuscleCard, read_card, unidentified
 from ..compile_options import quick_jit
 from ..continuation import SafeMuscle, slopes

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 from rich.console import Console
 
-from famjax.boundary.errors import InputError
-from famjax.boundary.near import meant
+from famjax.boundary.errors import InputError, meant
 from famjax.console import (
     Jobs,
     Output,
@@ -279,7 +278,7 @@ def _finish(
     """Solve a problem, find the evidence that is wanted, write the files and print what was found."""
     import dataclasses
 
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
     from fitting import report, saved
     from fitting.records import fit_hysteresis, leave_out
 

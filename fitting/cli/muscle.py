@@ -406,7 +406,7 @@ def card(
         Print the card to standard output too, and nothing else there.
     """
     load_fitting()
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
     from famjax.cards import write_card
     from fitting.saved import card_of, load_fit
 
@@ -484,7 +484,7 @@ def export(
 
 def _subject(muscle: str, length: float | None, own: Sequence[str]) -> "Subject":
     """The muscle of a fit, of a card, or a bundled one."""
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
     from famjax.export import Subject, made_of, read_subject
 
     origin, path = Origin.of_this_command(), Path(muscle)

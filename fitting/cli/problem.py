@@ -15,7 +15,7 @@ from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.toml_file import from_entries
 from famjax.boundary.units import UNITS, si_unit, to_si
 from famjax.console import parse_entries
-from fitting.choice import Choice
+from fitting.choice import Choice, validate_choice
 from fitting.data import Specimen
 from fitting.evidence import (
     FORM,
@@ -29,7 +29,6 @@ from fitting.evidence import (
 )
 from fitting.families import LawGiven, known_laws, law_named
 from fitting.faults import doubtful, suspect
-from fitting.nested import validate_choice
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface

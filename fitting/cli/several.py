@@ -93,7 +93,7 @@ def sweep(
     from famjax.boundary.units import parse_quantity
     from fitting.posing import own_parts, taking_part
     from fitting.reading import parse_specimen
-    from fitting.sweep_plot import plot_curves, plot_errors
+    from fitting.sweeps import plot_curves, plot_errors
 
     place = Output(output)
     measured = load_map(data, parse_specimen(specimen))
@@ -240,8 +240,7 @@ def compare(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import as_png, make_output
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin, as_png, make_output
     from fitting.comparison import plot_comparison
     from fitting.reading import parse_specimen
 
@@ -331,7 +330,7 @@ def series(
         Print one JSON object to standard output and nothing else there.
     """
     fitting = load_fitting()
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
     from famjax.boundary.units import si_unit
     from fitting.posing import own_parts, taking_part
     from fitting.series import DEFAULT_LAWS
@@ -467,7 +466,7 @@ def ramps(
         Print one JSON object to standard output and nothing else there.
     """
     load_fitting()
-    from famjax.boundary.origin import Origin
+    from famjax.boundary.files import Origin
     from fitting.reading import parse_specimen
     from fitting.records import parse_atmosphere, ramps_command
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from fitting import Choice, ForceData, InputError, choose, identify, load_fit, predict, write_fit
-from fitting.choice import choice_as_dict, choice_table, weigh
+from fitting.choice import choice_as_dict, choice_table, validate_choice, weigh
 from fitting.evidence import Evidence
 from fitting.ladder import ladder
-from fitting.nested import validate_choice
 from fitting.race import ALIKE, NEAR, Tried, held_out_error, preferred, ranked
 from fitting.validation import LeftOut
 from tests.fitting.synthetic import muscle_map

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from famjax.compile_options import quick_options
-from fitting.kept_traces import kept
+from fitting.programs import kept
 
 AT = np.array([0.0, 1.0])
 

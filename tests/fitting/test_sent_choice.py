@@ -8,8 +8,7 @@ import pytest
 
 import famjax
 from fitting import ForceData, InputError, Specimen, choose, identify_series
-from fitting.choice import Choice
-from fitting.nested import NestedValidation, validate_choice
+from fitting.choice import Choice, NestedValidation, validate_choice
 from fitting.series import Series
 
 pytestmark = pytest.mark.slow

@@ -276,7 +276,7 @@ def test_bad_options_are_refused(change: dict, message: str) -> None:
 
 
 def test_pictures(swept: Sweep) -> None:
-    from fitting.sweep_plot import plot_curves, plot_errors
+    from fitting.sweeps import plot_curves, plot_errors
 
     errors = plot_errors(swept)
     assert len(errors.axes) == 4

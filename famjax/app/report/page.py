@@ -11,8 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from famjax.boundary.files import write_all
-from famjax.boundary.origin import Origin
+from famjax.boundary.files import Origin, write_all
 from famjax.boundary.sentence import text_in_units
 from fitting.prediction import static_rows
 from fitting.report import PageTable, inline_svg, page, svg_file

@@ -14,7 +14,7 @@ import pytest
 from browser import Browser, check_page
 
 import famjax
-from famjax.boundary.origin import Origin
+from famjax.boundary.files import Origin
 from famjax.cards import muscle_as_dict, muscle_from_dict
 from fitting import (
     Identification,
