@@ -177,7 +177,7 @@ def test_picture_shows_points_isobars_and_the_unstable_part(fitted20: Identifica
     [
         ("{", "is not a JSON file"),
         ("{}", "must be a fit of schema 'famjax-fit/1', got None"),
-        ('{"schema": "famjax-fit/1", "muscle": {}}', "no entry 'geometry'"),
+        ('{"schema": "famjax-fit/1", "muscle": {}}', "unknown type None"),
     ],
 )
 def test_files_that_are_no_fit(tmp_path: Path, content: str, message: str) -> None:
