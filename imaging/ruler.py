@@ -372,8 +372,12 @@ def choose_strip(luma: Image, light: Single, pitch: float | None, expected: floa
     strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
     good = [strip for strip in strips if is_ruler(strip.marks)]
     if expected is not None:
-        near = expected * np.array(_KNOWN if pitch is None else [pitch])
-        good = [one for one in good if np.abs(one.marks.pitch / near - 1).min() < _EXPECTED]
+        # Of two edges the one of the commoner pitch: eighths of an inch come first.
+        alike = (
+            [one for one in good if abs(one.marks.pitch / (expected * near) - 1) < _EXPECTED]
+            for near in (_KNOWN if pitch is None else (pitch,))
+        )
+        good = next(filter(None, alike), [])
     if not good:
         raise RulerNotFound(
             f"a ruler must show {FEWEST} or more marks at even distances, {_ON_MODEL:.0%} of those "
