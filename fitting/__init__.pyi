@@ -21,10 +21,10 @@ from . import (
     validation as validation,
     verdict as verdict,
 )
-from .checks import InputError as InputError
 from .choice import Choice as Choice, choose as choose, validate_choice as validate_choice
 from .comparison import compare as compare
 from .data import ForceData as ForceData, Specimen as Specimen
+from .errors import InputError as InputError
 from .identification import identify as identify, identify_together as identify_together
 from .parameters import Parameter as Parameter
 from .posterior import sample as sample

@@ -204,13 +204,13 @@ def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     )
     assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
     assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
-    assert found.ruler == RulerReading(IN / 16, 120.0 / IN, 0.06 * IN)  # the edge with most marks
+    assert found.ruler == RulerReading(0.003175, 120.0 / IN, 0.06 * IN)  # eighths first
     path = write_recipe(found, tmp_path / "recipe.toml")
     again, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler))
     assert again == found
-    coarser, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler, pitch="0.125in"))
-    assert coarser.ruler.placement_stderr == found.ruler.placement_stderr
-    assert coarser.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
+    finer, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler, pitch="0.0625in"))
+    assert finer.ruler.placement_stderr == found.ruler.placement_stderr
+    assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
 
 
 def test_a_crop_needs_its_frame():
