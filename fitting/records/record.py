@@ -176,7 +176,7 @@ def set_columns(record: Any, *names: str, least: int = 3) -> None:
         object.__setattr__(record, name, values)
 
 
-def check_positive(**values: float) -> None:
+def check_positive(**values: float | int) -> None:
     """Refuse sizes that are not > 0 and finite.
 
     Raises:
