@@ -94,7 +94,7 @@ class Row:
     """One acceptance figure with its limit.
 
     Attributes:
-        name: of what is measured; `--only` matches it, or `statistic`.
+        name: what is measured. `--only` matches this name or the statistic.
         measure: "module:function" of a function (case) or (case, of) that returns figures by name.
         of: second argument of the function, None for none.
         command: what a user runs or calls to see it.

@@ -301,18 +301,16 @@ def _balance(
     parts, ends = _parts(muscle), _ends(muscle)
     far = [one.far_bladder for one in muscle.sections] or [None]
     straight = jnp.asarray(sum(share * part.braid.rest_thread_length for share, part in parts))
-    turns: Any = 0.0
     if load is None:
         assert length is not None
         reach = straight * (1.1 if any(part.elastic for _, part in parts) else 1.0)
         there = (length > 0) & (length < reach) & jnp.isfinite(pressure)
         length = jnp.where(there, length, jax.lax.stop_gradient(muscle.rest_length))
-    else:
+        pressure = jnp.where(there, pressure, 1.0)
+    else:  # from Gaylord's cylinder, a little longer
         there = (pressure > 0) & jnp.isfinite(load + pressure)
-        load = jnp.where(there, load, 0.0)
+        load, pressure = jnp.where(there, load, 0.0), jnp.where(there, pressure, 1.0)
         turns = sum(share * part.braid.turns for share, part in parts)
-    pressure = jnp.where(there, pressure, 1.0)
-    if load is not None:  # Gaylord's cylinder, a little longer
         square = (straight**2 + 4 * jnp.pi * turns**2 * load / pressure) / 3
         length = jnp.clip(
             1.05 * jnp.sqrt(jnp.maximum(square, 0.0)), 0.6 * straight, 0.98 * straight

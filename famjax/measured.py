@@ -241,7 +241,38 @@ def _positive(radius: RealArray, must: str) -> RealArray:
     )
 
 
-class MeasuredGeometry(AbstractGeometry):
+class _OfProfiles(AbstractGeometry):
+    """A geometry that follows from a family of measured profiles; nan outside `length_range`."""
+
+    family: eqx.AbstractVar[AbstractMeasuredFamily]
+    bladder: eqx.AbstractVar[Bladder]
+
+    @property
+    def braid(self) -> AbstractBraid:
+        """The family's braid."""
+        return self.family.braid
+
+    @property
+    def keeps_apart(self) -> bool:
+        """States that cannot be are masked before anything is computed of them."""
+        return True
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """The family's: the measured lengths, and its margin of extrapolation beyond."""
+        return self.family.length_range()
+
+    @property
+    def breakpoints(self) -> Float[Array, " lengths"]:
+        """Active lengths [m] of the profiles, between which the family interpolates."""
+        return self.family.lengths
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction: the bladder's."""
+        return self.bladder.rest_length
+
+
+class MeasuredGeometry(_OfProfiles):
     """The muscle as measured: strain and thickness follow the bladder's line in the photograph.
 
     eps_z = arc length / L0 - 1, t = V / surface area, eps_c at every station; the force terms use
@@ -273,11 +304,6 @@ class MeasuredGeometry(AbstractGeometry):
         lengths = jnp.linspace(*self.length_range(), 33)
         self.dimensions(lengths, self.family.middle_pressure())
 
-    @property
-    def braid(self) -> AbstractBraid:
-        """The family's braid."""
-        return self.family.braid
-
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
@@ -299,27 +325,8 @@ class MeasuredGeometry(AbstractGeometry):
             thread_length=thread_length,
         ).unless(reached)
 
-    @property
-    def keeps_apart(self) -> bool:
-        """States that cannot be are masked before anything is computed of them."""
-        return True
 
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """The family's: the measured lengths, and its margin of extrapolation beyond."""
-        return self.family.length_range()
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] of the profiles, between which the family interpolates."""
-        return self.family.lengths
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the bladder's."""
-        return self.bladder.rest_length
-
-
-class AverageDiameterGeometry(AbstractGeometry):
+class AverageDiameterGeometry(_OfProfiles):
     """A cylinder of the measured average diameter: it differs from the estimated one in D alone.
 
     Outside `length_range` the shape is not known and the dimensions are nan.
@@ -337,11 +344,6 @@ class AverageDiameterGeometry(AbstractGeometry):
     bladder: Bladder
     order: int = eqx.field(static=True, default=QUADRATURE_ORDER)
 
-    @property
-    def braid(self) -> AbstractBraid:
-        """The family's braid."""
-        return self.family.braid
-
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
@@ -351,25 +353,6 @@ class AverageDiameterGeometry(AbstractGeometry):
         return cylinder_dimensions(
             length, radius, angle, thread_length, self.braid, self.bladder, reached
         )
-
-    @property
-    def keeps_apart(self) -> bool:
-        """States that cannot be are masked before anything is computed of them."""
-        return True
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """The family's: the measured lengths, and its margin of extrapolation beyond."""
-        return self.family.length_range()
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] of the profiles, between which the family interpolates."""
-        return self.family.lengths
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the bladder's."""
-        return self.bladder.rest_length
 
 
 def _states(

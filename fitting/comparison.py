@@ -677,7 +677,7 @@ def _row(
         row = _hocking_row(data)
     elif isinstance(model, str) and model in OWN:
         what, options = OWN[model]
-        label = f"famjax, {what}, physical box"
+        label = f"famjax, {what}"
         row = identified_row(model, label, options, data, starts, seed)
     elif isinstance(model, tuple):
         name, options = model

@@ -51,10 +51,8 @@ _AS_GOOD = 1.2  # a deadband takes up most of an atmosphere, a compliance the re
 _RICH_LAW = "cubic"  # takes up most of what a wrong pressure does
 _RISE = 0.05  # of the force at a length, between pressures as far apart as this:
 _APART = 1.3
-_STEEP, _DOUBTFULLY_STEEP = (
-    40.0,
-    30.0,
-)  # loss of force per contraction, in parts of it: a muscle's is 3 to 10
+# Loss of force per contraction, in parts of it: a muscle's is 3 to 10.
+_STEEP, _DOUBTFULLY_STEEP = 40.0, 30.0
 _PUSH = 0.03  # of the largest force: no slack muscle pushes so hard
 _RESTS = (1.0, 0.98, 1.03)  # of the longest loaded length, at which most tests begin
 _SAME_REST = 0.01

@@ -13,9 +13,6 @@ from .arguments import check_pair, is_number, shown
 from .data import Specimen
 from .plausible import check_bounds, check_prior
 
-GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure")
-"""The nonlinear parameters of every fit, in the order in which every array starts."""
-
 KINDS = {
     "braid_diameter": "length",
     "braid_angle": "angle",

@@ -23,7 +23,6 @@ from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_e
 
 _STEPS, _TOLERANCE = 60, 1e-6
 _PROMISE = 1e-7  # of the cost: the table of families is that of full descents to five digits
-_STOPPED = 1e-9  # of the interval
 
 
 def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:

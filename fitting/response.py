@@ -361,11 +361,6 @@ class _Paths(eqx.Module):
             return self.slope(model)
         return jnp.zeros((self.shares.shape[0], 0))
 
-    def in_all_directions(self) -> Float[Array, "paths stations strains"]:
-        if self.strains is None:
-            return jnp.zeros((*self.shares.shape, 0))
-        return jnp.concatenate([self.strains.axial[..., :1], self.strains.hoop], axis=-1)
-
     def modulus(self, model: Any) -> Float[Array, "paths stations"]:
         if self.strains is None:
             return jnp.full(self.shares.shape, jnp.nan)

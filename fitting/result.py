@@ -400,8 +400,7 @@ def doubts(result: "Identification") -> tuple[str, ...]:
             "errors. Hold one of them by --bounds, or measure more lengths and pressures."
         )
     found += _pulled(result)
-    # Those of the mean RMSE are one in the mean and say nothing of single readings.
-    outliers = (result.weights < _OUTLYING) & (result.weights.max() <= 1)
+    outliers = result.weights < _OUTLYING
     if outliers.any():
         found.append(
             f"{outliers.sum()} of {outliers.size} readings lie so far off that each counts less than "

@@ -325,8 +325,11 @@ def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> famjax.Muscle:
 
 
 def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
-    """The part of its own weight with which each loaded reading of a specimen counts."""
-    if weights is None:
+    """The part of its own weight with which Huber's objective counts each loaded reading of a specimen.
+
+    Those of the mean RMSE are of whole pressures and say nothing of a reading: it is no outlier.
+    """
+    if weights is None or weights.threshold is None:
         return np.ones(int((problem.parts[k].side == 0).sum()))
     return weights.factor[problem.readings[k]] ** 2
 

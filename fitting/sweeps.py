@@ -6,11 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
-import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 import famjax
 from famjax.boundary.errors import InputError
@@ -24,6 +21,7 @@ from .sweep_fits import Design, Fits, LinearMuscle, Readings, coupled_fits, free
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.figure import Figure
 
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
@@ -405,7 +403,7 @@ _TOP = 1.07  # times what is largest, to which an axis reaches
 _NAMED = 8  # isobars in a legend at most; their colours go by the pressure
 
 
-def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
+def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> "Figure":
     """RMSE, MAE, blocked force and free contraction against the order, the forms side by side.
 
     Args:
@@ -419,6 +417,8 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
     References:
         Chambers 2021, figures 7.2 to 7.5.
     """
+    from matplotlib.figure import Figure  # noqa: PLC0415 -- when something is drawn
+
     unit = unit_system(system)["force"]
     force, rows = factor(unit, "force"), rows_of(found, data)
     forms = list(dict.fromkeys(row.dependence for row in rows))
@@ -454,7 +454,7 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> Figure:
 
 def plot_curves(
     found: Sweep, chosen: list[SweepRow], system: str = "metric", data: int = 0
-) -> Figure:
+) -> "Figure":
     """Measured and fitted isobars of some fits, one panel for each.
 
     Args:
@@ -469,6 +469,10 @@ def plot_curves(
     References:
         Chambers 2021, figures 7.6 to 7.10.
     """
+    import matplotlib as mpl  # noqa: PLC0415 -- when something is drawn
+    from matplotlib.collections import LineCollection  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     units, readings, levels = unit_system(system), found.data[data], found.pressures[data]
     force, pressure = factor(units["force"], "force"), factor(units["pressure"], "pressure")
     muscle, loaded = found.muscles[data], readings.loaded

@@ -16,9 +16,8 @@ HELLOS = 5  # times a device is greeted: a board that opening its port has reset
 LIVE_ZERO = 20  # least counts at 0 Pa of a transducer that has a floor: 0.1 V
 FLOOR_SHARE = 0.6  # floor over the counts at 0 Pa: 0.3 V of 0.5 V
 REST_PRESSURE = 3 * PSI  # a vented rig may still read it, up or down: offset and drift [Pa]
-REST_LOAD = (
-    0.1 * FULL_SCALE
-)  # from zero of the load cell at rest: it is dead, saturated or not tared
+# From zero of the load cell at rest; beyond, it is dead, saturated or not tared.
+REST_LOAD = 0.1 * FULL_SCALE
 REST_TIME = 8.0  # s for which the reading is watched at rest at most; two seconds at rest suffice
 _ALIVE = 2  # of `DeviceStatus.alive`
 

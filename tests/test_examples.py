@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "examples"
-BEST = 7.52544  # N: the optimum of the cubic law in the physical box
+BEST = 7.52544  # N: the optimum of the cubic law in the bounds of a muscle that can be built
 
 
 def said(name: str, folder: Path = FOLDER) -> str:

@@ -153,7 +153,7 @@ def _fittings() -> tuple[Float[Array, ""], ...]:
 @chapter.table("table 2.4: inner fittings")
 def end_fitting() -> list[Row]:
     on_braid, on_bladder, per_thousandth = map(float, _fittings())
-    die, why = 0.0005, "the same of the die's reduction, 0.027 in"
+    die, why = 0.0005, "half a unit of the last digit of the die's reduction, 0.027 in"
     return [
         beside("2.4", "inner fitting under the braid", on_braid, "in",
                "end_fitting.internal_fitting_od_braid_in", die, why),

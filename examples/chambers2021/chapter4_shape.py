@@ -57,7 +57,8 @@ def camera() -> list[Row]:
         beside("4, camera", "size of a pixel", 1 / of["scale_px_per_in"], "in",
                key("resolution_in_per_px")),
         beside("4, camera", "angle of view of the active length", view, "deg",
-               key("angle_of_view_deg"), view * 0.05 / distance, "the same of the distance, 60.0 in"),
+               key("angle_of_view_deg"), view * 0.05 / distance,
+               "half a unit of the last digit of the distance, 60.0 in"),
         beside("4, camera", "change of scale per inch of depth", 1 / distance, "1",
                key("scale_change_per_inch_of_depth")),
     ]  # fmt: skip

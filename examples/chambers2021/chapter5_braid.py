@@ -47,7 +47,7 @@ HIGH_PRESSURE = 80.0
 DIGIT = 0.0005
 """Half a unit of the last digit of the printed diameters [in]."""
 
-WHY = "the same of the printed diameters"
+WHY = "half a unit of the last digit of the printed diameters"
 
 
 def in_situ(change: float | np.ndarray = 0.0) -> InSitu:
