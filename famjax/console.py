@@ -247,18 +247,20 @@ def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> lis
     """Rows in SI in other units, the unit in each key as before.
 
     Args:
-        rows: with keys such as `length_m`, `force_N`; what has no unit stays.
+        rows: with keys such as `length_m`, `force_N`; what has no unit stays, or one such as `N_per_m`.
         units: of each kind of quantity.
 
     >>> in_units([{"length_m": 0.27, "slack": False}], {"length": "mm"})
     [{'length_mm': 270.0, 'slack': False}]
+    >>> in_units([{"margin_N_per_m": 2.0}], {"length": "mm"})
+    [{'margin_N_per_m': 2.0}]
     """
     return [dict(_entry(key, value, units) for key, value in row.items()) for row in rows]
 
 
 def _entry(key: str, value: Any, units: Mapping[str, str]) -> tuple[str, Any]:
     name, _, end = key.rpartition("_")
-    if end not in _KINDS:
+    if end not in _KINDS or name.endswith("_per"):
         return key, value
     unit = units[_KINDS[end]]
     return f"{name}_{unit}", None if value is None else from_si(value, unit, _KINDS[end])

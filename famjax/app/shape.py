@@ -10,7 +10,14 @@ from cyclopts import Parameter
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import from_si, parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
-from famjax.console import Units, print_json, print_rows
+from famjax.console import (
+    Output,
+    Units,
+    add_cwd_to_path,
+    in_units,
+    print_json,
+    print_rows,
+)
 
 if TYPE_CHECKING:
     import famjax
@@ -30,14 +37,15 @@ def shape(
     pressure: str,
     end_diameter: str | None = None,
     other_end_diameter: str | None = None,
+    own: tuple[str, ...] = (),
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("famjax-shape"),
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
     """Compute the shape that mechanics gives a fitted muscle: profile, braid angle, strains and pull.
 
-    The profile of least energy of the fit's braid, bladder and law, its threads pinned where they
-    cross. Writes `shape.csv` and `shape.svg`. Ends with 1 where there is no stable shape.
+    The shape has the least energy of the fit's braid, bladder and law, with threads pinned where they
+    cross. Writes `shape.csv` and `shape.svg`. Exits with 2 where there is no stable shape.
 
     Parameters
     ----------
@@ -51,6 +59,9 @@ def shape(
         Of the braid at the fittings, `--end-diameter 20mm`; that of the unloaded braid unless given.
     other_end_diameter
         Of the braid at the last fitting, if it is another.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
     output
         Folder for the files, created if missing.
     units
@@ -59,11 +70,9 @@ def shape(
         Print one JSON object in SI to standard output and nothing else there.
     """
     start_jax()
-    from famjax.boundary.files import check_output
-
-    check_output(output)
+    folder = Output(output)
     made, deadband = _equilibrium_muscle(
-        _read(muscle),
+        _read(muscle, own),
         *(None if one is None else parse_quantity(one, "length")
           for one in (end_diameter, other_end_diameter)),
     )  # fmt: skip
@@ -78,35 +87,36 @@ def shape(
         "margin_N_per_m": float(state.margin),
     }
     rows = _rows(found, units)
-    output.mkdir(parents=True, exist_ok=True)
-    paths = [output / "shape.csv", output / "shape.svg"]
     text = io.StringIO()
     table = csv.DictWriter(text, rows[0], lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
-    paths[0].write_text(text.getvalue(), encoding="utf-8")
-    _draw(found, units, paths[1])
+    paths = folder.write({"shape.csv": text.getvalue().encode(), "shape.svg": _drawn(found, units)})
     if json_:
         print_json(summary | {"files": [str(path) for path in paths]})
         return 0
-    print_rows("Shape", [summary])
-    print("written:", ", ".join(map(str, paths)))
+    print_rows("Shape", in_units([summary], unit_system(units)))
+    folder.tell(paths)
     return 0
 
 
-def _read(muscle: str) -> Any:
+def _read(muscle: str, own: tuple[str, ...]) -> Any:
     """The muscle of a fit, of a card, or a bundled one."""
     from famjax.cards import read_card
     from famjax.muscles import bundled_card, bundled_name
-    from fitting.cli.muscle import schema_of
+    from fitting.cli.muscle import schema_of, warn_unidentified
 
+    if own:
+        add_cwd_to_path()
     if not Path(muscle).exists() and bundled_name(muscle):
         return bundled_card(muscle).muscle
     if schema_of(Path(muscle)).startswith("famjax-fit/"):
         from fitting import load_fit
 
-        return load_fit(muscle).muscle
-    return read_card(Path(muscle)).muscle
+        saved = load_fit(muscle, own=own)
+        warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
+        return saved.muscle
+    return read_card(Path(muscle), own=own).muscle
 
 
 def _equilibrium_muscle(
@@ -152,7 +162,8 @@ def _rows(found: "Shape", units: str) -> list[dict[str, float]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _draw(found: "Shape", units: str, path: Path) -> None:
+def _drawn(found: "Shape", units: str) -> bytes:
+    """The meridian on both sides of the axis, as SVG."""
     from matplotlib.figure import Figure
 
     unit = unit_system(units)["length"]
@@ -164,4 +175,6 @@ def _draw(found: "Shape", units: str, path: Path) -> None:
     for side in (1, -1):
         axes.plot(z, [side * v for v in r], color="k")
     axes.set(xlabel=f"z [{unit}]", ylabel=f"r [{unit}]", aspect="equal")
-    figure.savefig(path)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="svg")
+    return picture.getvalue()

@@ -141,22 +141,7 @@ def falling_root(residual: Callable[[RealArray], RealArray], start: RealArray) -
     return jax.lax.custom_root(residual, start, solve, over_slope)
 
 
-class OptionalRestPeer(PeerModel):
-    """A peer whose force does not need the rest length, which may be given as `resting_length` [m]."""
-
-    resting_length: eqx.AbstractVar[Float[Given, "..."] | None]
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction.
-
-        Raises:
-            ValueError: it was not given.
-        """
-        return known(self.resting_length, self)
-
-
-class Gaylord(OptionalRestPeer):
+class Gaylord(PeerModel):
     """The pull of a pressurised braid; the bladder is neglected but for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
@@ -199,8 +184,17 @@ class Gaylord(OptionalRestPeer):
         """From just below the neutral angle to the length of the unloaded threads."""
         return braid_range(self.braid)
 
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
 
-class ChouHannaford(OptionalRestPeer):
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
+
+
+class ChouHannaford(PeerModel):
     """The braid about a wall of constant thickness that resists nothing.
 
     F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
@@ -235,6 +229,15 @@ class ChouHannaford(OptionalRestPeer):
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to the length of the threads."""
         return braid_range(self.braid)
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
 
 
 class TonduLopez(PeerModel):

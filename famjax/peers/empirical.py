@@ -9,10 +9,10 @@ from jaxtyping import Float
 from .._arrays import Given, Real, RealArray, as_real
 from ..parameters import number, parameter
 from ..units import BAR, KILOPASCAL
-from .balance import OptionalRestPeer, PeerModel, around_rest, where_it_holds
+from .balance import PeerModel, around_rest, known, where_it_holds
 
 
-class Wickramatunge(OptionalRestPeer):
+class Wickramatunge(PeerModel):
     """A spring whose stiffness depends on pressure and stretch; no physics.
 
     F = K s, K = k0 + k1 P^2 + k2 P s + k3 s^2, s = L - L_s
@@ -44,6 +44,15 @@ class Wickramatunge(OptionalRestPeer):
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From the slack length, where the spring is relaxed, to twice that."""
         return self.slack_length, 2 * self.slack_length
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        return known(self.resting_length, self)
 
 
 class Hildebrandt(PeerModel):
