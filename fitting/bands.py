@@ -136,14 +136,14 @@ class ModelError:
         """What the interval covers, in a sentence."""
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
-        shown = "as a prior for all muscles has it"
+        seen = "assumed from other muscles"
         if judged:
-            shown = f"as {' and '.join(f'{name} left out' for name in judged)} show it"
-        few = "; too few lengths to leave one out, so the error in length is a prior's"
+            seen = f"seen on {' and '.join(judged)} left out"
+        few = ". With too few lengths to leave one out, the error in length is assumed from other muscles"
         return (
-            f"single readings: their noise, the error of the model {shown}, growing with the distance "
-            "from what was measured, and what models that fit the readings alike disagree about"
-            f"{'' if 'lengths' in judged else few}"
+            f"single readings. They include the noise of the readings, the model error {seen} (it grows "
+            "with the distance from the measured states), and the disagreement of models that fit "
+            f"equally well{'' if 'lengths' in judged else few}"
         )
 
     def as_dict(self) -> dict[str, Any]:

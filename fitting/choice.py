@@ -90,7 +90,7 @@ class Choice:
         if near:
             found = (
                 f"Not clear: {' and '.join(near)} and {self.name} predict readings left out about "
-                f"equally well. {self.name} is kept, as the law that is believed first."
+                f"equally well. {self.name} is kept: it comes first on the ladder of laws."
             )
         elif np.isfinite(second.held_out):
             found = (
@@ -231,7 +231,7 @@ def choose(
     if chosen is None:
         raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
     passed = [tried[k].candidate.name for k in order[: order.index(place)]]
-    dropped = (*dropped, *(f"{name} was passed over: its fit did not converge." for name in passed))
+    dropped = (*dropped, *(f"{name} was not kept: its fit did not converge." for name in passed))
     places = [place, *(k for k in order if k != place)]
     alike = {
         one.candidate.name: one.mounted
@@ -343,7 +343,7 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
         )
         for one in choice.tried
     ]  # fmt: skip
-    title = f"Families tried, RMSE in {unit}; the held-out error is the geometric mean of the columns out"
+    title = f"Models tried, RMSE in {unit}. The held-out error is the geometric mean of the columns out."
     header = (
         "family",
         "unknowns",

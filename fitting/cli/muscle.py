@@ -167,7 +167,7 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
         print(f"note: of {one['name']}, the first specimen of the series, with its rest length of "
               f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another")  # fmt: skip
     elif forces and saved.error is not None and not other:
-        print(f"note: the 95 % band is of {saved.error.covers}")
+        print(f"note: the 95 % bands are of {saved.error.covers}")
     elif forces and not (saved.document.get("spread") or {}).get("directions"):
         print("note: no error band, as the fit has no standard errors")
 
