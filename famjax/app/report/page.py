@@ -40,6 +40,7 @@ def tables(source: Source) -> dict[str, str]:
         "parameters.csv": _parameters(source),
         "errors.csv": _errors(source),
         "pressures.csv": _pressures(source),
+        "work.csv": _work(source),
         "checks.csv": _checks(source),
     }
 
@@ -149,6 +150,19 @@ def _pressures(source: Source) -> str:
             row += [source.scaled(fit.states.blocked_force[k], "force"), free]
         rows.append(row)
     return _text(header, rows)
+
+
+def _work(source: Source) -> str:
+    """The work of each geometry's stroke, by pressure."""
+    names = ("load", "fluid", "stored", "left_over")
+    header = ["geometry", _column(source, "pressure", "pressure"), *(f"{name}_J" for name in names)]
+    rows = [
+        [fit.name, source.scaled(pressure, "pressure"),
+         *(float(getattr(fit.work, name)[k]) for name in (*names, "efficiency", "density"))]
+        for fit in source.fits.values()
+        for k, pressure in enumerate(source.pressures)
+    ]  # fmt: skip
+    return _text([*header, "efficiency", "work_per_volume_J_m3"], rows)
 
 
 def _checks(source: Source) -> str:

@@ -21,6 +21,7 @@ import fitting
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
+from famjax.work import WorkBudget
 from fitting.data import COLUMNS, ForceData
 from fitting.saved import SavedFit
 from fitting.shapes import Pictures, ShapeSurface
@@ -205,6 +206,7 @@ class FittedGeometry:
         figures: of the step beside it: errors, values, errors of the shape.
         data: the readings that it was given.
         states: of the model over the stroke and over its whole range.
+        work: of the stroke at each pressure, from rest to the end or to where the pull ends.
     """
 
     name: str
@@ -212,6 +214,7 @@ class FittedGeometry:
     figures: dict[str, Any]
     data: ForceData
     states: States
+    work: WorkBudget
 
     @property
     def title(self) -> str:
@@ -322,9 +325,13 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
         if name not in names:
             continue
         saved = fitting.load_fit(results / name / "fit.json")
+        states = states_of(saved.muscle, pressures, shortest, _STROKE)
+        rest = states.rest_length
+        free = np.nan_to_num(states.free_contraction(), nan=np.inf)
+        last = np.minimum(np.maximum(free, 1e-3), states.contraction[-1])
         fits[name] = FittedGeometry(
-            name, saved, _read(results / name / "figures.json"), _readings(data, saved),
-            states_of(saved.muscle, pressures, shortest, _STROKE),
+            name, saved, _read(results / name / "figures.json"), _readings(data, saved), states,
+            famjax.work_budget(saved.muscle, pressures, rest, rest * (1 - last)),
         )  # fmt: skip
     shown = SHAPE in names
     return Source(
