@@ -1,5 +1,7 @@
 """Work along an isobar: what the muscle does on its load, and where that comes from."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -97,7 +99,7 @@ def _work(
             stored = muscle.energy(end, pressure) - muscle.energy(start, pressure)
             rubber = sum(share * part.bladder.volume for share, part in parts_of(muscle))
         else:
-            forces, rates = jax.vmap(lambda length: _rates(muscle, length, pressure))(lengths)
+            forces, rates = jax.vmap(functools.partial(_rates, muscle, pressure))(lengths)
             stored = weights @ rates
             rubber = muscle.geometry.dimensions(start, pressure).bladder_volume
         return WorkBudget(-weights @ forces, pressure * (last - first), stored, first + rubber)
@@ -105,7 +107,7 @@ def _work(
     return at_each(one, pressure, start, end)
 
 
-def _rates(muscle: Muscle, length: RealArray, pressure: RealArray) -> tuple[RealArray, RealArray]:
+def _rates(muscle: Muscle, pressure: RealArray, length: RealArray) -> tuple[RealArray, RealArray]:
     """Force [N], and the rate dU/dL of the energy stored in bladder and threads [N]."""
 
     def dimensions(length: RealArray) -> Dimensions:
