@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from famjax.export import Subject
     from fitting.saved import SavedFit
 
-Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "jax"]
+Target = Literal["c", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
 
 
