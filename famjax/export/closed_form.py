@@ -90,7 +90,7 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
     """
     if not isinstance(muscle, Muscle):
         return None
-    terms = {type(one): one for one in muscle.terms.terms}
+    terms: dict[type, Any] = {type(one): one for one in muscle.terms.terms}
     geometry: Any = muscle.geometry
     ends = geometry.end_factor if isinstance(geometry, EndEffectGeometry) else None
     cylinder = geometry if ends is None else geometry.cylinder

@@ -103,7 +103,7 @@ def _difference(subject: Subject, module: str) -> float:
     written: dict[str, Any] = {}
     exec(compile(module, "closed.py", "exec"), written)
     rng, region = np.random.default_rng(0), subject.muscle.region
-    L, P = (rng.uniform(*map(float, of), _ASKED) for of in (region.length, region.pressure))
+    L, P = (rng.uniform(low, high, _ASKED) for low, high in (region.length, region.pressure))
     force = np.asarray(subject.muscle.force(L, P))
     return float(np.abs(written["force"](L, P) - force).max() / force.max())
 

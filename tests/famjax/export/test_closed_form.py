@@ -59,7 +59,7 @@ def test_equations_are_the_model(
     muscle, module = written(law, tmp_path, embedded=embedded, ends=ends)
     assert "closed form" in module["__doc__"]
     rng, region = np.random.default_rng(1), muscle.region
-    L, P = (rng.uniform(*map(float, of), 300) for of in (region.length, region.pressure))
+    L, P = (rng.uniform(low, high, 300) for low, high in (region.length, region.pressure))
     force = np.asarray(muscle.force(L, P))
     np.testing.assert_allclose(module["force"](L, P), force, rtol=0, atol=1e-11 * force.max())
     pulls = force > muscle.slack_width

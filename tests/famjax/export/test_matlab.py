@@ -30,7 +30,7 @@ def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
 def test_octave_computes_the_equations(dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["matlab", "python"], tmp_path)
     rng, region = np.random.default_rng(5), dmsp_20.muscle.region
-    L, P = (rng.uniform(*map(float, of), 10_000) for of in (region.length, region.pressure))
+    L, P = (rng.uniform(low, high, 10_000) for low, high in (region.length, region.pressure))
     savemat(tmp_path / "states.mat", {"L": L, "P": P})
     back = octave(
         tmp_path,
