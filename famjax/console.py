@@ -109,7 +109,7 @@ def progress(what: str) -> Iterator[Show]:
     begin.daemon = True
     begin.start()
 
-    def show(done: float, total: float, now: str = what) -> None:
+    def show(done: int | float, total: int | float, now: str = what) -> None:
         if now != bar.tasks[0].description:  # the time left is that of this part
             bar.reset(task, description=now)
         bar.update(task, completed=done, total=total)
@@ -203,7 +203,7 @@ def print_table(
         max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
     ]
     total = sum(widths) + 2 * (len(widths) - 1)
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     for k, (name, width) in enumerate(zip(header, widths, strict=True)):
         # Widths that are given are not measured, twice, cell by cell.
         known = width if total <= _WIDEST else None
@@ -213,8 +213,9 @@ def print_table(
     console = Console(highlight=False)
     # Folded cells are harder to read than long lines.
     console.width = max(console.width, min(total, _WIDEST))
-    console.print()
-    console.print(table if rows else f"{title}: none", markup=False)
+    console.print(f"\n{title}" if rows else f"\n{title}: none", markup=False)
+    if rows:
+        console.print(table)
 
 
 def _cell(value: object) -> str:

@@ -3,7 +3,6 @@
 Pages are one file each, offline, of one style, on a screen, on a telephone and in print.
 """
 
-import base64
 import dataclasses
 import functools
 import inspect
@@ -28,7 +27,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
-from famjax.boundary.files import Origin, as_png, write_all
+from famjax.boundary.files import Origin, as_html, as_png, write_all
 from famjax.boundary.sentence import Quantity, in_units
 from famjax.boundary.units import factor, from_si, unit_system
 from famjax.compile_options import as_arrays, quick_jit
@@ -402,35 +401,40 @@ class Findings:
         lengths = np.linspace(rest, data.length.min(), 200)
         curves = result.predict(lengths, levels[:, None])
 
-        def at(level: float) -> str:
-            return f"at {Quantity(level, 'pressure', 3).in_units(system)}"
-
-        blocked = (f"blocked force {at(levels[-1])}", curves[-1, 0], self._std(rest, levels[-1]))
-        rows: list[tuple[str, float, float, str]] = [(*blocked, "force")]
-        for level, curve in [
-            (p, c) for p, c in zip(levels, curves, strict=True) if c[0] > 0 > c[-1]
-        ][-1:]:
+        rows: list[tuple[str, float, float, float, str]] = []  # name, pressure, value, error, kind
+        rows.append(
+            ("blocked force", levels[-1], curves[-1, 0], self._std(rest, levels[-1]), "force")
+        )
+        ended = [k for k, curve in enumerate(curves) if curve[0] > 0 > curve[-1]]
+        for level, curve in [(levels[k], curves[k]) for k in ended[-1:]]:
             end = int(np.argmax(curve < 0))
             slope = (curve[end - 1] - curve[end]) / (lengths[end - 1] - lengths[end])
             length = lengths[end] - curve[end] / slope
             std = self._std(length, level) / (slope * rest)
-            rows.append((f"free contraction {at(level)}", 1 - length / rest, std, "number"))
+            rows.append(("free contraction", level, 1 - length / rest, std, "number"))
         held_out = columns_of(self.evidence.left_out)
         rows += [
-            (f"RMSE on {name}s left out", value, math.nan, "force")
+            ("RMSE, left out", math.nan, value, math.nan, "force")
             for name, value in sorted(held_out.items()) if name != "end length"
         ][:1]  # fmt: skip
         known = [one for one in result.estimates if not one.fixed]
         elastic = [one for one in known if one.kind == "stress"]
         known = list(dict.fromkeys((*known[:1], *elastic[:1], *known)))
-        rows += [(one.name, one.value, one.stderr, one.kind) for one in known]
-        shown = [
-            (what, *(f"{from_si(float(x), units[kind], kind):.{k}g}" if math.isfinite(x) else ""
-                     for x, k in ((value, 5), (error, 2))), units[kind])
-            for what, value, error, kind in rows[:5]
+        rows += [(one.name, math.nan, one.value, one.stderr, one.kind) for one in known]
+
+        def shown(value: float, kind: str, digits: int) -> str:
+            scaled = from_si(float(value), units[kind], kind)
+            return f"{scaled:.{digits}g}" if math.isfinite(scaled) else ""
+
+        text = [
+            (what, shown(level, "pressure", 3), shown(value, kind, 5), shown(error, kind, 2),
+             units[kind])
+            for what, level, value, error, kind in rows[:5]
         ]  # fmt: skip
-        title = "The muscle in five numbers, with standard errors."
-        return title, ("quantity", "value", "std. error", "unit"), shown
+        title = (
+            f"The muscle in five numbers, with standard errors; pressures in {units['pressure']}."
+        )
+        return title, ("quantity", "pressure", "value", "std. error", "unit"), text
 
     def _std(self, length: float, pressure: float) -> float:
         """Standard error [N] of a predicted reading; nan where it is not known."""
@@ -503,17 +507,7 @@ class Findings:
         """Verdict, table and picture for a notebook."""
         figure = Figure(figsize=(6, 3.6), layout="constrained")
         plot_isobars(self.result, figure.subplots(), system)
-        picture = base64.b64encode(as_png(figure)).decode()
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{escape(label)}</th>"
-            f"<td style='text-align:left'>{escape(text)}</td></tr>"
-            for label, text in self.summary(system)
-        )
-        name = escape(self.result.data.specimen.name)
-        return (
-            f"<table><caption>{name}</caption>{rows}</table>"
-            f'<img alt="force over contraction" src="data:image/png;base64,{picture}">'
-        )
+        return as_html(self.result.data.specimen.name, self.summary(system), figure)
 
 
 def _with_error(one: Estimate, system: str) -> str:

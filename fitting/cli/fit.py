@@ -305,6 +305,7 @@ def _finish(
         )
         return code
     notes = found.notes(units)
+    print(f"{result.data.specimen.name}  ({result.data.source})")
     if verbose:
         for title, header, rows in found.tables(units):
             print_table(title, header, rows)

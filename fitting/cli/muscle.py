@@ -21,7 +21,7 @@ from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_r
 from .fit import load_fitting
 
 if TYPE_CHECKING:
-    from famjax.continuation import Region, SafeMuscle
+    from famjax.continuation import SafeMuscle
     from famjax.export import Subject
     from fitting.saved import SavedFit
 
@@ -39,7 +39,7 @@ def schema_of(path: Path) -> str:
 
 
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
-    """Say on standard error that nothing was identified, where that is so."""
+    """Warn on standard error if nothing was identified."""
     from famjax.cards import unidentified
 
     doubt = unidentified(str(name), verdict, reasons)
@@ -66,36 +66,33 @@ def predict(
     Parameters
     ----------
     muscle
-        A `fit.json` that `famjax fit` has written, a card of `famjax card`, or a bundled muscle, DMSP-10
-        or DMSP-20. A card and a bundled muscle answer lengths with pressures and --onset, without
-        error bands.
+        Read this `fit.json` of `famjax fit`, this card of `famjax card`, or a bundled muscle (DMSP-10,
+        DMSP-20). Cards and bundled muscles have no error bands.
     length
-        Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
+        Predict at these active lengths, with units, repeatable or separated by commas:
+        `--length 270mm,250mm`.
     pressure
-        Gauge pressures with their unit: `--pressure 500kPa`.
+        Predict at these gauge pressures, with units: `--pressure 500kPa`.
     force
-        Forces with their unit, in the place of pressures: at which pressure the muscle pulls with
-        them, up to the highest measured: `--force 200N`.
+        Find the pressure at which the muscle pulls with these forces, up to the highest measured
+        pressure: `--force 200N`.
     onset
-        Also the pressure at which the force leaves zero at each length.
+        Find the pressure at which the force leaves zero at each length.
     rest_length
-        Of another muscle of the same series, its braid, bladder and end-fittings the same:
-        `--rest-length 200mm`. From a fit of `famjax series` with an error band that knows how
-        specimens differ; from a model that famjax fit chose, the mean of all accounts that its map
-        cannot refute, with a wide one.
+        Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
+        `famjax series` knows how specimens differ; a fit of one muscle gives a wide error band.
     length_std
-        Standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
+        State the standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     history
-        CSV file of lengths and pressures in the order in which they come, such as
-        `time_s,length_mm,pressure_kPa`: the force on either branch, of a fit assessed with --hysteresis.
+        Predict the force on either branch along a CSV file of lengths and pressures in time, such as
+        `time_s,length_mm,pressure_kPa`. The fit needs `famjax assess --hysteresis`.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     units
-        Of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf). The table has the units of the
-        question unless given, and JSON has SI.
+        Choose the units of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf); default: those of
+        the question in tables, SI in JSON.
     json_
-        Print one JSON list to standard output and nothing else there.
+        Print one JSON list and nothing else.
     """
     fitting = load_fitting()
     import numpy as np
@@ -119,8 +116,8 @@ def predict(
     if force:
         if pressure or onset or rest_length is not None or length_std is not None:
             raise InputError(
-                "--force asks for a pressure, and takes --length alone beside it: leave out --pressure, "
-                "--onset, --rest-length and --length-std"
+                "--force asks for a pressure and needs --length alone: leave out --pressure, --onset, "
+                "--rest-length and --length-std"
             )
         rows = fitting.prediction.pressures_for(
             saved, lengths, np.array(parse_quantities(force, "force"))
@@ -150,26 +147,35 @@ def predict(
 
 def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
     """What a reader must know of the answers: of another rest length, with forces among them."""
-    if saved.document.get("series_compliance_m_per_N"):
-        print("note: force is what the rig of the fit measures, which gives way; muscle force "
-              "that of the muscle alone")  # fmt: skip
+    document, notes = saved.document, []
+    if document.get("series_compliance_m_per_N"):
+        notes.append(
+            "force is what the compliant rig measures; muscle force is that of the muscle alone"
+        )
     if other and saved.other_lengths:
-        names = [one["family"] for one in saved.document["other_lengths"]["members"]]
-        print("note: another rest length is predicted from one specimen, by the mean of all families "
-              f"that its map cannot refute ({'; '.join(names)}); the 95 % band holds what they "
-              "disagree by, and how specimens differ (famjax series knows more)")  # fmt: skip
-    elif other and "series" not in saved.document:
-        print("note: another rest length is predicted from one specimen, so there is no error band: "
-              "it does not tell how specimens differ, nor a rig that gives way from a braid that "
-              "does (famjax series does)")  # fmt: skip
-    elif not other and "series" in saved.document:
-        one = saved.document["data"]["specimen"]
-        print(f"note: of {one['name']}, the first specimen of the series, with its rest length of "
-              f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another")  # fmt: skip
+        names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
+        notes.append(
+            f"another rest length is predicted from one specimen, by the mean of all models that its map "
+            f"cannot reject ({names}). The 95 % band holds their disagreement and how specimens differ; "
+            "famjax series knows more"
+        )
+    elif other and "series" not in document:
+        notes.append(
+            "another rest length is predicted from one specimen, so there is no error band. Use famjax "
+            "series to learn how specimens differ"
+        )
+    elif not other and "series" in document:
+        one = document["data"]["specimen"]
+        notes.append(
+            f"this is {one['name']}, the first specimen of the series, of rest length "
+            f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another"
+        )
     elif forces and saved.error is not None and not other:
-        print(f"note: the 95 % bands are of {saved.error.covers}")
-    elif forces and not (saved.document.get("spread") or {}).get("directions"):
-        print("note: no error band, as the fit has no standard errors")
+        notes.append(f"the 95 % bands are of {saved.error.covers}")
+    elif forces and not (document.get("spread") or {}).get("directions"):
+        notes.append("there is no error band, as the fit has no standard errors")
+    for note in notes:
+        print(f"note: {note}")
 
 
 def _print_history(
@@ -208,14 +214,10 @@ def _print_history(
         return 0
     _print_answers("Force along the history", in_units(rows, asked), units)
     if any(row["force_std_N"] is not None for row in rows):
-        note = sentence.Sentence(
-            "note: the 95 % band holds the error of the static map and that of the hysteresis, ",
-            sentence.Quantity(hysteresis_error(saved), "force", 2),
-            " RMS on what was left out"
-            if saved.document["hysteresis"]["left_out"]
-            else " RMS in sample",
-        )
-        print(sentence.in_units(note, units or "metric"))
+        error = sentence.Quantity(hysteresis_error(saved), "force", 2).in_units(units or "metric")
+        held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
+        print(f"note: the 95 % band holds the error of the static map and the {held_out} error of the "
+              f"hysteresis, {error} RMS")  # fmt: skip
     return 0
 
 
@@ -260,72 +262,58 @@ def _predict_by_card(
     asked = [name for name, value in others.items() if value]
     if asked:
         raise InputError(
-            f"{', '.join(asked)} needs a fit: give the fit.json of famjax fit. Of a card or a bundled "
-            "muscle famjax.control.pressure_for_force answers forces, and famjax export --length cuts it"
+            f"{', '.join(asked)} needs a fit: give the fit.json of famjax fit. For a card or a bundled "
+            "muscle use famjax.control.pressure_for_force for forces and famjax export --length to cut it"
         )
     if not length or not (pressure or onset):
         raise InputError("give --length, and --pressure or --onset, with their units")
     card = read_card(muscle, own=own) if Path(muscle).exists() else bundled_card(muscle)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
     safe = card.safe()
-    L, P = (
-        np.array(parse_quantities(length, "length")),
-        np.array(parse_quantities(pressure, "pressure")),
-    )
+    L = np.array(parse_quantities(length, "length"))
+    P = np.array(parse_quantities(pressure, "pressure"))
     rows: list[dict[str, Any]] = []
     if P.size:
         force, model = (np.asarray(ask(L[:, None], P)) for ask in (safe.force, safe.model_force))
         for i, j in np.ndindex(L.size, P.size):
-            row = {"length_m": float(L[i]), "pressure_Pa": float(P[j]), "force_N": float(force[i, j]),
-                   "model_force_N": float(model[i, j]), "slack": bool(force[i, j] <= 0)}  # fmt: skip
-            impossible = _impossible(safe, float(L[i]))
-            if impossible is not None:
-                row |= {"force_N": None, "model_force_N": None, "slack": None}
-            rows.append(row | _inside(impossible or _beyond(safe.region, float(L[i]), float(P[j]))))
+            row = {"length_m": float(L[i]), "pressure_Pa": float(P[j])}
+            pull = {"force_N": float(force[i, j]), "model_force_N": float(model[i, j]),
+                    "slack": bool(force[i, j] <= 0)}  # fmt: skip
+            why, possible = _outside(safe, row)
+            row |= pull if possible else dict.fromkeys(pull)
+            rows.append(row | {"inside": why is None, "outside": why})
     if onset:
-        highest = float(safe.region.pressure[1])
-        begins = np.asarray(safe.onset_pressure(L, highest, throw=False))
-        for one, at in zip(L, begins, strict=True):
-            impossible = _impossible(safe, one)
-            none = impossible is not None or np.isnan(at)
-            rows.append(
-                {"length_m": float(one), "onset_pressure_Pa": None if none else float(at)}
-                | _inside(impossible or _beyond(safe.region, one, at))
-            )
+        begins = np.asarray(safe.onset_pressure(L, float(safe.region.pressure[1]), throw=False))
+        for one, at in zip(L.tolist(), begins.tolist(), strict=True):
+            why, possible = _outside(safe, {"length_m": one, "pressure_Pa": at})
+            known = at if possible and not np.isnan(at) else None
+            row = {"length_m": one, "onset_pressure_Pa": known}
+            rows.append(row | {"inside": why is None, "outside": why})
     asked_units = _answer_units(units, length, pressure)
     if as_json:
         print_json(rows if units is None else in_units(rows, asked_units))
         return 0
     for title, chosen in _force_and_onset(in_units(rows, asked_units)).items():
         _print_answers(f"{title} of {card.name}", chosen, units)
-    print("note: of a card; rows that are not inside are continued beyond the model's own region")
+    print("note: rows that are not inside are continued beyond the region of the card's model")
     return 0
 
 
-def _impossible(safe: "SafeMuscle", length: float) -> sentence.Sentence | None:
-    """Why no muscle has that length, or None."""
-    lock, straight = (float(end) for end in safe.continued.stops)
-    if length < lock:
-        end = sentence.Quantity(lock, "length")
-        return sentence.Sentence("the length is below the braid's lock, ", end)
-    if length > straight:
-        end = sentence.Quantity(straight, "length")
-        return sentence.Sentence("the length is beyond the thread's, ", end)
-    return None
-
-
-def _beyond(region: "Region", length: float, pressure: float) -> sentence.Sentence | None:
-    """Why a state is not the model's own, or None."""
-    for value, kind in ((length, "length"), (pressure, "pressure")):
-        low, high = (float(end) for end in getattr(region, kind))
+def _outside(safe: "SafeMuscle", row: Mapping[str, float]) -> tuple[sentence.Sentence | None, bool]:
+    """Why a state is not the model's own, or None; and whether a muscle can have that length."""
+    length, (lock, straight) = row["length_m"], map(float, safe.continued.stops)
+    for beyond, text, end in (
+        (length < lock, "the length is below the braid's lock, ", lock),
+        (length > straight, "the length is beyond the thread's, ", straight),
+    ):
+        if beyond:
+            return sentence.Sentence(text, sentence.Quantity(end, "length")), False
+    for value, kind in ((length, "length"), (row["pressure_Pa"], "pressure")):
+        low, high = (float(end) for end in getattr(safe.region, kind))
         if not low <= value <= high:
             ends = sentence.Quantity(low, kind), " to ", sentence.Quantity(high, kind)
-            return sentence.Sentence(f"the {kind} is beyond the model's own region, ", *ends)
-    return None
-
-
-def _inside(why: sentence.Sentence | None) -> dict[str, Any]:
-    return {"inside": why is None, "outside": why}
+            return sentence.Sentence(f"the {kind} is beyond the model's own region, ", *ends), True
+    return None, True
 
 
 def _answer_units(
@@ -366,8 +354,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | 
     hidden = ("outside",) if slack else ("outside", "model_force_")
     print_rows(title, [{k: v for k, v in row.items() if not k.startswith(hidden)} for row in rows])
     if slack:
-        print("note: where the muscle is slack it pulls nothing; model force is what the model says "
-              "there, not clipped")  # fmt: skip
+        print("note: a slack muscle pulls nothing; model force is the model's own value there")
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
@@ -383,27 +370,26 @@ def card(
     own: tuple[str, ...] = (),
     json_: bool = False,
 ) -> int:
-    """Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it.
+    """Write the muscle card of a fit: one file for a simulator, a controller or a colleague.
 
-    A card holds the muscle, the lengths and pressures of the data, the volume of the fluid, the
-    errors, a sample of muscles, the hysteresis where it was fitted, and where all of it comes from.
-    `famjax.cards.read_card` reads it; its `safe()` may be taken beyond the data.
+    A card holds the muscle, the range of the data, the fluid volume, the errors, a sample of muscles, the
+    hysteresis if it was fitted, and the origin of all of it. `famjax.cards.read_card` reads it; the
+    muscle of its `safe()` can be used beyond the data.
 
     Parameters
     ----------
     fit_json
-        A `fit.json` that `famjax fit` has written.
+        Read this `fit.json` of `famjax fit`.
     output
-        The card's file; `card.json` beside the fit unless given.
+        Write this file; default: `card.json` beside the fit.
     name
-        Of the muscle; the specimen's unless given.
+        Name the muscle; default: the name of the specimen.
     sample
-        Number of muscles drawn from the fit's errors, 0 for none.
+        Draw this number of muscles from the fit's errors; 0 for none.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     json_
-        Print the card to standard output too, and nothing else there.
+        Print the card as JSON and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin
@@ -423,7 +409,9 @@ def card(
     for note in found.safe().notes:
         print(f"note: {note}")
     if found.draws is None:
-        print("note: no sample of muscles, as the fit has no standard errors or none was wanted")
+        print(
+            "note: the card has no sample of muscles: the fit has no standard errors, or --sample is 0"
+        )
     print(f"written: {path}")
     return 0
 
@@ -438,8 +426,7 @@ def export(
 ) -> int:
     """Write a muscle as C, tables, MATLAB functions, or for a simulator.
 
-    Each file's head says what muscle it is of, and its largest difference from the model, measured
-    when it is written. Targets:
+    The head of each file names its muscle and its largest difference from the model. Targets:
 
     c: C99 of force, stiffness and inverse pressure, for a microcontroller; double or float.
 
@@ -449,23 +436,23 @@ def export(
 
     mujoco: XML of a load that hangs on the muscle, and the actuator's callback.
 
-    mjx: the model itself inside MJX's step, to be differentiated; runs with famjax.
+    mjx: the model inside MJX's step, differentiable; runs with famjax.
 
-    jax: the model itself with its derivative as StableHLO; runs with JAX, without famjax.
+    jax: the model with its derivative as StableHLO; runs with JAX, without famjax.
 
     Parameters
     ----------
     muscle
-        A card of `famjax card`, a `fit.json` of `famjax fit`, or a bundled muscle, DMSP-10 or DMSP-20.
+        Read this card of `famjax card`, this `fit.json` of `famjax fit`, or a bundled muscle (DMSP-10,
+        DMSP-20).
     to
-        A target; can be given several times.
+        Choose a target, repeatable.
     output
-        Folder of the files.
+        Write the files to this folder; it is created if missing.
     length
-        Rest length to which the muscle is cut, with its unit, such as 300mm.
+        Cut the muscle to this rest length, with its unit, such as 300mm.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     """
     load_fitting()
     from famjax.export import export as export_to

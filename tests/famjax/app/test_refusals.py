@@ -33,7 +33,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("fit", "DMSP-20-30"), "did you mean DMSP-20-300?"),
     (("fit", "none.csv"), "no such file"),
     (("fit", "--rest-length", "300mm"), "Unknown option: --rest-length. Try 'famjax fit --help'"),
-    (("assess", "MAP"), "say what to assess: --validate"),
+    (("assess", "MAP"), "name a test: --validate"),
     (("assess", "MAP", "--validate"), "give a fit.json"),
     (("assess", "MAP", "--hysteresis", "MAP"), "is not the branches.csv that famjax ramps"),
     (("predict", "MAP", *AT, "3bar"), "give a fit.json"),
