@@ -26,7 +26,7 @@ Units = Literal["si", "metric", "us"]
 
 
 def whole(type_: Any, tokens: Sequence[Token]) -> Any:
-    """The number of a token, or the numbers of several where a tuple is wanted; never rounded.
+    """The whole number of a token, or a tuple of several; never rounded.
 
     Raises:
         ValueError: one is no whole number.
@@ -81,7 +81,7 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
 
 
 def add_cwd_to_path() -> None:
-    """Let classes be found that lie in the folder that the user starts from."""
+    """Find classes in modules of the current folder."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -126,7 +126,7 @@ def progress(what: str) -> Iterator[Show]:
 
 
 class Output:
-    """The folder of a command's files: checked before the work, its files listed at the end.
+    """The folder of a command's files, checked before the work.
 
     Attributes:
         folder: where they go.
@@ -157,13 +157,12 @@ class Output:
         )
 
     def tell(self, paths: Iterable[Path]) -> None:
-        """Print what was written, and which files of an earlier time it took the place of."""
+        """Print what was written, and which earlier files it replaced."""
         written = list(paths)
         print("written:", ", ".join(map(str, written)))
         if replaced := [path.name for path in written if path in self._there]:
             print(
-                f"note: {', '.join(replaced)} took the place of earlier files; --output gives another "
-                "folder"
+                f"note: replaced earlier files: {', '.join(replaced)}; --output names another folder"
             )
 
 
@@ -229,7 +228,7 @@ _KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
 
 
 def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Rows in SI in other units, the unit in each key as before.
+    """Rows in SI converted to other units, with the unit in each key.
 
     Args:
         rows: with keys such as `length_m`, `force_N`; what has no unit stays, or one such as `N_per_m`.

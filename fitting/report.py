@@ -163,7 +163,7 @@ def _shade(result: Identification, system: str) -> Normalize:
 
 
 def _axes(result: Identification, axes: Axes | None) -> Axes:
-    """Those given, or those that pyplot draws on."""
+    """The given axes, or pyplot's current ones."""
     check_identified(result)
     if axes is not None:
         return axes
@@ -231,7 +231,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
 def plot_residuals(
     result: Identification, axes: Axes | None = None, system: str = "metric"
 ) -> Axes:
-    """Model less reading against contraction, a colour for each pressure; arguments of `plot_isobars`."""
+    """Residuals against contraction, a colour for each pressure; arguments of `plot_isobars`."""
     axes, rmse = _axes(result, axes), result.errors.rmse / _unit(system, "force")
     for level, style in ((0.0, "-"), (rmse, ":"), (-rmse, ":")):
         axes.axhline(level, color="0.7", lw=0.8, ls=style)
@@ -268,7 +268,7 @@ def plot_law(result: Identification, axes: Axes | None = None, system: str = "me
 def law_stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
-    """Stress [Pa] of a tensile test, or where the directions do not interact of either of them."""
+    """Stress [Pa] in a tensile test; of a law without interaction, in either direction."""
     tensile = getattr(material, "uniaxial_stress", None)
     if tensile is not None:
         return tensile(strain)[None]
@@ -276,7 +276,7 @@ def law_stress(
 
 
 def specimen_table(result: Identification, system: str) -> Table:
-    """What was known of the muscle, and what was measured on it."""
+    """The specimen, and the ranges of the readings."""
     data, units = result.data, unit_system(system)
 
     def row(name: str, value: Any) -> tuple[str, ...]:
@@ -297,12 +297,12 @@ _ALONE = 0.98
 """Correlation beyond which the data tell two parameters only together."""
 _TAKES_PART = {
     "deadband_pressure": "a deadband", "end_factor": "rounded ends", "end_length": "rounded ends",
-    "braid_compliance": "threads that stretch", "series_compliance": "a rig that gives way",
+    "braid_compliance": "a compliant braid", "series_compliance": "a compliant rig",
 }  # fmt: skip
 
 
 def described(part: object) -> str:
-    """What a class says it is: its documentation up to the attributes, or its name."""
+    """The documentation of a class up to its attributes, or its name."""
     found = (
         inspect.cleandoc(type(part).__doc__ or "").partition("Attributes:")[0].partition(">>>")[0]
     )
@@ -319,10 +319,10 @@ def in_words(result: Identification) -> str:
     shape = "a cylindrical braid"
     if type(geometry).__module__ != "famjax.geometries":
         shape = described(geometry).partition(":")[0].rstrip(".").lower()
-    known = {one.name: one for one in result.estimates}
+    plain = {"end_factor": 1.0}
     parts = [
-        words for name, words in _TAKES_PART.items()
-        if name in known and known[name].value != known[name].min and not known[name].fixed
+        _TAKES_PART[one.name] for one in result.estimates
+        if one.name in _TAKES_PART and one.value > plain.get(one.name, 0.0)
     ]  # fmt: skip
     parts += [type(one).__name__ for one in terms if type(one).__module__ != "famjax.terms"]
     return f"{result.law.name} law{order}, {shape}{' with ' * bool(parts)}{', '.join(parts)}"
@@ -330,7 +330,7 @@ def in_words(result: Identification) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Findings:
-    """A fit and all that was found out about it, as text in a unit system.
+    """A fit with its evidence, choice and verdict, as text in a unit system.
 
     Attributes:
         result: what `identify` returned, or the chosen one of a choice.
@@ -367,11 +367,9 @@ class Findings:
         def force(value: float) -> str:
             return Quantity(value, "force", 3).in_units(system)
 
-        held_out = [
-            f"{force(value)} on {name}s"
-            for name, value in columns_of(self.evidence.left_out).items()
-        ]
-        error = f"{force(errors.rmse)} ({errors.rmse_percent:.2g} % of the largest force) in sample"
+        columns = columns_of(self.evidence.left_out)
+        held_out = [f"{force(columns[one])} on {one}s" for one in sorted(columns, reverse=True)]
+        error = f"{force(errors.rmse)} ({errors.rmse_percent:.3g} % of the largest force) in sample"
         error += "; held out: " * bool(held_out) + ", ".join(held_out)
         values = [_with_error(one, system) for one in result.all_estimates]
         return [
@@ -383,15 +381,18 @@ class Findings:
         ]
 
     def _not_separable(self) -> str:
-        """The parameters that the data tell only together."""
-        names, matrix = correlations(self.result)
-        pairs = [
-            f"{names[j]} and {names[i]} (correlation {matrix[i, j]:.3f})"
-            for i, j in zip(*np.nonzero(np.abs(np.tril(matrix, -1)) > _ALONE), strict=True)
-        ]
+        """Groups of parameters that the data tell only together."""
         if not np.isfinite(self.result.certificate.condition):
             return "the parameters: these data do not determine each of them."
-        return f"{'; '.join(pairs)}." if pairs else f"none; all correlations are below {_ALONE:g}."
+        names, matrix = correlations(self.result)
+        size, groups = np.abs(np.tril(matrix, -1)), []
+        for pair in np.argwhere(size > _ALONE).tolist():
+            own = [group for group in groups if group & {*pair}]
+            groups = [group for group in groups if group not in own] + [{*pair}.union(*own)]
+        told = [", ".join(names[k] for k in sorted(group)) for group in groups]
+        if not told:
+            return f"none; all correlations are below {_ALONE:g}."
+        return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
 
     def numbers(self, system: str) -> Table:
         """Five numbers that one asks first of a muscle, each with its standard error."""
@@ -469,7 +470,7 @@ class Findings:
         terms = [described(one).partition(". ")[0] for one in result.muscle.terms.terms]
         rig = "The rig is taken as rigid."
         if result.series_compliance:
-            rig = "The rig gives way, as series_compliance says."
+            rig = "The rig is compliant, see series_compliance."
         return [
             f"Bladder law: {described(result.muscle.material)}",
             f"Geometry: {described(result.muscle.geometry)} {rig}",
@@ -492,14 +493,14 @@ class Findings:
         ]
 
     def notes(self, system: str = "metric") -> tuple[str, ...]:
-        """All that a reader must know besides the summary: choice, further reasons, warnings, bands."""
+        """What a reader must know besides the summary: choice, further reasons, warnings, bands."""
         choice, error = self.choice, self.evidence.error
         found = (
             *(() if choice is None else (choice.clear, *choice.dropped)),
             *self.judged.reasons[2:],
             *self.result.warnings,
             *evidence_warnings(self.evidence, self.result),
-            *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
+            *(() if error is None else (f"The 95 % bands of predictions are of {error.covers}.",)),
         )
         return tuple(in_units(one, system) for one in found)
 
@@ -554,7 +555,7 @@ def _error_table(result: Identification, system: str) -> Table:
         for name, value in (("RMSE", errors.rmse), ("MAE", errors.mae), ("largest", errors.max))
     ]
     return (
-        f"Errors over {errors.n_points} loaded readings ({errors.n_slack} slack ones are censored)",
+        f"Errors over {errors.n_points} loaded readings; {errors.n_slack} slack readings are censored",
         ("error", unit, f"of {Quantity(errors.max_force, 'force', 5).in_units(system)}"),
         rows,
     )

@@ -40,7 +40,7 @@ _STANDARD_INPUT = "<stdin>"
 
 def _check_replicates(_: Any, value: int) -> None:
     if value < 0 or value == 1:
-        raise ValueError(f"It must be 0, for no replicates, or 2 and more; got {value}")
+        raise ValueError(f"It must be 0 (none) or at least 2; got {value}")
 
 
 Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicates)]

@@ -1,4 +1,4 @@
-"""The figures of the report: each function draws one and says what it shows, or gives None."""
+"""The figures of the report: each function draws one with its caption, or returns None."""
 
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ _CONTRACTION = "contraction $(L_0 - L)/L_0$"
 
 
 def actuation(source: Source) -> Drawn:
-    """Isobars with points, model and band, and what is left."""
+    """Isobars with readings, model and band, and the residuals."""
     fit, data, rest = source.best, source.data, source.sheet.specimen.rest_length
     levels = np.unique(data.pressures.level[data.loaded])
     lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _POINTS)
@@ -69,9 +69,9 @@ def actuation(source: Source) -> Drawn:
     right.set(xlabel=_CONTRACTION, ylabel=f"model {MINUS} measured [{unit}]")
     return figure, (
         f"Left: force against contraction at the gauge pressures beside the curves "
-        f"[{source.unit('pressure')}]; circles are measured (mean of both branches), lines the model with "
-        f"the {fit.title}, shaded what holds 95 % of single readings. Right: what the model leaves, and "
-        f"that band at {source.pressure(levels[middle])}."
+        f"[{source.unit('pressure')}]. Circles are measured (mean of both branches); lines are the model "
+        f"with the {fit.title}; shaded bands hold 95 % of single readings. Right: residuals, model minus "
+        f"measured, with the band at {source.pressure(levels[middle])}."
     )
 
 
@@ -110,8 +110,8 @@ def photographs(source: Source) -> Drawn:
         one.set_title(f"{abs(contraction):.3f}")
         one.set_axis_off()
     return figure, (
-        f"Photographs near {source.pressure(source.pressures[source.middle])}, the contraction above "
-        "each, with what was measured: outline red, edges of the end tapes yellow, mid-line cyan."
+        f"Photographs near {source.pressure(source.pressures[source.middle])}, with the contraction above "
+        "each. The measured outline is red, the edges of the end tapes yellow, the mid-line cyan."
     )
 
 
@@ -156,8 +156,8 @@ def shape(source: Source) -> Drawn:
     left.legend(title="contraction")
     right.legend()
     return figure, (
-        "The shape: circles are pictures, lines the measured surface with its 95 % band. Left: braid "
-        "diameter along the axis. Right: its mean, the middle, and the cylinder of the braid's triangle as "
+        "The shape. Circles are pictures; lines are the measured surface with its 95 % band. Left: braid "
+        "diameter along the axis. Right: mean diameter, middle diameter, and the cylinder that was "
         "identified from the force."
     )
 

@@ -54,7 +54,7 @@ def _table(source: Source, kinds: dict[str, str], columns: dict[str, Any]) -> pd
 
 
 def _states(source: Source, name: str) -> pd.DataFrame:
-    """What a model says over contraction, at every pressure."""
+    """The states of a model over contraction, at every pressure."""
     of = source.fits[name].states
     columns = xarray.merge([of[[*KINDS]], of.terms.to_dataset("term")]).to_dataframe().reset_index()
     columns.columns = [one.replace(", ", " ").replace(" ", "_") for one in columns.columns]
@@ -63,7 +63,7 @@ def _states(source: Source, name: str) -> pd.DataFrame:
 
 
 def _readings(source: Source) -> pd.DataFrame:
-    """The readings that pull, with the model's force, its 95 % band and what it leaves."""
+    """The loaded readings, with the model's force, its 95 % band and the residuals."""
     fit = source.best
     data, pulls = fit.data, np.flatnonzero(fit.data.loaded)
     found = static_rows(fit.saved, data.length[pulls], data.pressure[pulls])
@@ -78,7 +78,7 @@ def _readings(source: Source) -> pd.DataFrame:
 
 
 def _parameters(source: Source) -> pd.DataFrame:
-    """What was identified with each geometry, with its standard errors by source."""
+    """The identified parameters of each geometry, with standard errors by source."""
     rows = []
     for fit in source.fits.values():
         of, entries = fit.figures, fit.saved.document["parameters"]
@@ -223,7 +223,7 @@ def _drawn(source: Source) -> list[tuple[str, str, str]]:
 
 
 def _summary(source: Source) -> str:
-    """The page in a sentence."""
+    """The page in two sentences."""
     fit, unit = source.best.figures, source.unit("force")
     rmse, most = fit["rmse_N"], fit["largest_force_N"]
     of = (
@@ -238,7 +238,7 @@ def _summary(source: Source) -> str:
 
 
 def _verdict(source: Source) -> str:
-    """Whether the fit that the page shows may be believed, the gravest reason first, and the checks."""
+    """The verdict on the fit that the page shows, its gravest reason, and the cross-checks."""
     document = source.best.saved.document
     level, reasons = document.get("verdict") or "not judged", document.get("reasons") or []
     checks = [one.verdict == AGREES for place in source.steps for one in read_checks(place)]
@@ -321,7 +321,7 @@ def _notes(source: Source) -> list[str]:
 
 
 def _unknown(source: Source) -> list[str]:
-    """What the folder lacks, and what is not known therefore."""
+    """What the folder lacks, and what is therefore not known."""
     sheet, pictured = source.sheet, PICTURES in source.names
     map_alone, failed = sheet.records.force_map is not None, _failed_pictures(source)
     ruled = sheet.photographs is None or sheet.photographs.ruler is not None

@@ -194,6 +194,4 @@ def test_a_map_comes_from_standard_input_and_what_is_replaced_is_told(
         monkeypatch.setattr(sys, "stdin", io.StringIO(text))
         code, said, _ = run("fit", "-", "--law", "polynomial", "--output", tmp_path / "out")
         assert code == 0
-        assert (
-            "fit.json, fit.png, report.html took the place of earlier files" in said
-        ) == replaced
+        assert ("replaced earlier files: fit.json, fit.png, report.html" in said) == replaced

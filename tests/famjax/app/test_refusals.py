@@ -56,7 +56,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
 # Said before the library is loaded, which takes seconds.
 AT_ONCE: list[tuple[tuple[str, ...], str]] = [
     (("fit", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
-    (("assess", "x", "--bootstrap", "-5"), "0, for no replicates, or 2 and more; got -5"),
+    (("assess", "x", "--bootstrap", "-5"), "must be 0 (none) or at least 2; got -5"),
     (("sweep", "--order", "9"), "Must be <= 4"),
     (("sweep", "--order", "1", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
     (("compare", "--jobs", "0"), "Must be >= 1"),
