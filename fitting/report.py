@@ -498,7 +498,7 @@ class Findings:
         found = (
             *(() if choice is None else (choice.clear, *choice.dropped)),
             *self.judged.reasons[2:],
-            *self.result.warnings,
+            *(one for one in self.result.warnings if one not in self.judged.reasons),
             *evidence_warnings(self.evidence, self.result),
             *(() if error is None else (f"The 95 % bands of predictions are of {error.covers}.",)),
         )

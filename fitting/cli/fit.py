@@ -114,7 +114,7 @@ class Asked:
         `--prior rest_length_mm=296+-0.5`.
 
     shared_error
-        State a standard error, name_unit=value, repeatable. reading_N is that of a single force
+        State a standard error, name_unit=value, repeatable. noise_N is that of a single force
         reading; priors are weighed against it. All others are calibration errors that all readings share:
         rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero
         (with a unit); pressure_reading, force_reading, shortening (relative).
@@ -227,7 +227,7 @@ def assess(
     bootstrap
         Set the number of bootstrap replicates, for standard errors and prediction bands.
     posterior
-        Draw from the posterior (NUTS), within bounds and priors. `--error reading_N` of the fit
+        Draw from the posterior (NUTS), within bounds and priors. `--error noise_N` of the fit
         sets the noise.
     hysteresis
         Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, and predict records left out.

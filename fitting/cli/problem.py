@@ -154,7 +154,7 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     Raises:
         InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
 
-    >>> errors, noise = parse_errors(["wall_thickness_mm=0.05", "reading_N=1.5"])
+    >>> errors, noise = parse_errors(["wall_thickness_mm=0.05", "noise_N=1.5"])
     >>> errors.stated(), noise
     ({'wall_thickness': 5e-05}, 1.5)
     """
@@ -167,10 +167,10 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
                 f"error {name}={value}: {value!r} is not a number; the unit belongs to the name, as in "
                 "wall_thickness_mm=0.05"
             ) from None
-    of_one = [name for name in numbers if name.startswith("reading_")]
+    of_one = [name for name in numbers if name.startswith("noise_")]
     if len(of_one) > 1:
-        raise InputError("the error of a single reading was given twice: give reading_N once")
-    noise = [to_si(numbers.pop(name), name.removeprefix("reading_"), "force") for name in of_one]
+        raise InputError("error: the noise of a reading is given twice")
+    noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in of_one]
     return from_entries(SharedErrors, numbers, FORM, where="error: "), *(noise or [None])
 
 
