@@ -221,7 +221,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     axes.plot([], [], color="0.4", lw=1, label="model")
     if data.slack.any():
         slack = 1 - data.length[data.slack] / rest
-        style = {"color": "0.6", "ms": 4, "clip_on": False, "label": "slack (not data)"}
+        style = {"color": "0.6", "ms": 4, "clip_on": False, "label": "slack (not fitted)"}
         axes.plot(slack, np.zeros(slack.size), "x", **style)
     axes.set(xlabel="contraction", ylabel=f"force, {unit_system(system)['force']}", ylim=(0, None))
     axes.legend(frameon=False)
@@ -259,9 +259,9 @@ def plot_law(result: Identification, axes: Axes | None = None, system: str = "me
     axes.axvspan(0, result.strain_range, color="#dfeaf2", zorder=0, label="strain range used")
     stress = f"true stress, {unit_system(system)['stress']}"
     axes.set(xlabel="engineering strain", ylabel=stress, xlim=(0, strain[-1]))
-    way = "one direction stretched" if hasattr(material, "uniaxial_stress") else "either direction"
-    axes.set_title(f"bladder law, {way}; dashed where falling", fontsize=9)
-    axes.legend(frameon=False, fontsize=8)
+    way = "uniaxial " * hasattr(material, "uniaxial_stress")
+    axes.set_title(f"{way}bladder law; dashed where falling", fontsize=9)
+    axes.legend(framealpha=1, fontsize=8)
     return axes
 
 
@@ -590,30 +590,16 @@ def html_report(
     """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
     result = found.result
     drawn = plot_fit(result, system) if figure is None else figure
-    content = [
-        found.numbers(system),
-        *found.tables(system),
-        specimen_table(result, system),
-    ]
-    numbers, *others = [PageTable(*table).html(k) for k, table in enumerate(content, start=1)]
+    content = [found.numbers(system), *found.tables(system), specimen_table(result, system)]
     return page(
         "report.html",
-        name=result.data.specimen.name,
-        good=found.judged.passed,
-        summary=found.summary(system),
+        found=found,
+        system=system,
         figure=inline_svg(svg_file(drawn), "fit", "isobars, residuals and the bladder's law"),
-        numbers=numbers,
-        next=found.next_steps(system),
-        model=found.model(system),
-        usual={"PressurisedBraid", "BladderWall"}
-        <= {type(one).__name__ for one in result.muscle.terms.terms},
-        notes=found.notes(system),
-        tables=others,
+        tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
+        terms={type(one).__name__ for one in result.muscle.terms.terms},
         origin=origin,
-        seed=result.seed,
-        starts=result.certificate.n_starts,
-        data=f"data: {result.data.source}, sha256 {result.data.sha256}",
-        versions=", ".join(f"{name} {version}" for name, version in versions().items()),
+        versions=versions(),
     )
 
 

@@ -209,7 +209,7 @@ def law(source: Source) -> Drawn:
     unit = source.unit("stress")
     left.set(xlabel=r"strain $\varepsilon$", ylabel=rf"stress $\sigma$ [{unit}]")
     right.set(xlabel=_CONTRACTION, ylabel=rf"mean stress $\sigma$ [{unit}]")
-    left.legend()
+    left.legend(frameon=True, framealpha=1)
     right.legend()
     return figure, (
         f"Left: the bladder law, true stress against engineering strain; dotted where it falls, and so is "

@@ -12,7 +12,7 @@ DESIGN = ("design", "--require", "pressure_psi=100")
 ASKED = (*DESIGN, "--search", "1e3")
 AT = ("--length", "270mm", "--pressure")
 FIT_MAP: list[tuple[tuple[str, ...], str]] = [
-    (("MAP",), "Several muscles of one series: famjax series"),
+    (("MAP",), "For several muscles use famjax series"),
     (("--geometry", "a:B", "--shape", "m.nc"), "either --shape or --geometry"),
     (("--law", "ogden", "--order", "2"), "got 2 for ogden: leave the order out"),
     (("--specimen", "braid_angle_deg=65"), "or held by --bounds braid_angle_deg=65"),
