@@ -281,8 +281,8 @@ def specimen_table(result: Identification, system: str) -> Table:
 
     def row(name: str, value: Any) -> tuple[str, ...]:
         if value is None or isinstance(value, bool | str):
-            words = {None: "not given", True: "yes", False: "no"}
-            return name, words.get(value, value), ""
+            words: dict[Any, str] = {None: "not given", True: "yes", False: "no"}
+            return name, words.get(value, str(value)), ""
         return name, f"{from_si(float(value), units['length'], 'length'):.5g}", units["length"]
 
     rows = [row(k.replace("_", " "), v) for k, v in dataclasses.asdict(data.specimen).items()]

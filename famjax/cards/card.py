@@ -295,10 +295,10 @@ class MuscleCard:
         from matplotlib.figure import Figure  # noqa: PLC0415 -- it takes 0.3 s
 
         of, rest = self.provenance, float(self.muscle.rest_length)
-        length, pressure = (np.asarray(one) for one in (self.data.length, self.data.pressure))
+        (L1, L2), (P1, P2) = (map(float, one) for one in (self.data.length, self.data.pressure))
         figure = Figure(figsize=(6, 3.6), layout="constrained")
-        axes, lengths = figure.subplots(), np.linspace(*length, 60)
-        for level in np.linspace(*pressure, 5)[1:]:
+        axes, lengths = figure.subplots(), np.linspace(L1, L2, 60)
+        for level in np.linspace(P1, P2, 5)[1:]:
             pull = np.asarray(self.safe().force(lengths, level))
             axes.plot(1 - lengths / rest, pull, label=f"{level / 1e3:.0f} kPa")
         axes.set(xlabel="contraction", ylabel="force, N")
@@ -309,8 +309,8 @@ class MuscleCard:
             ("models", str(len(self.members))),
             ("RMSE", error),
             ("rest length", f"{1e3 * rest:.4g} mm"),
-            ("lengths", f"{1e3 * length[0]:.4g} to {1e3 * length[1]:.4g} mm"),
-            ("pressures", f"{pressure[0] / 1e3:.4g} to {pressure[1] / 1e3:.4g} kPa"),
+            ("lengths", f"{1e3 * L1:.4g} to {1e3 * L2:.4g} mm"),
+            ("pressures", f"{P1 / 1e3:.4g} to {P2 / 1e3:.4g} kPa"),
         ]
         return as_html(self.name, rows, figure)
 

@@ -99,59 +99,69 @@ def predict(
 
     if own:
         add_cwd_to_path()
-    if history is None and _is_card(muscle):
-        others = {"--force": force, "--rest-length": rest_length, "--length-std": length_std}
-        return _predict_by_card(
-            muscle, length, pressure, units, others, onset=onset, as_json=json_, own=own
-        )
-    saved = fitting.load_fit(muscle, own=own)
-    warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
-    if history is not None:
-        return _print_history(
-            saved, history, units, as_json=json_,
-            others={"length": length, "pressure": pressure, "onset": onset,
-                    "rest-length": rest_length, "length-std": length_std},
-        )  # fmt: skip
-    lengths = np.array(parse_quantities(length, "length"))
-    if force:
-        if pressure or onset or rest_length is not None or length_std is not None:
-            raise InputError(
-                "--force asks for a pressure and needs --length alone: leave out --pressure, --onset, "
-                "--rest-length and --length-std"
-            )
-        rows = fitting.prediction.pressures_for(
-            saved, lengths, np.array(parse_quantities(force, "force"))
-        )
+    said = {"--length": length, "--pressure": pressure, "--force": force, "--onset": onset,
+            "--rest-length": rest_length, "--length-std": length_std, "--history": history}  # fmt: skip
+    given = [name for name, value in said.items() if value]
+    L, P, F = (
+        np.array(parse_quantities(typed, kind))
+        for typed, kind in ((length, "length"), (pressure, "pressure"), (force, "force"))
+    )
+    typed, heading, notes = [*length[:1], *pressure[:1]], "", []
+    if _is_card(muscle):
+        _only(given, ("--length", "--pressure", "--onset"), "{} needs a fit: give the fit.json of famjax "
+              "fit. For a card or a bundled muscle use famjax.control.pressure_for_force for forces and "
+              "famjax export --length to cut it")  # fmt: skip
+        rows, heading = _by_card(muscle, L, P, own, onset=onset)
+        notes.append("rows that are not inside are continued beyond the region of the card's model")
     else:
-        rows = fitting.predict(
-            saved,
-            lengths,
-            np.array(parse_quantities(pressure, "pressure")),
-            onset=onset,
-            rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
-            length_std=0.0 if length_std is None else parse_quantity(length_std, "length"),
-        )
-    asked = {**_answer_units(units, length, pressure)}
-    if force and units is None:
-        asked["force"] = quantity_unit(force[0])
+        saved = fitting.load_fit(muscle, own=own)
+        warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
+        if history is not None:
+            _only(
+                given, ("--history",), "--history gives lengths and pressures itself: leave out {}"
+            )
+            rows, typed, notes = _along(saved, history, units or "metric")
+        elif force:
+            _only(
+                given,
+                ("--length", "--force"),
+                "--force asks for a pressure at --length: leave out {}",
+            )
+            rows, typed = fitting.prediction.pressures_for(saved, L, F), [*length[:1], "", force[0]]
+        else:
+            rest = None if rest_length is None else parse_quantity(rest_length, "length")
+            std = 0.0 if length_std is None else parse_quantity(length_std, "length")
+            rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest, length_std=std)
+            notes = _notes(saved, other=rest is not None, forces=bool(pressure))
+    asked = _answer_units(units, *typed)
     if json_:
         print_json(rows if units is None else in_units(rows, asked))
         return 0
     shown = in_units(rows, asked)
-    for title, chosen in ({"Pressure": shown} if force else _force_and_onset(shown)).items():
-        _print_answers(title, chosen, units)
-    if not force:
-        _print_notes(saved, other=rest_length is not None, forces=bool(pressure))
+    tables = {
+        "Force": [row for row in shown if "slack" in row and not force],
+        "Pressure": [row for row in shown if force],
+        "Onset": [row for row in shown if "slack" not in row and not force],
+    }
+    for title, chosen in tables.items():
+        if chosen:
+            _print_answers(f"{title}{heading}{' along the history' * bool(history)}", chosen, units)
+    for note in notes:
+        print(f"note: {note}")
     return 0
 
 
-def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
+def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
+    """Refuse options that do not go with the others."""
+    if others := [name for name in given if name not in fit]:
+        raise InputError(message.format(", ".join(others)))
+
+
+def _notes(saved: "SavedFit", *, other: bool, forces: bool) -> list[str]:
     """What a reader must know of the answers: of another rest length, with forces among them."""
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
-        notes.append(
-            "force is what the compliant rig measures; muscle force is that of the muscle alone"
-        )
+        notes.append("force is what the compliant rig measures; muscle force is the muscle's alone")
     if other and saved.other_lengths:
         names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
         notes.append(
@@ -174,51 +184,24 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
         notes.append(f"the 95 % bands are of {saved.error.covers}")
     elif forces and not (document.get("spread") or {}).get("directions"):
         notes.append("there is no error band, as the fit has no standard errors")
-    for note in notes:
-        print(f"note: {note}")
+    return notes
 
 
-def _print_history(
-    saved: "SavedFit",
-    path: Path,
-    units: str | None,
-    *,
-    as_json: bool,
-    others: Mapping[str, object],
-) -> int:
-    """Predict the force along the history in a CSV file, as a table or as JSON.
-
-    Args:
-        saved: of a fit with hysteresis.
-        path: of the file.
-        units: of the answer; those of the file unless given, and SI of JSON.
-        as_json: a JSON list instead of the table.
-        others: options that a history leaves no room for, by name.
-
-    Raises:
-        InputError: another option is given, or what `read_history` and `predict_history` refuse.
-    """
+def _along(
+    saved: "SavedFit", path: Path, system: str
+) -> tuple[list[dict[str, Any]], list[str], list[str]]:
+    """Rows along the history in a CSV file, quantities in its units, and notes."""
     from fitting.prediction import hysteresis_error, predict_history
     from fitting.records import read_history
 
-    given = [f"--{name}" for name, value in others.items() if value]
-    if given:
-        raise InputError(
-            f"--history gives lengths and pressures itself: leave out {', '.join(given)}"
-        )
-    moves = read_history(path)
+    moves, notes = read_history(path), []
     rows = predict_history(saved, moves)
-    asked = _answer_units(units, *([f"1{moves.units[kind]}"] for kind in ("length", "pressure")))
-    if as_json:
-        print_json(rows if units is None else in_units(rows, asked))
-        return 0
-    _print_answers("Force along the history", in_units(rows, asked), units)
     if any(row["force_std_N"] is not None for row in rows):
-        error = sentence.Quantity(hysteresis_error(saved), "force", 2).in_units(units or "metric")
+        error = sentence.Quantity(hysteresis_error(saved), "force", 2).in_units(system)
         held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
-        print(f"note: the 95 % band holds the error of the static map and the {held_out} error of the "
-              f"hysteresis, {error} RMS")  # fmt: skip
-    return 0
+        notes = [f"the 95 % band holds the error of the static map and the {held_out} error of the "
+                 f"hysteresis, {error} RMS"]  # fmt: skip
+    return rows, [f"1{moves.units[kind]}" for kind in ("length", "pressure")], notes
 
 
 def _is_card(muscle: str) -> bool:
@@ -231,84 +214,60 @@ def _is_card(muscle: str) -> bool:
     return schema_of(path).startswith("famjax-card/")
 
 
-def _predict_by_card(
-    muscle: str,
-    length: Sequence[str],
-    pressure: Sequence[str],
-    units: str | None,
-    others: Mapping[str, object],
-    *,
-    onset: bool,
-    as_json: bool,
-    own: Sequence[str],
-) -> int:
-    """Print the force of a card's safe muscle, and where it is not the model's own.
+def _by_card(
+    muscle: str, lengths: Any, pressures: Any, own: Sequence[str], *, onset: bool
+) -> tuple[list[dict[str, Any]], str]:
+    """Rows of a card's safe muscle, and whose they are.
 
     Args:
         muscle: a file, or a bundled muscle's name.
-        length: as typed.
-        pressure: as typed.
-        units: of the answer; those of the question unless given.
-        others: options that a card does not answer, by name.
-        onset: also answer it.
-        as_json: instead of tables.
+        lengths: [m], shape (l,).
+        pressures: [Pa], shape (p,).
         own: modules that are trusted.
+        onset: also answer it.
     """
     import numpy as np
 
     from famjax.cards import read_card
     from famjax.muscles import bundled_card
 
-    asked = [name for name, value in others.items() if value]
-    if asked:
-        raise InputError(
-            f"{', '.join(asked)} needs a fit: give the fit.json of famjax fit. For a card or a bundled "
-            "muscle use famjax.control.pressure_for_force for forces and famjax export --length to cut it"
-        )
-    if not length or not (pressure or onset):
+    if not lengths.size or not (pressures.size or onset):
         raise InputError("give --length, and --pressure or --onset, with their units")
     card = read_card(muscle, own=own) if Path(muscle).exists() else bundled_card(muscle)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
-    safe = card.safe()
-    L = np.array(parse_quantities(length, "length"))
-    P = np.array(parse_quantities(pressure, "pressure"))
-    rows: list[dict[str, Any]] = []
-    if P.size:
-        force, model = (np.asarray(ask(L[:, None], P)) for ask in (safe.force, safe.model_force))
-        for i, j in np.ndindex(L.size, P.size):
-            row = {"length_m": float(L[i]), "pressure_Pa": float(P[j])}
-            pull = {"force_N": float(force[i, j]), "model_force_N": float(model[i, j]),
-                    "slack": bool(force[i, j] <= 0)}  # fmt: skip
-            why, possible = _outside(safe, row)
-            row |= pull if possible else dict.fromkeys(pull)
-            rows.append(row | {"inside": why is None, "outside": why})
-    if onset:
-        begins = np.asarray(safe.onset_pressure(L, float(safe.region.pressure[1]), throw=False))
-        for one, at in zip(L.tolist(), begins.tolist(), strict=True):
-            why, possible = _outside(safe, {"length_m": one, "pressure_Pa": at})
-            known = at if possible and not np.isnan(at) else None
-            row = {"length_m": one, "onset_pressure_Pa": known}
-            rows.append(row | {"inside": why is None, "outside": why})
-    asked_units = _answer_units(units, length, pressure)
-    if as_json:
-        print_json(rows if units is None else in_units(rows, asked_units))
-        return 0
-    for title, chosen in _force_and_onset(in_units(rows, asked_units)).items():
-        _print_answers(f"{title} of {card.name}", chosen, units)
-    print("note: rows that are not inside are continued beyond the region of the card's model")
-    return 0
+    safe, rows = card.safe(), []
+    pull, model = (
+        np.asarray(ask(lengths[:, None], pressures)) for ask in (safe.force, safe.model_force)
+    )
+    for i, j in np.ndindex(pull.shape):
+        row = {"length_m": float(lengths[i]), "pressure_Pa": float(pressures[j])}
+        answer = {"force_N": float(pull[i, j]), "model_force_N": float(model[i, j]),
+                  "slack": bool(pull[i, j] <= 0)}  # fmt: skip
+        why, possible = _outside(safe, *row.values())
+        row |= answer if possible else dict.fromkeys(answer)
+        rows.append(row | {"inside": why is None, "outside": why})
+    highest = float(safe.region.pressure[1])
+    begins = np.asarray(safe.onset_pressure(lengths, highest, throw=False)) if onset else []
+    for one, at in zip(lengths.tolist(), np.array(begins).tolist(), strict=onset):
+        why, possible = _outside(safe, one, at)
+        known = at if possible and not np.isnan(at) else None
+        row = {"length_m": one, "onset_pressure_Pa": known, "inside": why is None, "outside": why}
+        rows.append(row)
+    return rows, f" of {card.name}"
 
 
-def _outside(safe: "SafeMuscle", row: Mapping[str, float]) -> tuple[sentence.Sentence | None, bool]:
+def _outside(
+    safe: "SafeMuscle", length: float, pressure: float
+) -> tuple[sentence.Sentence | None, bool]:
     """Why a state is not the model's own, or None; and whether a muscle can have that length."""
-    length, (lock, straight) = row["length_m"], map(float, safe.continued.stops)
+    lock, straight = map(float, safe.continued.stops)
     for beyond, text, end in (
         (length < lock, "the length is below the braid's lock, ", lock),
         (length > straight, "the length is beyond the thread's, ", straight),
     ):
         if beyond:
             return sentence.Sentence(text, sentence.Quantity(end, "length")), False
-    for value, kind in ((length, "length"), (row["pressure_Pa"], "pressure")):
+    for value, kind in ((length, "length"), (pressure, "pressure")):
         low, high = (float(end) for end in getattr(safe.region, kind))
         if not low <= value <= high:
             ends = sentence.Quantity(low, kind), " to ", sentence.Quantity(high, kind)
@@ -317,35 +276,27 @@ def _outside(safe: "SafeMuscle", row: Mapping[str, float]) -> tuple[sentence.Sen
 
 
 def _answer_units(
-    system: str | None, lengths: Sequence[str], pressures: Sequence[str]
+    system: str | None, length: str, pressure: str = "", force: str = ""
 ) -> Mapping[str, str]:
     """Unit of each kind of quantity in the answer.
 
     Args:
         system: "si", "metric" or "us"; None for the units of the question.
-        lengths: as they were typed, such as "270mm,250mm".
-        pressures: the same.
+        length: as it was typed, such as "270mm,250mm"; the others likewise.
+        pressure: "" where there is none.
+        force: "" where there is none.
 
-    >>> _answer_units(None, ["10in"], ["5 bar"])
+    >>> _answer_units(None, "10in", "5 bar")
     {'length': 'in', 'pressure': 'bar', 'force': 'N'}
-    >>> _answer_units(None, ["10in"], ["50psi"])["force"]
+    >>> _answer_units(None, "10in", "50psi")["force"]
     'lbf'
     """
     if system is not None:
         return unit_system(system)
-    length = quantity_unit(lengths[0])
-    pressure = quantity_unit(pressures[0]) if pressures else "psi" if length == "in" else "kPa"
-    force = "lbf" if {length, pressure} <= _US else "N"
-    return {"length": length, "pressure": pressure, "force": force}
-
-
-def _force_and_onset(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """The tables of a prediction by their titles: forces, and onset pressures; none is empty."""
-    tables = {
-        "Force": [row for row in rows if "slack" in row],
-        "Onset": [row for row in rows if "slack" not in row],
-    }
-    return {title: chosen for title, chosen in tables.items() if chosen}
+    of_length = quantity_unit(length)
+    of_pressure = quantity_unit(pressure) or ("psi" if of_length == "in" else "kPa")
+    usual = "lbf" if {of_length, of_pressure} <= _US else "N"
+    return {"length": of_length, "pressure": of_pressure, "force": quantity_unit(force) or usual}
 
 
 def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:

@@ -171,7 +171,7 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     if len(of_one) > 1:
         raise InputError("error: the noise of a reading is given twice")
     noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in of_one]
-    return from_entries(SharedErrors, numbers, FORM, where="error: "), *(noise or [None])
+    return from_entries(SharedErrors, numbers, FORM, where="error: "), next(iter(noise), None)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -174,8 +174,8 @@ def strains(source: Source) -> Drawn:
         for fit in source.fits.values():
             of = fit.states.isel(pressure=source.middle)
             values = source.scaled(of[name].values, KINDS[name])
-            style = {"color": COLOURS[fit.name], "ls": DASHES[fit.name], "label": fit.short}
-            axes.plot(of.contraction, values, **style)
+            style: dict[str, Any] = {"color": COLOURS[fit.name], "ls": DASHES[fit.name]}
+            axes.plot(of.contraction, values, label=fit.short, **style)
         axes.set(xlabel=_CONTRACTION, ylabel=label)
     several[0].legend()
     named = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
@@ -195,7 +195,8 @@ def law(source: Source) -> Drawn:
     left.axvspan(0.0, high, color="#dfeaf2", lw=0, label="hoop strains")
     left.axhline(0, color="0.6", lw=0.6)
     for name, fit in source.fits.items():
-        strain = np.linspace(*(_BEYOND * end for end in _visited(fit)), 301)
+        least, most = _visited(fit)
+        strain = np.linspace(_BEYOND * least, _BEYOND * most, 301)
         stress = law_stress(fit.saved.muscle.material, jnp.asarray(strain), jnp.zeros((1, 1)))
         shown = source.scaled(np.asarray(stress)[0], "stress")
         falls = np.gradient(shown, strain) < 0

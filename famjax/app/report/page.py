@@ -119,7 +119,7 @@ def _errors(source: Source, name: str) -> pd.DataFrame:
 def _pressures(source: Source) -> pd.DataFrame:
     """Blocked force and free contraction by pressure: measured, and of each geometry."""
     seen = source.isobars or [{}] * source.pressures.size
-    columns = {"pressure": source.pressures}
+    columns: dict[str, Any] = {"pressure": source.pressures}
     for name, of in {"": None, **{f"_{k}": fit.states for k, fit in source.fits.items()}}.items():
         for what, key in (("blocked_force", "blocked_force_N"), ("free_contraction",) * 2):
             measured = [bar.get(key) for bar in seen]
