@@ -11,6 +11,7 @@ shoulder is steep. r is a sum of modes; p and e are unknown at the quadrature st
 eliminated one by one. F is the multiplier of the length, the integral of z' = mu m / sqrt(m^2 + p^2).
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -48,6 +49,14 @@ class Rule(NamedTuple):
     weights: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
+
+    def half(self) -> "Rule":
+        """The first half of the stations, for both, and the modes that are even about the middle."""
+        count = (self.x.size + 1) // 2
+        weights = 2 * self.weights[:count]
+        weights[self.x.size // 2 :] /= 2  # the middle stands for itself
+        even = np.r_[0, 1, 2 : self.values.shape[1] : 2]
+        return Rule(self.x[:count], weights, self.values[:count, even], self.slopes[:count, even])
 
 
 @functools.cache
@@ -166,7 +175,7 @@ def _room(
     return jnp.stack([radius, pressure * jnp.pi * radius**2 + force, squared]), fits & known
 
 
-Unknowns = tuple[Float[Array, " modes"], tuple[Float[Array, "_ _"], ...]]
+Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
 """Modes of the radius and the pull, of order one; p and e at the stations of every section."""
 
 
@@ -182,6 +191,8 @@ class Balance(eqx.Module):
         force_scale: [N], a constant.
         shares: of the sections in Z.
         order: of the polynomials in each.
+        symmetric: whether both halves are alike, so that the shape is found in one of them.
+        halved: whether stations and modes are those of the first half of a symmetric muscle.
     """
 
     parts: tuple[Part, ...]
@@ -192,11 +203,33 @@ class Balance(eqx.Module):
     force_scale: RealArray
     shares: tuple[float, ...] = eqx.field(static=True)
     order: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True, default=False)
+    halved: bool = eqx.field(static=True, default=False)
 
     @property
     def rules(self) -> tuple[Rule, ...]:
         """Stations and modes of every section."""
-        return rules(self.shares, self.order)
+        whole = rules(self.shares, self.order)
+        return (whole[0].half(),) if self.halved else whole
+
+    def half(self) -> "Balance":
+        """The first half of a symmetric muscle."""
+        count = self.rules[0].half().x.size
+        parts = tuple(
+            Part(one.braid, jax.tree.map(lambda leaf: leaf[:count], one.bladder), one.material)
+            for one in self.parts
+        )
+        return dataclasses.replace(self, parts=parts, halved=True)
+
+    def both_halves(self, y: "Unknowns") -> "Unknowns":
+        """Unknowns of the whole muscle from those of its first half."""
+        outer, (inner,) = y
+        whole = jnp.zeros(self.free.size + 1, outer.dtype)
+        whole = whole.at[: self.free.size : 2].set(outer[:-1]).at[-1].set(outer[-1])
+        odd = self.rules[0].x.size % 2  # the middle is a station
+        # p is odd about the middle, the stretch of the threads even.
+        sign = np.array([-1.0, 1.0])[: inner.shape[1]].astype(outer.dtype)
+        return whole, (jnp.concatenate([inner, sign * inner[::-1][odd:]]),)
 
     @property
     def radius_scale(self) -> RealArray:
@@ -211,7 +244,7 @@ class Balance(eqx.Module):
     @property
     def free(self) -> np.ndarray:
         """Modes that do not change the radius at the fittings."""
-        modes = np.arange(len(self.shares) * self.order + 1)
+        modes = np.arange(self.rules[0].values.shape[1])
         return np.delete(modes, [0, len(self.shares)])
 
     @property
@@ -361,18 +394,12 @@ class Point(eqx.Module):
         size: of the last step.
         part: of Newton's step that was taken.
         aim: pull to which a whole step would go, in the balance's scale.
-        matrix: of that step.
-        rooms: distances to the bounds before it; see `_room`.
-        kept: whether a bore was left and the law known.
         first: the first guess.
     """
 
     size: RealArray
     part: RealArray
     aim: RealArray
-    matrix: Matrix
-    rooms: Float[Array, "_ 3"]
-    kept: Bool[Array, ""]
     first: Unknowns
 
 
@@ -388,16 +415,14 @@ class GuardedNewton(optx.AbstractRootFinder):
     norm: Callable[[Any], RealArray] = eqx.field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> Point:
-        del fn, options, f_struct, aux_struct, tags
+        del fn, args, options, f_struct, aux_struct, tags
         far = jnp.full((), jnp.inf, y[0].dtype)
-        rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
-        matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
         one = jnp.ones_like(far)
-        return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
+        return Point(far, one, one, y)
 
     def step(self, fn, y, args, options, state, tags):
         del fn, options, tags
-        step, matrix = newton(y, args)
+        step, _ = newton(y, args)
 
         def moved(part: RealArray) -> Unknowns:
             return jax.tree.map(lambda a, b: a + part * b, y, step)
@@ -408,7 +433,7 @@ class GuardedNewton(optx.AbstractRootFinder):
         part = parts[jnp.argmax(allowed.at[-1].set(True))]  # the last part is 0
         size = self.norm(step[0])
         aim = y[0][-1] + step[0][-1]
-        return moved(part), Point(size, part, aim, matrix, rooms[-1], kept[-1], state.first), None
+        return moved(part), Point(size, part, aim, state.first), None
 
     def terminate(self, fn, y, args, options, state, tags):
         del fn, args, options, tags
@@ -423,28 +448,38 @@ class GuardedNewton(optx.AbstractRootFinder):
         del fn, args, options, tags
         found = result == optx.RESULTS.successful
         kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), y, state.first)
-        return kept, aux, {"last": y, "point": state}
+        return kept, aux, {"last": y, "aim": state.aim}
 
 
 class Solved(eqx.Module):
-    """What the solver leaves: unknowns, whether they balance, and the last ones with their point."""
+    """What the solver leaves.
+
+    Attributes:
+        y: the unknowns, of the first guess where none balance.
+        found: whether they balance.
+        last: unknowns at which the solver stopped.
+        aim: pull to which its last whole step would go, in the balance's scale.
+    """
 
     y: Unknowns
     found: Bool[Array, ""]
     last: Unknowns
-    point: Point
+    aim: RealArray
 
 
 def solve(balance: Balance) -> Solved:
     """The balance of a muscle, its derivatives by the implicit function theorem."""
     tolerance = float(jnp.finfo(balance.ends.dtype).eps) ** 0.5
+    sought = balance.half() if balance.symmetric else balance
     solution = optx.root_find(
         residual,
         GuardedNewton(rtol=tolerance, atol=tolerance),
-        balance.guess(),
-        args=balance,
+        sought.guess(),
+        args=sought,
         max_steps=MAX_STEPS,
         throw=False,
     )
-    found = solution.result == optx.RESULTS.successful
-    return Solved(solution.value, found, solution.stats["last"], solution.stats["point"])
+    y, last = solution.value, solution.stats["last"]
+    if balance.symmetric:
+        y, last = balance.both_halves(y), balance.both_halves(last)
+    return Solved(y, solution.result == optx.RESULTS.successful, last, solution.stats["aim"])

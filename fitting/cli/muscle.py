@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from famjax.export import Subject
     from fitting.saved import SavedFit
 
-Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "jax"]
+Target = Literal["c", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
 
 
@@ -375,7 +375,7 @@ def export(
     length: str | None = None,
     own: tuple[str, ...] = (),
 ) -> int:
-    """Write a muscle as C, tables, MATLAB functions, or for a simulator.
+    """Write a muscle as C, tables, MATLAB or Python functions, or for a simulator.
 
     The head of each file names its muscle and its largest difference from the model. Targets:
 
@@ -384,6 +384,8 @@ def export(
     csv, mat: tables of force, stiffness and area over length and pressure.
 
     matlab: functions for MATLAB, Octave and Simulink's MATLAB Function block.
+
+    python: functions that need NumPy alone.
 
     mujoco: XML of a load that hangs on the muscle, and the actuator's callback.
 

@@ -273,7 +273,31 @@ def by_pressure(source: Source) -> Drawn:
     )
 
 
-FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure)
+def work(source: Source) -> Drawn:
+    """Where the work of each stroke goes, by pressure and geometry."""
+    figure, (left, efficiency, density) = _axes(3)
+    P = source.scaled(source.pressures, "pressure")
+    for name, fit in source.fits.items():
+        style: dict[str, Any] = {"color": COLOURS[name], "ls": DASHES[name], "label": fit.short}
+        left.plot(P, 100 * np.asarray(fit.work.left_over / fit.work.fluid), **style)
+        efficiency.plot(P, 100 * np.asarray(fit.work.efficiency), **style)
+        density.plot(P, np.asarray(fit.work.density) / 1e3, **style)
+    left.axhline(0, color="0.6", lw=0.6)
+    pressure = source.unit("pressure")
+    for axes, label in (
+        (left, r"left over [% of $\int P\,dV$]"), (efficiency, "efficiency [%]"),
+        (density, "work per volume [kJ/m$^3$]"),
+    ):  # fmt: skip
+        axes.set(xlabel=f"gauge pressure $P$ [{pressure}]", ylabel=label)
+    left.legend()
+    return figure, (
+        "Work from rest to the end of each stroke. Left over is the fluid's work that neither the load "
+        "nor the bladder received; below zero, the force does work that nothing supplies. Efficiency is "
+        "the work on the load over the fluid's."
+    )
+
+
+FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure, work)
 """In the order of the page; the first stands in its summary."""
 
 

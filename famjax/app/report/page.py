@@ -36,6 +36,7 @@ def tables(source: Source) -> dict[str, str]:
         "parameters": _parameters(source),
         "errors": pd.concat([_errors(source, name) for name in source.fits]),
         "pressures": _pressures(source),
+        "work": pd.concat([_work(source, name) for name in source.fits]),
         "checks": _checks(source),
     }
     return {
@@ -126,6 +127,16 @@ def _pressures(source: Source) -> pd.DataFrame:
             columns[f"{what}{name}"] = measured if of is None else of[what].values
     kinds = {one: "force" for one in columns if one.startswith("blocked")}
     return _table(source, {"pressure": "pressure", **kinds}, columns)
+
+
+def _work(source: Source, name: str) -> pd.DataFrame:
+    """The work of a geometry's stroke, by pressure."""
+    work = source.fits[name].work
+    energies = {f"{one}_J": getattr(work, one) for one in ("load", "fluid", "stored", "left_over")}
+    columns = {**energies, "efficiency": work.efficiency, "work_per_volume_J_m3": work.density}
+    columns = {key: np.asarray(values) for key, values in columns.items()}
+    given = {"geometry": name, "pressure": source.pressures, **columns}
+    return _table(source, {"pressure": "pressure"}, given)
 
 
 def _checks(source: Source) -> pd.DataFrame:

@@ -21,6 +21,7 @@ import fitting
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
+from famjax.work import WorkBudget
 from fitting.data import COLUMNS, ForceData
 from fitting.saved import SavedFit
 from fitting.shapes import Pictures, ShapeSurface
@@ -155,6 +156,7 @@ class FittedGeometry:
         figures: of the step beside it: errors, values, errors of the shape.
         data: the readings that it was given.
         states: of the model, see `states_of`.
+        work: of the stroke at each pressure, from rest to the end or to where the pull ends.
     """
 
     name: str
@@ -162,6 +164,7 @@ class FittedGeometry:
     figures: dict[str, Any]
     data: ForceData
     states: xarray.Dataset
+    work: WorkBudget
 
     @property
     def title(self) -> str:
@@ -265,9 +268,12 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
     fits = {}
     for name in (one for one in GEOMETRIES if one in names):
         saved = fitting.load_fit(results / name / "fit.json")
+        states = states_of(saved.muscle, pressures, float(data.length.min()), _STROKE)
+        rest, ends = float(saved.muscle.rest_length), states.free_contraction.fillna(np.inf)
+        last = np.clip(ends.values, 1e-3, float(states.contraction[-1]))
         fits[name] = FittedGeometry(
-            name, saved, _read(results / name / "figures.json"), _readings(data, saved),
-            states_of(saved.muscle, pressures, float(data.length.min()), _STROKE),
+            name, saved, _read(results / name / "figures.json"), _readings(data, saved), states,
+            famjax.work_budget(saved.muscle, pressures, rest, rest * (1 - last)),
         )  # fmt: skip
     return Source(
         sheet, system, names, data, isobars, test, fits,
