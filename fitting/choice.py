@@ -4,7 +4,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,6 +17,7 @@ from famjax.boundary.units import finite_or_none, from_si, unit_system
 from .bands import ModelError, disagreement, model_error, where_they_differ
 from .checks import check_starts
 from .data import ForceData, groups_of_levels
+from .evidence import Evidence
 from .identification import solve
 from .ladder import MODEL_ERROR, ladder
 from .parameters import Parameter
@@ -37,6 +38,9 @@ from .search import check_objective
 from .series import OtherLengths, accounts, other_lengths
 from .tasks import run_fits
 from .validation import LeftOut, levels_of_groups
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
@@ -107,6 +111,17 @@ class Choice:
                 "disagree about."
             )
         return found
+
+    def _repr_html_(self) -> str:
+        from .report import Findings  # noqa: PLC0415 -- it draws
+
+        return Findings(
+            self.chosen, Evidence(error=self.error, left_out=self.left_out), self
+        ).html()
+
+    def plot(self, axes: "Axes | None" = None, system: str = "metric") -> "Axes":
+        """Readings and chosen model, force against contraction; see `plot_isobars`."""
+        return self.chosen.plot(axes, system)
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]

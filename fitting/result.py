@@ -18,7 +18,7 @@ from famjax.boundary.units import si_unit
 
 from .arguments import shown
 from .covariance import CONDITION_LIMIT
-from .data import ForceData, data_frame, data_set, html_table
+from .data import ForceData, data_frame, data_set
 from .descent import End
 from .engine import predict
 from .families import Law
@@ -30,6 +30,7 @@ from .search import rounding_of
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.axes import Axes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -317,12 +318,15 @@ class Identification:
         ]  # fmt: skip
 
     def _repr_html_(self) -> str:
-        rows = [
-            (row["parameter"], row["value"], row["stderr"], row["unit"])
-            for row in self._parameter_rows()
-        ]
-        title = f"{self.data.specimen.name}: RMSE {self.errors.rmse:.4g} N, {self.law.name}"
-        return html_table(title, ("parameter", "value", "std. error", "unit"), rows)
+        from .report import Findings  # noqa: PLC0415 -- it draws
+
+        return Findings(self).html()
+
+    def plot(self, axes: "Axes | None" = None, system: str = "metric") -> "Axes":
+        """Readings and model, force against contraction; arguments and result of `plot_isobars`."""
+        from .report import plot_isobars  # noqa: PLC0415 -- it draws
+
+        return plot_isobars(self, axes, system)
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]

@@ -413,10 +413,10 @@ def _path_sentence(found: Optimal, place: int, row: int) -> str:
         at = Sentence(" at ", Quantity(part.inputs.path_pressure[path], "pressure"))
     share = float(part.inputs.stations[path, station])
     if problem.constraint == "slope":
-        return Sentence(f"tangent modulus 0 at {share:.1%} of the strain range", at)
+        return Sentence(f"tangent modulus is 0 at {share:.1%} of the strain range", at)
     reported = report_of(part, found.point, place)
     contraction = share * (1 - float(reported.path_end[path] / reported.rest))
-    return Sentence(f"Drucker modulus 0 at contraction {contraction:.4f}", at)
+    return Sentence(f"Drucker modulus is 0 at contraction {contraction:.4f}", at)
 
 
 def _at_node(found: Optimal, place: int) -> str:

@@ -60,6 +60,19 @@ def test_the_band_contains_what_families_that_fit_alike_disagree_about(chosen: C
 
 
 @pytest.mark.slow
+def test_a_notebook_shows_the_choice(chosen: Choice) -> None:
+    shown = chosen._repr_html_()
+    law = chosen.chosen.law.name
+    for one in (
+        "Identified",
+        f"{law} law",
+        "by cross-validation",
+        "on pressures",
+        "data:image/png",
+    ):
+        assert one in shown
+
+
 def test_a_choice_is_repeatable(chosen: Choice, dmsp20: ForceData) -> None:
     again = choose(dmsp20)
     assert again.name == chosen.name
