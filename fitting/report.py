@@ -389,7 +389,7 @@ def notes(
     found = (
         *(() if choice is None else (choice.clear, *choice.dropped)),
         *judged.reasons[1:],
-        *result.warnings,
+        *(one for one in result.warnings if one not in judged.reasons),
         *evidence_warnings(evidence or Evidence(), result),
         *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
     )

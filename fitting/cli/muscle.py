@@ -23,7 +23,7 @@ from .fit import load_fitting
 if TYPE_CHECKING:
     from famjax.continuation import Region, SafeMuscle
     from famjax.export import Subject
-    from fitting.saved import SavedFit
+    from fitting import Identification
 
 Target = Literal["c", "csv", "mat", "matlab", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
@@ -148,12 +148,12 @@ def predict(
     return 0
 
 
-def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
+def _print_notes(saved: "Identification", *, other: bool, forces: bool) -> None:
     """What a reader must know of the answers: of another rest length, with forces among them."""
     if saved.document.get("series_compliance_m_per_N"):
         print("note: force is what the rig of the fit measures, which gives way; muscle force "
               "that of the muscle alone")  # fmt: skip
-    if other and saved.other_lengths:
+    if other and saved.outlook.other_lengths:
         names = [one["family"] for one in saved.document["other_lengths"]["members"]]
         print("note: another rest length is predicted from one specimen, by the mean of all families "
               f"that its map cannot refute ({'; '.join(names)}); the 95 % band holds what they "
@@ -166,14 +166,14 @@ def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
         one = saved.document["data"]["specimen"]
         print(f"note: of {one['name']}, the first specimen of the series, with its rest length of "
               f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another")  # fmt: skip
-    elif forces and saved.error is not None and not other:
-        print(f"note: the 95 % bands are of {saved.error.covers}")
+    elif forces and saved.outlook.error is not None and not other:
+        print(f"note: the 95 % bands are of {saved.outlook.error.covers}")
     elif forces and not (saved.document.get("spread") or {}).get("directions"):
         print("note: no error band, as the fit has no standard errors")
 
 
 def _print_history(
-    saved: "SavedFit",
+    saved: "Identification",
     path: Path,
     units: str | None,
     *,

@@ -22,7 +22,6 @@ from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
 from fitting.data import COLUMNS, ForceData
-from fitting.saved import SavedFit
 from fitting.shapes import Pictures, ShapeSurface
 
 from ..evaluation import (
@@ -208,7 +207,7 @@ class FittedGeometry:
     """
 
     name: str
-    saved: SavedFit
+    saved: fitting.Identification
     figures: dict[str, Any]
     data: ForceData
     states: States
@@ -226,7 +225,7 @@ class FittedGeometry:
     @property
     def residuals(self) -> np.ndarray:
         """Model less measured [N] at the loaded readings."""
-        return np.array(self.saved.document["residuals_N"])
+        return self.saved.residuals
 
     @property
     def levels(self) -> np.ndarray:
@@ -346,7 +345,7 @@ def failed_pictures(source: Source) -> list[str]:
     return [f"{Path(row['path']).name}, {row['error'].partition(':')[0]}" for row in rows]
 
 
-def _readings(data: ForceData, saved: SavedFit) -> ForceData:
+def _readings(data: ForceData, saved: fitting.Identification) -> ForceData:
     """The force map as a fit was given it: without lengths that its geometry does not know."""
     readings = saved.document["data"]["readings"]
     lengths = np.array(readings["length_m"])
