@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 import famjax
 from famjax import peers
@@ -36,6 +36,7 @@ from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs
 from .search import latin_hypercube
+from .summary import joint_derivatives
 from .tasks import run_fits
 from .validation import LeftOut, leave_out_each, validate
 
@@ -103,17 +104,14 @@ class PeerFit:
         ])  # fmt: skip
         return tuple(np.array(problem.names + problem.linear)[reached].tolist())
 
-    @property
-    def determined(self) -> bool:
-        """Whether the readings determine all linear parameters; if not, the smallest that fit are taken."""
-        problem = self.problem
-        limits = np.concatenate([problem.coefficient_min, problem.coefficient_max])
-        if np.isfinite(limits).any() or not problem.linear:
-            return True
-        A = self.end.point.programme[0]
-        size = np.linalg.norm(A, axis=0)
-        triangle = np.linalg.qr(A / np.where(size > 0, size, 1.0), mode="r")
-        return bool(np.abs(np.diagonal(triangle)).min() > _DEPENDENT)
+    def determined_by(self, kept: Bool[np.ndarray, " points"]) -> bool:
+        """Whether some readings determine all parameters; if not, the smallest that fit are taken."""
+        _, jacobian, _ = joint_derivatives(self.end.point)
+        columns = jacobian[: kept.size][kept]
+        size = np.linalg.norm(columns, axis=0)
+        triangle = np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r")
+        least = np.abs(np.diagonal(triangle)).min(initial=np.inf)
+        return len(columns) >= size.size and bool(least > _DEPENDENT)
 
 
 def fit_peer(
@@ -247,8 +245,14 @@ def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> 
         return _Fit(0, error, as_it_is)
     fit = fit_peer(family, data, starts=starts, seed=seed)
     notes = () if fit.end.converged else ("the best descent did not converge",)
-    if not fit.determined:
+    if not fit.determined_by(np.ones(fit.predicted.size, bool)):
         notes += ("the readings do not determine all its parameters",)
+    for kind in KINDS:
+        level = data.left_out_as(kind)[data.loaded]
+        each = np.unique(level)
+        open_ones = sum(not fit.determined_by(level != one) for one in each)
+        if open_ones:
+            notes += (f"not determined without a {kind}, for {open_ones} of {each.size} of them",)
     count = _FOLD_STARTS if family.nonlinear else 1
 
     def left_out(kind: str) -> LeftOut:
