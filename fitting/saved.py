@@ -35,7 +35,7 @@ from famjax.continuation import Region
 from .arguments import check_path
 from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
-from .data import SPECIMEN_LENGTHS, ForceData, Specimen
+from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
 from .descent import descend
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
 from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
@@ -62,7 +62,12 @@ _CERTIFICATE = {
     "n_agreeing": "n_starts_agreeing",
 }  # fmt: skip
 """Where each figure is in the file."""
-_SAID = ("source", "assumed", "units", "pressure_tolerance", "length_tolerance", "force_limit")
+_SAID = tuple(
+    one.name
+    for one in dataclasses.fields(ForceData)
+    if one.name not in {*COLUMNS, "specimen", "notes", "assumed"}
+)
+"""What is known of a map besides."""
 _KNOWN = "known"  # a geometry that is the muscle's own, such as a measured one
 
 
@@ -241,9 +246,14 @@ def _data(saved: Mapping[str, Any]) -> ForceData:
     columns = {name.rpartition("_")[0]: _array(v) for name, v in saved["readings"].items()}
     specimen = {name.removesuffix("_m"): value for name, value in saved["specimen"].items()}
     said = {name: saved[name] for name in _SAID}
-    notes, assumed = tuple(map(_sentence, saved["notes"])), tuple(saved["assumed"])
+    said = {name: _array(one) if isinstance(one, list) else one for name, one in said.items()}
+    notes = tuple(map(_sentence, saved["notes"]))
     return ForceData(
-        **columns, specimen=Specimen(**specimen), **said | {"notes": notes, "assumed": assumed}
+        **columns,
+        **said,
+        specimen=Specimen(**specimen),
+        notes=notes,
+        assumed=tuple(saved["assumed"]),
     )
 
 
@@ -425,7 +435,8 @@ def fit_as_dict(
             "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
             "readings": {name: values.tolist() for name, values in data.columns().items()},
             "notes": [_parts(one) for one in data.notes],
-            **{name: getattr(data, name) for name in _SAID},
+            "assumed": list(data.assumed),
+            **{n: v.tolist() if isinstance(v := getattr(data, n), np.ndarray) else v for n in _SAID},
         },
         "posed": result.document.get("posed") or _posed(result),
         "seed": result.seed,
