@@ -150,11 +150,7 @@ def ridges() -> tuple[Figure, Curves]:
 def bands() -> tuple[Figure, Curves]:
     """Predictions with their 95 % bands, within and beyond the lengths of the map."""
     data = fitting.load_bundled("DMSP-20-300")
-    chosen = fitting.choose(data)
-    evidence = fitting.evidence.Evidence(error=chosen.error)
-    with tempfile.TemporaryDirectory() as folder:
-        fitting.write_fit(chosen.chosen, Path(folder), evidence=evidence, choice=chosen)
-        fit = fitting.load_fit(Path(folder) / "fit.json")
+    fit = fitting.choose(data).chosen
     level = data.pressure[np.abs(data.pressure - PRESSURE).argmin()]
     lengths = np.linspace(0.205, 0.303, 99)
     rows = fitting.predict(fit, lengths, np.array([level]))

@@ -7,7 +7,6 @@ import jax
 import numpy as np
 
 import fitting
-from fitting.evidence import Evidence
 
 jax.config.update("jax_enable_x64", True)  # the identification needs float64
 measured = fitting.load_bundled("DMSP-20-300").to_pandas()
@@ -28,10 +27,8 @@ print(f"chosen: {chosen.name}, RMSE {best.errors.rmse:.2f} N")
 print(f"stable: {best.certificate.stability_margin > 0}")
 
 # %%
-evidence = Evidence(error=chosen.error)
-fitting.write_fit(best, Path("fit"), evidence=evidence, choice=chosen)  # with fit/report.html
-fit = fitting.load_fit("fit/fit.json")
-(row,) = fitting.predict(fit, np.array([0.27]), np.array([5e5]))
+fitting.write_fit(best, Path("fit"), choice=chosen)  # with fit/report.html, for fitting.load_fit
+(row,) = fitting.predict(best, np.array([0.27]), np.array([5e5]))
 print(
     f"{row['force_N']:.0f} N, 95 % of readings from {row['low_95_N']:.0f} to {row['high_95_N']:.0f}"
 )

@@ -353,7 +353,7 @@ def summary_as_dict(
     judgement: Judgement | None = None,
 ) -> dict[str, Any]:
     """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
-    judged, asked = judge(result) if judgement is None else judgement, evidence or Evidence()
+    judged, asked = judge(result) if judgement is None else judgement, _known(result, evidence)
     fixed = result.node_pressures is None
     warnings = (*result.warnings, *evidence_warnings(asked, result))
     return {
@@ -381,6 +381,11 @@ def summary_as_dict(
         "warnings": [str(in_units(one, system)) for one in warnings],
         **evidence_as_dict(asked),
     }
+
+
+def _known(result: Identification, evidence: Evidence | None) -> Evidence:
+    """The evidence, or of a chosen family what its choice found."""
+    return evidence or Evidence(error=result.outlook.error)
 
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
@@ -423,7 +428,7 @@ def fit_as_dict(
         judgement: the verdict; found from the fit alone unless given.
     """
     names, matrix = correlations(result)
-    data, asked, outlook = result.data, evidence or Evidence(), result.outlook
+    data, asked, outlook = result.data, _known(result, evidence), result.outlook
     drawn, shared = asked.bootstrap, () if asked.shared is None else asked.shared.directions
     others, known = outlook.other_lengths, dataclasses.asdict(data.specimen)
     return {
