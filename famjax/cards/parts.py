@@ -264,7 +264,9 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
     if annotation in _PLAIN:
         return tuple(numbers.astype(float).tolist()) if numbers.ndim else float(numbers)
     axes = annotation.dim_str
-    shaped: Any = Float[np.ndarray, axes]
+    # A name would have to be of one size in all that a checked function reads.
+    sizes = (one if one == "..." or one.isdigit() else "_" for one in axes.split())
+    shaped: Any = Float[np.ndarray, " ".join(sizes)]
     if not isinstance(numbers.astype(float), shaped):
         raise InputError(
             f"{where} of the muscle card must be numbers of shape ({axes.strip()}), got shape "
