@@ -403,9 +403,13 @@ def muscle_spread(
         One row for each independent direction, of the arrays of `result.mounted` one after another; no
         rows where there are no standard errors.
     """
-    slopes = numbers_by_parameters(result)
-    covariance = result.covariance if drawn is None else _covariance(result, drawn)
-    return (slopes @ _root(covariance)).T
+    covariance = result.covariance
+    if drawn is not None:
+        problem = result.problem
+        moving = [*problem.free, *range(len(problem.names), len(covariance))]
+        covariance = np.full_like(covariance, np.nan)
+        covariance[np.ix_(moving, moving)] = np.cov(drawn.samples.T)
+    return (numbers_by_parameters(result) @ _root(covariance)).T
 
 
 def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
@@ -421,15 +425,6 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
     for place, of_rig in enumerate(part.rig, own):
         slopes[place, of_rig] = 1.0
     return slopes
-
-
-def _covariance(result: Identification, drawn: Bootstrap) -> Float[np.ndarray, "p p"]:
-    """The covariance of bootstrap replicates, with nan for what they hold."""
-    problem = result.problem
-    moving = [*problem.free, *range(len(problem.names), len(result.covariance))]
-    covariance = np.full_like(result.covariance, np.nan)
-    covariance[np.ix_(moving, moving)] = np.cov(drawn.samples.T)
-    return covariance
 
 
 def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p directions"]:

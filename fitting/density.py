@@ -185,11 +185,10 @@ def faces_of(
 
 def at_faces(problem: Problem, faces: Faces) -> Problem:
     """The problem with its constraint posed at the faces only."""
-    parts = tuple(
-        dataclasses.replace(part, inputs=dataclasses.replace(part.inputs, stations=stations))
-        for part, stations in zip(problem.parts, faces.stations, strict=True)
+    both = zip(problem.parts, faces.stations, strict=True)
+    return dataclasses.replace(
+        problem, parts=tuple(part.with_stations(stations) for part, stations in both)
     )
-    return dataclasses.replace(problem, parts=parts)
 
 
 def _placed(

@@ -182,8 +182,6 @@ class Identification:
         errors: their summary.
         certificate: optimality and stability.
         active_constraints: one sentence each.
-        starts: objective of every start [N^2 or weighted], ascending.
-        start_parameters: nonlinear parameters [SI] at the end of each, in the same order.
         law: family of the law.
         constraint, dependence, seed: what was asked for.
         weights: part of its own weight with which each loaded reading counts; 1
@@ -214,8 +212,6 @@ class Identification:
     errors: Errors
     certificate: Certificate
     active_constraints: tuple[str, ...]
-    starts: Float[np.ndarray, " starts"]
-    start_parameters: Float[np.ndarray, "starts q"]
     law: Law
     constraint: Constraint
     dependence: PressureDependence
@@ -279,17 +275,6 @@ class Identification:
         muscle = self.mounted.muscle
         assert isinstance(muscle, famjax.Muscle)
         return muscle
-
-    @property
-    def series_compliance(self) -> float:
-        """Of the rig [m/N], at 100 N where it has an exponent; 0 where it was taken as rigid."""
-        return float(self.mounted.compliance)
-
-    @property
-    def series_exponent(self) -> float | None:
-        """Of the rig, see `famjax.muscle.give_way`; None where it gives way in proportion."""
-        exponent = self.mounted.exponent
-        return None if exponent is None else float(exponent)
 
     @property
     def order(self) -> int:

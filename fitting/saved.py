@@ -145,14 +145,10 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
         errors=Errors(**_figures(document, _ERRORS)),
         certificate=Certificate(**_figures(document, _CERTIFICATE)),
         active_constraints=tuple(_sentence(one) for one in document["active_constraints"]),
-        starts=_array(document["start_objectives"]),
-        start_parameters=np.stack(
-            [_array(one) for one in document["start_parameters"].values()], 1
-        ),
         law=law,
         weights=_array(document["weights"]),
-        names=tuple(document["start_parameters"]),
-        covariance=_array(document["covariance"]),
+        names=tuple(document["covariance"]["parameters"][:-count]),
+        covariance=_array(document["covariance"]["matrix"]),
         place=0,
         solved=functools.partial(_opened, document, own),
         outlook=_outlook(document, mounted, own),
@@ -459,16 +455,14 @@ def fit_as_dict(
             "members": _in_rigs(others.values(), family=list(others)),
         } if others else None,
         "correlations": {"parameters": list(names), "matrix": [_finite(row) for row in matrix]},
-        "covariance": [_finite(row) for row in result.covariance],
+        "covariance": {
+            "parameters": [*result.names, *result.coefficient_names],
+            "matrix": [_finite(row) for row in result.covariance],
+        },
         "degrees_of_freedom": result.degrees_of_freedom,
         "active_constraints": [_parts(one) for one in result.active_constraints],
         "residuals_N": result.residuals.tolist(),
         "weights": result.weights.tolist(),
-        "start_objectives": _finite(result.starts),
-        "start_parameters": {
-            name: _finite(column)
-            for name, column in zip(result.names, result.start_parameters.T, strict=True)
-        },
         "muscle": muscle_as_dict(result.muscle),
     }  # fmt: skip
 
@@ -579,34 +573,29 @@ def card_of(
 
 def _covariance(document: Mapping[str, Any]) -> Covariance | None:
     """Of the parameters that have a standard error, in parts of their values."""
-    known = document["correlations"]
-    names = known["parameters"]
+    names, matrix = (document["correlations"][key] for key in ("parameters", "matrix"))
     if not names:
         return None
     estimates = [document["parameters"][name] for name in names]
-    values = np.array([one["value"] for one in estimates])
+    values, stderr = (np.array([one[key] for one in estimates]) for key in ("value", "stderr"))
     scales = np.where(values == 0, 1.0, np.abs(values))
-    stderr = np.array([one["stderr"] for one in estimates], float) / scales
-    matrix = np.array(known["matrix"], float) * np.outer(stderr, stderr)
+    spread = np.array(matrix, float) * np.outer(stderr / scales, stderr / scales)
     units = [one["unit"] for one in estimates]
-    return Covariance(names, units, values.tolist(), scales.tolist(), matrix.tolist())
+    return Covariance(names, units, values.tolist(), scales.tolist(), spread.tolist())
 
 
 def _provenance(document: Mapping[str, Any], origin: Origin | None) -> Provenance:
     data, made = document["data"], document.get("origin") or {}
     here = {} if origin is None else origin.as_dict()
     commands = [one["command"] for one in (made, here) if one.get("command")]
+    figures = ("verdict", "rmse_N", "max_error_N", "max_force_N", "model_error")
     return Provenance(
-        verdict=document.get("verdict"),
-        reasons=document.get("reasons") or [],
-        rmse_N=document.get("rmse_N"),
-        max_error_N=document.get("max_error_N"),
-        max_force_N=document.get("max_force_N"),
-        model_error=document.get("model_error"),
-        source=data.get("source"),
-        data_sha256=data.get("sha256"),
+        **{name: document.get(name) for name in figures},
+        reasons=document["reasons"],
+        source=data["source"],
+        data_sha256=data["sha256"],
         specimen={k: v for k, v in data["specimen"].items() if v is not None},
         date=here.get("date", made.get("date")),
         command=" && ".join(commands) or None,
-        versions=document.get("versions") or {},
+        versions=document["versions"],
     )

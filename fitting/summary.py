@@ -270,7 +270,6 @@ def summarise(
     # A fit without error has only rounding left, and that has no direction.
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
     stationary = certificate.gradient_residual <= _STATIONARY or perfect
-    order = np.argsort([end.cost for end in ends])
     estimated = estimates(found, posed.table)
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
@@ -294,8 +293,6 @@ def summarise(
                 errors=errors,
                 certificate=certificate,
                 active_constraints=_active_sentences(found),
-                starts=np.array([ends[i].cost for i in order]),
-                start_parameters=np.stack([ends[i].point.parameters for i in order]),
                 law=posed.law,
                 constraint=posed.constraint,
                 dependence=posed.dependence,

@@ -51,7 +51,7 @@ def test_it_is_recovered(identified: Identification) -> None:
     }  # fmt: skip
     for name, value in truth.items():
         assert identified.estimate(name).value == pytest.approx(value, rel=RECOVERED), name
-    assert identified.series_exponent == pytest.approx(EXPONENT, rel=RECOVERED)
+    assert identified.mounted.exponent == pytest.approx(EXPONENT, rel=RECOVERED)
 
 
 def test_predictions_are_of_the_muscle_in_its_rig(identified: Identification) -> None:
@@ -75,7 +75,7 @@ def test_noisy_estimates_lie_within_three_standard_errors() -> None:
 def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path: Path) -> None:
     write_fit(identified, tmp_path)
     saved = load_fit(tmp_path / "fit.json")
-    assert saved.mounted.exponent == identified.series_exponent
+    assert saved.mounted.exponent == identified.mounted.exponent
     L, P = np.array([0.24]), np.array([4e5])
     (row,) = predict(saved, L, P)
     assert row["force_N"] == pytest.approx(float(identified.predict(L, P)[0]), rel=ROUNDED)
@@ -84,7 +84,7 @@ def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path
     shorter = identified.mounted.with_muscle(famjax.cut_to_length(identified.muscle, 0.2))
     assert other["force_N"] == pytest.approx(float(shorter.force(0.19, 4e5)), rel=ROUNDED)
     card = card_of(saved)
-    assert card.members[0].exponent == identified.series_exponent
+    assert card.members[0].exponent == identified.mounted.exponent
     assert float(card.muscle.force(0.24, 4e5)) == pytest.approx(row["force_N"], rel=ROUNDED)
 
 
@@ -92,7 +92,7 @@ def test_a_rig_in_proportion_has_no_exponent_in_its_file(tmp_path: Path) -> None
     data = readings((COMPLIANCE, None))
     linear = {name: one for name, one in POWER.items() if name != "series_exponent"}
     plain = identify(data, law="mooney-rivlin", parameters=linear, starts=4)
-    assert plain.series_exponent is None
+    assert plain.mounted.exponent is None
     write_fit(plain, tmp_path)
     assert "series_exponent" not in (tmp_path / "fit.json").read_text()
     assert load_fit(tmp_path / "fit.json").mounted.exponent is None
