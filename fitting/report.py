@@ -470,7 +470,7 @@ class Findings:
         margin = Quantity(certificate.stability_margin, "stress", 3).in_units(system)
         terms = [described(one).partition(". ")[0] for one in result.muscle.terms.terms]
         rig = "The rig is taken as rigid."
-        if result.series_compliance:
+        if float(result.mounted.compliance):
             rig = "The rig is compliant, see series_compliance."
         return [
             f"Bladder law: {described(result.muscle.material)}",

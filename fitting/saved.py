@@ -588,10 +588,13 @@ def _provenance(document: Mapping[str, Any], origin: Origin | None) -> Provenanc
     data, made = document["data"], document.get("origin") or {}
     here = {} if origin is None else origin.as_dict()
     commands = [one["command"] for one in (made, here) if one.get("command")]
-    figures = ("verdict", "rmse_N", "max_error_N", "max_force_N", "model_error")
     return Provenance(
-        **{name: document.get(name) for name in figures},
+        verdict=document["verdict"],
         reasons=document["reasons"],
+        rmse_N=document["rmse_N"],
+        max_error_N=document["max_error_N"],
+        max_force_N=document["max_force_N"],
+        model_error=document.get("model_error"),
         source=data["source"],
         data_sha256=data["sha256"],
         specimen={k: v for k, v in data["specimen"].items() if v is not None},

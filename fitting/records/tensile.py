@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -458,7 +458,7 @@ def _line(x: Column, y: Column, where: str) -> ModulusFit:
         )
     from scipy.stats import linregress  # noqa: PLC0415 -- SciPy's statistics take 0.5 s
 
-    found = linregress(x, y)
+    found: Any = linregress(x, y)
     slope, intercept = float(found.slope), float(found.intercept)
     if x.size == 2:  # which leave nothing to tell an error by
         return ModulusFit(slope, np.inf, intercept, np.inf, 2)
