@@ -106,7 +106,7 @@ def sweep(
             f"the geometry needs {', '.join(given)} together, or none of them to identify it"
             + (f"; missing: {', '.join(missing)}" if missing else ", as with --geometry and --term")
         )
-    with progress("identifying the geometry") as show:
+    with progress("identifying the geometry, sweeping"):
         terms = parts.get("terms")
         if missing:
             known = fitting.identify(measured, **parts, parameters=taking_part(declared, {}))
@@ -124,7 +124,6 @@ def sweep(
         found = fitting.sweep(
             measured, shape, deadband=dead, terms=terms, orders=order, dependences=dependence,
             constraints=constraint, objective=objective,
-            progress=lambda done, total: show(done, total, "sweeping"),
         )  # fmt: skip
         best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
         paths = place.write(
