@@ -26,8 +26,7 @@ from famjax.boundary.errors import InputError
 from .convex import cholesky, inverse_lower
 from .descent import descend_many
 from .engine import Point
-from .problem import Problem
-from .pure_problem import PureProblem
+from .problem import Problem, PureProblem
 from .result import Identification
 from .summary import joint_derivatives
 
