@@ -29,7 +29,6 @@ from .arguments import check_names, check_whole
 from .checks import check_affine
 from .choice import MOST, choose, validate_choice
 from .data import ForceData, check_maps, data_frame
-from .descent import End, descend_many
 from .engine import Point, predict
 from .families import EstimatedSource
 from .identification import identify
@@ -37,7 +36,7 @@ from .model_families import ModelFamily, peer_families
 from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs, linear_response
-from .search import latin_hypercube
+from .search import End, descend_many, latin_hypercube
 from .tasks import run_fits
 from .validation import LeftOut, check_groups as check_left_out, leave_out_each
 

@@ -174,16 +174,13 @@ class Batch:
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
             for name in ("length", "pressure")
         )
-        self._fill(self._length)
-        self._fill(self._pressure)
         self.low, self.high = np.zeros((2, len(problems), at.sizes.parameters))
         for k, problem in enumerate(problems):
             self.low[k, : len(problem.low)] = problem.low
             self.high[k, : len(problem.high)] = problem.high
         self._force = at.spread(np.stack([p.force for p in problems]))
-        self._weight = at.spread(np.stack([p.weight for p in problems]))
-        self._fill(self._force)
-        self._side = at.spread(self.like.side.astype(float)).astype(int)
+        self._weight = at.spread(np.stack([p.weight for p in problems]), missing=0.0)
+        self._side = at.spread(self.like.side, missing=0.0)
         self._rig = np.array([any(part.rig for part in p.parts) for p in problems])
         others = [_others(problem, at.sizes) for problem in problems]
         self._low, self._high, self._rows, self._targets, self._d_targets = map(
@@ -191,13 +188,6 @@ class Batch:
         )
         # Parameters that are free in one of the problems; one that holds them has no width there.
         self.free = np.flatnonzero((self.low < self.high).any(axis=0))
-
-    def _fill(self, values: Float[np.ndarray, "*b readings"]) -> None:
-        """Padded readings of each part repeat its last one."""
-        known = np.zeros(values.shape[-1], bool)
-        known[self.layout.readings] = True
-        last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
-        values[...] = values[..., last]
 
     def parameters(
         self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
@@ -289,25 +279,23 @@ class Batch:
         self, members: Int[np.ndarray, " b"], found: Sequence[tuple[Chunk, int]]
     ) -> tuple[Float[np.ndarray, "b k"], Float[np.ndarray, "b k p"]]:
         """Residuals of fits, and their derivatives in the unit boxes of the free parameters."""
-        chunks = list({id(chunk): chunk for chunk, _ in found}.values())
-        count = [sum(chunk is one for chunk, _ in found) for one in chunks]
-        r, J = (
-            np.concatenate(
-                [getattr(one.projected, name)[:n] for one, n in zip(chunks, count, strict=True)]
-            )
-            for name in ("residual", "jacobian")
-        )
+        r = np.stack([chunk.projected.residual[row] for chunk, row in found])
+        J = np.stack([chunk.projected.jacobian[row] for chunk, row in found])
         width = (self.high - self.low)[members][:, self.free]
         return r, J[:, self.free].swapaxes(1, 2) * width[:, None]
 
-    def columns(
-        self, parameters: Float[np.ndarray, " q"], x: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "points n"]:
-        """Derivatives of the force [N] in the coefficients, about some of them."""
-        about = np.pad(x, (0, self.layout.sizes.coefficients - x.size))
-        given = (np.repeat(v[None], self.size, axis=0) for v in (parameters, about, self._force[0]))
-        found = self.linear(np.zeros(self.size, int), *given)[0].columns[0]
-        return np.asarray(found)[self.layout.readings, : x.size]
+    def linear_at(
+        self,
+        parameters: Float[np.ndarray, " q"],
+        about: Float[np.ndarray, " n"],
+        reached: Float[np.ndarray, " points"],
+    ) -> tuple[Linear, Linear]:
+        """The linear model of the first problem and its derivatives, about coefficients and forces."""
+        about = np.pad(about, (0, self.layout.sizes.coefficients - about.size))
+        reached = self.layout.spread(reached)
+        given = (np.repeat(v[None], self.size, axis=0) for v in (parameters, about, reached))
+        found = self.linear(np.zeros(self.size, int), *given)
+        return jax.tree.map(lambda leaf: np.asarray(leaf[0]), found)
 
     def linear(
         self,
@@ -455,17 +443,9 @@ def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "
         (of the weighted residual, priors included; of G x - h).
     """
     problem, batch = point.problem, Batch([point.problem])
-    first = np.zeros(batch.size, int)
     at, q, n = batch.layout, len(problem.names), len(problem.linear)
-
-    def members(values: np.ndarray) -> np.ndarray:
-        return np.repeat(values[None], batch.size, axis=0)
-
-    about = np.pad(point.about, (0, at.sizes.coefficients - n))
-    reached = at.spread(point.reached)
-    batch._fill(reached)
-    _, slopes = batch.linear(first, members(point.parameters), members(about), members(reached))
-    force, columns, values, rows = (np.asarray(leaf[0])[:q] for leaf in slopes)
+    _, slopes = batch.linear_at(point.parameters, point.about, point.reached)
+    force, columns, values, rows = (leaf[:q] for leaf in slopes)
     d_force = (force + columns[..., :n] @ point.x)[:, at.readings]
     d_rows = (values + rows[..., :n] @ point.x)[:, at.rows]
     extra = len(problem.coefficient_priors) + len(problem.priors)

@@ -14,7 +14,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 import famjax
 from famjax.boundary.class_path import class_named, class_path
@@ -346,19 +346,6 @@ class WrappedSource(AbstractGeometrySource):
         return outer.with_parameters({name: values[name] for name in self.identified})
 
 
-class _NearestNode(famjax.materials.PressurePolynomialMaterial):
-    """The coefficients of the nearest node: readings of one level differ a little in pressure."""
-
-    def known(self, pressure: famjax.Real) -> Bool[Array, "..."]:
-        """Everywhere: a reading of the first or last level may lie a little outside the nodes."""
-        return jnp.isfinite(jnp.asarray(pressure))
-
-    def interpolated(self, at: famjax.Real) -> Float[Array, "... order"]:
-        """Coefficients E_n [Pa] at a pressure [Pa], shape (..., order): no interpolation."""
-        distance = jnp.abs(jnp.asarray(at)[..., None] - self.node_pressures)
-        return self.node_coefficients[jnp.argmin(distance, axis=-1)]
-
-
 def assembled(
     geometry: famjax.geometries.AbstractGeometry,
     material: famjax.materials.AbstractMaterial,
@@ -391,8 +378,7 @@ class MuscleFamily(AbstractFamily):
         rest: L0 [m] of the specimen.
         terms: further force terms, or None.
         of_terms: names of their parameters that take part.
-        nodes: pressures [Pa] at which the coefficients are known, or None where they are fixed.
-        nearest: whether a reading takes the coefficients of its own node.
+        nodes: two pressures [Pa] between which the coefficients are linear, or None: they are fixed.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
@@ -403,7 +389,6 @@ class MuscleFamily(AbstractFamily):
     terms: famjax.terms.SumOfTerms | None
     of_terms: tuple[str, ...] = eqx.field(static=True)
     nodes: Float[np.ndarray, " nodes"] | None
-    nearest: bool = eqx.field(static=True)
 
     @classmethod
     def of(
@@ -414,8 +399,6 @@ class MuscleFamily(AbstractFamily):
         nonlinear: Sequence[str],
         terms: famjax.terms.SumOfTerms | None = None,
         nodes: np.ndarray | None = None,
-        *,
-        nearest: bool = False,
     ) -> "MuscleFamily":
         """The family of a specimen."""
         linear = tuple(law.coefficients)
@@ -431,13 +414,7 @@ class MuscleFamily(AbstractFamily):
             terms=terms,
             of_terms=tuple(name for name in known if name in nonlinear),
             nodes=nodes,
-            nearest=nearest,
         )
-
-    @property
-    def n_nodes(self) -> int:
-        """Number of laws."""
-        return 1 if self.nodes is None else len(self.nodes)
 
     @property
     def stretches(self) -> bool:
@@ -449,9 +426,10 @@ class MuscleFamily(AbstractFamily):
         if self.nodes is None:
             material = self.law.with_values(values)
         else:
-            kind = _NearestNode if self.nearest else famjax.materials.PressurePolynomialMaterial
             coefficients = jnp.stack([values[name] for name in self.linear])
-            material = kind(self.nodes, coefficients.reshape(len(self.nodes), -1))
+            material = famjax.materials.PressurePolynomialMaterial(
+                self.nodes, coefficients.reshape(len(self.nodes), -1)
+            )
         further = None
         if self.terms is not None:
             further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
@@ -462,17 +440,6 @@ class MuscleFamily(AbstractFamily):
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""
         return jnp.asarray(values.get("rest_length", self.rest))
-
-    def final(self, muscle: famjax.Muscle) -> famjax.Muscle:
-        """The muscle as a user gets it: coefficients interpolated between their nodes."""
-        if not self.nearest:
-            return muscle
-        law = muscle.material
-        assert isinstance(law, famjax.materials.PressurePolynomialMaterial)
-        smooth = famjax.materials.PressurePolynomialMaterial(
-            law.node_pressures, law.node_coefficients
-        )
-        return famjax.Muscle(muscle.geometry, smooth, muscle.deadband_pressure)
 
     @property
     def derived_names(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ linear models and convex core, for posteriors and for whoever differentiates thr
 import dataclasses
 import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -26,9 +26,6 @@ from .response import (
     force_and_constraint,
     linear_response,
 )
-
-if TYPE_CHECKING:
-    from .engine import Point
 
 _EXACT = 2  # Newton steps of a compliant rig at its solution: exact to second derivatives
 _HELD = 1e-9  # of the box: a parameter this near to a bound is on it
@@ -342,7 +339,7 @@ class PureProblem(eqx.Module):
         return jnp.concatenate(residuals), jnp.concatenate([*values, G @ x - h])
 
     def differentiable(
-        self, force: Float[Array, " points"], near: "Point"
+        self, force: Float[Array, " points"], near: Any
     ) -> tuple[Float[Array, " q"], Float[Array, " n"]]:
         """The optimum of forces near those of a fit, with its derivative in them.
 
@@ -351,7 +348,7 @@ class PureProblem(eqx.Module):
 
         Args:
             force: of the readings [N].
-            near: the optimum that was found, such as `result.end.point`.
+            near: the optimum that was found, an `engine.Point` such as `result.end.point`.
 
         Returns:
             Nonlinear parameters [SI], shape (q,), and coefficients [Pa], shape (n,).

@@ -12,12 +12,10 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from .data import ForceData
-from .descent import End, descend_many
-from .ladder import FEWEST_LENGTHS, Candidate
-from .posing import Posed, pose_one
+from .ladder import FEWEST_LENGTHS, Candidate, sharing_one_program
+from .posing import Posed, pose
 from .problem import Problem
-from .search import best_of, latin_hypercube
-from .shared_program import sharing_one_program
+from .search import End, best_of, descend_many, latin_hypercube
 from .summary import muscle_at
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
@@ -31,8 +29,8 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
     Raises:
         InputError: the map cannot carry it.
     """
-    return pose_one(
-        data, constraint=constraint, bounds=candidate.bounds,
+    return pose(
+        (data,), constraint=constraint, bounds=candidate.bounds,
         parameters=candidate.parameters, program=sharing_one_program, **candidate.options,
     )  # fmt: skip
 

@@ -19,13 +19,13 @@ from famjax.boundary.units import si_unit
 from .arguments import shown
 from .covariance import CONDITION_LIMIT
 from .data import ForceData, data_frame, data_set, html_table
-from .descent import End
 from .engine import predict
 from .families import Law
+from .margins import rounding_of
 from .parameters import standard_table
 from .problem import Problem
-from .response import Constraint, PressureDependence
-from .search import rounding_of
+from .response import Constraint
+from .search import End
 
 if TYPE_CHECKING:
     import pandas
@@ -173,7 +173,7 @@ class Identification:
     start_parameters: Float[np.ndarray, "starts q"]
     law: Law
     constraint: Constraint
-    dependence: PressureDependence
+    dependence: str
     seed: int
     weights: Float[np.ndarray, " readings"]
     converged: bool

@@ -15,10 +15,9 @@ from famjax.boundary.errors import InputError
 
 from .arguments import check_whole
 from .data import groups_of_levels
-from .descent import End, descend_many
 from .problem import Problem
 from .result import Identification, check_identified
-from .search import latin_hypercube
+from .search import End, descend_many, latin_hypercube
 
 GROUPS = ("pressure", "length", "specimen")
 """What can be left out together."""
@@ -121,8 +120,7 @@ def validate(
         progress: called with (descents done, descents).
 
     Raises:
-        InputError: fewer than two groups, an unknown kind of group, or free coefficients that cannot
-            predict a pressure.
+        InputError: fewer than two groups, or an unknown kind of group.
     """
     check_identified(result)
     check_whole("starts", starts, 1)
@@ -142,8 +140,6 @@ def check_groups(result: Identification, groups: str) -> None:
     """
     if groups not in GROUPS:
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
-    if groups == "pressure" and result.dependence == "free":
-        raise InputError("coefficients free in pressure say nothing of a pressure that is left out")
     if groups == "specimen":
         check_nothing_own(result)
     if _group_of_each(result.problem, groups, None, 2) is None:

@@ -285,7 +285,6 @@ def series(
     term: tuple[str, ...] = (),
     output: Path = Path("famjax-series"),
     units: Units = "metric",
-    jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
@@ -323,8 +322,6 @@ def series(
         Folder for the file, created if missing.
     units
         Of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
-    jobs
-        Number of processes.
     json_
         Print one JSON object to standard output and nothing else there.
     """
@@ -353,7 +350,6 @@ def series(
             laws=law or DEFAULT_LAWS,
             parameters=said | taking_part(declared, said),
             constraint=constraint,
-            executor=jobs,
             **parts,
             progress=lambda name, done, total: show(done, total, name),
         )
