@@ -319,7 +319,7 @@ def _fitted(
     limits = np.concatenate([like.coefficient_min, like.coefficient_max])
     if not like.linear or np.isfinite(limits).any():
         return ends, [True] * len(ends)
-    A = np.stack([end.point.programme[0] for end in ends])
+    A = np.stack([end.point.A for end in ends])
     size = np.linalg.norm(A, axis=1, keepdims=True)
     triangles = np.linalg.qr(A / np.where(size > 0, size, 1.0), mode="r")
     least = np.abs(np.diagonal(triangles, axis1=1, axis2=2)).min(axis=1)
@@ -328,7 +328,7 @@ def _fitted(
 
 def _smallest(end: End) -> tuple[End, bool]:
     """The least-squares solution where nothing is searched; the smallest where there are many."""
-    A, b, _, _ = end.point.programme
+    A, b = end.point.A, end.point.b
     size = np.linalg.norm(A, axis=0)
     size[size == 0] = 1.0
     found, _, rank, _ = np.linalg.lstsq(A / size, b)

@@ -38,7 +38,7 @@ from .response import Linear, Report
 REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 _ROUNDS = 60  # in which the censored readings that pull settle
-_HALVINGS = 40  # of the interval in which the lowest point of a line lies
+_HALVES = 0.5 ** np.arange(30)  # of a step
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
 
 
@@ -91,11 +91,6 @@ class Point:
     def force(self) -> Float[np.ndarray, " points"]:
         """Of the model at the readings [N]; of a censored one that is met, its limit."""
         return np.where(self.keep, self.offset + self.columns @ self.x, self.problem.force)
-
-    @property
-    def programme(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A, b, G and h."""
-        return self.A, self.b, self.G, self.h
 
 
 class Chunk(NamedTuple):
@@ -164,24 +159,25 @@ class Batch:
         layouts = layouts or [Layout(problem) for problem in problems]
         self.layout = at = layouts[0]
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
-        structure = at.forms, self.like.constraint, at.sizes
         shared = all(part.within is not None for part in self.like.parts)
         self.size = BULK if bulk or shared else MEMBERS
-        self._program = linear_program(*structure, bulk=bulk, shared=shared)
-        self._projected = projected_program()
+        self._program = linear_program(
+            at.forms, self.like.constraint, at.sizes, bulk=bulk, shared=shared
+        )
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
             for name in ("length", "pressure")
         )
-        self.low, self.high = np.zeros((2, len(problems), at.sizes.parameters))
-        for k, problem in enumerate(problems):
-            self.low[k, : len(problem.low)] = problem.low
-            self.high[k, : len(problem.high)] = problem.high
         self._force = at.spread(np.stack([p.force for p in problems]))
         self._weight = at.spread(np.stack([p.weight for p in problems]), missing=0.0)
         self._side = at.spread(self.like.side, missing=0.0)
         self._rig = np.array([any(part.rig for part in p.parts) for p in problems])
+        q = at.sizes.parameters
+        self.low, self.high = (
+            np.stack([np.pad(ends, (0, q - ends.size)) for ends in of])
+            for of in ([p.low for p in problems], [p.high for p in problems])
+        )
         others = [_others(problem, at.sizes) for problem in problems]
         self._low, self._high, self._rows, self._targets, self._d_targets = map(
             np.stack, zip(*others, strict=True)
@@ -242,8 +238,8 @@ class Batch:
             about, reached = about[every], reached[every]
             for _ in range(_REACHES - 1):
                 chunk = self._once(which, parameters[every], about, reached)
-                x, (force, columns) = chunk.projected.optimum.x, chunk.linear[:2]
-                after = force + (columns @ x[:, :, None])[:, :, 0]
+                x = chunk.projected.optimum.x
+                after = _force_of(chunk.linear, x)
                 solved = np.isfinite(x).all(axis=1) & np.isfinite(after).all(axis=1)
                 change = np.abs(after - reached).max(axis=1)
                 going = solved & ~(change <= tolerance * np.abs(after).max(axis=1))
@@ -309,14 +305,10 @@ class Batch:
         """The linear models of `size` fits, and their derivatives."""
         p = np.zeros((self.size, self.layout.sizes.parameters))
         p[:, : parameters.shape[1]] = parameters
-        readings = tuple(
-            np.ascontiguousarray(np.broadcast_to(own, reached.shape))
-            for own in (
-                self._length if length is None else length,
-                self._pressure if pressure is None else pressure,
-                reached,
-            )
-        )
+        length = self._length if length is None else length
+        pressure = self._pressure if pressure is None else pressure
+        at = np.broadcast_arrays(length, pressure, reached)
+        readings = tuple(map(np.ascontiguousarray, at))
         own = tuple(
             group._replace(
                 **{name: getattr(group, name)[members] for name in ("to_p", "held", "to_x")}
@@ -342,7 +334,7 @@ class Batch:
             self._high[members], self._rows[members], targets, d_targets,
             np.full(len(members), self.like.ridge),
         )  # fmt: skip
-        return self._projected(linear, slopes, of)
+        return projected_program()(linear, slopes, of)
 
     def _settled(
         self,
@@ -373,7 +365,7 @@ class Batch:
             settled = settled.all(axis=1) | ~np.isfinite(target).all(axis=1)
             if settled.all():
                 break
-            x = target if x is None else _lowest(side, A, b, found, x, target)
+            x = target if x is None else _lower(side, A, b, found, x, target)
             pulls = side * ((A @ x[:, :, None])[:, :, 0] - b) > 0
             keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
         # One that does not settle has no fit.
@@ -382,27 +374,25 @@ class Batch:
 
 def _others(problem: Problem, sizes: Sizes) -> tuple[np.ndarray, ...]:
     """Bounds of coefficients; rows, targets and their slopes, of priors and of unused coefficients."""
-    n = len(problem.linear)
+    n, known = len(problem.linear), (*problem.coefficient_priors, *problem.priors)
     low, high = np.full((2, sizes.coefficients), np.inf)
     low *= -1
     low[:n], high[:n] = problem.lowest, problem.coefficient_max
     rows, targets = np.zeros((sizes.others, sizes.coefficients)), np.zeros(sizes.others)
     d_targets = np.zeros((sizes.parameters, sizes.others))
-    row = 0
-    for prior in problem.coefficient_priors:
-        rows[row, prior.place] = problem.noise / prior.std
-        targets[row] = problem.noise / prior.std * prior.mean
-        row += 1
-    for prior in problem.priors:
-        targets[row] = problem.noise / prior.std * prior.mean
-        d_targets[prior.place, row] = -problem.noise / prior.std
-        row += 1
+    for row, prior in enumerate(known):
+        weight = problem.noise / prior.std
+        targets[row] = weight * prior.mean
+        if row < len(problem.coefficient_priors):
+            rows[row, prior.place] = weight
+        else:
+            d_targets[prior.place, row] = -weight
     unused = np.arange(n, sizes.coefficients)
-    rows[row + unused - n, unused] = 1.0
+    rows[len(known) + unused - n, unused] = 1.0
     return low, high, rows, targets, d_targets
 
 
-def _lowest(
+def _lower(
     side: Int[np.ndarray, " readings"],
     A: Float[np.ndarray, "b readings n"],
     b: Float[np.ndarray, "b readings"],
@@ -410,20 +400,15 @@ def _lowest(
     x: Float[np.ndarray, "b n"],
     target: Float[np.ndarray, "b n"],
 ) -> Float[np.ndarray, "b n"]:
-    """Where the whole objective is lowest between two points, by halving on its slope."""
+    """The best point on the way to another by the whole objective, of halves of the way."""
     others, b_others = (np.asarray(leaf)[:, side.size :] for leaf in (found.A, found.b))
     A, b = np.concatenate([A, others], axis=1), np.concatenate([b, b_others], axis=1)
     side = np.concatenate([side, np.zeros(others.shape[1], int)])
-    start = (A @ x[:, :, None])[:, :, 0] - b
-    along = (A @ (target - x)[:, :, None])[:, :, 0]
-    low, high = np.zeros(len(x)), np.ones(len(x))
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        residual = start + middle[:, None] * along
-        residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
-        falls = np.sum(residual * along, axis=1) < 0
-        low, high = np.where(falls, middle, low), np.where(falls, high, middle)
-    return x + high[:, None] * (target - x)
+    tried = x + _HALVES[:, None, None] * (target - x)
+    residual = (A @ tried[..., None])[..., 0] - b
+    residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
+    best = (residual**2).sum(axis=-1).argmin(axis=0)
+    return tried[best, np.arange(len(x))]
 
 
 def solve(
@@ -474,35 +459,31 @@ def predict(
     """
     batch, part = Batch([problem]), problem.parts[place]
     at, n = batch.layout, len(problem.linear)
-    first = problem.readings[place].start
     size = bucket(max(one.force.size for one in problem.parts), 64)
-    here = at.readings[first] + np.arange(size)
+    here = at.readings[problem.readings[place].start] + np.arange(size)
     about = np.zeros((batch.size, at.sizes.coefficients))
     about[:, :n] = x
-    given = np.repeat(parameters[None], batch.size, axis=0)
-    found = np.empty(length.size)
-    for begin in range(0, length.size, batch.size * size):
-        those = slice(begin, begin + batch.size * size)
-        count = length[those].size
-
-        def folded(values: np.ndarray, count: int = count) -> np.ndarray:
-            full = np.pad(values, (0, batch.size * size - count), mode="edge")
-            wide = np.repeat(batch._length[None], batch.size, axis=0)
-            wide[:, here] = full.reshape(batch.size, size)
-            return wide
-
-        own = folded(length[those]), folded(pressure[those])
+    given, found = np.repeat(parameters[None], batch.size, axis=0), []
+    count = batch.size * size
+    for begin in range(0, length.size, count):
+        rows = np.minimum(np.arange(begin, begin + count), length.size - 1)
+        own = np.repeat(np.stack([batch._length, batch._pressure])[:, None], batch.size, axis=1)
+        own[:, :, here] = np.stack([length[rows], pressure[rows]]).reshape(2, batch.size, size)
         reached = np.zeros((batch.size, at.sizes.readings))
         for _ in range(_REACHES if part.rig else 1):
             linear, _ = batch.linear(np.zeros(batch.size, int), given, about, reached, *own)
-            force, columns = (np.asarray(leaf) for leaf in linear[:2])
-            after = force + (columns @ about[:, :, None])[:, :, 0]
-            move, reached = after - reached, after
-            largest = np.nanmax(np.abs(reached[:, here]), initial=0.0)
-            if not np.nanmax(np.abs(move[:, here]), initial=0.0) > REACHED * largest:
+            before, reached = reached, _force_of(linear, about)
+            move, largest = (np.abs(one[:, here]) for one in (reached - before, reached))
+            if not np.nanmax(move, initial=0.0) > REACHED * np.nanmax(largest, initial=0.0):
                 break
-        found[those] = reached[:, here].ravel()[:count]
-    return found
+        found.append(reached[:, here].ravel())
+    return np.concatenate([*found, np.zeros(0)])[: length.size]
+
+
+def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b readings"]:
+    """The force [N] of linear models at some coefficients."""
+    force, columns = (np.asarray(leaf) for leaf in linear[:2])
+    return force + (columns @ x[:, :, None])[:, :, 0]
 
 
 def alone(part: Part) -> Part:

@@ -8,7 +8,7 @@ solves for in one convex programme; the others give the law its shape and are se
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -94,7 +94,9 @@ def law_named(law: LawGiven, order: int | None) -> Law:
     if isinstance(law, Law):
         return law
     given = law if isinstance(law, str) else getattr(law, "__name__", type(law).__name__)
-    if isinstance(law, str) and ":" not in law:
+    if isinstance(law, str) and ":" in law:
+        law = class_named(law, famjax.materials.AbstractMaterial, "law")
+    elif isinstance(law, str):
         laws = known_laws()
         if law not in laws:
             raise InputError(
@@ -102,43 +104,28 @@ def law_named(law: LawGiven, order: int | None) -> Law:
                 f"got {law!r}"
             )
         law = laws[law]
-    elif isinstance(law, str):
-        law = class_named(law, famjax.materials.AbstractMaterial, "law")
     if law is famjax.PolynomialMaterial:
-        return Law(famjax.PolynomialMaterial.template(order=checked_order(order)))
+        order = check_whole("the order of the law", 3 if order is None else order, 1, _MAX_ORDER)
+        return Law(famjax.PolynomialMaterial.template(order=order))
     if order is not None:
         raise InputError(
             f"only the polynomial law has an order, got {order} for {given}: leave the order out, or "
             "name the law polynomial"
         )
-    if isinstance(law, type):
-        try:
-            law = law.template()
-        except ValueError as error:
-            raise InputError(
-                f"{law.__name__} cannot be identified by its class alone: {error}"
-            ) from None
-    if not isinstance(law, famjax.materials.AbstractMaterial):
+    try:
+        material = law.template() if isinstance(law, type) else law
+    except ValueError as error:
+        raise InputError(f"{given} cannot be identified by its class alone: {error}") from None
+    if not isinstance(material, famjax.materials.AbstractMaterial):
         raise InputError(
-            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {type(law).__name__}"
+            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {given}"
         )
-    if not law.declared():
+    if not material.declared():
         raise InputError(
-            f"{type(law).__name__} declares no number to identify: declare its fields by "
+            f"{given} declares no number to identify: declare its fields by "
             "famjax.parameter(unit, low=..., high=..., linear=...)"
         )
-    return Law(law)
-
-
-def checked_order(order: int | None) -> int:
-    """The order of the polynomial law, 3 unless given.
-
-    Raises:
-        InputError: none that there is.
-    """
-    if order is None:
-        return 3
-    return check_whole("the order of the law", order, 1, _MAX_ORDER)
+    return Law(material)
 
 
 class SpecimenNumbers(eqx.Module):
@@ -157,14 +144,9 @@ class SpecimenNumbers(eqx.Module):
     @classmethod
     def of(cls, specimen: Specimen) -> "SpecimenNumbers":
         """The numbers of a specimen."""
-        bladder = specimen.bladder_diameter
-        return cls(
-            np.asarray(specimen.rest_length, float),
-            np.asarray(specimen.wall_thickness, float),
-            None if bladder is None else np.asarray(bladder, float),
-            np.asarray(specimen.braid_thickness, float),
-            specimen.embedded,
-        )
+        *sizes, embedded = (getattr(specimen, one.name) for one in dataclasses.fields(cls))
+        arrays: Any = (None if one is None else np.asarray(one, float) for one in sizes)
+        return cls(*arrays, embedded=embedded)
 
 
 class AbstractGeometrySource(eqx.Module):
@@ -372,49 +354,28 @@ class MuscleFamily(AbstractFamily):
     """Muscles of a specimen.
 
     Attributes:
-        nonlinear, linear: names of the parameters; the coefficients node by node.
-        source: makes the geometry.
+        nonlinear: names of the parameters that are searched.
+        source: makes the geometry, its numbers arrays.
         law: of the bladder.
         rest: L0 [m] of the specimen.
         terms: further force terms, or None.
-        of_terms: names of their parameters that take part.
         nodes: two pressures [Pa] between which the coefficients are linear, or None: they are fixed.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
-    linear: tuple[str, ...] = eqx.field(static=True)
     source: AbstractGeometrySource
     law: Law
     rest: Float[np.ndarray, ""]
-    terms: famjax.terms.SumOfTerms | None
-    of_terms: tuple[str, ...] = eqx.field(static=True)
-    nodes: Float[np.ndarray, " nodes"] | None
+    terms: famjax.terms.SumOfTerms | None = None
+    nodes: Float[np.ndarray, " nodes"] | None = None
 
-    @classmethod
-    def of(
-        cls,
-        specimen: Specimen,
-        source: AbstractGeometrySource,
-        law: Law,
-        nonlinear: Sequence[str],
-        terms: famjax.terms.SumOfTerms | None = None,
-        nodes: np.ndarray | None = None,
-    ) -> "MuscleFamily":
-        """The family of a specimen."""
-        linear = tuple(law.coefficients)
-        if nodes is not None:
-            linear = tuple(f"{name}@{k}" for k in range(len(nodes)) for name in linear)
-        known = () if terms is None else terms.declared()
-        return cls(
-            nonlinear=tuple(nonlinear),
-            linear=linear,
-            source=source.as_arrays(),
-            law=law,
-            rest=np.asarray(specimen.rest_length),
-            terms=terms,
-            of_terms=tuple(name for name in known if name in nonlinear),
-            nodes=nodes,
-        )
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the coefficients, node by node."""
+        names = tuple(self.law.coefficients)
+        if self.nodes is None:
+            return names
+        return tuple(f"{name}@{k}" for k in range(len(self.nodes)) for name in names)
 
     @property
     def stretches(self) -> bool:
@@ -432,7 +393,8 @@ class MuscleFamily(AbstractFamily):
             )
         further = None
         if self.terms is not None:
-            further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
+            free = [name for name in self.terms.declared() if name in self.nonlinear]
+            further = self.terms.with_parameters({name: values[name] for name in free})
         return assembled(
             self.source.geometry(values), material, values["deadband_pressure"], further
         )

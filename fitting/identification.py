@@ -10,11 +10,10 @@ import famjax
 from .arguments import check_whole
 from .data import ForceData
 from .families import LawGiven
-from .margins import refine
 from .parameters import Parameter
 from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
-from .search import best_of, check_objective, descend_all, descend_reweighted
+from .search import best_of, check_objective, descend_all, descend_reweighted, refine
 from .summary import optimal, summarise
 
 

@@ -340,10 +340,7 @@ def _within(part: Part) -> Part:
     plain = family.source.thread is None and family.terms is None and family.nodes is None
     if not (face and plain) or len(part.inputs.path_end) > 2:
         return part
-    larger = MuscleFamily(
-        nonlinear=_NONLINEAR, linear=_linear(), source=family.source, law=Law(_sum_of_laws()),
-        rest=family.rest, terms=None, of_terms=(), nodes=None,
-    )  # fmt: skip
+    larger = MuscleFamily(_NONLINEAR, family.source, Law(_sum_of_laws()), family.rest)
     neutral = {**_NEUTRAL, "rest_length": float(family.rest)}
     held = [0.0 if n in family.nonlinear else neutral[n] for n in _NONLINEAR]
     return dataclasses.replace(

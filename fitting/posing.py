@@ -270,7 +270,8 @@ def _part(
     levels = np.unique(data.pressures.level[data.loaded])
     nodes = levels[[0, -1]] if dependence == "linear" else None
     searched = tuple(base_name(n) for n in mine)
-    family = MuscleFamily.of(data.specimen, source, law, searched, terms, nodes)
+    rest = np.asarray(data.specimen.rest_length)
+    family = MuscleFamily(searched, source.as_arrays(), law, rest, terms, nodes)
     path_pressure = levels
     if nodes is None and not law.material.depends_on_pressure:
         # Where threads stretch the strains depend on pressure too, and that monotonically.

@@ -344,17 +344,15 @@ def linear_program(
         groups: tuple[Group, ...], p: Array, x0: Array, readings: tuple[Array, Array, Array]
     ) -> tuple[Linear, Linear]:
         value, slope = linear_of(forms, groups, constraint, p, x0, readings)
-        readings_, rows = sizes.readings - len(value.force), sizes.rows - len(value.values)
-        by = Linear(*(((0, more),) for more in (readings_, readings_, rows, rows)))
 
-        def padded(leaf: Array, by: tuple, leading: int) -> Array:
-            rest = ((0, 0),) * (leaf.ndim - leading - 1)
-            return jnp.pad(leaf, ((0, 0),) * leading + by + rest)
+        def padded(found: Linear, axis: int) -> Linear:
+            wide = (sizes.readings, sizes.readings, sizes.rows, sizes.rows)
+            by = [[(0, 0)] * leaf.ndim for leaf in found]
+            for one, leaf, size in zip(by, found, wide, strict=True):
+                one[axis] = (0, size - leaf.shape[axis])
+            return Linear(*map(jnp.pad, found, by))
 
-        return (
-            Linear(*(padded(v, b, 0) for v, b in zip(value, by, strict=True))),
-            Linear(*(padded(v, b, 1) for v, b in zip(slope, by, strict=True))),
-        )
+        return padded(value, 0), padded(slope, 1)
 
     axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
     many = jax.vmap(one, in_axes=(axes, 0, 0, 0))

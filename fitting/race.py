@@ -1,7 +1,6 @@
 """Families of a map, each fitted to all of it and judged by what it predicts of readings left out."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -51,17 +50,11 @@ def _descents(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """The ends of a few descents of each problem, one problem after another."""
-    counter = itertools.count(1)
-
-    def ended(_: int) -> None:
-        if progress is not None:
-            progress(next(counter), starts * len(problems))
-
     cubes = [latin_hypercube(len(problem.free), starts, seed) for problem in problems]
     return descend_many(
         [problem for problem in problems for _ in range(starts)],
         [start for cube in cubes for start in cube],
-        max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=ended,
+        max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=progress,
     )  # fmt: skip
 
 

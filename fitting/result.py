@@ -21,11 +21,10 @@ from .covariance import CONDITION_LIMIT
 from .data import ForceData, data_frame, data_set, html_table
 from .engine import predict
 from .families import Law
-from .margins import rounding_of
 from .parameters import standard_table
 from .problem import Problem
 from .response import Constraint
-from .search import End
+from .search import End, rounding_of
 
 if TYPE_CHECKING:
     import pandas

@@ -5,6 +5,9 @@ inside the unit box, so that a bound is met exactly. The damping mu follows Niel
 step: every round evaluates all of them together, and where one ends the next takes its place. Each goes as
 it would alone.
 
+Where along a path a law is weakest is found by samples that close in on each of their minima. A constraint
+that is violated between its stations is posed there as well, until it is not (exchange).
+
 Huber's objective is the sum of rho(r), rho = r^2/2 where |r| <= d, else d |r| - d^2/2. At its optimum
 the weighted least squares with weights min(1, d/|r|) are stationary too, and every step towards it
 lowers it (Huber 1981, section 7.8). So descent, bounds and certified convex fit stay what they are.
@@ -12,20 +15,22 @@ lowers it (Huber 1981, section 7.8). So descent, bounds and certified convex fit
 References:
     Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05.
     Murty 1974; Judice & Pires 1994 (principal pivoting for bounds).
+    Hettich & Kortanek 1993, SIAM Review 35, 380-429 (exchange).
 """
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, check_seed
 
-from .engine import Batch, Chunk, Point
-from .problem import Problem
+from .engine import Batch, Chunk, Point, report_of, solve
+from .problem import Part, Problem
 from .programs import Layout
+from .response import Constraint
 
 _ROUNDED_OFF = 1e-8  # parts of the first residual below which a residual is rounding
 _EPS = float(np.finfo(float).eps)
@@ -84,7 +89,7 @@ def descend_many(
     max_steps: int = 200,
     tolerance: float = 1e-10,
     promise: float = ROUNDED,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """Local minimisers, each over the box of a problem and from a start of its own.
 
@@ -95,7 +100,7 @@ def descend_many(
         tolerance: as in `descend`.
         promise: part of the cost; where the last step was accepted and the next promises less,
             a descent ends.
-        progress: called with the place of each descent that has ended.
+        progress: called with (descents done, descents) as they end.
 
     Returns:
         The ends, in the order of the problems.
@@ -121,7 +126,7 @@ def descend_many(
         for which, end in _descents(batch, members, points, max_steps, tolerance, promise):
             ends[places[which]] = dataclasses.replace(end, u=end.u[own[which]])
             if progress is not None:
-                progress(places[which])
+                progress(len(ends), len(problems))
     return [ends[place] for place in range(len(problems))]
 
 
@@ -320,13 +325,7 @@ def descend_all(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """The ends of the descents from all starts; the best of them goes on to its last digit."""
-    counter = itertools.count(1)
-
-    def ended(_: int) -> None:
-        if progress is not None:
-            progress(next(counter), len(starts))
-
-    ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=ended)
+    ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=progress)
     best = _lowest(ends)
     if best is not None:
         ends[best] = descend(problem, ends[best].u)
@@ -352,6 +351,118 @@ def _lowest(ends: Sequence[End]) -> int | None:
     """Place of the lowest cost; None where none is finite."""
     costs = np.array([end.cost for end in ends])
     return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
+
+
+FEASIBLE = 1e-9
+"""Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
+_WITHOUT_LAW = 1e-3  # of the coefficient that alone would carry the force
+_EXCHANGED = 64  # of exchange, at most
+_PIECES = 4  # of each path, each with as many samples as a path has stations
+_MINIMA = 3  # of the samples of a path that are closed in on
+_ZOOMS = 5  # each narrows a minimum to two of the cells between its samples
+
+
+class Margin(NamedTuple):
+    """The weakest state on each path of a part.
+
+    Attributes:
+        position: share of the path in [0, 1], shape (paths,).
+        value: modulus there [Pa], shape (paths,); nan where the law has none.
+        bound: by how much the true minimum may lie lower, in parts of the largest modulus.
+    """
+
+    position: Float[np.ndarray, " paths"]
+    value: Float[np.ndarray, " paths"]
+    bound: float
+
+
+def constraint_margin(problem: Problem, point: Point, kind: Constraint) -> list[Margin]:
+    """Smallest modulus along the actuation paths, or tangent modulus over the strain range.
+
+    Args:
+        problem: whose paths are looked at.
+        point: the fit.
+        kind: "drucker" for second-order work along the path, "slope" for the law's own tangent.
+
+    Returns:
+        One margin for each part. The law is stable where the value is >= 0.
+    """
+    return [_margin(part, point, place, kind) for place, part in enumerate(problem.parts)]
+
+
+def _margin(part: Part, point: Point, place: int, kind: Constraint) -> Margin:
+    paths, count = part.inputs.stations.shape
+    rows, nodes = np.arange(paths), np.linspace(0, 1, count)
+
+    def evaluate(at: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k"]:
+        found = report_of(part.with_stations(at), point, place)
+        return found.path_modulus if kind == "drucker" else found.slope
+
+    at = np.concatenate([(piece + nodes) / _PIECES for piece in range(_PIECES)])
+    values = np.concatenate(
+        [evaluate(np.tile(piece, (paths, 1))) for piece in np.split(at, _PIECES)], axis=1
+    )
+    if not np.isfinite(values).all():
+        return Margin(np.zeros(paths), np.full(paths, np.nan), np.nan)
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
+    dips = (values <= padded[:, :-2]) & (values <= padded[:, 2:])
+    places = np.argsort(np.where(dips, values, np.inf), axis=1, kind="stable")[:, :_MINIMA]
+    best, lowest, spread = np.zeros(paths), np.full(paths, np.inf), 0.0
+    for k in range(_MINIMA):
+        middle = np.where(dips[rows, places[:, k]], at[places[:, k]], best)
+        half = 1 / (count - 1) / _PIECES
+        for _ in range(_ZOOMS):
+            tried = np.clip(middle[:, None] + half * (2 * nodes - 1), 0, 1)
+            found = evaluate(tried)
+            middle, half = tried[rows, found.argmin(axis=1)], 2 * half / (count - 1)
+        spread = max(spread, float(np.ptp(found, axis=1).max()))
+        least = found.min(axis=1)
+        best, lowest = np.where(least < lowest, middle, best), np.minimum(least, lowest)
+        if not dips.sum(axis=1).max() > k + 1:
+            break
+    return Margin(best, lowest, spread / max(float(np.abs(values).max()), np.finfo(float).tiny))
+
+
+def rounding_of(point: Point) -> float:
+    """Violation of a constraint [Pa] that counts as rounding.
+
+    In parts of the largest coefficient; of a law that all but vanishes, of a thousandth of the largest by
+    which one alone would carry the force.
+    """
+    size = np.linalg.norm(point.A, axis=0)
+    alone = np.linalg.norm(point.b) / size[size > 0]
+    return FEASIBLE * max(np.abs(point.x).max(initial=0), _WITHOUT_LAW * alone.max(initial=0.0))
+
+
+def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
+    """The best of the descents, with the constraint made to hold between the stations.
+
+    Where the law is weakest on a path and violates the constraint, a station is placed, in the place of
+    the one that was placed longest ago, and the descent goes on.
+
+    Args:
+        problem: of the descents.
+        best: their best end.
+        spare: number of stations at the end of each path that are free to be placed.
+
+    Returns:
+        The end of the last descent with everything known of its fit, and the problem with the
+        stations placed.
+    """
+    kind = problem.constraint
+    for done in range(_EXCHANGED if kind in ("drucker", "slope") else 0):
+        found = constraint_margin(problem, best.point, kind)
+        least = -rounding_of(best.point)
+        if min(float(one.value.min()) for one in found) >= least:
+            break
+        parts = []
+        for part, one in zip(problem.parts, found, strict=True):
+            stations, violated = part.inputs.stations.copy(), one.value < least
+            stations[violated, -1 - done % spare] = one.position[violated]
+            parts.append(part.with_stations(stations))
+        problem = dataclasses.replace(problem, parts=tuple(parts))
+        best = descend(problem, best.u)
+    return dataclasses.replace(best, point=solve(problem, best.point.parameters)), problem
 
 
 OBJECTIVES = ("sum_of_squares", "huber", "mean_rmse")

@@ -15,13 +15,12 @@ from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
 from .engine import Point, numbers_of, partial, predict, report_of, solve
-from .margins import Margin, constraint_margin, rounding_of
 from .parameters import Entry
 from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
 from .result import Certificate, Errors, Estimate, Identification
-from .search import End, Weights, pseudo_residual
+from .search import End, Margin, Weights, constraint_margin, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
 
@@ -59,7 +58,7 @@ def joint_derivatives(
     point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
     """Weighted residual, its Jacobian and that of the constraint rows, in (parameters, x)."""
-    A, _, G, _ = point.programme
+    A, G = point.A, point.G
     d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
     columns[: len(A)] = A

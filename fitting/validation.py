@@ -4,7 +4,6 @@ Levels of pressure or length, or specimens, are left out one after another, all 
 """
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -248,15 +247,9 @@ def best_ends(
             to the last digit.
     """
     which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
-    counter = itertools.count(1)
-
-    def ended(_: int) -> None:
-        if progress is not None:
-            progress(next(counter), len(which))
-
     tried = descend_many(
         [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        progress=ended, **settings,
+        progress=progress, **settings,
     )  # fmt: skip
     costs = np.array([end.cost if np.isfinite(end.cost) else np.inf for end in tried])
     return [

@@ -105,7 +105,9 @@ def test_convex_fit_agrees_with_clarabel(
     problem = pose((data,), order=order, constraint=constraint, dependence=dependence).problem
     geometry = np.array([0.0215, math.radians(64.0), 25e3])  # beside the truth: constraints bite
     point = solve(problem, geometry)
-    assert point.cost == pytest.approx(clarabel_objective(*point.programme), rel=OBJECTIVE)
+    assert point.cost == pytest.approx(
+        clarabel_objective(point.A, point.b, point.G, point.h), rel=OBJECTIVE
+    )
     assert point.kkt_residual < ROUNDING
 
 
