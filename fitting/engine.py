@@ -2,7 +2,7 @@
 
 For given nonlinear parameters the coefficients are the optimum of a convex programme; what is left of
 the residual, and its derivative in the parameters through that optimum, is what the outer search
-works with, see `fitting.descent`.
+works with, see `fitting.search`.
 
 References:
     Golub & Pereyra 1973; Kaufman 1975 (variable projection).
@@ -24,7 +24,6 @@ from .programs import (
     MEMBERS,
     Layout,
     Projected,
-    Sizes,
     Weighing,
     form_of,
     joined,
@@ -169,21 +168,17 @@ class Batch:
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
             for name in ("length", "pressure")
         )
-        self._force = at.spread(np.stack([p.force for p in problems]))
-        self._weight = at.spread(np.stack([p.weight for p in problems]), missing=0.0)
         self._side = at.spread(self.like.side, missing=0.0)
         self._rig = np.array([any(part.rig for part in p.parts) for p in problems])
-        q = at.sizes.parameters
-        self.low, self.high = (
-            np.stack([np.pad(ends, (0, q - ends.size)) for ends in of])
-            for of in ([p.low for p in problems], [p.high for p in problems])
-        )
-        others = [_others(problem, at.sizes) for problem in problems]
-        self._low, self._high, self._rows, self._targets, self._d_targets = map(
-            np.stack, zip(*others, strict=True)
-        )
+        self.low = np.stack([self._padded(p.low) for p in problems])
+        self.high = np.stack([self._padded(p.high) for p in problems])
+        each = [_weighing(problem, at) for problem in problems]
+        self._of = Weighing(*(np.stack(leaves) for leaves in zip(*each, strict=True)))
         # Parameters that are free in one of the problems; one that holds them has no width there.
         self.free = np.flatnonzero((self.low < self.high).any(axis=0))
+
+    def _padded(self, parameters: Float[np.ndarray, " q"]) -> Float[np.ndarray, " parameters"]:
+        return np.pad(parameters, (0, self.layout.sizes.parameters - parameters.size))
 
     def parameters(
         self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
@@ -229,7 +224,7 @@ class Batch:
         count = len(members)
         every = np.minimum(np.arange(self.size), count - 1)
         which, sizes = members[every], self.layout.sizes
-        about, reached = np.zeros((self.size, sizes.coefficients)), self._force[which].copy()
+        about, reached = np.zeros((self.size, sizes.coefficients)), self._of.force[which]
         if self._rig[members].any():
             for k, one in enumerate(near or ()):
                 if one is not None:
@@ -288,8 +283,8 @@ class Batch:
     ) -> tuple[Linear, Linear]:
         """The linear model of the first problem and its derivatives, about coefficients and forces."""
         about = np.pad(about, (0, self.layout.sizes.coefficients - about.size))
-        reached = self.layout.spread(reached)
-        given = (np.repeat(v[None], self.size, axis=0) for v in (parameters, about, reached))
+        each = self._padded(parameters), about, self.layout.spread(reached)
+        given = (np.repeat(one[None], self.size, axis=0) for one in each)
         found = self.linear(np.zeros(self.size, int), *given)
         return jax.tree.map(lambda leaf: np.asarray(leaf[0]), found)
 
@@ -303,8 +298,6 @@ class Batch:
         pressure: Float[np.ndarray, "b readings"] | None = None,
     ) -> tuple[Linear, Linear]:
         """The linear models of `size` fits, and their derivatives."""
-        p = np.zeros((self.size, self.layout.sizes.parameters))
-        p[:, : parameters.shape[1]] = parameters
         length = self._length if length is None else length
         pressure = self._pressure if pressure is None else pressure
         at = np.broadcast_arrays(length, pressure, reached)
@@ -315,7 +308,7 @@ class Batch:
             )
             for group in self._groups
         )
-        return self._program(own, p, about, readings)
+        return self._program(own, parameters, about, readings)
 
     def _project(
         self,
@@ -326,14 +319,9 @@ class Batch:
         keep: Float[np.ndarray, "b readings"],
     ) -> Projected:
         """The convex fits, of the readings that count."""
-        d_targets = self._d_targets[members]
-        wide = np.pad(parameters, ((0, 0), (0, d_targets.shape[1] - parameters.shape[1])))
-        targets = self._targets[members] + (wide[:, None] @ d_targets)[:, 0]
-        of = Weighing(
-            self._force[members], self._weight[members] * keep, self._low[members],
-            self._high[members], self._rows[members], targets, d_targets,
-            np.full(len(members), self.like.ridge),
-        )  # fmt: skip
+        of = Weighing(*(leaf[members] for leaf in self._of))
+        targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
+        of = of._replace(weight=of.weight * keep, targets=targets)
         return projected_program()(linear, slopes, of)
 
     def _settled(
@@ -350,9 +338,9 @@ class Batch:
         coefficients. The least squares of those that pull have the same gradient at the optimum,
         so its multipliers and certificate are those of the whole.
         """
-        side, weight = self._side, self._weight[members]
+        side, weight = self._side, self._of.weight[members]
         force, columns = (np.asarray(leaf) for leaf in linear[:2])
-        A, b = weight[..., None] * columns, weight * (self._force[members] - force)
+        A, b = weight[..., None] * columns, weight * (self._of.force[members] - force)
         keep = np.broadcast_to(1.0 * (side == 0), b.shape)
         x: np.ndarray | None = None
         settled = np.zeros(len(b), bool)
@@ -372,11 +360,10 @@ class Batch:
         return np.where(settled[:, None], keep, np.nan)
 
 
-def _others(problem: Problem, sizes: Sizes) -> tuple[np.ndarray, ...]:
-    """Bounds of coefficients; rows, targets and their slopes, of priors and of unused coefficients."""
-    n, known = len(problem.linear), (*problem.coefficient_priors, *problem.priors)
-    low, high = np.full((2, sizes.coefficients), np.inf)
-    low *= -1
+def _weighing(problem: Problem, at: Layout) -> Weighing:
+    """Readings, bounds and priors at their padded places; what is not used of the coefficients is zero."""
+    n, sizes, known = len(problem.linear), at.sizes, (*problem.coefficient_priors, *problem.priors)
+    low, high = np.full(sizes.coefficients, -np.inf), np.full(sizes.coefficients, np.inf)
     low[:n], high[:n] = problem.lowest, problem.coefficient_max
     rows, targets = np.zeros((sizes.others, sizes.coefficients)), np.zeros(sizes.others)
     d_targets = np.zeros((sizes.parameters, sizes.others))
@@ -389,7 +376,8 @@ def _others(problem: Problem, sizes: Sizes) -> tuple[np.ndarray, ...]:
             d_targets[prior.place, row] = -weight
     unused = np.arange(n, sizes.coefficients)
     rows[len(known) + unused - n, unused] = 1.0
-    return low, high, rows, targets, d_targets
+    force, weight = at.spread(problem.force), at.spread(problem.weight, missing=0.0)
+    return Weighing(force, weight, low, high, rows, targets, d_targets, np.asarray(problem.ridge))
 
 
 def _lower(
@@ -415,9 +403,9 @@ def solve(
     problem: Problem, parameters: Float[np.ndarray, " q"], tolerance: float = REACHED
 ) -> Point:
     """The certified convex fit at some parameters; the tolerance is that of a compliant rig's forces."""
-    ((chunk, row),) = Batch([problem]).evaluate(
-        np.zeros(1, int), parameters[None], tolerance=tolerance
-    )
+    batch = Batch([problem])
+    given = batch._padded(parameters)[None]
+    ((chunk, row),) = batch.evaluate(np.zeros(1, int), given, tolerance=tolerance)
     return chunk.point(row)
 
 
@@ -435,7 +423,7 @@ def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "
     d_rows = (values + rows[..., :n] @ point.x)[:, at.rows]
     extra = len(problem.coefficient_priors) + len(problem.priors)
     weight = problem.weight * point.keep
-    residual = np.concatenate([weight * d_force, -batch._d_targets[0, :q, :extra]], axis=1)
+    residual = np.concatenate([weight * d_force, -batch._of.d_targets[0, :q, :extra]], axis=1)
     return residual.T, np.concatenate([d_rows, np.zeros((q, 2 * n))], axis=1).T
 
 
@@ -458,12 +446,11 @@ def predict(
         pressure: gauge [Pa].
     """
     batch, part = Batch([problem]), problem.parts[place]
-    at, n = batch.layout, len(problem.linear)
+    at = batch.layout
     size = bucket(max(one.force.size for one in problem.parts), 64)
     here = at.readings[problem.readings[place].start] + np.arange(size)
-    about = np.zeros((batch.size, at.sizes.coefficients))
-    about[:, :n] = x
-    given, found = np.repeat(parameters[None], batch.size, axis=0), []
+    about = np.tile(np.pad(x, (0, at.sizes.coefficients - x.size)), (batch.size, 1))
+    given, found = np.tile(batch._padded(parameters), (batch.size, 1)), []
     count = batch.size * size
     for begin in range(0, length.size, count):
         rows = np.minimum(np.arange(begin, begin + count), length.size - 1)

@@ -8,11 +8,12 @@ A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1]
 Where an optimum violates it most between them, it is posed as well, until nothing is violated (exchange).
 Cubics that follow phi_n to rounding give the minima of g without search.
 
-The mean RMSE is minimised by Newton's method: each step is a sum of squares with the gradient of the mean
-RMSE at the last point, and nearly its curvature.
+The mean RMSE is minimised by reweighting: each step is the sum of squares that touches the mean RMSE at the
+last point and lies above it, so that every step lowers it.
 
 References:
     Chambers 2021, equation 7.6.
+    Weiszfeld 1937 (reweighted sums of norms).
     Hettich & Kortanek 1993, SIAM Review 35, 380-429 (exchange).
 """
 
@@ -46,13 +47,11 @@ _STATIONS = 17  # of each path at which a constraint is posed from the start
 _SPARE = 4  # rows of each path for points between its stations
 _TOGETHER = 64  # programmes that a compiled program takes
 _STEPS = 60
-_EXACT = 1e-11  # violation per largest coefficient, and relative change by the last step
+_EXACT = 1e-11  # violation per largest coefficient
 _VANISHED = 1e-3  # of the coefficient that alone would carry the force
 _CERTIFIED = 1e-9  # largest residual of the optimality conditions of an exact optimum
-_SHORTENED = np.array([1.0, 0.5, 0.25, 0.1, 0.02])  # parts of a step that are tried
 _ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
-_ALIKE = 1e-13  # relative change of an objective that is rounding
-_LOOSE, _LEAST = 0.1, 1e-4  # share of the majorant in the curvature: at first, and at least
+_REWEIGHTED, _STILL = 400, 1e-13  # steps of the mean RMSE, and relative change by the last of them
 _TINY = float(np.finfo(float).tiny)
 
 _THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0, 0.5])
@@ -419,14 +418,16 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     length = np.linalg.norm(W, axis=(1, 2))
     alone = np.linalg.norm(c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
     least_size = np.maximum(_VANISHED * alone.max(axis=1, initial=0.0), _TINY)
-    loose, done, outside = np.full(count, _LOOSE), *np.zeros((2, count), bool)
+    done = np.zeros(count, bool)
     status = last = np.full(count, int(Status.STALLED))
     condition, certificate = np.zeros(count), np.full((3, count), np.nan)
-    for step in range(_STEPS):
+    for step in range(_REWEIGHTED if smooth else _STEPS):
         rounding = max(0.1**step, _ROUNDED)  # the first steps see a smoother function
-        newton, A, b = smooth and step > 0, W, c
-        if newton:
-            A, b = _newton_model(W, c, x, share, np.where(outside, 1.0, loose), rounding)
+        A, b = W, c
+        if smooth and step:
+            norm = _norms(W, c, x, rounding)[1]
+            weight = np.sqrt(share / np.where(norm > 0, norm, 1.0))[..., None]
+            A, b = weight[..., None] * W, weight * c
         best = _optimum(A, b, given.used, G)
         last, condition = best.status, condition if step else best.condition
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
@@ -434,20 +435,14 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         if smooth:
             size = np.maximum(np.linalg.norm(_times(W, new), axis=(1, 2)), _TINY)
             change = np.linalg.norm(_times(W, new - x), axis=(1, 2)) / size
-            still = (change <= _EXACT) & (rounding <= _ROUNDED)
-            if newton:
-                part = _best_part(W, c, x, new, share, rounding)
-                part = np.where(outside | ~np.isfinite(change), 1.0, part)
-                looser = np.clip(loose * np.where(part < 1, 10.0, 0.1), _LEAST, 1.0)
-                loose = np.where(outside, loose, looser)
-                new = x + part[:, None] * (new - x)
+            still = (change <= _STILL) & (rounding <= _ROUNDED)
             now = _certificate(W, c, new, share, G, best.multipliers)
         violation = _pose_weakest(of, given, new, G, step % _SPARE, least_size)
         now = np.stack([now[0], np.maximum(now[1], violation), now[2]])
         certificate = np.where(done, certificate, now)
         ended = ~done & ((still & (violation <= _EXACT)) | (last != int(Status.OPTIMAL)))
         status = np.where(ended, last, status)
-        x, done, outside = new, done | ended, violation > _EXACT
+        x, done = new, done | ended
         if done.all():
             break
     # The last steps move by rounding: the certificate tells.
@@ -542,41 +537,6 @@ def _norms(
     """r_p = W_p x - c_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2)."""
     r = _times(W, x) - c
     return r, np.sqrt((r**2).sum(axis=-1) + rounding**2 * (c**2).sum(axis=-1))
-
-
-def _newton_model(
-    W: Float[np.ndarray, "b pressures rows n"],
-    c: Float[np.ndarray, "b pressures rows"],
-    x: Float[np.ndarray, "b n"],
-    share: Float[np.ndarray, " pressures"],
-    loose: Float[np.ndarray, " b"],
-    rounding: float,
-) -> tuple[Float[np.ndarray, "b pressures rows n"], Float[np.ndarray, "b pressures rows"]]:
-    """A and b of the sum of squares with the gradient of sum_p share_p |r_p| at x.
-
-    Its curvature is (1 - loose) times that of the norms, and `loose` times their majorant, share_p / |r_p|.
-    """
-    r, norm = _norms(W, c, x, rounding)
-    positive = np.where(norm > 0, norm, 1.0)
-    along = np.sqrt(1 - (1 - loose)[:, None] * (r**2).sum(axis=-1) / positive**2)[..., None]
-    size = np.linalg.norm(r, axis=-1, keepdims=True)
-    unit = r / np.where(size > 0, size, 1.0)
-    weight = np.sqrt(share / positive)[..., None]
-    A = W - (1 - along)[..., None] * unit[..., None] * (unit[..., None, :] @ W)
-    A = weight[..., None] * A
-    return A, _times(A, x) - weight * r / along
-
-
-def _best_part(
-    W: np.ndarray, c: np.ndarray, x: np.ndarray, new: np.ndarray, share: np.ndarray, rounding: float
-) -> Float[np.ndarray, " b"]:
-    """The largest part of each step that leads lowest, but for rounding."""
-    rounding = rounding if rounding > _ROUNDED else 0.0
-    tried = np.array([
-        (share * _norms(W, c, x + part * (new - x), rounding)[1]).sum(axis=1)
-        for part in _SHORTENED
-    ])  # fmt: skip
-    return _SHORTENED[np.argmax(tried <= (1 + _ALIKE) * tried.min(axis=0), axis=0)]
 
 
 def _certificate(
