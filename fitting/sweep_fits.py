@@ -74,64 +74,6 @@ def _in_chunks(call: Callable[..., Any], size: int, *given: np.ndarray) -> Any:
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *found)
 
 
-@dataclasses.dataclass(frozen=True)
-class Readings:
-    """Loaded readings by pressure, padded to one length, and the actuation paths.
-
-    Attributes:
-        pressure: levels [Pa], increasing, shape (pressures,).
-        force, length: [N, m], shape (pressures, readings).
-        weight: 1/std, 1 without, 0 where there is no reading; shape (pressures, readings).
-        path_end: shortest length [m] of each path, shape (pressures,).
-    """
-
-    pressure: Float[np.ndarray, " pressures"]
-    force: Float[np.ndarray, "pressures readings"]
-    length: Float[np.ndarray, "pressures readings"]
-    weight: Float[np.ndarray, "pressures readings"]
-    path_end: Float[np.ndarray, " pressures"]
-
-    @classmethod
-    def of(cls, data: ForceData, rest_length: float) -> "Readings":
-        """The readings of a force map.
-
-        The path at a pressure runs from rest to the longest length at which the muscle is slack there,
-        or, where no reading is slack, to the shortest length.
-
-        Raises:
-            InputError: a pressure has no loaded reading that is shorter than the rest length, or there
-                are more than 200 pressures.
-        """
-        loaded, pressure = data.loaded, data.pressures.level
-        levels = np.unique(pressure[loaded])
-        if levels.size > _PRESSURES:
-            raise InputError(
-                f"a sweep follows the path of each pressure, and takes {_PRESSURES} pressures at most; "
-                f"the map has {levels.size}. Say which of them are one, by a line of the file such as "
-                "`# level: pressure_tolerance_kPa = 5`, or fit one law to all readings by `famjax fit`"
-            )
-        ends = np.array([path_end_at(data, float(level)) for level in levels])
-        short = np.flatnonzero(ends >= rest_length)
-        if short.size:
-            raise InputError(
-                f"at {levels[short[0]] / 1e3:.5g} kPa no reading is shorter than the rest length of "
-                f"{rest_length * 1e3:.5g} mm, so that no actuation path begins there: leave that "
-                "pressure out"
-            )
-        at = [np.flatnonzero(loaded & (pressure == level)) for level in levels]
-        size = max(indices.size for indices in at)
-        padded = np.stack([np.pad(one, (0, size - one.size), mode="edge") for one in at])
-        there = np.arange(size) < np.array([one.size for one in at])[:, None]
-        std = np.ones_like(data.force) if data.force_std is None else data.force_std
-        weight = np.where(there, 1 / std[padded], 0.0)
-        return cls(levels, data.force[padded], data.length[padded], weight, ends)
-
-    @property
-    def there(self) -> Bool[np.ndarray, "pressures readings"]:
-        """Which of the padded readings are readings."""
-        return self.weight > 0
-
-
 class LinearMuscle:
     """F = F_0 + sum_n E_n c_n of a muscle with a polynomial law, and what must not become negative.
 
@@ -260,66 +202,99 @@ class PathTable(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """The linear problem that all fits of a force map share.
+    """The linear problem of all fits of a map: loaded readings by pressure, padded to one length.
 
     Attributes:
         muscle: of any coefficients.
-        readings: of the map.
+        pressure: levels [Pa], increasing, shape (pressures,).
+        force, length: [N, m], shape (pressures, readings).
+        weight: 1/std, 1 without, 0 where there is no reading; shape (pressures, readings).
+        path_end: shortest length [m] of each path, shape (pressures,).
         A, target: c_n [N/Pa] and F - F_0 [N] at the readings, shapes (pressures, readings, order) and
             (pressures, readings).
         factor: triangle of [A target], weighted, shape (pressures, order + 1, order + 1).
-        basis: shares of the coefficients at the lowest and the highest pressure, (pressures, 2).
         tables: of the constraints along the paths, by name.
     """
 
     muscle: LinearMuscle
-    readings: Readings
+    pressure: Float[np.ndarray, " pressures"]
+    force: Float[np.ndarray, "pressures readings"]
+    length: Float[np.ndarray, "pressures readings"]
+    weight: Float[np.ndarray, "pressures readings"]
+    path_end: Float[np.ndarray, " pressures"]
     A: Float[np.ndarray, "pressures readings order"]
     target: Float[np.ndarray, "pressures readings"]
     factor: Float[np.ndarray, "pressures rows rows"]
-    basis: Float[np.ndarray, "pressures 2"]
     tables: dict[str, PathTable]
 
     @classmethod
-    def of(cls, muscle: LinearMuscle, readings: Readings) -> "Design":
-        """The problem of some readings.
+    def of(cls, muscle: LinearMuscle, data: ForceData) -> "Design":
+        """The problem of a force map.
+
+        The path at a pressure runs from rest to the longest length at which the muscle is slack there,
+        or, where no reading is slack, to the shortest length.
 
         Raises:
-            InputError: the muscle has no force at a reading.
+            InputError: a pressure has no loaded reading that is shorter than the rest length, there are
+                more than 200 pressures, or the muscle has no force at a reading.
         """
-        pressure, weight = readings.pressure, readings.weight[..., None]
-        braid, A = muscle.columns(readings.length, pressure[:, None])
-        known = np.isfinite(braid) & np.isfinite(A).all(axis=-1)
-        lost = np.argwhere(readings.there & ~known)
+        loaded, level, rest = data.loaded, data.pressures.level, muscle.rest_length
+        pressure = np.unique(level[loaded])
+        if pressure.size > _PRESSURES:
+            raise InputError(
+                f"a sweep follows the path of each pressure, and takes {_PRESSURES} pressures at most; "
+                f"the map has {pressure.size}. Say which of them are one, by a line of the file such as "
+                "`# level: pressure_tolerance_kPa = 5`, or fit one law to all readings by `famjax fit`"
+            )
+        path_end = np.array([path_end_at(data, float(one)) for one in pressure])
+        short = np.flatnonzero(path_end >= rest)
+        if short.size:
+            raise InputError(
+                f"at {pressure[short[0]] / 1e3:.5g} kPa no reading is shorter than the rest length of "
+                f"{rest * 1e3:.5g} mm, so that no actuation path begins there: leave that pressure out"
+            )
+        at = [np.flatnonzero(loaded & (level == one)) for one in pressure]
+        size = max(rows.size for rows in at)
+        padded = np.stack([np.pad(rows, (0, size - rows.size), mode="edge") for rows in at])
+        there = np.arange(size) < np.array([rows.size for rows in at])[:, None]
+        std = np.ones_like(data.force) if data.force_std is None else data.force_std
+        length, weight = data.length[padded], np.where(there, 1 / std[padded], 0.0)
+        braid, A = muscle.columns(length, pressure[:, None])
+        lost = np.argwhere(there & ~(np.isfinite(braid) & np.isfinite(A).all(axis=-1)))
         if lost.size:
             k, n = lost[0]
             raise InputError(
                 f"the muscle must have a force at every loaded reading; it has none at {len(lost)} of "
-                f"them, first at {readings.length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
+                f"them, first at {length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
                 "the geometry does not reach it, or a force term is no number there"
             )
-        target, order = readings.force - braid, muscle.order
-        rows = np.concatenate([A, target[..., None]], axis=-1) * weight
-        rows = np.pad(rows, ((0, 0), (0, order + 1), (0, 0)))
-        share = (pressure - pressure[0]) / max(pressure[-1] - pressure[0], 1.0)
+        target = data.force[padded] - braid
+        rows = np.concatenate([A, target[..., None]], axis=-1) * weight[..., None]
+        factor = np.linalg.qr(np.pad(rows, ((0, 0), (0, muscle.order + 1), (0, 0))), mode="r")
 
         def table(constraint: Constraint, cells: int) -> PathTable:
             def evaluate(path: np.ndarray, s: np.ndarray) -> np.ndarray:
-                return muscle.rows(constraint, pressure[path], readings.path_end[path], s)
+                return muscle.rows(constraint, pressure[path], path_end[path], s)
 
             return PathTable.of(evaluate, pressure.size, cells)
 
         # The law's own tangent is a cubic up to the fourth order.
         tables = {"slope": table("slope", 1), "drucker": table("drucker", _AT_FIRST)}
-        factor = np.asarray(np.linalg.qr(rows, mode="r"))
-        basis = np.stack([1 - share, share], axis=-1)
-        return cls(muscle, readings, A, target, factor, basis, tables)
+        return cls(
+            muscle, pressure, data.force[padded], length, weight, path_end, A, target,
+            np.asarray(factor), tables,
+        )  # fmt: skip
+
+    @property
+    def there(self) -> Bool[np.ndarray, "pressures readings"]:
+        """Which of the padded readings are readings."""
+        return self.weight > 0
 
     def residual(
         self, E: Float[np.ndarray, "*fits pressures order"]
     ) -> Float[np.ndarray, "*fits pressures readings"]:
         """Model minus measured [N]; zero where there is no reading."""
-        return np.where(self.readings.there, (self.A @ E[..., None])[..., 0] - self.target, 0.0)
+        return np.where(self.there, (self.A @ E[..., None])[..., 0] - self.target, 0.0)
 
 
 class Fits(NamedTuple):
@@ -382,7 +357,8 @@ def fits_of(
     keeps = np.eye(count) if free else np.concatenate([np.ones((1, count)), 1 - np.eye(count)])
     shape = len(constraints), len(orders), len(keeps)
     kind, order, left = (axis.ravel() for axis in np.indices(shape))
-    basis = of.basis if linear else np.tile([1.0, 0.0], (count, 1))
+    share = (of.pressure - of.pressure[0]) / max(of.pressure[-1] - of.pressure[0], 1.0) * linear
+    basis = np.stack([1 - share, share], axis=-1)
     bases = basis * (keeps if free else np.ones_like(keeps))[left][..., None]
     used = (np.arange(of.muscle.order) < np.array(orders)[order, None])[..., None] & [True, linear]
     given = _Programmes(
@@ -399,7 +375,7 @@ def fits_of(
     if free:
         value = found.objective.sum(axis=-1)
         if objective == "mean_rmse":
-            value = np.sqrt(2 * found.objective / of.readings.there.sum(axis=1)).mean(axis=-1)
+            value = np.sqrt(2 * found.objective / of.there.sum(axis=1)).mean(axis=-1)
         return Fits(E[..., own, own, :], value, *(v.max(axis=-1) for v in found[2:])), left_out
     if count > 1 + linear:
         left_out = (of.residual(E[..., 1 + own, own, :]) ** 2).sum(axis=-1)
@@ -413,7 +389,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     W = of.factor[:, :, :order, None] * given.basis[:, :, None, None, :]
     W = W.reshape(count, -1, order + 1, n) * keep[..., None] * given.used[:, None, None]
     c = of.factor[:, :, order] * keep
-    share = 1 / (np.sqrt(of.readings.there.sum(axis=1)) * len(of.target))
+    share = 1 / (np.sqrt(of.there.sum(axis=1)) * len(of.target))
     G, x = _posed(of, given), np.zeros((count, n))
     length = np.linalg.norm(W, axis=(1, 2))
     alone = np.linalg.norm(c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)

@@ -17,7 +17,7 @@ from .arguments import check_names, check_whole, is_number, shown
 from .convex import Status
 from .data import ForceData, check_maps, data_frame
 from .response import CONSTRAINTS, DEPENDENCES
-from .sweep_fits import Design, LinearMuscle, Readings, fits_of
+from .sweep_fits import Design, LinearMuscle, fits_of
 
 if TYPE_CHECKING:
     import pandas
@@ -191,12 +191,11 @@ def sweep(
     _named("objective", [objective], OBJECTIVES)
     further = None if terms is None else famjax.terms.SumOfTerms((terms,))
     muscle = LinearMuscle(geometry, float(deadband), further, each[-1])
-    readings = Readings.of(data, muscle.rest_length)
-    of = Design.of(muscle, readings)
+    of = Design.of(muscle, data)
     rows = [
         row for form in dependences for row in _rows(of, form, tuple(each), constraints, objective)
     ]
-    return Sweep(tuple(rows), readings.pressure, data, muscle, objective)
+    return Sweep(tuple(rows), of.pressure, data, muscle, objective)
 
 
 def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -216,12 +215,12 @@ def _rows(
 ) -> Iterator[SweepRow]:
     """The fits of one dependence with their errors in force and stroke, information and stability."""
     fits, left_out = fits_of(of, dependence, orders, constraints, objective)
-    E, count = fits.coefficients, of.readings.there.sum(axis=1)
+    E, count = fits.coefficients, of.there.sum(axis=1)
     residual, n = of.residual(E), count.sum()
     rmse = np.sqrt((residual**2).sum(axis=-1) / count)
     mae = np.abs(residual).sum(axis=-1) / count
     blocked, free = _end_errors(of, E)
-    square = ((of.readings.weight * residual) ** 2).sum(axis=(-2, -1))
+    square = ((of.weight * residual) ** 2).sum(axis=(-2, -1))
     margin = of.tables["drucker"].weakest(E)[0].min(axis=-1)
     nodes = {"fixed": 1, "linear": min(2, count.size), "free": count.size}[dependence]
     for o, c in np.ndindex(fits.status.shape):
@@ -258,11 +257,10 @@ def _end_errors(
     of: Design, E: Float[np.ndarray, "*fits pressures order"]
 ) -> tuple[Float[np.ndarray, "*fits pressures"], Float[np.ndarray, "*fits pressures"]]:
     """Blocked force [N] and free contraction [-] of fits minus measured, by pressure."""
-    muscle, readings = of.muscle, of.readings
-    rest = muscle.rest_length
-    reached = _BEYOND * (1 - readings.path_end.min() / rest)
+    muscle, rest = of.muscle, of.muscle.rest_length
+    reached = _BEYOND * (1 - of.path_end.min() / rest)
     contraction = min(reached, 1 - muscle.shortest_length / rest) * np.linspace(0, 1, _LENGTHS)
-    braid, bladder = muscle.columns(rest * (1 - contraction), readings.pressure[:, None])
+    braid, bladder = muscle.columns(rest * (1 - contraction), of.pressure[:, None])
     force = braid + (bladder @ E[..., None])[..., 0]
     falls = (force[..., :-1] > 0) & (force[..., 1:] <= 0)
     at = falls.argmax(axis=-1)
@@ -272,12 +270,12 @@ def _end_errors(
     drop = np.where(before > after, before - after, 1.0)
     step = contraction[at + 1] - contraction[at]
     free = np.where(falls.any(axis=-1), contraction[at] + step * before / drop, np.nan)
-    measured = _measured_ends(readings, rest)
+    measured = _measured_ends(of)
     return force[..., 0] - measured[0], free - measured[1]
 
 
 def _measured_ends(
-    readings: Readings, rest_length: float
+    of: Design,
 ) -> tuple[Float[np.ndarray, " pressures"], Float[np.ndarray, " pressures"]]:
     """Blocked force [N] and free contraction [-] as measured, per pressure; nan where they were not.
 
@@ -285,10 +283,10 @@ def _measured_ends(
     through the readings of less than a tenth of the largest force, or through those at the two
     shortest lengths, reaches zero.
     """
-    blocked, free = np.full((2, len(readings.pressure)), np.nan)
-    rows = zip(readings.force, readings.length, readings.there, strict=True)
-    for k, (force, length, there) in enumerate(rows):
-        F, contraction = force[there], 1 - length[there] / rest_length
+    blocked, free = np.full((2, len(of.pressure)), np.nan)
+    rows = zip(of.force, 1 - of.length / of.muscle.rest_length, of.there, strict=True)
+    for k, (force, shorter, there) in enumerate(rows):
+        F, contraction = force[there], shorter[there]
         at_rest = np.abs(contraction) < _AT_REST
         if at_rest.any():
             blocked[k] = F[at_rest].mean()
