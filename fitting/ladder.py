@@ -322,11 +322,6 @@ def _sum_of_laws() -> LawSum:
     )
 
 
-@functools.cache
-def _linear() -> tuple[str, ...]:
-    return tuple(Law(_sum_of_laws()).coefficients)
-
-
 def sharing_one_program(problem: Problem) -> Problem:
     """The same problem, its parts computed by the shared program where they are faces of it."""
     return dataclasses.replace(problem, parts=tuple(_within(part) for part in problem.parts))
@@ -347,9 +342,9 @@ def _within(part: Part) -> Part:
         part,
         within=Within(
             larger,
-            np.array([_NONLINEAR.index(name) for name in family.nonlinear], int),
+            1.0 * (np.array(_NONLINEAR)[:, None] == np.array(family.nonlinear)),
             np.array(held),
-            np.array([_linear().index(name) for name in family.linear], int),
+            1.0 * (np.array(larger.linear)[:, None] == np.array(family.linear)),
         ),
     )
 

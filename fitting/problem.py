@@ -51,15 +51,15 @@ class Within:
 
     Attributes:
         family: it; the part's own is what is left of it with some numbers held.
-        nonlinear: places of the part's nonlinear parameters among its, shape (q,).
+        to_p: 1 where a nonlinear parameter of its is one of the part's, shape (whole, q).
         held: its nonlinear parameters that the part has not; 0 for those that it has.
-        linear: places of the part's coefficients among its, shape (n,); the others are 0.
+        to_x: as `to_p` of the coefficients, shape (all, n); the others are 0.
     """
 
     family: AbstractFamily
-    nonlinear: Int[np.ndarray, " q"]
+    to_p: Float[np.ndarray, "whole q"]
     held: Float[np.ndarray, " whole"]
-    linear: Int[np.ndarray, " n"]
+    to_x: Float[np.ndarray, "all n"]
 
 
 @dataclasses.dataclass(frozen=True)

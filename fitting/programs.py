@@ -194,9 +194,7 @@ def _places(part: Part) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if part.within is None:
         q = len(part.at)
         return np.eye(q), np.zeros(q), np.eye(len(part.coefficients))
-    one = part.within
-    whole = np.eye(len(one.held)), np.eye(len(one.family.linear))
-    return whole[0][:, one.nonlinear], one.held, whole[1][:, one.linear]
+    return part.within.to_p, part.within.held, part.within.to_x
 
 
 class Layout:
