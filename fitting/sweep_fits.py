@@ -8,8 +8,8 @@ A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1]
 Where an optimum violates it most between them, it is posed as well, until nothing is violated (exchange).
 Cubics that follow phi_n to rounding give the minima of g without search.
 
-The mean RMSE is minimised by reweighting: each step is the sum of squares that touches the mean RMSE at the
-last point and lies above it, so that every step lowers it.
+The mean RMSE is minimised by reweighting: a step is a sum of squares with the gradient of the mean RMSE at
+the last point, and a curvature above it or nearly its own.
 
 References:
     Chambers 2021, equation 7.6.
@@ -52,6 +52,7 @@ _VANISHED = 1e-3  # of the coefficient that alone would carry the force
 _CERTIFIED = 1e-9  # largest residual of the optimality conditions of an exact optimum
 _ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
 _REWEIGHTED, _STILL = 400, 1e-13  # steps of the mean RMSE, and relative change by the last of them
+_SAFE, _LOOSE = 6, 0.1  # steps before those of nearly its own curvature, and the rest of these
 _TINY = float(np.finfo(float).tiny)
 
 _THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0, 0.5])
@@ -401,9 +402,8 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         rounding = max(0.1**step, _ROUNDED)  # the first steps see a smoother function
         A, b = W, c
         if smooth and step:
-            norm = _norms(W, c, x, rounding)[1]
-            weight = np.sqrt(share / np.where(norm > 0, norm, 1.0))[..., None]
-            A, b = weight[..., None] * W, weight * c
+            loose = _LOOSE if _SAFE <= step < _STEPS else 1.0
+            A, b = _model(W, c, x, share, loose, rounding)
         best = _optimum(A, b, given.used, G)
         last, condition = best.status, condition if step else best.condition
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
@@ -513,6 +513,28 @@ def _norms(
     """r_p = W_p x - c_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2)."""
     r = _times(W, x) - c
     return r, np.sqrt((r**2).sum(axis=-1) + rounding**2 * (c**2).sum(axis=-1))
+
+
+def _model(
+    W: Float[np.ndarray, "b pressures rows n"],
+    c: Float[np.ndarray, "b pressures rows"],
+    x: Float[np.ndarray, "b n"],
+    share: Float[np.ndarray, " pressures"],
+    loose: float,
+    rounding: float,
+) -> tuple[Float[np.ndarray, "b pressures rows n"], Float[np.ndarray, "b pressures rows"]]:
+    """A and b of the sum of squares with the gradient of sum_p share_p |r_p| at x.
+
+    Its curvature is (1 - loose) times that of the norms, and `loose` times that of the sum of squares that
+    touches them from above, share_p / |r_p|: with loose = 1 every step lowers the mean RMSE.
+    """
+    r, norm = _norms(W, c, x, rounding)
+    norm, square = np.where(norm > 0, norm, 1.0), (r**2).sum(axis=-1)
+    along = np.sqrt(1 - (1 - loose) * square / norm**2)[..., None]
+    unit = r / np.sqrt(np.where(square > 0, square, 1.0))[..., None]
+    weight = np.sqrt(share / norm)[..., None]
+    A = weight[..., None] * (W - ((1 - along) * unit)[..., None] * (unit[..., None, :] @ W))
+    return A, _times(A, x) - weight * r / along
 
 
 def _certificate(
