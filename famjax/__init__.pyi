@@ -22,6 +22,7 @@ from . import (
     surfaces as surfaces,
     terms as terms,
     units as units,
+    work as work,
 )
 from ._arrays import Real as Real
 from ._require import require as require
@@ -39,5 +40,6 @@ from .muscle import (
 )
 from .parameters import parameter as parameter, take_apart as take_apart
 from .stability import path_modulus as path_modulus
+from .work import work_budget as work_budget
 
 __version__: str

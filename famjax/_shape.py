@@ -11,6 +11,7 @@ shoulder is steep. r is a sum of modes; p and e are unknown at the quadrature st
 eliminated one by one. F is the multiplier of the length, the integral of z' = mu m / sqrt(m^2 + p^2).
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -48,6 +49,13 @@ class Rule(NamedTuple):
     weights: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
+
+    def half(self) -> "Rule":
+        """The first half of the stations, which stand for both halves of a symmetric muscle."""
+        count = (self.x.size + 1) // 2
+        weights = 2 * self.weights[:count]
+        weights[self.x.size // 2 :] /= 2  # the middle stands for itself
+        return Rule(self.x[:count], weights, self.values[:count], self.slopes[:count])
 
 
 @functools.cache
@@ -166,7 +174,7 @@ def _room(
     return jnp.stack([radius, pressure * jnp.pi * radius**2 + force, squared]), fits & known
 
 
-Unknowns = tuple[Float[Array, " modes"], tuple[Float[Array, "_ _"], ...]]
+Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
 """Modes of the radius and the pull, of order one; p and e at the stations of every section."""
 
 
@@ -182,6 +190,8 @@ class Balance(eqx.Module):
         force_scale: [N], a constant.
         shares: of the sections in Z.
         order: of the polynomials in each.
+        symmetric: whether both halves are alike, so that the shape is found in one of them.
+        halved: whether the stations are those of the first half of a symmetric muscle.
     """
 
     parts: tuple[Part, ...]
@@ -192,11 +202,31 @@ class Balance(eqx.Module):
     force_scale: RealArray
     shares: tuple[float, ...] = eqx.field(static=True)
     order: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True, default=False)
+    halved: bool = eqx.field(static=True, default=False)
 
     @property
     def rules(self) -> tuple[Rule, ...]:
         """Stations and modes of every section."""
-        return rules(self.shares, self.order)
+        whole = rules(self.shares, self.order)
+        return (whole[0].half(),) if self.halved else whole
+
+    def half(self) -> "Balance":
+        """The first half of a symmetric muscle."""
+        count = self.rules[0].half().x.size
+        parts = tuple(
+            Part(one.braid, jax.tree.map(lambda leaf: leaf[:count], one.bladder), one.material)
+            for one in self.parts
+        )
+        return dataclasses.replace(self, parts=parts, halved=True)
+
+    def both_halves(self, y: "Unknowns") -> "Unknowns":
+        """Unknowns of the whole muscle from those of its first half."""
+        outer, (inner,) = y
+        middle = self.rules[0].x.size % 2  # a station lies there
+        # p is odd about the middle, the stretch of the threads even.
+        sign = np.array([-1.0, 1.0])[: inner.shape[1]].astype(outer.dtype)
+        return outer, (jnp.concatenate([inner, sign * inner[::-1][middle:]]),)
 
     @property
     def radius_scale(self) -> RealArray:
@@ -211,8 +241,14 @@ class Balance(eqx.Module):
     @property
     def free(self) -> np.ndarray:
         """Modes that do not change the radius at the fittings."""
-        modes = np.arange(len(self.shares) * self.order + 1)
+        modes = np.arange(self.rules[0].values.shape[1])
         return np.delete(modes, [0, len(self.shares)])
+
+    @property
+    def odd(self) -> np.ndarray:
+        """Which unknowns, modes and pull, are odd about the middle: those that half a muscle lacks."""
+        degree = np.arange(2, self.free.size + 2)
+        return np.append((degree % 2 == 1) & self.halved, False)
 
     @property
     def scales(self) -> Float[Array, " unknowns"]:
@@ -277,7 +313,9 @@ class Balance(eqx.Module):
             pulls.append(gaylord)
         free = self.free
         right = right - matrix[:, np.array([0, len(self.shares)])] @ self.ends
-        radii = jnp.linalg.solve(matrix[np.ix_(free, free)], right[free]) / scale
+        odd = self.odd[:-1]
+        own = jnp.where(odd[:, None] == odd, matrix[np.ix_(free, free)], 0.0)
+        radii = jnp.linalg.solve(own, jnp.where(odd, 0.0, right[free])) / scale
         pull = sum(s * f for s, f in zip(self.shares, pulls, strict=True)) / self.force_scale
         pushed = self.pressure * jnp.pi * jnp.min(self.ends) ** 2 / self.force_scale
         outer = jnp.append(radii, jnp.maximum(pull, 1e-3 - 0.9 * pushed))
@@ -303,7 +341,7 @@ def residual(y: Unknowns, balance: Balance) -> Unknowns:
         w = rule.weights.astype(outer.dtype)[:, None]
         outer = outer + jnp.tensordot(w * g[:, :3], balance.columns(rule)[1], 2)
         inner.append(g[:, 3:] / balance.radius_scale)
-    outer = outer * balance.scales / balance.energy_scale
+    outer = jnp.where(balance.odd, y[0], outer * balance.scales / balance.energy_scale)
     if balance.load is not None:
         outer = outer.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
     return outer, tuple(inner)
@@ -325,9 +363,10 @@ def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
         curved = jnp.einsum("qab,qbj->qaj", w[:, :, None] * h[:, :3, :3], linear)
         matrix = matrix + jnp.tensordot(linear, curved, ((0, 1), (0, 1)))
         back.append((linear, eliminated))
-    scales = balance.scales
+    scales, odd = balance.scales, balance.odd
     matrix = matrix * scales * scales[:, None] / balance.energy_scale
-    right, system = right * scales / balance.energy_scale, matrix
+    matrix = jnp.where(odd[:, None] == odd, matrix, 0.0)  # over both halves odd and even do not mix
+    right, system = jnp.where(odd, y[0], right * scales / balance.energy_scale), matrix
     if balance.load is not None:
         right = right.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
         system = matrix.at[-1].set(np.eye(right.size)[-1])
@@ -390,9 +429,9 @@ class GuardedNewton(optx.AbstractRootFinder):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> Point:
         del fn, options, f_struct, aux_struct, tags
         far = jnp.full((), jnp.inf, y[0].dtype)
+        one = jnp.ones_like(far)
         rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
         matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
-        one = jnp.ones_like(far)
         return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
 
     def step(self, fn, y, args, options, state, tags):
@@ -427,7 +466,14 @@ class GuardedNewton(optx.AbstractRootFinder):
 
 
 class Solved(eqx.Module):
-    """What the solver leaves: unknowns, whether they balance, and the last ones with their point."""
+    """What the solver leaves.
+
+    Attributes:
+        y: the unknowns, of the first guess where none balance.
+        found: whether they balance.
+        last: unknowns at which the solver stopped.
+        point: how it stood there; of the first half alone where the muscle is symmetric.
+    """
 
     y: Unknowns
     found: Bool[Array, ""]
@@ -438,13 +484,16 @@ class Solved(eqx.Module):
 def solve(balance: Balance) -> Solved:
     """The balance of a muscle, its derivatives by the implicit function theorem."""
     tolerance = float(jnp.finfo(balance.ends.dtype).eps) ** 0.5
+    sought = balance.half() if balance.symmetric else balance
     solution = optx.root_find(
         residual,
         GuardedNewton(rtol=tolerance, atol=tolerance),
-        balance.guess(),
-        args=balance,
+        sought.guess(),
+        args=sought,
         max_steps=MAX_STEPS,
         throw=False,
     )
-    found = solution.result == optx.RESULTS.successful
-    return Solved(solution.value, found, solution.stats["last"], solution.stats["point"])
+    y, last = solution.value, solution.stats["last"]
+    if balance.symmetric:
+        y, last = balance.both_halves(y), balance.both_halves(last)
+    return Solved(y, solution.result == optx.RESULTS.successful, last, solution.stats["point"])

@@ -169,13 +169,13 @@ class EquilibriumMuscle(AbstractMuscle):
     @property
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the bladder's."""
-        lengths = [s * jnp.mean(p.bladder.rest_length) for s, p in _parts(self)]
+        lengths = [s * jnp.mean(p.bladder.rest_length) for s, p in parts_of(self)]
         return jnp.asarray(sum(lengths))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
         threads, open_lengths = [], []
-        for share, part in _parts(self):
+        for share, part in parts_of(self):
             inset = 0.0 if part.bladder.embedded else part.braid.thickness
             closed = 2 * jnp.pi * part.braid.turns * (part.bladder.smallest_braid_radius + inset)
             thread = part.braid.rest_thread_length
@@ -240,7 +240,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return required(length, found, "equilibrium length") if throw else length
 
 
-def _parts(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
+def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
     """Share and parts of every section, its bladder as it begins."""
     whole = Part(muscle.braid, muscle.bladder, muscle.material)
     if not muscle.sections:
@@ -259,7 +259,7 @@ def _ends(muscle: EquilibriumMuscle) -> Float[Array, "2"]:
 
 def _modes_for(muscle: EquilibriumMuscle) -> int:
     """Modes that resolve the shoulders: more for slender sections."""
-    slender = [s * p.bladder.rest_length / muscle.end_diameter for s, p in _parts(muscle)]
+    slender = [s * p.bladder.rest_length / muscle.end_diameter for s, p in parts_of(muscle)]
     if any(isinstance(one, Tracer) for one in slender):
         return 32
     return int(np.clip(12 + 4 * np.sqrt(float(max(slender))), 16, 64))
@@ -267,10 +267,10 @@ def _modes_for(muscle: EquilibriumMuscle) -> int:
 
 def _check(muscle: EquilibriumMuscle) -> None:
     """Refuse what no muscle can be, as far as its numbers are known."""
-    total = sum(share for share, _ in _parts(muscle))
-    if any(share <= 0 for share, _ in _parts(muscle)) or abs(total - 1) > 1e-9:
+    total = sum(share for share, _ in parts_of(muscle))
+    if any(share <= 0 for share, _ in parts_of(muscle)) or abs(total - 1) > 1e-9:
         raise InputError(f"the shares of the sections must be > 0 and sum to 1, got {total:.6g}")
-    bladders = [part.bladder for _, part in _parts(muscle)]
+    bladders = [part.bladder for _, part in parts_of(muscle)]
     bladders += [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
     for one in bladders:
         for name in ("rest_length", "rest_diameter", "rest_thickness"):
@@ -279,7 +279,7 @@ def _check(muscle: EquilibriumMuscle) -> None:
                 raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
     other = muscle.other_end_diameter
     ends = muscle.end_diameter, muscle.end_diameter if other is None else other
-    for diameter, (_, part) in zip(ends, (_parts(muscle)[0], _parts(muscle)[-1]), strict=True):
+    for diameter, (_, part) in zip(ends, (parts_of(muscle)[0], parts_of(muscle)[-1]), strict=True):
         numbers = diameter, part.braid.rest_thread_length, part.braid.turns
         if any(isinstance(one, Tracer) for one in numbers):
             continue
@@ -298,7 +298,7 @@ def _balance(
     load: RealArray | None = None,
 ) -> tuple[Balance, Solved, Int[Array, ""]]:
     """The balance at a scalar length or load, its solution, and the code of its reason."""
-    parts, ends = _parts(muscle), _ends(muscle)
+    parts, ends = parts_of(muscle), _ends(muscle)
     far = [one.far_bladder for one in muscle.sections] or [None]
     straight = jnp.asarray(sum(share * part.braid.rest_thread_length for share, part in parts))
     if load is None:
@@ -334,6 +334,7 @@ def _balance(
         force_scale=jax.lax.stop_gradient(scale).astype(dtype),
         shares=shares,
         order=muscle.modes,
+        symmetric=muscle.other_end_diameter is None and not muscle.sections,
     )  # fmt: skip
     solved = solve(balance)
     return balance, solved, jnp.where(there, _code(balance, solved), BEYOND)
@@ -343,9 +344,10 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
     """Code of the reason, from the last point of the solver."""
     stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(reduced_hessian(solved.point.matrix))))
     rooms, kept = solved.point.rooms, solved.point.kept
+    far = 0 if balance.symmetric else -1
     inner = solved.last[1]
     across = jnp.stack([inner[0][0, 0], inner[-1][-1, 0]])
-    along = jnp.stack([rooms[0, 1], rooms[-1, 1]])
+    along = jnp.stack([rooms[0, 1], rooms[far, 1]])
     pushed = balance.pressure * jnp.pi * jnp.mean(rooms[:, 0] ** 2)
     why = jnp.select(
         [

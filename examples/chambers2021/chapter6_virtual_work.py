@@ -6,7 +6,9 @@ import numpy as np
 from beside_print import Chapter, Row
 from force_balance import balance, terms
 from jaxtyping import Float
-from specimen import muscles
+from specimen import bladder, inelastic_braid, latex, muscles
+
+import famjax
 
 chapter = Chapter(__name__)
 
@@ -74,3 +76,38 @@ def work() -> list[Row]:
         ):
             found.append(Row(table, f"{name}, 100 psi, {entry}", float(value), "lbf"))
     return found
+
+
+# %% [markdown]
+# ## Where the work goes
+# Over a stroke from rest to 35 % (or to where the pull ends), int F dL on the load, int P dV of the
+# fluid, and the change of the energy of bladder and threads. Below zero, what is left over is work
+# that the force makes from nothing.
+
+
+# %%
+@chapter.table("work of a stroke")
+def strokes() -> list[Row]:
+    """The work budget of every geometry, and of the shape from mechanics."""
+    tube, budgets = bladder(), {}
+    shaped = famjax.EquilibriumMuscle(inelastic_braid(), tube, latex(), end_diameter=0.863)
+    rest = float(tube.rest_length)
+    for name, muscle in {**muscles(), "shape from mechanics": shaped}.items():
+        for pressure in (100.0, 20.0):
+            contraction = min(0.35, float(muscle.free_contraction(pressure)))
+            end = rest * (1 - contraction)
+            budgets[f"{name}, {pressure:g} psi"] = famjax.work_budget(muscle, pressure, rest, end)
+    quantities = {
+        "left over / int P dV": ("left_over", ""),
+        "int P dV": ("fluid", "in lbf"),
+        "int F dL": ("load", "in lbf"),
+        "stored in bladder and threads": ("stored", "in lbf"),
+        "efficiency": ("efficiency", ""),
+        "work per volume": ("density", "psi"),
+    }
+    return [
+        Row("work of a stroke", f"{name}, {quantity}",
+            float(getattr(one, field) / (one.fluid if field == "left_over" else 1)), unit)
+        for quantity, (field, unit) in quantities.items()
+        for name, one in budgets.items()
+    ]  # fmt: skip

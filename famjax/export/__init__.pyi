@@ -1,4 +1,10 @@
-from .mujoco import CompiledPull as CompiledPull, install as install, mjx_step as mjx_step
+from .closed_form import ClosedForm as ClosedForm, closed_form as closed_form
+from .mujoco import (
+    CompiledPull as CompiledPull,
+    install as install,
+    mjx_step as mjx_step,
+    uninstall as uninstall,
+)
 from .plain import TabulatedPull as TabulatedPull
 from .table import (
     Subject as Subject,

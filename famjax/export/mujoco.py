@@ -6,7 +6,8 @@ import inspect
 import math
 import pprint
 import re
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,10 +58,10 @@ def install(
 
     The length is the actuator's, that of its tendon. With `dyntype="filter"` the pressure is the
     actuator's state. MuJoCo has one such callback in a process: a later call replaces it, and
-    `mujoco.set_mjcb_act_bias(None)` and `set_mjcb_act_gain(None)` take it away.
+    `uninstall` takes it away. Actuators of other models get no force.
 
     Args:
-        model: `mujoco.MjModel`; other models with actuators of user type must be installed anew.
+        model: `mujoco.MjModel` with an actuator of `gainprm="0" biastype="user"` for each muscle.
         pulls: the muscle, as anything with `force(length, pressure)`, of each actuator's name.
         offsets: what an actuator's muscle is longer than its tendon [m], by its name; 0 unless given. A
             tendon of `fixed` type has the length 0 where its joints do.
@@ -68,17 +69,68 @@ def install(
     mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
     wanted = {model.actuator(name).id: pull.force for name, pull in pulls.items()}
+    called = {model.actuator(name).id: name for name in pulls}
     added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
-    states = model.actuator_actadr.tolist()
+    states, copies = model.actuator_actadr.tolist(), {model._address}
 
-    def bias(_: Any, data: Any, number: int) -> float:
-        state = states[number]
-        pressure = data.ctrl[number] if state < 0 else data.act[state]
+    def bias(asked: Any, data: Any, number: int) -> float:
+        if number not in wanted or (asked._address not in copies and not copied(asked)):
+            return 0.0
+        state, control = states[number], float(data.ctrl[number])
+        if control and number in called:  # the first one that is not 0
+            name = called.pop(number)
+            if control < 1000:
+                warnings.warn(f"the control of {name} is {control:g} Pa: is it in Pa, above the "
+                              "atmosphere? 1 bar is 1e5 Pa", stacklevel=2)  # fmt: skip
         length = float(data.actuator_length[number]) + added.get(number, 0.0)
-        return -wanted[number](length, float(pressure))
+        return -wanted[number](length, control if state < 0 else float(data.act[state]))
 
+    def copied(asked: Any) -> bool:
+        if asked.names == model.names:
+            copies.add(asked._address)
+        return asked.names == model.names
+
+    uninstall()
     mujoco.set_mjcb_act_gain(lambda *_: 0.0)
     mujoco.set_mjcb_act_bias(bias)
+
+    def loading(load: Callable[..., Any]) -> Callable[..., Any]:
+        # A callback of Python fails while another model is compiled: it waits until that is done.
+        def without(*given: Any, **options: Any) -> Any:
+            mine = mujoco.get_mjcb_act_gain(), mujoco.get_mjcb_act_bias()
+            mujoco.set_mjcb_act_gain(None)
+            mujoco.set_mjcb_act_bias(None)
+            try:
+                return load(*given, **options)
+            finally:
+                mujoco.set_mjcb_act_gain(mine[0])
+                mujoco.set_mjcb_act_bias(mine[1])
+
+        without.loads = load  # pyright: ignore[reportFunctionMemberAccess]
+        return without
+
+    for of, name in _LOADERS:
+        own = getattr(mujoco, of)
+        method = loading(getattr(own, name))
+        setattr(own, name, method if of == "MjSpec" else staticmethod(method))
+
+
+_LOADERS = (
+    ("MjModel", "from_xml_path"), ("MjModel", "from_xml_string"), ("MjModel", "from_binary_path"),
+    ("MjSpec", "compile"),
+)  # fmt: skip
+
+
+def uninstall() -> None:
+    """Take MuJoCo's callbacks away again."""
+    mujoco: Any = import_module("mujoco")
+    mujoco.set_mjcb_act_gain(None)
+    mujoco.set_mjcb_act_bias(None)
+    for of, name in _LOADERS:
+        own = getattr(mujoco, of)
+        load = getattr(getattr(own, name), "loads", None)
+        if load is not None:
+            setattr(own, name, load)
 
 
 def mjx_step(
@@ -126,11 +178,12 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         "HEADING": docstring(subject.about_table),
         "name": name,
         "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
-        "CALLBACK": f"{inspect.getsource(CompiledPull)}\n\n{inspect.getsource(install)}",
+        "CALLBACK": "\n\n".join(map(inspect.getsource, (CompiledPull, install, uninstall)))
+        + f"\n\n_LOADERS = {_LOADERS!r}",
         "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
     })  # fmt: skip
     return {
-        f"{name}.xml": _hanging_load(subject, f'gaintype="user" biastype="user" {limits}'),
+        f"{name}.xml": _hanging_load(subject, f'gainprm="0" biastype="user" {limits}'),
         f"{name}_mujoco.py": module,
     }
 

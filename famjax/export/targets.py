@@ -1,8 +1,9 @@
-"""What a muscle can be exported to: C, MATLAB and tables of it, StableHLO, and what `mujoco.py` writes."""
+"""What a muscle can be exported to: C, MATLAB, Python, tables, StableHLO, and what `mujoco.py` writes."""
 
 import importlib.util
 import io
 import itertools
+import pprint
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ import numpy as np
 
 from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
+from . import plain
+from .closed_form import ClosedForm, closed_form, matlab_lines, python_lines
 from .mujoco import docstring, filled, mjx_files, mujoco_files
 from .table import Subject, check_float64
 
@@ -21,6 +24,7 @@ Files = dict[str, bytes]
 
 _WIDTH = 6  # numbers in a line of a source
 _LENGTHS, _PRESSURES = 129, 41  # of a CSV file
+_ASKED = 1000  # states
 _BEYOND = 0.5  # of the way from the data to a stop
 
 
@@ -31,15 +35,77 @@ def c_files(subject: Subject) -> Files:
 
 
 def matlab_files(subject: Subject) -> Files:
-    """`NAME_force.m`, `NAME_pressure.m`, and `NAME_model_force.m` with the table, which both call.
+    """`NAME_force.m` and `NAME_pressure.m`: the equations where there is a closed form.
 
-    No toolbox is needed, and they may stand in Simulink's MATLAB Function block.
+    Else they call `NAME_model_force.m`, which holds a table. No toolbox is needed, and they may stand in
+    Simulink's MATLAB Function block.
     """
+    name, closed = subject.identifier, _closed(subject, "%  ", matlab_lines)
+    if closed is not None:
+        return {f"{name}_{of}.m": filled(f"closed_{of}.m", closed) for of in ("force", "pressure")}
     words = _words(subject, "%  ", "{}", end=" ...")
-    return {
-        f"{subject.identifier}_{of}.m": filled(f"{of}.m", words)
-        for of in ("force", "pressure", "model_force")
+    files = {
+        "force": "table_force.m",
+        "pressure": "table_pressure.m",
+        "model_force": "model_force.m",
     }
+    return {f"{name}_{of}.m": filled(template, words) for of, template in files.items()}
+
+
+def python_files(subject: Subject) -> Files:
+    """`NAME.py`, which needs NumPy alone: the equations where there is a closed form, else a table."""
+    name, closed = subject.identifier, _closed(subject, "", python_lines)
+    if closed is not None:
+        return {f"{name}.py": filled("closed.py.in", closed)}
+    words = {
+        "HEADING": docstring(subject.about_table),
+        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
+        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
+    }
+    return {f"{name}.py": filled("table.py.in", words)}
+
+
+def _closed(
+    subject: Subject, comment: str, printed: Callable[[ClosedForm], tuple[str, str]]
+) -> dict[str, Any] | None:
+    """Words of the templates of a closed form; None where the muscle has none."""
+    check_float64()
+    inside = subject.muscle.continued
+    form = closed_form(inside.muscle)
+    if form is None:
+        return None
+    numbers, statements = printed(form)
+    (short, long), (low, high) = (
+        map(float, of) for of in (inside.region.length, inside.region.pressure)
+    )
+    words = {
+        "name": subject.identifier, "NAME": subject.identifier.upper(), "NUMBERS": numbers,
+        "STATEMENTS": statements, "SHORTEST": short, "LONGEST": long, "LOWEST": low, "HIGHEST": high,
+        "SLACK": float(subject.muscle.slack_width), "STRAIGHT": float(inside.muscle.stops()[1]),
+        "HEADING": "",
+    }  # fmt: skip
+    off = _difference(subject, filled("closed.py.in", {**words, **_python(form)}).decode())
+    own = [line.replace("continued beyond", "NaN beyond") for line in subject.about]
+    about = [*own, f"the model in closed form; at {_ASKED} random states within {off:.1e} of the "
+             "largest force"]  # fmt: skip
+    text = (
+        docstring(about) if printed is python_lines else "\n".join(f"{comment} {x}" for x in about)
+    )
+    return {**words, "HEADING": text}
+
+
+def _python(form: ClosedForm) -> dict[str, str]:
+    return dict(zip(("NUMBERS", "STATEMENTS"), python_lines(form), strict=True))
+
+
+def _difference(subject: Subject, module: str) -> float:
+    """Largest difference of the written equations from the muscle, in parts of the largest force."""
+    written: dict[str, Any] = {}
+    exec(compile(module, "closed.py", "exec"), written)
+    rng, region = np.random.default_rng(0), subject.muscle.region
+    L, P = (rng.uniform(low, high, _ASKED) for low, high in (region.length, region.pressure))
+    force = np.asarray(subject.muscle.force(L, P))
+    return float(np.abs(written["force"](L, P) - force).max() / force.max())
 
 
 def csv_files(subject: Subject) -> Files:
@@ -91,6 +157,7 @@ TARGETS: dict[str, Callable[[Subject], Files]] = {
     "csv": csv_files,
     "mat": mat_files,
     "matlab": matlab_files,
+    "python": python_files,
     "mujoco": mujoco_files,
     "mjx": mjx_files,
     "jax": jax_files,

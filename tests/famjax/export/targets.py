@@ -41,8 +41,8 @@ _KNEE = """
     <spatial name="flexor"><site site="back"/><site site="back lever"/></spatial>
   </tendon>
   <actuator>
-    <general name="extensor" tendon="extensor" gaintype="user" biastype="user"/>
-    <general name="flexor" tendon="flexor" gaintype="user" biastype="user"/>
+    <general name="extensor" tendon="extensor" gainprm="0" biastype="user"/>
+    <general name="flexor" tendon="flexor" gainprm="0" biastype="user"/>
     <position name="drive" joint="knee" kp="4000" kv="40"/>
   </actuator>
 </mujoco>

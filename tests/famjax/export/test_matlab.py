@@ -27,7 +27,36 @@ def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
 
 
 @needs_octave
-def test_octave_computes_the_table_to_the_last_digits(subject: Subject, tmp_path: Path) -> None:
+def test_octave_computes_the_equations(dmsp_20: Subject, tmp_path: Path) -> None:
+    export(dmsp_20, ["matlab", "python"], tmp_path)
+    rng, region = np.random.default_rng(5), dmsp_20.muscle.region
+    L, P = (rng.uniform(low, high, 10_000) for low, high in (region.length, region.pressure))
+    savemat(tmp_path / "states.mat", {"L": L, "P": P})
+    back = octave(
+        tmp_path,
+        "load states.mat; [F, G] = dmsp_20_force(L, P); Q = dmsp_20_pressure(L(1:200), F(1:200));"
+        "X = dmsp_20_force([0.25; 0.28], [1e5, 2e5, 3e5]); S = dmsp_20_force(0.28, 3e5);"
+        "N = [dmsp_20_force(0.1, 3e5), dmsp_20_force(0.28, 5e6), dmsp_20_pressure(0.28, 1e6)];"
+        "try, dmsp_20_force(28, 3e5); M = ''; catch e, M = e.message; end;"
+        "save -v7 back.mat F G Q X S N M",
+    )
+    force, muscle = np.asarray(dmsp_20.muscle.force(L, P)), dmsp_20.muscle
+    np.testing.assert_allclose(back["F"], force, rtol=0, atol=1e-12 * force.max())
+    model = np.asarray(muscle.model_force(L, P))
+    np.testing.assert_allclose(back["G"], model, rtol=0, atol=1e-12 * force.max())
+    pulls = force[:200] > muscle.slack_width
+    np.testing.assert_allclose(back["Q"][pulls], P[:200][pulls], rtol=1e-9)
+    assert back["X"].shape == (2, 3)
+    assert back["X"][1, 2] == back["S"]
+    assert np.isnan(back["N"]).all()
+    assert "L must be in m and below" in str(back["M"])
+
+
+@needs_octave
+def test_octave_computes_the_table_to_the_last_digits(
+    subject: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("famjax.export.targets.closed_form", lambda _: None)
     export(subject, ["matlab"], tmp_path)
     L, P = exported_states(subject, 100)
     force, stiffness, area = (

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from targets import compiled, driven_knee
 
-from famjax.export import CompiledPull, Subject, export, install
+from famjax.export import CompiledPull, Subject, export, install, uninstall
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
@@ -22,8 +22,7 @@ mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 @pytest.fixture(autouse=True)
 def no_callbacks() -> Iterator[None]:
     yield
-    mujoco.set_mjcb_act_bias(None)
-    mujoco.set_mjcb_act_gain(None)
+    uninstall()
 
 
 @pytest.fixture
@@ -55,6 +54,33 @@ def test_loads_come_to_rest_where_ours_do(
     assert abs(data.qvel[0]) < 1e-9
     expected = float(subject.muscle.length_at_load(load, pressure))
     assert data.ten_length[0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_without_the_callback_and_in_another_model_nothing_pulls(
+    hanging, subject: Subject, tmp_path: Path
+) -> None:
+    model, _ = hanging
+    text = (tmp_path / "test_20.xml").read_text()
+    other = mujoco.MjModel.from_xml_string(text.replace("slide", "rail", 1))
+    built = mujoco.MjSpec.from_string(text.replace("anchor", "hold")).compile()
+    for one in (other, built, model):
+        data = mujoco.MjData(one)
+        data.ctrl[0] = 4.5e5
+        mujoco.mj_forward(one, data)
+        assert (data.actuator_force[0] < 0) == (one is model)
+    uninstall()
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 4.5e5
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force[0] == 0
+
+
+def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging) -> None:
+    model, data = hanging
+    data.ctrl[0] = 4.5
+    with pytest.warns(UserWarning, match="is it in Pa") as found:
+        mujoco.mj_step(model, data, nstep=3)
+    assert len(found) == 1
 
 
 def test_the_module_needs_mujoco_alone(subject: Subject, tmp_path: Path) -> None:
@@ -95,9 +121,7 @@ def test_a_name_and_an_origin_that_python_and_xml_would_read(
 
 def test_the_pressure_may_be_a_state_of_the_actuator(subject: Subject, tmp_path: Path) -> None:
     xml, _ = export(subject, ["mujoco"], tmp_path)
-    text = xml.read_text().replace(
-        'gaintype="user"', 'dyntype="filter" dynprm="0.1" gaintype="user"'
-    )
+    text = xml.read_text().replace('gainprm="0"', 'dyntype="filter" dynprm="0.1" gainprm="0"')
     model = mujoco.MjModel.from_xml_string(text.replace('ctrl="', 'act="0" ctrl="'))
     install(model, {"test_20": subject.pull})
     data = mujoco.MjData(model)
@@ -146,7 +170,7 @@ def test_callbacks_serve_several_muscles(subject: Subject, dmsp_20: Subject) -> 
         "".join(form.format(k=k) for k in range(2))
         for form in (
             '<spatial name="t{k}"><site site="a{k}"/><site site="b{k}"/></spatial>',
-            '<general name="m{k}" tendon="t{k}" gaintype="user" biastype="user"/>',
+            '<general name="m{k}" tendon="t{k}" gainprm="0" biastype="user"/>',
         )
     )
     model = mujoco.MjModel.from_xml_string(

@@ -71,13 +71,6 @@ def test_c(subject: Subject, states, tmp_path: Path) -> None:
     assert function("model_force")(L, P) == pytest.approx(told, rel=1e-12)
 
 
-def test_matlab_has_the_same_two(subject: Subject, tmp_path: Path) -> None:
-    files = {file.name: file.read_text() for file in export(subject, ["matlab"], tmp_path)}
-    assert set(files) == {"test_20_force.m", "test_20_pressure.m", "test_20_model_force.m"}
-    assert "test_20_model_force(" in files["test_20_force.m"]
-    assert "uncut" not in "".join(files.values())
-
-
 @pytest.mark.slow
 def test_stablehlo(subject: Subject, states, tmp_path: Path) -> None:
     pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")

@@ -1,16 +1,18 @@
 function [force, stiffness, area] = @name@_force(L, P)
 %@NAME@_FORCE  Pull [N], >= 0, at active lengths L [m] and gauge pressures P [Pa].
-%   [F, dF/dL, dF/dP]; arrays of one size, or one of them a scalar. Suits a MATLAB Function block of
+%   [F, dF/dL, dF/dP]; L and P expand as in L + P. Suits a MATLAB Function block of
 %   Simulink and code generation; @name@_model_force.m must stand beside it.
 %
 @HEADING@
 %#codegen
-force = zeros(size(L + P));
+L = L + zeros(size(P));
+P = P + zeros(size(L));
+force = zeros(size(L));
 stiffness = force;
 area = force;
 slack = @SLACK@;
 for k = 1:numel(force)
-    [model, along, across] = @name@_model_force(L(min(k, numel(L))), P(min(k, numel(P))));
+    [model, along, across] = @name@_model_force(L(k), P(k));
     cut = model;
     slope = 1;
     if model <= 0

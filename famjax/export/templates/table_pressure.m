@@ -1,14 +1,16 @@
 function pressure = @name@_pressure(L, F)
 %@NAME@_PRESSURE  Least gauge pressure [Pa] at which the muscle of length L [m] pulls with F [N].
 %   From 0 to the limit @LIMIT@ Pa: 0 where it pulls more without pressure, the limit where it
-%   cannot pull so much. For F <= 0 the highest pressure at which it is slack. Arrays of one size, or
-%   one of them a scalar; @name@_model_force.m must stand beside it.
+%   cannot pull so much. For F <= 0 the highest pressure at which it is slack. L and F expand as in
+%   L + F; @name@_model_force.m must stand beside it.
 %
 @HEADING@
 %#codegen
-pressure = zeros(size(L + F));
+L = L + zeros(size(F));
+F = F + zeros(size(L));
+pressure = zeros(size(L));
 for k = 1:numel(pressure)
-    pressure(k) = one(L(min(k, numel(L))), F(min(k, numel(F))));
+    pressure(k) = one(L(k), F(k));
 end
 end
 

@@ -1,0 +1,161 @@
+"""The equations of a muscle in closed form, as MATLAB and as Python with NumPy: short enough to read.
+
+Every statement is written once, in the operators of Python; MATLAB takes it with a dot before each.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from ..braids import Braid, CompliantBraid
+from ..geometries import EndEffectGeometry, EstimatedGeometry
+from ..materials import (
+    MooneyRivlinMaterial,
+    NeoHookeanMaterial,
+    OgdenMaterial,
+    PolynomialMaterial,
+    SaturatingMaterial,
+)
+from ..muscle import AbstractMuscle, Muscle
+from ..terms import BladderWall, PressurisedBraid
+
+
+class ClosedForm(NamedTuple):
+    """Numbers and statements that give the force G of a muscle, in SI.
+
+    Attributes:
+        numbers: by name, each with what it is and its unit.
+        statements: name and expression, in order, in L, P and the names before; the last is G.
+    """
+
+    numbers: dict[str, tuple[float, str]]
+    statements: list[tuple[str, str]]
+
+
+Stress = tuple[dict[str, tuple[float, str]], str]
+"""Numbers of a law, and the stress in the stretch or strain of one direction and of the other."""
+
+
+def _polynomial(law: PolynomialMaterial) -> Stress:
+    E = {f"E_{k}": (float(one), "Pa, bladder") for k, one in enumerate(law.coefficients, 1)}
+    terms = " + ".join(f"E_{k} * abs(e)**{k}" for k in range(1, len(E) + 1))
+    return E, f"sign(e) * ({terms})"
+
+
+def _saturating(law: SaturatingMaterial) -> Stress:
+    numbers = {
+        "E_inf": (float(law.final_modulus), "Pa, bladder"),
+        "S": (float(law.saturation_stress), "Pa, bladder"),
+        "s": (float(law.strain_scale), "-, bladder"),
+    }
+    return numbers, "E_inf * e - S * sign(e) * expm1(-abs(e) / s)"
+
+
+def _ogden(law: OgdenMaterial) -> Stress:
+    numbers, terms = {}, []
+    for k, (modulus, exponent) in enumerate(zip(law.moduli, law.exponents, strict=True), 1):
+        numbers[f"mu_{k}"] = (float(modulus), "Pa, bladder")
+        numbers[f"alpha_{k}"] = (float(exponent), "-, bladder")
+        terms.append(f"mu_{k} * ((1 + e)**alpha_{k} - ((1 + e) * (1 + o))**-alpha_{k})")
+    return numbers, " + ".join(terms)
+
+
+def _mooney_rivlin(law: MooneyRivlinMaterial) -> Stress:
+    numbers = {name: (float(one), "Pa, bladder") for name, one in law.parameters().items()}
+    radial = "1 / ((1 + e)**2 * (1 + o)**2)"
+    return numbers, f"2 * ((1 + e)**2 - {radial}) * (C10 + (1 + o)**2 * C01)"
+
+
+def _neo_hookean(law: NeoHookeanMaterial) -> Stress:
+    numbers = {"mu": (float(law.shear_modulus), "Pa, bladder")}
+    return numbers, "mu * ((1 + e)**2 - 1 / ((1 + e)**2 * (1 + o)**2))"
+
+
+_STRESSES: Mapping[type, Callable[[Any], Stress]] = {
+    PolynomialMaterial: _polynomial,
+    SaturatingMaterial: _saturating,
+    OgdenMaterial: _ogden,
+    MooneyRivlinMaterial: _mooney_rivlin,
+    NeoHookeanMaterial: _neo_hookean,
+}
+"""Of laws with a closed form: the stress in the strain e of its own direction and o of the other."""
+
+
+def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
+    """The equations of a muscle; None where it has none, so that only a table can be exported.
+
+    Args:
+        muscle: a cylinder, with rounded ends or without, of threads that stretch in proportion to
+            their tension or not at all, a bladder law and a pressurised braid.
+    """
+    if not isinstance(muscle, Muscle):
+        return None
+    terms: dict[type, Any] = {type(one): one for one in muscle.terms.terms}
+    geometry: Any = muscle.geometry
+    ends = geometry.end_factor if isinstance(geometry, EndEffectGeometry) else None
+    cylinder = geometry if ends is None else geometry.cylinder
+    if (
+        not isinstance(cylinder, EstimatedGeometry)
+        or type(cylinder.braid) not in (Braid, CompliantBraid)
+        or terms.keys() != {BladderWall, PressurisedBraid}
+        or len(terms) != len(muscle.terms.terms)
+        or type(muscle.material) not in _STRESSES
+    ):
+        return None
+    braid, bladder = cylinder.braid, cylinder.bladder
+    law, stress = _STRESSES[type(muscle.material)](muscle.material)
+    numbers = {
+        "L0": (bladder.rest_length, "m, rest length"),
+        "B0": (braid.rest_thread_length, "m, length of a thread"),
+        "N": (braid.turns, "-, turns of a thread"),
+        "V": (bladder.volume, "m^3, rubber"),
+        "r0": (bladder.rest_mid_radius, "m, middle of the wall at rest"),
+        "P_d": (terms[PressurisedBraid].deadband_pressure, "Pa, deadband"),
+    }
+    cut, B, wall = "L", "B0", "V / (2 * pi * R * l)"
+    middle = "R / r0 - 1"
+    steps = []
+    if ends is not None:
+        numbers["k"] = (ends, "-, end factor")
+        cut = "L0 * (1 - k * (1 - L / L0))"
+    if isinstance(braid, CompliantBraid):
+        numbers["c"] = (braid.compliance, "1/N, compliance of the threads")
+        B = "B0 / (1 - c * B0 * P * l / (2 * pi * N**2))"
+    if not bladder.embedded:
+        numbers["t_b"] = (braid.thickness, "m, thickness of the braid")
+        steps.append(("Ro", "R - t_b"))
+        wall, middle = "Ro - sqrt(Ro**2 - V / (pi * l))", "(Ro - t / 2) / r0 - 1"
+    known = {name: (float(value), about) for name, (value, about) in numbers.items()}
+    along = re.sub(r"\be\b", "e_z", re.sub(r"\bo\b", "e_c", stress))
+    around = re.sub(r"\be\b", "e_c", re.sub(r"\bo\b", "e_z", stress))
+    statements = [
+        ("l", cut),
+        ("B", B),
+        ("R", "sqrt(B**2 - l**2) / (2 * pi * N)"),
+        *steps,
+        ("t", wall),
+        ("e_z", "l / L0 - 1"),
+        ("e_c", middle),
+        ("s_z", along),
+        ("s_c", around),
+        ("braid", "(P - P_d) * (3 * l**2 - B**2) / (4 * pi * N**2)"),
+        ("G", "braid + s_z * V / l - s_c * t * l**2 / (2 * pi * R * N**2)"),
+    ]
+    return ClosedForm({**known, **law}, statements)
+
+
+def matlab_lines(form: ClosedForm) -> tuple[str, str]:
+    """Numbers and statements in MATLAB."""
+    numbers = [f"{name} = {value!r}; % {about}" for name, (value, about) in form.numbers.items()]
+    lines = [f"{name} = {_dotted(text)};" for name, text in form.statements]
+    return "\n".join(numbers), "\n".join(lines)
+
+
+def python_lines(form: ClosedForm) -> tuple[str, str]:
+    """Numbers, and statements in the body of a function."""
+    numbers = [f"{name} = {value!r}  # {about}" for name, (value, about) in form.numbers.items()]
+    return "\n".join(numbers), "\n    ".join(f"{name} = {text}" for name, text in form.statements)
+
+
+def _dotted(text: str) -> str:
+    return re.sub(r"\*\*|[*/]", lambda found: "." + found[0].replace("**", "^"), text)

@@ -1,0 +1,21 @@
+function [F, G] = @name@_force(L, P)
+%@NAME@_FORCE  Pull F [N] at active lengths L [m] and gauge pressures P [Pa].
+%   G is the same, not cut at zero: below zero where the muscle is slack. L and P expand as in L + P.
+%   NaN outside the range of the model; a length that the threads do not have is an error.
+%
+@HEADING@
+%#codegen
+@NUMBERS@
+range = [@SHORTEST@, @LONGEST@, @LOWEST@, @HIGHEST@]; % m, m, Pa, Pa
+slack = @SLACK@; % N, below which the pull bends to zero
+straight = @STRAIGHT@; % m, length at which the threads are straight
+
+if any(L(:) >= straight)
+    error('@name@:length', 'L must be in m and below %g m, where the threads are straight', straight);
+end
+@STATEMENTS@
+G = real(G);
+G((L < range(1) | L > range(2)) | (P < range(3) | P > range(4))) = NaN;
+u = min(max(G / slack, 0), 1);
+F = G .* u .* (2 - u);
+end

@@ -1,0 +1,128 @@
+"""Work along an isobar: what the muscle does on its load, and where that comes from."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._arrays import Real, RealArray, as_real, at_each
+from .boundary.errors import InputError
+from .compile_options import quick_jit
+from .equilibrium import EquilibriumMuscle, parts_of
+from .geometries import Dimensions
+from .muscle import AbstractMuscle, Muscle
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+
+
+class WorkBudget(eqx.Module):
+    """Work [J] of a stroke at constant pressure, each of the broadcast shape.
+
+    Attributes:
+        load: int F dL that the muscle does on its load; positive where it shortens and pulls.
+        fluid: int P dV that the fluid does on the muscle.
+        stored: change of the energy of bladder and threads.
+        bulk: volume [m3] within the outline where the stroke begins.
+    """
+
+    load: RealArray
+    fluid: RealArray
+    stored: RealArray
+    bulk: RealArray
+
+    @property
+    def left_over(self) -> RealArray:
+        """What the fluid gave and neither load nor rubber received; negative: made from nothing."""
+        return self.fluid - self.stored - self.load
+
+    @property
+    def efficiency(self) -> RealArray:
+        """Work on the load for the fluid's."""
+        return self.load / self.fluid
+
+    @property
+    def density(self) -> RealArray:
+        """Work on the load per volume of the muscle [J/m3]."""
+        return self.load / self.bulk
+
+
+def work_budget(muscle: AbstractMuscle, pressure: Real, start: Real, end: Real) -> WorkBudget:
+    """The work of a stroke at constant pressure.
+
+    In a muscle at equilibrium without losses all of the fluid's work goes into load, bladder and
+    threads. What is left over is friction or a deadband if positive. If negative, the force does work
+    that nothing supplies: Gaylord's term on a measured shape is a cylinder's, and does.
+
+    Args:
+        muscle: one with a geometry and a bladder law, or of the shape from mechanics.
+        pressure: gauge pressure P [Pa].
+        start: active length L [m] at which the stroke begins.
+        end: that at which it ends, such as `length_at_load(0, pressure)`.
+
+    Returns:
+        The budget; nan where the stroke leaves what the geometry knows.
+
+    Raises:
+        InputError: the model has no geometry.
+
+    References:
+        Chambers 2021, section 6.4.4 (the open question).
+
+    >>> import famjax
+    >>> braid, tube = famjax.Braid(9.89, 1.09, 0.011), famjax.Bladder(9.28125, 0.875, 0.0625)
+    >>> muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, tube),
+    ...                        famjax.PolynomialMaterial([257.8, -57.9, 32.7]))  # inches, psi
+    >>> budget = work_budget(muscle, 100.0, 9.28125, 6.2)
+    >>> print(f"{budget.load:.0f} {budget.fluid:.0f} {budget.stored:.0f} {budget.left_over:.0f}")
+    1470 1740 273 -3
+    """
+    if not isinstance(muscle, Muscle | EquilibriumMuscle):
+        raise InputError(
+            f"a {type(muscle).__name__} has no geometry, from which the fluid's work follows: give a "
+            "famjax.Muscle or a famjax.EquilibriumMuscle"
+        )
+    return _work(muscle, *map(as_real, (pressure, start, end)))
+
+
+@quick_jit
+def _work(
+    muscle: Muscle | EquilibriumMuscle, pressure: RealArray, start: RealArray, end: RealArray
+) -> WorkBudget:
+    def one(pressure: RealArray, start: RealArray, end: RealArray) -> WorkBudget:
+        lengths = (start + end) / 2 + (end - start) / 2 * _NODES.astype(pressure.dtype)
+        weights = (end - start) / 2 * _WEIGHTS.astype(pressure.dtype)
+        first, last = muscle.volume(start, pressure), muscle.volume(end, pressure)
+        if isinstance(muscle, EquilibriumMuscle):
+            forces = muscle.force(lengths, pressure)
+            stored = muscle.energy(end, pressure) - muscle.energy(start, pressure)
+            rubber = sum(share * part.bladder.volume for share, part in parts_of(muscle))
+        else:
+            forces, rates = jax.vmap(functools.partial(_rates, muscle, pressure))(lengths)
+            stored = weights @ rates
+            rubber = muscle.geometry.dimensions(start, pressure).bladder_volume
+        return WorkBudget(-weights @ forces, pressure * (last - first), stored, first + rubber)
+
+    return at_each(one, pressure, start, end)
+
+
+def _rates(muscle: Muscle, pressure: RealArray, length: RealArray) -> tuple[RealArray, RealArray]:
+    """Force [N], and the rate dU/dL of the energy stored in bladder and threads [N]."""
+
+    def dimensions(length: RealArray) -> Dimensions:
+        return muscle.geometry.dimensions(length, pressure)
+
+    at, rate = jax.jvp(dimensions, (length,), (jnp.ones_like(length),))
+    stresses = muscle.material.stresses(at.axial_strain[None], at.hoop_strain, pressure)
+    work = stresses[0] * rate.axial_strain / (1 + at.axial_strain)
+    work += stresses[1] * rate.hoop_strain / (1 + at.hoop_strain)
+    stored = at.bladder_volume * jnp.sum(at.station_weights * work)
+    braid = getattr(muscle.geometry, "braid", None)
+    if braid is not None and at.thread_length is not None:
+        strain = at.thread_length / braid.rest_thread_length - 1
+        stretched = strain != 0  # a braid without compliance divides by it
+        tension = braid.threads_tension(jnp.where(stretched, strain, 1.0))
+        if tension is not None:
+            stored += jnp.where(stretched, tension, 0.0) * rate.thread_length
+    return muscle.force(length, pressure), stored

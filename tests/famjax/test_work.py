@@ -1,0 +1,72 @@
+import jax
+import numpy as np
+import pytest
+
+import famjax
+from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, EstimatedGeometry, Muscle
+from famjax.boundary.errors import InputError
+from famjax.braids import LinearThread
+from famjax.muscle import MeanMuscle
+from famjax.surfaces import SampledSurface
+from famjax.work import WorkBudget, work_budget
+
+TUBE, BRAID = Bladder(9.28125, 0.875, 0.0625), Braid(9.89, 1.09, 0.011)
+LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
+SOFT = ElasticBraid(9.89, 1.09, 0.011, 96.0, LinearThread(2e5, 4e-4))
+
+
+def stroke(muscle: Muscle | EquilibriumMuscle, pressure: float = 100.0) -> WorkBudget:
+    return work_budget(muscle, pressure, 9.28125, 6.5)
+
+
+def test_the_shape_from_mechanics_loses_nothing() -> None:
+    budget = stroke(EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=0.863))
+    assert float(abs(budget.left_over / budget.fluid)) < 1e-9
+    assert 0.7 < float(budget.efficiency) < 1
+
+
+@pytest.mark.parametrize("braid", [BRAID, SOFT])
+def test_a_bare_cylinder_closes(braid: Braid) -> None:
+    """Gaylord's term on a cylinder is virtual work, also where the threads stretch."""
+    bare = Muscle(EstimatedGeometry(braid, TUBE), famjax.PolynomialMaterial([0.0]))
+    budget = stroke(bare)
+    assert float(abs(budget.left_over / budget.fluid)) < 1e-9
+    assert (float(abs(budget.stored)) > 1) == (braid is SOFT)
+
+
+def test_gaylord_on_the_true_shape_makes_work_from_nothing() -> None:
+    """The force of a cylinder, taken on the shape that mechanics gives."""
+    shaped = EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=0.863)
+    lengths, x = np.linspace(9.2, 6.4, 15), np.linspace(0, 1, 101)
+    profile = shaped.profile(lengths, 100.0, points=201)
+    diameters = [
+        2 * np.interp(x * length, position, radius)
+        for length, position, radius in zip(lengths, profile.position, profile.radius, strict=True)
+    ]
+    surface = SampledSurface(lengths=lengths, pressures=[100.0], diameters=np.array([diameters]),
+                             braid=BRAID)  # fmt: skip
+    measured = work_budget(Muscle(famjax.MeasuredGeometry(surface, TUBE), LATEX), 100.0, 9.1, 6.5)
+    assert -0.3 < float(measured.left_over / measured.fluid) < -0.08
+
+
+def test_work_of_strokes_in_a_row_adds_up() -> None:
+    muscle = Muscle(EstimatedGeometry(BRAID, TUBE), LATEX)
+    one, two = (work_budget(muscle, 50.0, *ends) for ends in ((9.0, 8.0), (8.0, 7.0)))
+    both = work_budget(muscle, 50.0, 9.0, 7.0)
+    for name in ("load", "fluid", "stored"):
+        assert getattr(both, name) == pytest.approx(getattr(one, name) + getattr(two, name))
+
+
+def test_derivatives() -> None:
+    def load(pressure: float) -> famjax.Real:
+        return stroke(Muscle(EstimatedGeometry(BRAID, TUBE), LATEX), pressure).load
+
+    difference = (load(100.1) - load(99.9)) / 0.2
+    assert jax.grad(load)(100.0) == pytest.approx(float(difference), rel=1e-7)
+    assert np.isnan(work_budget(Muscle(EstimatedGeometry(BRAID, TUBE), LATEX), 1.0, 9.0, 12.0).load)
+
+
+def test_a_model_without_a_geometry_is_refused() -> None:
+    peer = MeanMuscle.__new__(MeanMuscle)
+    with pytest.raises(InputError, match="has no geometry"):
+        work_budget(peer, 1.0, 2.0, 1.0)
