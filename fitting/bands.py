@@ -35,8 +35,8 @@ from famjax.muscle import flatten
 
 from .data import ForceData
 from .engine import report_of
+from .ladder import in_shared_program
 from .result import Identification
-from .shared_program import in_shared_program
 from .validation import Bootstrap, LeftOut
 
 PRIOR_SCALE = 0.08

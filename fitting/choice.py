@@ -15,8 +15,8 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.tasks import AnyExecutor, Store
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
+from .arguments import check_whole
 from .bands import ModelError, disagreement, model_error, where_they_differ
-from .checks import check_starts
 from .data import ForceData, groups_of_levels
 from .evidence import Evidence
 from .identification import solve
@@ -187,7 +187,7 @@ def choose(
         InputError: what `identify` refuses of the plainest family.
         RuntimeError: float64 is off.
     """
-    check_starts(starts)
+    check_whole("starts", starts, 1)
     check_objective(objective)
     candidates, dropped = ladder(data, parameters, bounds)
     weighed = weigh(data, noise)

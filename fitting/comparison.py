@@ -28,14 +28,13 @@ from .arguments import check_names, check_whole
 from .checks import check_affine
 from .choice import MOST, choose, validate_choice
 from .data import ForceData, check_maps, data_frame
-from .descent import End, descend_many
 from .engine import predict
 from .identification import identify
 from .model_families import ModelFamily, peer_families
 from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs
-from .search import latin_hypercube
+from .search import End, descend_many, latin_hypercube
 from .summary import joint_derivatives
 from .tasks import run_fits
 from .validation import LeftOut, leave_out_each, validate

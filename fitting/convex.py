@@ -18,9 +18,10 @@ References:
     Goldfarb & Idnani 1983, Mathematical Programming 27, 1-33.
 """
 
+import dataclasses
 import enum
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -34,9 +35,8 @@ else:
     AnyArray = Array | np.ndarray
 
 _REFINEMENTS = 2
-_WRITTEN_OUT = (
-    8  # largest triangle that is written out: LAPACK is called once per member of a batch
-)
+_STEPS = 20  # for each unknown, after which a walk has stalled
+_WRITTEN_OUT = 8  # largest triangle written out: LAPACK is called once per member of a batch
 
 
 def bucket(count: int, least: int = 8) -> int:
@@ -131,18 +131,40 @@ def solve_qp(
             "give more data points or fewer coefficients"
         )
     given: Any = tuple(jnp.asarray(value) for value in (A, b, G, h))
-    face, condition, status = jax.lax.stop_gradient(_active_face(*given))
+    A, b, G, h = jax.lax.stop_gradient(given)
+    eps, n = float(jnp.finfo(b.dtype).eps), A.shape[1]
+    scale = jnp.linalg.norm(A, axis=0)
+    scale = jnp.where(scale > 0, scale, 1.0)
+    Q, R = jnp.linalg.qr(A / scale)
+    zero = abs(jnp.diagonal(R)) <= eps * jnp.linalg.norm(R)
+    inverse = inverse_lower(R.T + jnp.diag(jnp.where(zero, 1.0, 0.0).astype(R.dtype))).T
+    condition = jnp.linalg.norm(R) * jnp.linalg.norm(inverse)
+    condition = jnp.where(zero.any(), jnp.inf, condition)
+    deficient = ~(condition * 10 * max(A.shape) * eps < 1)
+    to_x = jnp.where(deficient, jnp.eye(n, dtype=R.dtype), inverse) / scale[:, None]
+    normals = G @ to_x
+    size = jnp.sqrt(jnp.sum(normals**2, axis=1))
+    size = jnp.where(size > 0, size, 1.0)
+    near = nearest_point(normals / size[:, None], h / size, Q.T @ b)
+    own = size[near.rows] if size.size else jnp.ones(n, b.dtype)
+    status = jnp.where(deficient, int(Status.RANK_DEFICIENT), near.status)
+    # Comparisons with nan are all false: a constraint that has no number would bind nowhere.
+    known = jnp.isfinite(jnp.sum(G) + jnp.sum(h) + jnp.sum(A) + jnp.sum(b))
+    status = jnp.where(known, status, int(Status.STALLED))
+    face = _Face(
+        to_x @ near.y, to_x, near.inverse, near.multipliers / own, near.rows, near.used, own
+    )
     x = jnp.where(status == int(Status.OPTIMAL), _on_face(*given, face), jnp.nan)
-    multipliers, active = jnp.zeros_like(given[3]), jnp.zeros(given[3].shape, bool)
-    if given[3].size:
+    multipliers, active = jnp.zeros_like(h), jnp.zeros(h.shape, bool)
+    if h.size:
         multipliers = multipliers.at[face.rows].add(face.multipliers)
         active = active.at[face.rows].max(face.used)
-    A, b, G, h, still = jax.lax.stop_gradient((*given, x))
-    certificate = certificate_of(A, b, G, h, still, multipliers, face.to_x)
+    still = jax.lax.stop_gradient(x)
+    certificate = certificate_of(A, b, G, h, still, multipliers, to_x)
     return Optimum(x, multipliers, active, *certificate, condition, status)
 
 
-class _Face(eqx.Module):
+class _Face(NamedTuple):
     """The face on which an optimum lies: x = to_x y; slots of rows, with P above N* (`inverse`).
 
     Attributes:
@@ -158,30 +180,6 @@ class _Face(eqx.Module):
     rows: Int[Array, " n"]
     used: Bool[Array, " n"]
     size: Float[Array, " n"]
-
-
-def _active_face(
-    A: Float[Array, "k n"], b: Float[Array, " k"], G: Float[Array, "m n"], h: Float[Array, " m"]
-) -> tuple[_Face, Float[Array, ""], Int[Array, ""]]:
-    """The face of the optimum, the condition of A, and the status."""
-    n = A.shape[1]
-    scale = jnp.linalg.norm(A, axis=0)
-    scale = jnp.where(scale > 0, scale, 1.0)
-    Q, R = jnp.linalg.qr(A / scale)
-    J, condition, deficient = inverse_upper(R, max(A.shape))
-    to_x = J / scale[:, None]
-    normals = G @ to_x
-    size = jnp.sqrt(jnp.sum(normals**2, axis=1))
-    size = jnp.where(size > 0, size, 1.0)
-    near = nearest_point(normals / size[:, None], h / size, Q.T @ b)
-    own = size[near.rows] if size.size else jnp.ones(n, b.dtype)
-    face = _Face(
-        to_x @ near.y, to_x, near.inverse, near.multipliers / own, near.rows, near.used, own
-    )
-    status = jnp.where(deficient, int(Status.RANK_DEFICIENT), near.status)
-    # Comparisons with nan are all false: a constraint that has no number would bind nowhere.
-    known = jnp.isfinite(jnp.sum(G) + jnp.sum(h) + jnp.sum(A) + jnp.sum(b))
-    return face, condition, jnp.where(known, status, int(Status.STALLED))
 
 
 @jax.custom_jvp
@@ -250,114 +248,60 @@ class NearestPoint(eqx.Module):
 
     Attributes:
         y: the point, shape (n,).
+        inverse: P above N* of the active rows, shape (2 n, n).
         multipliers: of the slots, shape (n,), zero where not used.
         rows: indices into G, shape (n,).
         used: shape (n,).
+        entering, entering_multiplier: the row that is about to enter, -1 when none is.
         steps: rows that entered or left.
-        status: OPTIMAL, INFEASIBLE or STALLED.
-        inverse: P above N* of the active rows, shape (2 n, n).
+        infeasible: whether no point satisfies the rows.
     """
 
     y: Float[AnyArray, "*batch n"]
+    inverse: Float[AnyArray, "*batch rows n"]
     multipliers: Float[AnyArray, "*batch n"]
     rows: Int[AnyArray, "*batch n"]
     used: Bool[AnyArray, "*batch n"]
+    entering: Int[AnyArray, "*batch"]
+    entering_multiplier: Float[AnyArray, "*batch"]
     steps: Int[AnyArray, "*batch"]
-    status: Int[AnyArray, "*batch"]
-    inverse: Float[AnyArray, "*batch rows n"]
+    infeasible: Bool[AnyArray, "*batch"]
+
+    @property
+    def status(self) -> Int[Array, "*batch"]:
+        """OPTIMAL, INFEASIBLE or STALLED."""
+        status = jnp.where(self.entering < 0, int(Status.OPTIMAL), int(Status.STALLED))
+        return jnp.where(self.infeasible, int(Status.INFEASIBLE), status)
 
 
 def nearest_point(
     G: Float[Array, "m n"], h: Float[Array, " m"], centre: Float[Array, " n"]
 ) -> NearestPoint:
-    """The point y nearest to `centre` with G y >= h.
+    """The point y nearest to `centre` with G y >= h; not to be differentiated, as `solve_qp` is.
 
     Args:
         G: constraint rows, of unit length or zero.
         h: offsets; a row of zeros with h <= 0 is off.
         centre: c, the unconstrained optimum.
-
-    Returns:
-        The point. `y` and `multipliers` may be differentiated in every argument.
     """
-    of = _Polyhedron(G, h, centre)
-    return of.finish(of.advance(of.start()))
+    n, zero = centre.shape[0], jnp.zeros_like(centre)
+    eps, unit = float(jnp.finfo(centre.dtype).eps), jnp.eye(n, dtype=centre.dtype)
 
-
-class _Walk(eqx.Module):
-    """State of the walk: P above N*, and the row that is about to enter, -1 when none is."""
-
-    y: Float[Array, "*batch n"]
-    inverse: Float[Array, "*batch rows n"]
-    multipliers: Float[Array, "*batch n"]
-    rows: Int[Array, "*batch n"]
-    used: Bool[Array, "*batch n"]
-    entering: Int[Array, "*batch"]
-    entering_multiplier: Float[Array, "*batch"]
-    steps: Int[Array, "*batch"]
-    infeasible: Bool[Array, "*batch"]
-
-    @property
-    def arrived(self) -> Bool[Array, "*batch"]:
-        """Whether nothing is left to do."""
-        return (self.entering < 0) | self.infeasible
-
-
-class _Polyhedron(eqx.Module):
-    """A polyhedron and a point, and the walk through active sets to the nearest one."""
-
-    G: Float[Array, "m n"]
-    h: Float[Array, " m"]
-    centre: Float[Array, " n"]
-
-    @property
-    def limit(self) -> int:
-        """Number of steps after which a walk has stalled."""
-        return 20 * self.centre.shape[0] + 20
-
-    def most_violated(self, y: Float[Array, " n"]) -> Int[Array, ""]:
+    def most_violated(y: Float[Array, " n"]) -> Int[Array, ""]:
         """The row with the least slack, or -1 where none is violated."""
-        row = jnp.argmin(self.G @ y - self.h)
-        normal, offset = self.G[row], self.h[row]
-        size = jnp.sqrt((normal @ normal) * (self.centre @ self.centre)) + jnp.abs(offset)
-        noise = 32 * jnp.finfo(y.dtype).eps * size
-        return jnp.where(normal @ y - offset < -noise, row, -1)
+        row = jnp.argmin(G @ y - h)
+        normal, offset = G[row], h[row]
+        size = jnp.sqrt((normal @ normal) * (centre @ centre)) + jnp.abs(offset)
+        return jnp.where(normal @ y - offset < -32 * eps * size, row, -1)
 
-    def start(self) -> _Walk:
-        """The unconstrained optimum, with no active row."""
-        of = jax.lax.stop_gradient(self)
-        n, zero = self.centre.shape[0], jnp.zeros_like(of.centre)
-        unit = jnp.eye(n, dtype=zero.dtype)
-        return _Walk(
-            y=of.centre,
-            inverse=jnp.concatenate([unit, jnp.zeros_like(unit)]),
-            multipliers=zero,
-            rows=jnp.zeros(n, int),
-            used=jnp.zeros(n, bool),
-            entering=of.most_violated(of.centre) if self.G.shape[0] else jnp.array(-1),
-            entering_multiplier=jnp.zeros((), zero.dtype),
-            steps=jnp.array(0),
-            infeasible=jnp.array(False),
-        )
-
-    def advance(self, walk: _Walk) -> _Walk:
-        """The walk after its last step, or after `limit` steps."""
-        of = jax.lax.stop_gradient(self)
-        return jax.lax.while_loop(
-            lambda at: ~at.arrived & (at.steps < of.limit),
-            lambda at: of._step(at),  # noqa: PLW0108 -- a bound method of arrays has no hash
-            jax.lax.stop_gradient(walk),
-        )
-
-    def _step(self, at: _Walk) -> _Walk:
+    def step(at: NearestPoint) -> NearestPoint:
         """One row enters or leaves."""
-        n, eps = at.y.shape[0], float(jnp.finfo(at.y.dtype).eps)
-        normal = self.G[at.entering]
+        normal = G[at.entering]
         image = at.inverse @ normal
         direction, share = image[:n], image[n:]
         square = direction @ normal
         independent = (square > 1e4 * eps**1.5 * (normal @ normal)) & ~jnp.all(at.used)
-        missing = self.h[at.entering] - normal @ at.y
+        missing = h[at.entering] - normal @ at.y
         full = jnp.where(independent, missing / jnp.where(independent, square, 1.0), jnp.inf)
         blocks = at.used & (share > eps)
         ratios = jnp.where(blocks, at.multipliers / jnp.where(blocks, share, 1.0), jnp.inf)
@@ -369,82 +313,46 @@ class _Polyhedron(eqx.Module):
         # P and N* change along w: what the entering row adds to the span, or the leaving one takes.
         row = jnp.where(slot, 1.0, 0.0).astype(at.y.dtype) @ at.inverse[n:]
         w = jnp.where(enters, direction, row)
-        w_square = jnp.where(enters, square, row @ row)
-        change = jnp.concatenate(
-            [
-                jnp.where(enters, direction, -row),
-                jnp.where(enters, share - slot, at.inverse[n:] @ row),
-            ]
-        )
-        change = change / jnp.where(w_square > 0, w_square, 1.0)
+        square = jnp.where(enters, square, row @ row)
+        above = jnp.where(enters, direction, -row)
+        below = jnp.where(enters, share - slot, at.inverse[n:] @ row)
+        change = jnp.concatenate([above, below]) / jnp.where(square > 0, square, 1.0)
         y = at.y + jnp.where(independent, length, 0.0) * direction
-        entering_multiplier = at.entering_multiplier + length
+        pull = at.entering_multiplier + length
         multipliers = at.multipliers - length * share
-        return _Walk(
+        return NearestPoint(
             y=y,
             inverse=at.inverse - change[:, None] * w,
-            multipliers=jnp.where(slot, jnp.where(enters, entering_multiplier, 0.0), multipliers),
+            multipliers=jnp.where(slot, jnp.where(enters, pull, 0.0), multipliers),
             rows=jnp.where(slot, jnp.where(enters, at.entering, 0), at.rows),
             used=jnp.where(slot, enters, at.used),
             # A row that a blocking one kept from entering in full stays at hand.
-            entering=jnp.where(enters & ~infeasible, self.most_violated(y), at.entering),
-            entering_multiplier=jnp.where(enters, 0.0, entering_multiplier),
+            entering=jnp.where(enters & ~infeasible, most_violated(y), at.entering),
+            entering_multiplier=jnp.where(enters, 0.0, pull),
             steps=at.steps + 1,
             infeasible=infeasible,
         )
 
-    def finish(self, walk: _Walk) -> NearestPoint:
-        """The point that the active set of the walk stands for."""
-        if self.G.shape[0]:
-            normals = self.G[walk.rows]
-            y, multipliers = _refined(
-                jnp.where(walk.used[:, None], normals, 0.0),
-                jnp.where(walk.used, self.h[walk.rows], 0.0),
-                self.centre,
-                (walk.y, walk.multipliers, walk.inverse),
-            )
-        else:
-            y, multipliers = self.centre, walk.multipliers
-        status = jnp.where(walk.arrived, int(Status.OPTIMAL), int(Status.STALLED))
-        status = jnp.where(walk.infeasible, int(Status.INFEASIBLE), status)
-        return NearestPoint(y, multipliers, walk.rows, walk.used, walk.steps, status, walk.inverse)
-
-
-@jax.custom_jvp
-def _refined(
-    normals: Float[Array, "n n"],
-    offsets: Float[Array, " n"],
-    centre: Float[Array, " n"],
-    near: tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, "rows n"]],
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """The y and l of y - N^T l = c, N y = h, where unused slots hold zeros.
-
-    `near` has y and l as the walk has found them, which are refined here, and its inverse (P, N*).
-    """
-    n = centre.shape[0]
-    y, multipliers, inverse = near
-    P, pseudo = inverse[:n], inverse[n:]
+    start = NearestPoint(
+        centre, jnp.concatenate([unit, 0 * unit]), zero, jnp.zeros(n, int), jnp.zeros(n, bool),
+        jnp.array(-1), zero.sum(), jnp.array(0), jnp.array(False),
+    )  # fmt: skip
+    if not G.shape[0]:
+        return start
+    start = dataclasses.replace(start, entering=most_violated(centre))
+    limit = _STEPS * (n + 1)
+    found = jax.lax.while_loop(
+        lambda at: (at.entering >= 0) & ~at.infeasible & (at.steps < limit), step, start
+    )
+    # y - N^T l = c and N y = h of the active rows, refined.
+    N = jnp.where(found.used[:, None], G[found.rows], 0.0)
+    offsets = jnp.where(found.used, h[found.rows], 0.0)
+    y, multipliers, P, pseudo = found.y, found.multipliers, found.inverse[:n], found.inverse[n:]
     for _ in range(_REFINEMENTS):
-        dual = centre + multipliers @ normals - y
-        along = (offsets - normals @ y) @ pseudo
+        dual, along = centre + multipliers @ N - y, (offsets - N @ y) @ pseudo
         y = y + P @ dual + along
         multipliers = multipliers + pseudo @ (along - dual)
-    return y, multipliers
-
-
-@_refined.defjvp
-def _refined_jvp(primals: tuple, tangents: tuple) -> tuple:
-    normals, offsets, centre, near = primals
-    d_normals, d_offsets, d_centre, _ = tangents
-    y, multipliers = _refined(normals, offsets, centre, near)
-    n = centre.shape[0]
-    free = jnp.diag(jnp.where(jnp.any(normals != 0, axis=1), 0.0, 1.0).astype(centre.dtype))
-    system = jnp.block([[jnp.eye(n, dtype=centre.dtype), -normals.T], [normals, free]])
-    change = jnp.linalg.solve(
-        system,
-        jnp.concatenate([d_centre + d_normals.T @ multipliers, d_offsets - d_normals @ y]),
-    )
-    return (y, multipliers), (change[:n], change[n:])
+    return dataclasses.replace(found, y=y, multipliers=multipliers)
 
 
 def cholesky(
@@ -474,34 +382,3 @@ def inverse_lower(
         known = sum((lower[..., i, j, None] * rows[j] for j in range(i)), start=0.0)
         rows.append((unit[i] - known) / lower[..., i, i, None])
     return jnp.stack(rows, axis=-2)
-
-
-def inverse_upper(
-    R: Float[AnyArray, "*batch n n"], size: int
-) -> tuple[
-    Float[AnyArray, "*batch n n"],
-    Float[AnyArray, "*batch"],
-    Bool[AnyArray, "*batch"],
-]:
-    """The inverse of an upper triangle, its condition number, and whether it is singular.
-
-    A singular one is replaced by the identity, so that its part of a batch stays finite.
-
-    Args:
-        R: with columns of unit length.
-        size: the larger dimension of the matrix whose factor it is, for the rounding.
-    """
-    eps = float(jnp.finfo(R.dtype).eps)
-    still = jax.lax.stop_gradient(R)
-    unit, both = np.eye(R.shape[-1], dtype=R.dtype), (-2, -1)
-    norm = jnp.sqrt(jnp.sum(still**2, axis=both))
-    zero = abs(jnp.diagonal(still, axis1=-2, axis2=-1)) <= eps * norm[..., None]
-    trial = inverse_lower(
-        jnp.swapaxes(still, *both) + unit * jnp.where(zero, 1.0, 0.0)[..., None, :]
-    )
-    condition = norm * jnp.sqrt(jnp.sum(trial**2, axis=both))
-    condition = jnp.where(zero.any(axis=-1), jnp.inf, condition)
-    deficient = ~(condition * 10 * size * eps < 1)
-    # The trial of a singular one may overflow, and so would its derivative.
-    R = jnp.where(deficient[..., None, None], unit, R)
-    return jnp.swapaxes(inverse_lower(jnp.swapaxes(R, *both)), *both), condition, deficient

@@ -20,8 +20,7 @@ from famjax.boundary.extras import import_extra
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import factor, unit_system
 
-from .arguments import check_mapping, check_numbers, is_number, shown
-from .plausible import QUANTITIES, check_plausible
+from .arguments import QUANTITIES, check_mapping, check_numbers, check_plausible, is_number, shown
 
 if TYPE_CHECKING:
     import pandas

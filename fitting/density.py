@@ -24,11 +24,10 @@ from jaxtyping import Array, Bool, Float, Int
 from famjax.boundary.errors import InputError
 
 from .convex import cholesky, inverse_lower
-from .descent import descend_many
 from .engine import Point
-from .problem import Problem
-from .pure_problem import PureProblem
+from .problem import Problem, PureProblem
 from .result import Identification
+from .search import descend_many
 from .summary import joint_derivatives
 
 _INSIDE = 3.0  # standard deviations from a bound that do not feel it

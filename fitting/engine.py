@@ -2,7 +2,7 @@
 
 For given nonlinear parameters the coefficients are the optimum of a convex programme; what is left of
 the residual, and its derivative in the parameters through that optimum, is what the outer search
-works with, see `fitting.descent`.
+works with, see `fitting.search`.
 
 References:
     Golub & Pereyra 1973; Kaufman 1975 (variable projection).
@@ -24,7 +24,6 @@ from .programs import (
     MEMBERS,
     Layout,
     Projected,
-    Sizes,
     Weighing,
     form_of,
     joined,
@@ -38,7 +37,7 @@ from .response import Linear, Report
 REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 _ROUNDS = 60  # in which the censored readings that pull settle
-_HALVINGS = 40  # of the interval in which the lowest point of a line lies
+_HALVES = 0.5 ** np.arange(30)  # of a step
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
 
 
@@ -91,11 +90,6 @@ class Point:
     def force(self) -> Float[np.ndarray, " points"]:
         """Of the model at the readings [N]; of a censored one that is met, its limit."""
         return np.where(self.keep, self.offset + self.columns @ self.x, self.problem.force)
-
-    @property
-    def programme(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A, b, G and h."""
-        return self.A, self.b, self.G, self.h
 
 
 class Chunk(NamedTuple):
@@ -164,40 +158,27 @@ class Batch:
         layouts = layouts or [Layout(problem) for problem in problems]
         self.layout = at = layouts[0]
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
-        structure = at.forms, self.like.constraint, at.sizes
         shared = all(part.within is not None for part in self.like.parts)
         self.size = BULK if bulk or shared else MEMBERS
-        self._program = linear_program(*structure, bulk=bulk, shared=shared)
-        self._projected = projected_program()
+        self._program = linear_program(
+            at.forms, self.like.constraint, at.sizes, bulk=bulk, shared=shared
+        )
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
             for name in ("length", "pressure")
         )
-        self._fill(self._length)
-        self._fill(self._pressure)
-        self.low, self.high = np.zeros((2, len(problems), at.sizes.parameters))
-        for k, problem in enumerate(problems):
-            self.low[k, : len(problem.low)] = problem.low
-            self.high[k, : len(problem.high)] = problem.high
-        self._force = at.spread(np.stack([p.force for p in problems]))
-        self._weight = at.spread(np.stack([p.weight for p in problems]))
-        self._fill(self._force)
-        self._side = at.spread(self.like.side.astype(float)).astype(int)
+        self._side = at.spread(self.like.side, missing=0.0)
         self._rig = np.array([any(part.rig for part in p.parts) for p in problems])
-        others = [_others(problem, at.sizes) for problem in problems]
-        self._low, self._high, self._rows, self._targets, self._d_targets = map(
-            np.stack, zip(*others, strict=True)
-        )
+        self.low = np.stack([self._padded(p.low) for p in problems])
+        self.high = np.stack([self._padded(p.high) for p in problems])
+        each = [_weighing(problem, at) for problem in problems]
+        self._of = Weighing(*(np.stack(leaves) for leaves in zip(*each, strict=True)))
         # Parameters that are free in one of the problems; one that holds them has no width there.
         self.free = np.flatnonzero((self.low < self.high).any(axis=0))
 
-    def _fill(self, values: Float[np.ndarray, "*b readings"]) -> None:
-        """Padded readings of each part repeat its last one."""
-        known = np.zeros(values.shape[-1], bool)
-        known[self.layout.readings] = True
-        last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
-        values[...] = values[..., last]
+    def _padded(self, parameters: Float[np.ndarray, " q"]) -> Float[np.ndarray, " parameters"]:
+        return np.pad(parameters, (0, self.layout.sizes.parameters - parameters.size))
 
     def parameters(
         self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
@@ -243,7 +224,7 @@ class Batch:
         count = len(members)
         every = np.minimum(np.arange(self.size), count - 1)
         which, sizes = members[every], self.layout.sizes
-        about, reached = np.zeros((self.size, sizes.coefficients)), self._force[which].copy()
+        about, reached = np.zeros((self.size, sizes.coefficients)), self._of.force[which]
         if self._rig[members].any():
             for k, one in enumerate(near or ()):
                 if one is not None:
@@ -252,8 +233,8 @@ class Batch:
             about, reached = about[every], reached[every]
             for _ in range(_REACHES - 1):
                 chunk = self._once(which, parameters[every], about, reached)
-                x, (force, columns) = chunk.projected.optimum.x, chunk.linear[:2]
-                after = force + (columns @ x[:, :, None])[:, :, 0]
+                x = chunk.projected.optimum.x
+                after = _force_of(chunk.linear, x)
                 solved = np.isfinite(x).all(axis=1) & np.isfinite(after).all(axis=1)
                 change = np.abs(after - reached).max(axis=1)
                 going = solved & ~(change <= tolerance * np.abs(after).max(axis=1))
@@ -289,25 +270,23 @@ class Batch:
         self, members: Int[np.ndarray, " b"], found: Sequence[tuple[Chunk, int]]
     ) -> tuple[Float[np.ndarray, "b k"], Float[np.ndarray, "b k p"]]:
         """Residuals of fits, and their derivatives in the unit boxes of the free parameters."""
-        chunks = list({id(chunk): chunk for chunk, _ in found}.values())
-        count = [sum(chunk is one for chunk, _ in found) for one in chunks]
-        r, J = (
-            np.concatenate(
-                [getattr(one.projected, name)[:n] for one, n in zip(chunks, count, strict=True)]
-            )
-            for name in ("residual", "jacobian")
-        )
+        r = np.stack([chunk.projected.residual[row] for chunk, row in found])
+        J = np.stack([chunk.projected.jacobian[row] for chunk, row in found])
         width = (self.high - self.low)[members][:, self.free]
         return r, J[:, self.free].swapaxes(1, 2) * width[:, None]
 
-    def columns(
-        self, parameters: Float[np.ndarray, " q"], x: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "points n"]:
-        """Derivatives of the force [N] in the coefficients, about some of them."""
-        about = np.pad(x, (0, self.layout.sizes.coefficients - x.size))
-        given = (np.repeat(v[None], self.size, axis=0) for v in (parameters, about, self._force[0]))
-        found = self.linear(np.zeros(self.size, int), *given)[0].columns[0]
-        return np.asarray(found)[self.layout.readings, : x.size]
+    def linear_at(
+        self,
+        parameters: Float[np.ndarray, " q"],
+        about: Float[np.ndarray, " n"],
+        reached: Float[np.ndarray, " points"],
+    ) -> tuple[Linear, Linear]:
+        """The linear model of the first problem and its derivatives, about coefficients and forces."""
+        about = np.pad(about, (0, self.layout.sizes.coefficients - about.size))
+        each = self._padded(parameters), about, self.layout.spread(reached)
+        given = (np.repeat(one[None], self.size, axis=0) for one in each)
+        found = self.linear(np.zeros(self.size, int), *given)
+        return jax.tree.map(lambda leaf: np.asarray(leaf[0]), found)
 
     def linear(
         self,
@@ -319,23 +298,17 @@ class Batch:
         pressure: Float[np.ndarray, "b readings"] | None = None,
     ) -> tuple[Linear, Linear]:
         """The linear models of `size` fits, and their derivatives."""
-        p = np.zeros((self.size, self.layout.sizes.parameters))
-        p[:, : parameters.shape[1]] = parameters
-        readings = tuple(
-            np.ascontiguousarray(np.broadcast_to(own, reached.shape))
-            for own in (
-                self._length if length is None else length,
-                self._pressure if pressure is None else pressure,
-                reached,
-            )
-        )
+        length = self._length if length is None else length
+        pressure = self._pressure if pressure is None else pressure
+        at = np.broadcast_arrays(length, pressure, reached)
+        readings = tuple(map(np.ascontiguousarray, at))
         own = tuple(
             group._replace(
                 **{name: getattr(group, name)[members] for name in ("to_p", "held", "to_x")}
             )
             for group in self._groups
         )
-        return self._program(own, p, about, readings)
+        return self._program(own, parameters, about, readings)
 
     def _project(
         self,
@@ -346,15 +319,10 @@ class Batch:
         keep: Float[np.ndarray, "b readings"],
     ) -> Projected:
         """The convex fits, of the readings that count."""
-        d_targets = self._d_targets[members]
-        wide = np.pad(parameters, ((0, 0), (0, d_targets.shape[1] - parameters.shape[1])))
-        targets = self._targets[members] + (wide[:, None] @ d_targets)[:, 0]
-        of = Weighing(
-            self._force[members], self._weight[members] * keep, self._low[members],
-            self._high[members], self._rows[members], targets, d_targets,
-            np.full(len(members), self.like.ridge),
-        )  # fmt: skip
-        return self._projected(linear, slopes, of)
+        of = Weighing(*(leaf[members] for leaf in self._of))
+        targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
+        of = of._replace(weight=of.weight * keep, targets=targets)
+        return projected_program()(linear, slopes, of)
 
     def _settled(
         self,
@@ -370,9 +338,9 @@ class Batch:
         coefficients. The least squares of those that pull have the same gradient at the optimum,
         so its multipliers and certificate are those of the whole.
         """
-        side, weight = self._side, self._weight[members]
+        side, weight = self._side, self._of.weight[members]
         force, columns = (np.asarray(leaf) for leaf in linear[:2])
-        A, b = weight[..., None] * columns, weight * (self._force[members] - force)
+        A, b = weight[..., None] * columns, weight * (self._of.force[members] - force)
         keep = np.broadcast_to(1.0 * (side == 0), b.shape)
         x: np.ndarray | None = None
         settled = np.zeros(len(b), bool)
@@ -385,36 +353,34 @@ class Batch:
             settled = settled.all(axis=1) | ~np.isfinite(target).all(axis=1)
             if settled.all():
                 break
-            x = target if x is None else _lowest(side, A, b, found, x, target)
+            x = target if x is None else _lower(side, A, b, found, x, target)
             pulls = side * ((A @ x[:, :, None])[:, :, 0] - b) > 0
             keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
         # One that does not settle has no fit.
         return np.where(settled[:, None], keep, np.nan)
 
 
-def _others(problem: Problem, sizes: Sizes) -> tuple[np.ndarray, ...]:
-    """Bounds of coefficients; rows, targets and their slopes, of priors and of unused coefficients."""
-    n = len(problem.linear)
-    low, high = np.full((2, sizes.coefficients), np.inf)
-    low *= -1
+def _weighing(problem: Problem, at: Layout) -> Weighing:
+    """Readings, bounds and priors at their padded places; what is not used of the coefficients is zero."""
+    n, sizes, known = len(problem.linear), at.sizes, (*problem.coefficient_priors, *problem.priors)
+    low, high = np.full(sizes.coefficients, -np.inf), np.full(sizes.coefficients, np.inf)
     low[:n], high[:n] = problem.lowest, problem.coefficient_max
     rows, targets = np.zeros((sizes.others, sizes.coefficients)), np.zeros(sizes.others)
     d_targets = np.zeros((sizes.parameters, sizes.others))
-    row = 0
-    for prior in problem.coefficient_priors:
-        rows[row, prior.place] = problem.noise / prior.std
-        targets[row] = problem.noise / prior.std * prior.mean
-        row += 1
-    for prior in problem.priors:
-        targets[row] = problem.noise / prior.std * prior.mean
-        d_targets[prior.place, row] = -problem.noise / prior.std
-        row += 1
+    for row, prior in enumerate(known):
+        weight = problem.noise / prior.std
+        targets[row] = weight * prior.mean
+        if row < len(problem.coefficient_priors):
+            rows[row, prior.place] = weight
+        else:
+            d_targets[prior.place, row] = -weight
     unused = np.arange(n, sizes.coefficients)
-    rows[row + unused - n, unused] = 1.0
-    return low, high, rows, targets, d_targets
+    rows[len(known) + unused - n, unused] = 1.0
+    force, weight = at.spread(problem.force), at.spread(problem.weight, missing=0.0)
+    return Weighing(force, weight, low, high, rows, targets, d_targets, np.asarray(problem.ridge))
 
 
-def _lowest(
+def _lower(
     side: Int[np.ndarray, " readings"],
     A: Float[np.ndarray, "b readings n"],
     b: Float[np.ndarray, "b readings"],
@@ -422,29 +388,24 @@ def _lowest(
     x: Float[np.ndarray, "b n"],
     target: Float[np.ndarray, "b n"],
 ) -> Float[np.ndarray, "b n"]:
-    """Where the whole objective is lowest between two points, by halving on its slope."""
+    """The best point on the way to another by the whole objective, of halves of the way."""
     others, b_others = (np.asarray(leaf)[:, side.size :] for leaf in (found.A, found.b))
     A, b = np.concatenate([A, others], axis=1), np.concatenate([b, b_others], axis=1)
     side = np.concatenate([side, np.zeros(others.shape[1], int)])
-    start = (A @ x[:, :, None])[:, :, 0] - b
-    along = (A @ (target - x)[:, :, None])[:, :, 0]
-    low, high = np.zeros(len(x)), np.ones(len(x))
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        residual = start + middle[:, None] * along
-        residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
-        falls = np.sum(residual * along, axis=1) < 0
-        low, high = np.where(falls, middle, low), np.where(falls, high, middle)
-    return x + high[:, None] * (target - x)
+    tried = x + _HALVES[:, None, None] * (target - x)
+    residual = (A @ tried[..., None])[..., 0] - b
+    residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
+    best = (residual**2).sum(axis=-1).argmin(axis=0)
+    return tried[best, np.arange(len(x))]
 
 
 def solve(
     problem: Problem, parameters: Float[np.ndarray, " q"], tolerance: float = REACHED
 ) -> Point:
     """The certified convex fit at some parameters; the tolerance is that of a compliant rig's forces."""
-    ((chunk, row),) = Batch([problem]).evaluate(
-        np.zeros(1, int), parameters[None], tolerance=tolerance
-    )
+    batch = Batch([problem])
+    given = batch._padded(parameters)[None]
+    ((chunk, row),) = batch.evaluate(np.zeros(1, int), given, tolerance=tolerance)
     return chunk.point(row)
 
 
@@ -455,22 +416,14 @@ def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "
         (of the weighted residual, priors included; of G x - h).
     """
     problem, batch = point.problem, Batch([point.problem])
-    first = np.zeros(batch.size, int)
     at, q, n = batch.layout, len(problem.names), len(problem.linear)
-
-    def members(values: np.ndarray) -> np.ndarray:
-        return np.repeat(values[None], batch.size, axis=0)
-
-    about = np.pad(point.about, (0, at.sizes.coefficients - n))
-    reached = at.spread(point.reached)
-    batch._fill(reached)
-    _, slopes = batch.linear(first, members(point.parameters), members(about), members(reached))
-    force, columns, values, rows = (np.asarray(leaf[0])[:q] for leaf in slopes)
+    _, slopes = batch.linear_at(point.parameters, point.about, point.reached)
+    force, columns, values, rows = (leaf[:q] for leaf in slopes)
     d_force = (force + columns[..., :n] @ point.x)[:, at.readings]
     d_rows = (values + rows[..., :n] @ point.x)[:, at.rows]
     extra = len(problem.coefficient_priors) + len(problem.priors)
     weight = problem.weight * point.keep
-    residual = np.concatenate([weight * d_force, -batch._d_targets[0, :q, :extra]], axis=1)
+    residual = np.concatenate([weight * d_force, -batch._of.d_targets[0, :q, :extra]], axis=1)
     return residual.T, np.concatenate([d_rows, np.zeros((q, 2 * n))], axis=1).T
 
 
@@ -493,36 +446,31 @@ def predict(
         pressure: gauge [Pa].
     """
     batch, part = Batch([problem]), problem.parts[place]
-    at, n = batch.layout, len(problem.linear)
-    first = problem.readings[place].start
+    at = batch.layout
     size = bucket(max(one.force.size for one in problem.parts), 64)
-    here = at.readings[first] + np.arange(size)
-    about = np.zeros((batch.size, at.sizes.coefficients))
-    about[:, :n] = x
-    given = np.repeat(parameters[None], batch.size, axis=0)
-    found = np.empty(length.size)
-    for begin in range(0, length.size, batch.size * size):
-        those = slice(begin, begin + batch.size * size)
-        count = length[those].size
-
-        def folded(values: np.ndarray, count: int = count) -> np.ndarray:
-            full = np.pad(values, (0, batch.size * size - count), mode="edge")
-            wide = np.repeat(batch._length[None], batch.size, axis=0)
-            wide[:, here] = full.reshape(batch.size, size)
-            return wide
-
-        own = folded(length[those]), folded(pressure[those])
+    here = at.readings[problem.readings[place].start] + np.arange(size)
+    about = np.tile(np.pad(x, (0, at.sizes.coefficients - x.size)), (batch.size, 1))
+    given, found = np.tile(batch._padded(parameters), (batch.size, 1)), []
+    count = batch.size * size
+    for begin in range(0, length.size, count):
+        rows = np.minimum(np.arange(begin, begin + count), length.size - 1)
+        own = np.repeat(np.stack([batch._length, batch._pressure])[:, None], batch.size, axis=1)
+        own[:, :, here] = np.stack([length[rows], pressure[rows]]).reshape(2, batch.size, size)
         reached = np.zeros((batch.size, at.sizes.readings))
         for _ in range(_REACHES if part.rig else 1):
             linear, _ = batch.linear(np.zeros(batch.size, int), given, about, reached, *own)
-            force, columns = (np.asarray(leaf) for leaf in linear[:2])
-            after = force + (columns @ about[:, :, None])[:, :, 0]
-            move, reached = after - reached, after
-            largest = np.nanmax(np.abs(reached[:, here]), initial=0.0)
-            if not np.nanmax(np.abs(move[:, here]), initial=0.0) > REACHED * largest:
+            before, reached = reached, _force_of(linear, about)
+            move, largest = (np.abs(one[:, here]) for one in (reached - before, reached))
+            if not np.nanmax(move, initial=0.0) > REACHED * np.nanmax(largest, initial=0.0):
                 break
-        found[those] = reached[:, here].ravel()[:count]
-    return found
+        found.append(reached[:, here].ravel())
+    return np.concatenate([*found, np.zeros(0)])[: length.size]
+
+
+def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b readings"]:
+    """The force [N] of linear models at some coefficients."""
+    force, columns = (np.asarray(leaf) for leaf in linear[:2])
+    return force + (columns @ x[:, :, None])[:, :, 0]
 
 
 def alone(part: Part) -> Part:

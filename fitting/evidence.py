@@ -394,9 +394,8 @@ def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, Left
 
 
 def left_out_kinds(result: Identification) -> tuple[str, ...]:
-    """What can be left out: coefficients free in pressure say nothing of another pressure."""
-    data = result.data
-    kinds = ("length",) if result.dependence == "free" else ("pressure", "length")
+    """What can be left out."""
+    data, kinds = result.data, ("pressure", "length")
     return tuple(kind for kind in kinds if np.unique(data.levels(kind)[data.loaded]).size > 1)
 
 

@@ -8,13 +8,13 @@ solves for in one convex programme; the others give the law its shape and are se
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 import famjax
 from famjax.boundary.class_path import class_named, class_path
@@ -94,7 +94,9 @@ def law_named(law: LawGiven, order: int | None) -> Law:
     if isinstance(law, Law):
         return law
     given = law if isinstance(law, str) else getattr(law, "__name__", type(law).__name__)
-    if isinstance(law, str) and ":" not in law:
+    if isinstance(law, str) and ":" in law:
+        law = class_named(law, famjax.materials.AbstractMaterial, "law")
+    elif isinstance(law, str):
         laws = known_laws()
         if law not in laws:
             raise InputError(
@@ -102,43 +104,28 @@ def law_named(law: LawGiven, order: int | None) -> Law:
                 f"got {law!r}"
             )
         law = laws[law]
-    elif isinstance(law, str):
-        law = class_named(law, famjax.materials.AbstractMaterial, "law")
     if law is famjax.PolynomialMaterial:
-        return Law(famjax.PolynomialMaterial.template(order=checked_order(order)))
+        order = check_whole("the order of the law", 3 if order is None else order, 1, _MAX_ORDER)
+        return Law(famjax.PolynomialMaterial.template(order=order))
     if order is not None:
         raise InputError(
             f"only the polynomial law has an order, got {order} for {given}: leave the order out, or "
             "name the law polynomial"
         )
-    if isinstance(law, type):
-        try:
-            law = law.template()
-        except ValueError as error:
-            raise InputError(
-                f"{law.__name__} cannot be identified by its class alone: {error}"
-            ) from None
-    if not isinstance(law, famjax.materials.AbstractMaterial):
+    try:
+        material = law.template() if isinstance(law, type) else law
+    except ValueError as error:
+        raise InputError(f"{given} cannot be identified by its class alone: {error}") from None
+    if not isinstance(material, famjax.materials.AbstractMaterial):
         raise InputError(
-            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {type(law).__name__}"
+            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {given}"
         )
-    if not law.declared():
+    if not material.declared():
         raise InputError(
-            f"{type(law).__name__} declares no number to identify: declare its fields by "
+            f"{given} declares no number to identify: declare its fields by "
             "famjax.parameter(unit, low=..., high=..., linear=...)"
         )
-    return Law(law)
-
-
-def checked_order(order: int | None) -> int:
-    """The order of the polynomial law, 3 unless given.
-
-    Raises:
-        InputError: none that there is.
-    """
-    if order is None:
-        return 3
-    return check_whole("the order of the law", order, 1, _MAX_ORDER)
+    return Law(material)
 
 
 class SpecimenNumbers(eqx.Module):
@@ -157,14 +144,9 @@ class SpecimenNumbers(eqx.Module):
     @classmethod
     def of(cls, specimen: Specimen) -> "SpecimenNumbers":
         """The numbers of a specimen."""
-        bladder = specimen.bladder_diameter
-        return cls(
-            np.asarray(specimen.rest_length, float),
-            np.asarray(specimen.wall_thickness, float),
-            None if bladder is None else np.asarray(bladder, float),
-            np.asarray(specimen.braid_thickness, float),
-            specimen.embedded,
-        )
+        *sizes, embedded = (getattr(specimen, one.name) for one in dataclasses.fields(cls))
+        arrays: Any = (None if one is None else np.asarray(one, float) for one in sizes)
+        return cls(*arrays, embedded=embedded)
 
 
 class AbstractGeometrySource(eqx.Module):
@@ -346,19 +328,6 @@ class WrappedSource(AbstractGeometrySource):
         return outer.with_parameters({name: values[name] for name in self.identified})
 
 
-class _NearestNode(famjax.materials.PressurePolynomialMaterial):
-    """The coefficients of the nearest node: readings of one level differ a little in pressure."""
-
-    def known(self, pressure: famjax.Real) -> Bool[Array, "..."]:
-        """Everywhere: a reading of the first or last level may lie a little outside the nodes."""
-        return jnp.isfinite(jnp.asarray(pressure))
-
-    def interpolated(self, at: famjax.Real) -> Float[Array, "... order"]:
-        """Coefficients E_n [Pa] at a pressure [Pa], shape (..., order): no interpolation."""
-        distance = jnp.abs(jnp.asarray(at)[..., None] - self.node_pressures)
-        return self.node_coefficients[jnp.argmin(distance, axis=-1)]
-
-
 def assembled(
     geometry: famjax.geometries.AbstractGeometry,
     material: famjax.materials.AbstractMaterial,
@@ -385,59 +354,28 @@ class MuscleFamily(AbstractFamily):
     """Muscles of a specimen.
 
     Attributes:
-        nonlinear, linear: names of the parameters; the coefficients node by node.
-        source: makes the geometry.
+        nonlinear: names of the parameters that are searched.
+        source: makes the geometry, its numbers arrays.
         law: of the bladder.
         rest: L0 [m] of the specimen.
         terms: further force terms, or None.
-        of_terms: names of their parameters that take part.
-        nodes: pressures [Pa] at which the coefficients are known, or None where they are fixed.
-        nearest: whether a reading takes the coefficients of its own node.
+        nodes: two pressures [Pa] between which the coefficients are linear, or None: they are fixed.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
-    linear: tuple[str, ...] = eqx.field(static=True)
     source: AbstractGeometrySource
     law: Law
     rest: Float[np.ndarray, ""]
-    terms: famjax.terms.SumOfTerms | None
-    of_terms: tuple[str, ...] = eqx.field(static=True)
-    nodes: Float[np.ndarray, " nodes"] | None
-    nearest: bool = eqx.field(static=True)
-
-    @classmethod
-    def of(
-        cls,
-        specimen: Specimen,
-        source: AbstractGeometrySource,
-        law: Law,
-        nonlinear: Sequence[str],
-        terms: famjax.terms.SumOfTerms | None = None,
-        nodes: np.ndarray | None = None,
-        *,
-        nearest: bool = False,
-    ) -> "MuscleFamily":
-        """The family of a specimen."""
-        linear = tuple(law.coefficients)
-        if nodes is not None:
-            linear = tuple(f"{name}@{k}" for k in range(len(nodes)) for name in linear)
-        known = () if terms is None else terms.declared()
-        return cls(
-            nonlinear=tuple(nonlinear),
-            linear=linear,
-            source=source.as_arrays(),
-            law=law,
-            rest=np.asarray(specimen.rest_length),
-            terms=terms,
-            of_terms=tuple(name for name in known if name in nonlinear),
-            nodes=nodes,
-            nearest=nearest,
-        )
+    terms: famjax.terms.SumOfTerms | None = None
+    nodes: Float[np.ndarray, " nodes"] | None = None
 
     @property
-    def n_nodes(self) -> int:
-        """Number of laws."""
-        return 1 if self.nodes is None else len(self.nodes)
+    def linear(self) -> tuple[str, ...]:
+        """Names of the coefficients, node by node."""
+        names = tuple(self.law.coefficients)
+        if self.nodes is None:
+            return names
+        return tuple(f"{name}@{k}" for k in range(len(self.nodes)) for name in names)
 
     @property
     def stretches(self) -> bool:
@@ -449,12 +387,14 @@ class MuscleFamily(AbstractFamily):
         if self.nodes is None:
             material = self.law.with_values(values)
         else:
-            kind = _NearestNode if self.nearest else famjax.materials.PressurePolynomialMaterial
             coefficients = jnp.stack([values[name] for name in self.linear])
-            material = kind(self.nodes, coefficients.reshape(len(self.nodes), -1))
+            material = famjax.materials.PressurePolynomialMaterial(
+                self.nodes, coefficients.reshape(len(self.nodes), -1)
+            )
         further = None
         if self.terms is not None:
-            further = self.terms.with_parameters({name: values[name] for name in self.of_terms})
+            free = [name for name in self.terms.declared() if name in self.nonlinear]
+            further = self.terms.with_parameters({name: values[name] for name in free})
         return assembled(
             self.source.geometry(values), material, values["deadband_pressure"], further
         )
@@ -462,17 +402,6 @@ class MuscleFamily(AbstractFamily):
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""
         return jnp.asarray(values.get("rest_length", self.rest))
-
-    def final(self, muscle: famjax.Muscle) -> famjax.Muscle:
-        """The muscle as a user gets it: coefficients interpolated between their nodes."""
-        if not self.nearest:
-            return muscle
-        law = muscle.material
-        assert isinstance(law, famjax.materials.PressurePolynomialMaterial)
-        smooth = famjax.materials.PressurePolynomialMaterial(
-            law.node_pressures, law.node_coefficients
-        )
-        return famjax.Muscle(muscle.geometry, smooth, muscle.deadband_pressure)
 
     @property
     def derived_names(self) -> tuple[str, ...]:

@@ -19,13 +19,12 @@ from famjax.boundary.units import UNITS
 
 from .choice import weigh
 from .data import ForceData
-from .descent import End
 from .engine import predict
 from .ladder import Candidate, as_cylinder, ladder
 from .problem import Problem
 from .race import descended, posed_of
 from .result import Identification
-from .search import NORMAL_MAD
+from .search import NORMAL_MAD, End
 
 ATMOSPHERE = 101.3e3
 """Pressure of the air [Pa]."""

@@ -7,11 +7,11 @@ from jaxtyping import Float
 
 import famjax
 
-from .checks import check_starts
+from .arguments import check_whole
 from .data import ForceData
 from .families import LawGiven
 from .parameters import Parameter
-from .posing import EXCHANGES, Geometry, Posed, pose_one, pose_together
+from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
 from .search import best_of, check_objective, descend_all, descend_reweighted, refine
 from .summary import optimal, summarise
@@ -51,8 +51,7 @@ def identify(
         constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
             strain range) or "drucker" (positive second-order work along the actuation path). It
             holds between the stations as well.
-        dependence: of the polynomial's coefficients on pressure: "fixed" (none), "linear" or
-            "free".
+        dependence: of the polynomial's coefficients on pressure: "fixed" (none) or "linear".
         bounds: intervals (min, max) in SI by parameter name, which replace those of `standard_table`; an
             interval of one value holds the parameter there.
         parameters: the same with units, held values and priors. Naming one of these makes it take
@@ -90,10 +89,10 @@ def identify(
     References:
         Golub & Pereyra 1973 (variable projection); Chambers 2021, chapter 7.
     """
-    check_starts(starts)
+    check_whole("starts", starts, 1)
     check_objective(objective, censored=censored)
-    posed = pose_one(
-        data, law=law, order=order, constraint=constraint, dependence=dependence,
+    posed = pose(
+        (data,), law=law, order=order, constraint=constraint, dependence=dependence,
         bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms,
         censored=censored,
     )  # fmt: skip
@@ -148,9 +147,9 @@ def identify_together(
         InputError: the data cannot support the fit, with the reason.
         RuntimeError: float64 is off.
     """
-    check_starts(starts)
+    check_whole("starts", starts, 1)
     check_objective(objective, censored=censored)
-    posed = pose_together(
+    posed = pose(
         data, own=own, own_law=own_law, law=law, order=order, constraint=constraint,
         parameters=parameters, noise=noise, geometry=geometry, terms=terms, censored=censored,
     )  # fmt: skip

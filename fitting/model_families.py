@@ -193,43 +193,27 @@ def _peers(
     elastic = peers.ferraresi(cylinder, 1e6)
     wall = Declared("m", "wall_thickness", low=0.0, high=2 * specimen.wall_thickness)
     strain = Declared("", "thread_strain", low=0.0, high=0.5)
-    found = {
-        "gaylord": _family("Gaylord 1958", gaylord, both, of_braid),
-        "gaylord_deadband": _family("Gaylord, deadband", gaylord, (*both, _DEADBAND), of_braid),
-        "gaylord_offset": _family(
-            "Gaylord, force offset", gaylord, (*both, "force_offset"), of_braid
-        ),
-        "davis": _family(
-            "Davis 2003, stretching braid", peers.Gaylord(stretching), (*both, strain), of_stretching,
-            "thread_strain is that at rest and the highest pressure, of unstretched geometry",
-        ),
-        "chou_hannaford": _family(
-            "Chou & Hannaford 1996, wall", peers.ChouHannaford(threads, 1e-3), (*both, wall), of_braid
-        ),
-        "tondu_lopez": _family("Tondu & Lopez 2000, k", tondu, (*both, "k_far"), of_braid),
-        "tondu_lopez_deadband": _family(
-            "Tondu & Lopez, k, deadband", tondu, (*both, "k_far", _DEADBAND), of_braid
-        ),
-        "tondu_lopez_pressure": _family(
-            "Tondu & Lopez, k(P)", tondu, (*both, "k_far", "k_rise"), of_braid
-        ),
-        "kerscher": _family(
-            "Kerscher 2006", peers.Kerscher(tondu, 0.0, 1.0, 1.0),
-            (angle, "k_far", "k_rise", "factor_rate", "factor_rise", "factor_far"), of_braid,
-            "the braid's diameter is held, as its factor scales the section",
-        ),
-        "ferraresi": _family("Ferraresi 2001", elastic, (*both, "E_1"), of_cylinder),
-        "ferraresi_deadband": _family(
-            "Ferraresi, deadband", elastic, (*both, _DEADBAND, "E_1"), of_cylinder
-        ),
-        "kothera": _family(
-            "Kothera 2009, deadband", peers.Kothera(elastic), (*both, _DEADBAND, "E_1"), of_cylinder
-        ),
-        "klute_hannaford": _family(
-            "Klute & Hannaford 2000, deadband", peers.klute_hannaford(cylinder, 1e5, 1e5),
-            (*both, _DEADBAND, "C10", "C01"), of_cylinder,
-        ),
-    }  # fmt: skip
+    late = (*both, _DEADBAND)
+    rows: list[tuple] = [
+        ("gaylord", "Gaylord 1958", gaylord, both, of_braid),
+        ("gaylord_deadband", "Gaylord, deadband", gaylord, late, of_braid),
+        ("gaylord_offset", "Gaylord, force offset", gaylord, (*both, "force_offset"), of_braid),
+        ("davis", "Davis 2003, stretching braid", peers.Gaylord(stretching), (*both, strain), of_stretching,
+         "thread_strain is that at rest and the highest pressure, of unstretched geometry"),
+        ("chou_hannaford", "Chou & Hannaford 1996, wall", peers.ChouHannaford(threads, 1e-3),
+         (*both, wall), of_braid),
+        ("tondu_lopez", "Tondu & Lopez 2000, k", tondu, (*both, "k_far"), of_braid),
+        ("tondu_lopez_deadband", "Tondu & Lopez, k, deadband", tondu, (*late, "k_far"), of_braid),
+        ("tondu_lopez_pressure", "Tondu & Lopez, k(P)", tondu, (*both, "k_far", "k_rise"), of_braid),
+        ("kerscher", "Kerscher 2006", peers.Kerscher(tondu, 0.0, 1.0, 1.0),
+         (angle, "k_far", "k_rise", "factor_rate", "factor_rise", "factor_far"), of_braid,
+         "the braid's diameter is held, as its factor scales the section"),
+        ("ferraresi", "Ferraresi 2001", elastic, (*both, "E_1"), of_cylinder),
+        ("ferraresi_deadband", "Ferraresi, deadband", elastic, (*late, "E_1"), of_cylinder),
+        ("kothera", "Kothera 2009, deadband", peers.Kothera(elastic), (*late, "E_1"), of_cylinder),
+        ("klute_hannaford", "Klute & Hannaford 2000, deadband", peers.klute_hannaford(cylinder, 1e5, 1e5),
+         (*late, "C10", "C01"), of_cylinder),
+    ]  # fmt: skip
     if pressures[0] < pressures[1]:
         ends = " and ".join(f"{one / 1e3:.4g}" for one in pressures)
         for name, label, order, low in (
@@ -240,18 +224,17 @@ def _peers(
             model = peers.robinson(cylinder, np.array(pressures), np.ones((2, order)))
             laws = [bounded(d, low, math.inf) for d in model.declared().values() if d.linear]
             note = f"nodes 1 and 2 are {ends} kPa"
-            found[name] = _family(label, model, (*both, _DEADBAND, *laws), of_cylinder, note)
+            rows.append((name, label, model, (*late, *laws), of_cylinder, note))
     martens = peers.Martens(threads, rest, held, specimen.wall_thickness, np.ones(4))
-    moduli = ("c0", "c1", "c2", "c3")
+    moduli, label = ("c0", "c1", "c2", "c3"), "Martens & Boblan 2017"
     if specimen.nominal_diameter is not None:
-        label = "Martens & Boblan 2017"
-        found["martens"] = _family(label, martens, (angle, *moduli), of_braid)
-    label = "Martens & Boblan 2017, diameter"
-    found["martens_diameter"] = _family(label, martens, (*both, *moduli), of_braid)
-    return found | _without_braid(specimen.rest_length, P, force)
+        rows.append(("martens", label, martens, (angle, *moduli), of_braid))
+    rows.append(("martens_diameter", f"{label}, diameter", martens, (*both, *moduli), of_braid))
+    rows += _without_braid(rest, P, force)
+    return {name: _family(*row) for name, *row in rows}
 
 
-def _without_braid(rest: float, P: float, force: float) -> dict[str, ModelFamily]:
+def _without_braid(rest: float, P: float, force: float) -> list[tuple]:
     """Formulas of length and pressure alone.
 
     Args:
@@ -259,7 +242,7 @@ def _without_braid(rest: float, P: float, force: float) -> dict[str, ModelFamily
         P: highest pressure [Pa].
         force: largest force [N].
     """
-    found = {}
+    rows: list[tuple] = []
     numbers = dict.fromkeys(("a1", "a2", "a4", "a5", "a6"), 0.0)
     for names, a1, translate in (
         (("a2", "a4", "a5"), 0.0, _relaxed),
@@ -267,8 +250,9 @@ def _without_braid(rest: float, P: float, force: float) -> dict[str, ModelFamily
         (tuple(numbers), 0.0, None),
     ):
         model = peers.Sarosi(rest, a3=-10.0, **{**numbers, "a1": a1})
-        count, label = len(names) + 1, f"Sarosi 2012, {len(names) + 1} parameters"
-        found[f"sarosi_{count}"] = _family(label, model, ("a3", *names), translate)
+        count = len(names) + 1
+        label = f"Sarosi 2012, {count} parameters"
+        rows.append((f"sarosi_{count}", label, model, ("a3", *names), translate))
     hunt = (
         Declared("Pa", "offset_pressure", low=-2 * P, high=4 * P),
         Declared("Pa", "tangent_pressure", low=1e-3 * P, high=5 * P),
@@ -279,29 +263,25 @@ def _without_braid(rest: float, P: float, force: float) -> dict[str, ModelFamily
         Declared("Pa/N", "pressure_per_force", low=0.05 * P / force, high=3 * P / force),
     )  # fmt: skip
     model = peers.Hunt(rest, _CONTRACTION, P, P, 1.0, 0.0, -_CONTRACTION / force, P / force)
-    found["hunt"] = _family("Hunt 2017", model, hunt, _of_tangent, _OF_SCALE)
+    rows.append(("hunt", "Hunt 2017", model, hunt, _of_tangent, _OF_SCALE))
     model = peers.Bolen(rest, _CONTRACTION, force, 1.0, 1.0, 1.0)
     constants = ("largest_force", "c0", "c1", "c2")
-    found["bolen"] = _family("Bolen 2026", model, constants, None, _OF_SCALE)
+    rows.append(("bolen", "Bolen 2026", model, constants, None, _OF_SCALE))
     slack = Declared("m", "slack_length", low=0.2 * rest, high=rest)
-    model = peers.Wickramatunge(rest, np.ones(4))
     springs = (slack, "k0", "k1", "k2", "k3")
-    found["wickramatunge"] = _family("Wickramatunge 2010", model, springs)
-    surfaces: dict[str, tuple[str, Any, str]] = {
-        "hildebrandt": ("Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
-    }
+    model = peers.Wickramatunge(rest, np.ones(4))
+    rows.append(("wickramatunge", "Wickramatunge 2010", model, springs))
+    surfaces: list[tuple] = [
+        ("hildebrandt", "Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
+    ]
     for degree in (3, 4, 5):
-        terms = np.ones(len(peers.PolynomialSurface.terms(degree)))
-        model = peers.PolynomialSurface(rest, terms, degree)
-        surfaces[f"polynomial_{degree}"] = (
-            f"polynomial of degree {degree}",
-            model,
-            "pressure in MPa",
-        )
-    for name, (label, model, note) in surfaces.items():
+        ones = np.ones(len(peers.PolynomialSurface.terms(degree)))
+        model, label = peers.PolynomialSurface(rest, ones, degree), f"polynomial of degree {degree}"
+        surfaces.append((f"polynomial_{degree}", label, model, "pressure in MPa"))
+    for name, label, model, note in surfaces:
         free = [one for one, d in model.declared().items() if d.linear]
-        found[name] = _family(label, model, free, None, note)
-    return found
+        rows.append((name, label, model, free, None, note))
+    return rows
 
 
 def _relaxed(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:

@@ -9,9 +9,8 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS, to_si
 
-from .arguments import check_pair, is_number, shown
+from .arguments import check_bounds, check_pair, check_prior, is_number, shown
 from .data import Specimen
-from .plausible import check_bounds, check_prior
 
 KINDS = {
     "braid_diameter": "length",
@@ -26,19 +25,11 @@ KINDS = {
 }
 """Kind of unit of the parameters that do not belong to the law."""
 
-_LOWEST = {
-    "braid_diameter": "> 0",
-    "braid_angle": "> 0",
-    "rest_length": "> 0",
-    "end_factor": "> 0",
-    "end_length": ">= 0",
-    "strain_scale": "> 0",
-    "deadband_pressure": ">= 0 (gauge pressure)",
-    "braid_compliance": ">= 0: nothing pushes back harder than it is pulled",
-    "series_compliance": ">= 0: nothing pushes back harder than it is pulled",
-    "series_exponent": "> 0",
-}
-"""What the lower bound of a parameter must be."""
+_POSITIVE = {
+    "braid_diameter", "braid_angle", "rest_length", "end_factor", "strain_scale", "series_exponent",
+}  # fmt: skip
+_NOT_NEGATIVE = {"end_length", "deadband_pressure", "braid_compliance", "series_compliance"}
+"""What the lower bound of a parameter must be; nothing pushes back harder than it is pulled."""
 
 _WALL_ALLOWANCE = 3.6e-3
 """The braid lies between the bore and the outside of two 1.8 mm walls [m]."""
@@ -135,50 +126,42 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
             f"what is said of {name} must be a fitting.Parameter, got {shown(given)}: "
             "bounds={...} takes intervals"
         )
-    told = given.prior
+    ends, told = (given.min, given.max), given.prior
+    said = [one for one in (given.value, *ends) if one is not None]
+    if not all(map(is_number, said)):
+        raise InputError(f"value, min and max of {name} must be numbers, got {shown(said)}")
+    if given.vary == (given.value is not None) or (not given.vary and (*ends, told) != (None,) * 3):
+        raise InputError(
+            f"{name}: vary=False goes with the value at which it is held, without bounds and prior; one "
+            "that varies has no value, as the search makes its own starts within the bounds"
+        )
     if told is not None:
         told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
-    numbers = (given.value, given.min, given.max, *(told or ()))
-    for number in (given.value, given.min, given.max):
-        if number is not None and not is_number(number):
-            raise InputError(f"value, min and max of {name} must be numbers, got {shown(number)}")
-    if given.value is not None and not np.isfinite(given.value):
-        raise InputError(f"the value at which {name} is held must be a number, got {given.value}")
-    if standard.kind != "number" and not given.unit and any(n is not None for n in numbers):
+    if standard.kind != "number" and not given.unit and (said or told):
+        units = list(UNITS[standard.kind])
         raise InputError(
-            f"{name} is a {standard.kind} and needs a unit, one of "
-            f"{', '.join(UNITS[standard.kind])}, as in Parameter(..., unit="
-            f"{next(reversed(UNITS[standard.kind]))!r})"
+            f"{name} is a {standard.kind} and needs a unit, one of {', '.join(units)}, as in "
+            f"Parameter(..., unit={units[-1]!r})"
         )
 
     def si(value: float) -> float:
         return to_si(value, given.unit, standard.kind) if given.unit else float(value)
 
-    if not given.vary:
-        if given.value is None:
-            raise InputError(f"{name} with vary=False must have the value at which it is held")
-        if (given.min, given.max, given.prior) != (None, None, None):
-            raise InputError(f"{name} is held at its value: it has no bounds and no prior")
-        check_bounds(name, standard.kind, [si(given.value)], given.unit)
-        return Entry(si(given.value), si(given.value), standard.kind)
+    check_bounds(name, standard.kind, map(si, said), given.unit)
     if given.value is not None:
-        raise InputError(
-            f"{name}: a value is only for a parameter that is held (vary=False); the search makes "
-            "its own starts within the bounds"
-        )
-    prior = None
+        return bounded(name, si(given.value), si(given.value), standard)
     if told is not None:
-        prior = (si(told[0]), si(told[1]))
-        if not (math.isfinite(prior[0]) and math.isfinite(prior[1]) and prior[1] > 0):
+        told = si(told[0]), si(told[1])
+        if not (np.isfinite(told).all() and told[1] > 0):
             raise InputError(
                 f"the prior of {name} is a mean and a standard deviation > 0, got {given.prior}"
             )
-        check_prior(name, standard.kind, prior, given.unit)
-    ends = [si(end) for end in (given.min, given.max) if end is not None]
-    check_bounds(name, standard.kind, ends, given.unit)
-    low = standard.min if given.min is None else si(given.min)
-    high = standard.max if given.max is None else si(given.max)
-    return bounded(name, low, high, dataclasses.replace(standard, prior=prior))
+        check_prior(name, standard.kind, told, given.unit)
+    low, high = (
+        known if end is None else si(end)
+        for end, known in zip(ends, (standard.min, standard.max), strict=True)
+    )
+    return bounded(name, low, high, dataclasses.replace(standard, prior=told))
 
 
 def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
@@ -222,27 +205,23 @@ def complete_table(
     Raises:
         InputError: an unknown name, or a contradiction.
     """
-    table = standard_table(specimen)
-    optional = {**optional_table(specimen), **(further or {})}
-    known = {**optional, **table, **law}
-    changed = {}
+    table, changed = standard_table(specimen), {}
+    known = {**optional_table(specimen), **(further or {}), **table, **law}
     for name in (*bounds, *parameters):
         if name not in known:
             raise InputError(f"unknown parameter {name!r}; this fit has {', '.join(known)}")
-        entry = known[name]
-        if name in parameters:
-            entry = entry_in_si(name, parameters[name], entry)
+        entry, given = known[name], parameters.get(name)
+        if given is not None:
+            entry = entry_in_si(name, given, entry)
         if name in bounds:
             ends = check_pair(f"bounds of {name}", bounds[name], "are (low, high)")
             check_bounds(name, entry.kind, ends)
-            given = parameters.get(name, Parameter())
-            if (given.value, given.min, given.max) != (None, None, None):
+            if given is not None and (given.value, given.min, given.max) != (None, None, None):
                 raise InputError(f"{name}: give its bounds once, as bounds or in parameters")
             entry = bounded(name, *ends, entry)
         changed[name] = entry
-    extras = {name: changed[name] for name in optional if name in changed and name not in table}
-    table = {**table, **extras, **law}
-    table |= changed
+    extras = {name: changed[name] for name in known if name in changed and name not in law}
+    table = {**table, **extras, **law, **changed}
     _check_physics(table, law)
     return table
 
@@ -256,12 +235,11 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
             raise InputError(
                 f"{name} needs finite bounds, got {entry.min:.6g} to {entry.max:.6g} (SI)"
             )
-    for name, must in _LOWEST.items():
-        if name not in table:
-            continue
-        low, strict = table[name].min, must == "> 0"
-        if low < 0 or (strict and low == 0):
-            raise InputError(f"the lower bound of {name} must be {must}")
+    for name, entry in table.items():
+        low = entry.min
+        if (name in _POSITIVE and not low > 0) or (name in _NOT_NEGATIVE and low < 0):
+            must = "> 0" if name in _POSITIVE else ">= 0"
+            raise InputError(f"the lower bound of {name} must be {must}, got {low:.6g} (SI)")
     if table["braid_angle"].max >= math.pi / 2:
         raise InputError("braid_angle lies between 0 and 90 deg, measured from the circumference")
     if "end_factor" in table and "end_length" in table:

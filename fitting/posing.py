@@ -1,20 +1,16 @@
 """From what a user asks to the problem that is searched: table of parameters, checks, program."""
 
 import dataclasses
-import hashlib
 import math
-import re
-import types
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import class_named, class_path
+from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
 from famjax.geometries import AbstractGeometry
 from famjax.parameters import Declared
@@ -23,16 +19,13 @@ from famjax.terms import AbstractForceTerm
 from .arguments import check_mapping, check_names
 from .checks import (
     check_affine,
-    check_censored,
     check_count,
-    check_lengths,
-    check_options,
-    check_priors,
+    check_law,
     check_solvable,
-    check_source,
+    check_specimen,
     known_bounds,
 )
-from .data import ForceData, check_maps, several_maps
+from .data import ForceData, several_maps
 from .families import (
     AbstractGeometrySource,
     EstimatedSource,
@@ -45,7 +38,7 @@ from .families import (
 )
 from .parameters import Entry, Parameter, base_name, complete_table
 from .problem import Part, Prior, Problem
-from .response import STATIONS, Constraint, MapInputs, PressureDependence
+from .response import STATIONS, Constraint, MapInputs
 from .search import latin_hypercube
 
 Geometry = (
@@ -74,15 +67,19 @@ class Posed:
     table: dict[str, Entry]
     law: Law
     constraint: Constraint
-    dependence: PressureDependence
+    dependence: str
 
     def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
         """Points of the unit box of the free parameters, from which to descend."""
         return latin_hypercube(len(self.problem.free), count, seed)
 
 
-def pose_one(
-    data: ForceData,
+EXCHANGES = 8
+"""Spare stations, filled with the points between the others where the constraint is violated."""
+
+
+def pose(
+    data: Sequence[ForceData],
     *,
     law: LawGiven = "polynomial",
     order: int | None = None,
@@ -94,9 +91,11 @@ def pose_one(
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
     censored: bool = False,
+    own: Sequence[str] = (),
+    own_law: bool = False,
     program: Callable[[Problem], Problem] = lambda problem: problem,
 ) -> Posed:
-    """The problem of `identify` with these arguments, which says what they are.
+    """The problem of `identify` or `identify_together` with these arguments, which say what they are.
 
     `program` puts it into another compiled program than its own, see `Within`.
 
@@ -104,76 +103,71 @@ def pose_one(
         InputError: the data cannot support the fit, with the reason.
         RuntimeError: float64 is off.
     """
-    check_maps(data)
-    check_mapping("bounds", bounds, "from names to (low, high) in SI")
-    check_mapping("parameters", parameters, "from names to fitting.Parameter")
-    given, chosen = dict(bounds or {}), law_named(law, order)
-    named = {**given, **(parameters or {})}
-    source = source_of(data, geometry, tuple(named))
-    if isinstance(source, KnownSource):
-        given |= known_bounds(data, source.known, named)
-    further = _further(terms)
-    table = _table(data, source, further, chosen, given, parameters or {})
-    return _posed(
-        (data,), (source,), table, chosen, terms=further, constraint=constraint,
-        dependence=dependence, noise=noise, censored=censored, program=program,
-    )  # fmt: skip
-
-
-def pose_together(
-    data: Sequence[ForceData],
-    *,
-    own: Sequence[str] = ("deadband_pressure",),
-    own_law: bool = False,
-    law: LawGiven = "polynomial",
-    order: int | None = None,
-    constraint: str = "drucker",
-    parameters: Mapping[str, Parameter] | None = None,
-    noise: float | None = None,
-    geometry: Geometry | None = None,
-    terms: famjax.terms.AbstractForceTerm | None = None,
-    censored: bool = False,
-) -> Posed:
-    """The problem of `identify_together` with these arguments, which says what they are.
-
-    Raises:
-        InputError: the data cannot support the fit, with the reason.
-        RuntimeError: float64 is off.
-    """
-    data = several_maps(data)
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            "identification needs float64, and JAX computes in float32 by default. Put this "
+            "line before any other use of JAX: "
+            'jax.config.update("jax_enable_x64", True)'
+        )
+    data, own = several_maps(data), check_names("own", own)
     names = [one.specimen.name for one in data]
     if len(set(names)) < len(names) or not names:
         raise InputError(f"specimens identified together need different names, got {names}")
-    own = check_names("own", own)
+    check_mapping("bounds", bounds, "from names to (low, high) in SI")
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
-    chosen = law_named(law, order)
-    if isinstance(geometry, famjax.geometries.AbstractGeometry | AbstractGeometrySource):
+    bounds, parameters = dict(bounds or {}), dict(parameters or {})
+    family, further = law_named(law, order), _further(terms)
+    check_law(family, constraint, dependence)
+    if len(data) > 1 and isinstance(geometry, AbstractGeometry | AbstractGeometrySource):
         raise InputError(
             "a known geometry is that of one specimen: give a class or a function of the estimated "
             f"geometry, such as lambda shape: EndEffectGeometry(shape, 1.0); got {type(geometry)}"
         )
-    rows, further = {**chosen.shape, **chosen.coefficients}, _further(terms)
-    sources = tuple(source_of(one, geometry, tuple(parameters or {})) for one in data)
+    if len({one.force_std is None for one in data}) > 1:
+        raise InputError(
+            "some specimens have standard deviations of their forces (force_std) and some have "
+            "not: readings identified together are weighed alike, so give them to all or none"
+        )
+    sources = [source_of(one, geometry, (*bounds, *parameters)) for one in data]
     tables = [
-        _table(one, source, further, chosen, {}, parameters or {})
+        _table(one, source, further, family, bounds, parameters)
         for one, source in zip(data, sources, strict=True)
     ]
-    unknown = sorted(set(own) - set(tables[0]))
+    unknown = sorted(set(own) - tables[0].keys())
     if unknown:
         raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
-    mixed = [n for n in own if n in rows]
+    mixed = [name for name in own if name in {**family.shape, **family.coefficients}]
     if mixed:
         raise InputError(f"{mixed[0]} belongs to the law: use own_law=True")
+    for one, source, table in zip(data, sources, tables, strict=True):
+        check_specimen(one, source, table, noise, censored=censored)
     table: dict[str, Entry] = {}
-    for name, entry in tables[0].items():
+    for name in tables[0]:
         if name in own:
             table |= {f"{name}[{who}]": of[name] for who, of in zip(names, tables, strict=True)}
         else:
-            table[name] = _shared(name, entry, [of[name] for of in tables])
-    return _posed(
-        tuple(data), sources, table, chosen, terms=further, constraint=constraint,
-        dependence="fixed", noise=noise, own_law=own_law, censored=censored,
+            table[name] = _shared(name, [of[name] for of in tables])
+    check_count(data, family, dependence, table, own_law=own_law)
+    linear = tuple(family.coefficients)
+    nonlinear = tuple(name for name in table if name not in linear)
+    parts = tuple(
+        _part(one, source, family, further, nonlinear, dependence, k * own_law, censored=censored)
+        for k, (one, source) in enumerate(zip(data, sources, strict=True))
+    )
+    nodes = len(data) if own_law else 1 + (dependence == "linear")
+    low, high = np.array([_interval(table[name]) for name in nonlinear]).reshape(-1, 2).T
+    least, most = np.array([(table[name].min, table[name].max) for name in linear * nodes] or
+                           np.zeros((0, 2))).T  # fmt: skip
+    problem = program(
+        Problem(
+            parts, nonlinear, low, high, linear * nodes, least, most,
+            priors=_priors(nonlinear, table), coefficient_priors=_priors(linear * nodes, table),
+            noise=noise or 1.0, constraint=cast(Any, constraint),
+        )
     )  # fmt: skip
+    check_affine(problem)
+    check_solvable(problem)
+    return Posed(data, problem, table, family, cast(Any, constraint), dependence)
 
 
 def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:
@@ -193,6 +187,8 @@ def _table(
     parameters: Mapping[str, Parameter],
 ) -> dict[str, Entry]:
     """All parameters that the fit of a specimen may have."""
+    if isinstance(source, KnownSource):
+        bounds = {**bounds, **known_bounds(data, source.known, {**bounds, **parameters})}
     of_terms = {} if further is None else further.declared()
     declared = {**source.declared, **of_terms}
     rows = {**law.shape, **law.coefficients}
@@ -229,7 +225,7 @@ def source_of(
     return WrappedSource(wrapped.inner, geometry, own)
 
 
-def _shared(name: str, entry: Entry, of_each: Sequence[Entry]) -> Entry:
+def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
     """A parameter that all specimens share, within the bounds of all of them."""
     low, high = max(one.min for one in of_each), min(one.max for one in of_each)
     if low > high:
@@ -237,121 +233,7 @@ def _shared(name: str, entry: Entry, of_each: Sequence[Entry]) -> Entry:
             f"{name} cannot be shared: one specimen has it at {low:.6g} or above, another at "
             f"{high:.6g} or below (SI); name it in own, or give bounds that hold for all"
         )
-    return dataclasses.replace(entry, min=low, max=high)
-
-
-def _posed(
-    data: tuple[ForceData, ...],
-    sources: tuple[AbstractGeometrySource, ...],
-    table: dict[str, Entry],
-    law: Law,
-    *,
-    terms: famjax.terms.SumOfTerms | None,
-    constraint: str,
-    dependence: str,
-    noise: float | None,
-    own_law: bool = False,
-    censored: bool = False,
-    program: Callable[[Problem], Problem] = lambda problem: problem,
-) -> Posed:
-    """The problem of a table that is complete, checked."""
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError(
-            "identification needs float64, and JAX computes in float32 by default. Put this "
-            "line before any other use of JAX: "
-            'jax.config.update("jax_enable_x64", True)'
-        )
-    posed, form = check_options(law, constraint, dependence)
-    weighted = [one.force_std is not None for one in data]
-    if any(weighted) and not all(weighted):
-        raise InputError(
-            "some specimens have standard deviations of their forces (force_std) and some have "
-            "not: readings identified together are weighed alike, so give them to all or none"
-        )
-    if censored:
-        check_censored(table)
-    for one, source in zip(data, sources, strict=True):
-        own = {base_name(name): table[name] for name in own_names(tuple(table), one.specimen.name)}
-        check_source(source, table)
-        check_lengths(one, own)
-        check_priors(one, own, noise)
-    check_count(data, law, form, table, own_law=own_law)
-    problem = program(
-        pose(
-            data, sources, table, law, terms=terms, constraint=posed, dependence=form, own_law=own_law,
-            noise=noise or 1.0, censored=censored,
-        )
-    )  # fmt: skip
-    check_affine(problem)
-    check_solvable(problem)
-    return Posed(data, problem, table, law, posed, form)
-
-
-EXCHANGES = 8
-"""Spare stations, filled with the points between the others where the constraint is violated."""
-
-
-def pose(
-    data: Sequence[ForceData],
-    sources: Sequence[AbstractGeometrySource],
-    table: Mapping[str, Entry],
-    law: Law,
-    *,
-    terms: famjax.terms.SumOfTerms | None = None,
-    constraint: Constraint,
-    dependence: str,
-    own_law: bool = False,
-    noise: float = 1.0,
-    censored: bool = False,
-) -> Problem:
-    """The problem of identifying the parameters of a table.
-
-    Args:
-        data: one force map for each specimen; several only with a law fixed in pressure.
-        sources: what the geometry of each follows from.
-        table: all parameters, the coefficients last; a name that ends in `[specimen]` is that
-            specimen's own.
-        law: family of the law.
-        terms: further force terms, or None.
-        constraint: on the coefficients.
-        dependence: of the coefficients on pressure.
-        own_law: whether each specimen has its own coefficients.
-        noise: standard deviation [N] of a reading, against which priors are weighed; one where
-            the readings have standard deviations of their own.
-        censored: whether slack and saturated readings take part, one-sided.
-
-    Returns:
-        The problem, with every nonlinear parameter in the order of the table.
-    """
-    linear = tuple(law.coefficients)
-    names = tuple(name for name in table if name not in linear)
-    parts, order = [], len(linear)
-    for k, (one, source) in enumerate(zip(data, sources, strict=True)):
-        first = k * order if own_law else 0
-        parts.append(_part(one, source, law, terms, names, dependence, first, censored=censored))
-    nodes = (
-        (len(data) if own_law else 1)
-        if dependence == "fixed"
-        else cast(MuscleFamily, parts[0].family).n_nodes
-    )
-    low, high = (np.array(ends) for ends in zip(*(_interval(table[n]) for n in names), strict=True))
-    return Problem(
-        parts=tuple(parts),
-        names=names,
-        low=low,
-        high=high,
-        linear=linear * nodes,
-        coefficient_min=np.array([table[name].min for name in linear] * nodes),
-        coefficient_max=np.array([table[name].max for name in linear] * nodes),
-        priors=_priors(names, table),
-        coefficient_priors=tuple(
-            Prior(prior.place + node * order, prior.mean, prior.std)
-            for node in range(nodes)
-            for prior in _priors(linear, table)
-        ),
-        noise=noise,
-        constraint=constraint,
-    )
+    return dataclasses.replace(of_each[0], min=low, max=high)
 
 
 def _interval(entry: Entry) -> tuple[float, float]:
@@ -363,11 +245,8 @@ def _interval(entry: Entry) -> tuple[float, float]:
 
 
 def _priors(names: Sequence[str], table: Mapping[str, Entry]) -> tuple[Prior, ...]:
-    return tuple(
-        Prior(place, *prior)
-        for place, name in enumerate(names)
-        if (prior := table[name].prior) is not None
-    )
+    found = [(place, table[name].prior) for place, name in enumerate(names)]
+    return tuple(Prior(place, *prior) for place, prior in found if prior is not None)
 
 
 def _part(
@@ -377,54 +256,48 @@ def _part(
     terms: famjax.terms.SumOfTerms | None,
     names: Sequence[str],
     dependence: str,
-    first: int,
+    place: int,
     *,
     censored: bool,
 ) -> Part:
-    """One force map as a part of the problem.
+    """One force map as a part of the problem, with the coefficients of a law among all.
 
     The actuation path at a pressure runs from rest to the longest length at which the muscle is
     slack there, so that it includes the free contraction; where no reading is slack, to the
     shortest length. A law fixed in pressure has one path, to the shortest length in the map.
     """
-    loaded = data.loaded
     mine = own_names(names, data.specimen.name)
-    at = [names.index(n) for n in mine]
-    levels = np.unique(data.pressures.level[loaded])
-    nodes = {"fixed": None, "linear": levels[[0, -1]], "free": levels}[dependence]
+    levels = np.unique(data.pressures.level[data.loaded])
+    nodes = levels[[0, -1]] if dependence == "linear" else None
     searched = tuple(base_name(n) for n in mine)
-    family = MuscleFamily.of(
-        data.specimen, source, law, searched, terms, nodes, nearest=dependence == "free"
-    )
-    if dependence == "fixed":
+    rest = np.asarray(data.specimen.rest_length)
+    family = MuscleFamily(searched, source.as_arrays(), law, rest, terms, nodes)
+    path_pressure = levels
+    if nodes is None and not law.material.depends_on_pressure:
         # Where threads stretch the strains depend on pressure too, and that monotonically.
         path_pressure = levels[[0, -1]] if family.stretches else levels[-1:]
-        if law.material.depends_on_pressure:
-            path_pressure = levels
-        path_end = np.full(path_pressure.shape, data.length.min())
-    else:
-        path_pressure = levels
+    path_end = np.full(path_pressure.shape, data.length.min())
+    if nodes is not None:
         path_end = np.array([path_end_at(data, level) for level in levels])
     stations = np.concatenate([np.linspace(0, 1, STATIONS - EXCHANGES), np.zeros(EXCHANGES)])
     side = np.where(data.slack, 1, np.where(data.saturated, -1, 0))
-    rows = np.concatenate([np.flatnonzero(loaded), np.flatnonzero(side)[: None if censored else 0]])
+    rows = np.flatnonzero(data.loaded)
+    if censored:
+        rows = np.concatenate([rows, np.flatnonzero(side)])
     side = side[rows]
     limit = 0.0 if data.force_limit is None else data.force_limit
     force = np.where(side == 0, data.force[rows], np.where(side > 0, 0.0, limit))
-    inputs = MapInputs(
-        length=data.length[rows],
-        pressure=data.pressure[rows],
-        force=force,
-        path_pressure=path_pressure,
-        path_end=path_end,
-        stations=np.tile(stations, (path_end.size, 1)),
-    )
     weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
-    coefficients = range(first, first + len(family.linear))
-    levels = {kind: data.levels(kind)[rows] for kind in ("pressure", "length")}
+    count = len(family.linear)
     return Part(
-        data.specimen.name, family, inputs, force, weight, np.array(at, int),
-        np.array(coefficients, int), levels, side,
+        data.specimen.name, family,
+        MapInputs(
+            data.length[rows], data.pressure[rows], force, path_pressure, path_end,
+            np.tile(stations, (path_end.size, 1)),
+        ),
+        force, weight, np.array([names.index(n) for n in mine], int),
+        place * count + np.arange(count),
+        {kind: data.levels(kind)[rows] for kind in ("pressure", "length")}, side,
     )  # fmt: skip
 
 
@@ -486,23 +359,3 @@ def taking_part(
 ) -> dict[str, Parameter]:
     """All numbers of a user's own parts that are not named otherwise, in their declared ranges."""
     return {name: Parameter() for name in declared if name not in named}
-
-
-def fingerprint(part: Any) -> str:
-    """A digest of a law, geometry or term of a user's own: its class, what is static in it, its numbers."""
-    leaves, treedef = jax.tree.flatten(part)
-    digest = hashlib.sha256(f"{_named(part)} {_ADDRESS.sub('', str(treedef))}".encode())
-    for leaf in leaves:
-        if eqx.is_array_like(leaf):
-            digest.update(np.ascontiguousarray(leaf, "<f8").tobytes())
-        else:
-            digest.update(_named(leaf).encode())
-    return digest.hexdigest()
-
-
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
-
-
-def _named(value: Any) -> str:
-    named = value if isinstance(value, type | types.FunctionType) else type(value)
-    return class_path(named) + ("" if named is value else _ADDRESS.sub("", repr(value)))

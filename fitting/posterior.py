@@ -27,7 +27,7 @@ from famjax.compile_options import quick_jit
 from .arguments import check_whole
 from .density import Density, Layout, Noise, density_of
 from .parameters import base_name
-from .pure_problem import PureProblem
+from .problem import PureProblem
 from .result import Identification, check_identified
 
 R_HAT, EFFECTIVE = 1.01, 400.0

@@ -1,14 +1,34 @@
-"""What is fitted: force maps with their families, weights, bounds, priors and constraint."""
+"""What is fitted: force maps with their families, weights, bounds, priors and constraint.
+
+`fitting.identify` finds the optimum of a `Problem`. `PureProblem` is the same in pure JAX, made of the same
+linear models and convex core, for posteriors and for whoever differentiates through a fit.
+"""
 
 import dataclasses
 import itertools
+from collections.abc import Iterator
+from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 import famjax
 
-from .response import RIG, AbstractFamily, Constraint, MapInputs
+from .convex import AnyArray, solve_qp
+from .response import (
+    RIG,
+    AbstractFamily,
+    Constraint,
+    MapInputs,
+    force_and_constraint,
+    linear_response,
+)
+
+_EXACT = 2  # Newton steps of a compliant rig at its solution: exact to second derivatives
+_HELD = 1e-9  # of the box: a parameter this near to a bound is on it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,15 +51,15 @@ class Within:
 
     Attributes:
         family: it; the part's own is what is left of it with some numbers held.
-        nonlinear: places of the part's nonlinear parameters among its, shape (q,).
+        to_p: 1 where a nonlinear parameter of its is one of the part's, shape (whole, q).
         held: its nonlinear parameters that the part has not; 0 for those that it has.
-        linear: places of the part's coefficients among its, shape (n,); the others are 0.
+        to_x: as `to_p` of the coefficients, shape (all, n); the others are 0.
     """
 
     family: AbstractFamily
-    nonlinear: Int[np.ndarray, " q"]
+    to_p: Float[np.ndarray, "whole q"]
     held: Float[np.ndarray, " whole"]
-    linear: Int[np.ndarray, " n"]
+    to_x: Float[np.ndarray, "all n"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,12 +187,10 @@ class Problem:
         self, *, force: np.ndarray | None = None, factor: np.ndarray | None = None
     ) -> "Problem":
         """The problem with other forces [N], and factors on the weights of its readings."""
+        force = self.force if force is None else force
+        weight = self.weight if factor is None else self.weight * factor
         parts = tuple(
-            dataclasses.replace(
-                part,
-                force=part.force if force is None else force[here],
-                weight=part.weight if factor is None else part.weight * factor[here],
-            )
+            dataclasses.replace(part, force=force[here], weight=weight[here])
             for part, here in zip(self.parts, self.readings, strict=True)
         )
         return dataclasses.replace(self, parts=parts)
@@ -182,3 +200,184 @@ class Problem:
         found = self.low.copy()
         found[self.free] += u * (self.high - self.low)[self.free]
         return found
+
+
+class _Part(eqx.Module):
+    """One force map; readings [N], weights and places as in `Part`."""
+
+    family: AbstractFamily
+    inputs: MapInputs
+    weight: Float[AnyArray, " points"]
+    at: Int[np.ndarray, " q"]
+    coefficients: Int[np.ndarray, " n"]
+
+
+class PureProblem(eqx.Module):
+    """A problem as pure functions of parameters and of the forces that were read.
+
+    Attributes:
+        parts: one for each force map.
+        low, high: bounds of the nonlinear parameters [SI], shape (q,).
+        free: places of those that may move.
+        limits: rows and offsets of the bounds on the coefficients, G x >= h; zeros for none.
+        prior_rows: rows and targets of priors on coefficients, weighted.
+        priors: places, means and weights of priors on nonlinear parameters.
+        constraint: on the coefficients.
+        compliant: whether a rig gives way.
+    """
+
+    parts: tuple[_Part, ...]
+    low: Float[AnyArray, " q"]
+    high: Float[AnyArray, " q"]
+    free: tuple[int, ...] = eqx.field(static=True)
+    limits: tuple[Float[AnyArray, "m n"], Float[AnyArray, " m"]]
+    prior_rows: tuple[Float[AnyArray, "k n"], Float[AnyArray, " k"]]
+    priors: tuple[Int[AnyArray, " r"], Float[AnyArray, " r"], Float[AnyArray, " r"]]
+    constraint: Constraint = eqx.field(static=True)
+    compliant: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, problem: Problem) -> "PureProblem":
+        """The problem of an identification."""
+        unit, (low, high) = np.eye(len(problem.linear)), (problem.lowest, problem.coefficient_max)
+        ends = [(np.isfinite(low), unit, low), (np.isfinite(high), -unit, -high)]
+
+        def priors(of: tuple[Prior, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            rows = [(prior.place, prior.mean, problem.noise / prior.std) for prior in of]
+            places, means, weights = np.array(rows, float).reshape(-1, 3).T
+            return places.astype(int), means, weights
+
+        places, means, weights = priors(problem.coefficient_priors)
+        return cls(
+            parts=tuple(
+                _Part(p.family, p.inputs, p.weight, p.at, p.coefficients) for p in problem.parts
+            ),
+            low=problem.low,
+            high=problem.high,
+            free=tuple(problem.free.tolist()),
+            limits=(
+                np.concatenate([rows * on[:, None] for on, rows, _ in ends]),
+                np.concatenate([np.where(on, end, -1.0) for on, _, end in ends]),
+            ),
+            prior_rows=(weights[:, None] * unit[places], weights * means),
+            priors=priors(problem.priors),
+            constraint=problem.constraint,
+            compliant=any(part.rig for part in problem.parts),
+        )
+
+    def parameters(self, u: Float[Array, " p"]) -> Float[Array, " q"]:
+        """The parameters [SI] at a point of the unit box."""
+        at, low = jnp.asarray(self.free, int), jnp.asarray(self.low)
+        return low.at[at].add(u * (self.high - low)[at])
+
+    def coefficients(
+        self, p: Float[Array, " q"], force: Float[Array, " points"]
+    ) -> Float[Array, " n"]:
+        """The coefficients of the certified convex fit at given parameters [SI], in a rigid rig."""
+        none = jnp.zeros(self.limits[0].shape[1])
+        return solve_qp(*self.programme(p, none, force, jnp.ones_like(force), force)).x
+
+    def _each(self) -> Iterator[tuple[_Part, slice]]:
+        """The parts, and where their readings are among all."""
+        first = 0
+        for part in self.parts:
+            yield part, slice(first, first := first + part.weight.shape[0])
+
+    def programme(
+        self,
+        p: Float[Array, " q"],
+        x0: Float[Array, " n"],
+        force: Float[Array, " points"],
+        factor: Float[Array, " points"],
+        reached: Float[Array, " points"],
+    ) -> tuple[Array, Array, Array, Array]:
+        """A, b, G and h of the convex programme.
+
+        Args:
+            p: parameters [SI].
+            x0: coefficients about which a compliant rig is made linear.
+            force: that was read [N].
+            factor: on the weights of the readings.
+            reached: force [N] about which a compliant rig is made linear.
+        """
+        unit, (rows, targets), (bounds, ends) = jnp.eye(x0.size), self.prior_rows, self.limits
+        blocks: list[tuple[Array, ...]] = []
+        for part, here in self._each():
+            found = linear_response(
+                part.family, self.constraint, part.inputs, p[part.at], x0, reached[here],
+                unit[part.coefficients],
+            )  # fmt: skip
+            weight = part.weight * factor[here]
+            target = weight * (force[here] - found.force)
+            blocks.append((weight[:, None] * found.columns, target, found.rows, -found.values))
+        blocks.append((jnp.asarray(rows), targets, bounds, ends))
+        A, b, G, h = (jnp.concatenate(leaves) for leaves in zip(*blocks, strict=True))
+        return A, b, G, h
+
+    def exact(
+        self,
+        p: Float[Array, " q"],
+        x: Float[Array, " n"],
+        force: Float[Array, " points"],
+        reached: Float[Array, " points"],
+    ) -> tuple[Float[Array, " k"], Float[Array, " m"]]:
+        """Weighted residual and slack of every row, with nothing made linear."""
+        residuals, values = [], []
+        for part, here in self._each():
+            at = part.inputs
+            if self.compliant:
+                at = dataclasses.replace(at, force=reached[here])
+            model, constraint = force_and_constraint(
+                part.family, self.constraint, at, p[part.at], x[part.coefficients], _EXACT
+            )
+            residuals.append(part.weight * (model - force[here]))
+            values.append(constraint)
+        (rows, targets), (G, h), (places, means, weights) = (
+            self.prior_rows, self.limits, self.priors
+        )  # fmt: skip
+        residuals += [rows @ x - targets, jnp.asarray(weights * (p[places] - means))]
+        return jnp.concatenate(residuals), jnp.concatenate([*values, G @ x - h])
+
+    def differentiable(
+        self, force: Float[Array, " points"], near: Any
+    ) -> tuple[Float[Array, " q"], Float[Array, " n"]]:
+        """The optimum of forces near those of a fit, with its derivative in them.
+
+        A Newton step on the optimality conditions from the fit, with parameters on a bound and active
+        rows held. At the fit's own forces it has the derivative of the optimum.
+
+        Args:
+            force: of the readings [N].
+            near: the optimum that was found, an `engine.Point` such as `result.end.point`.
+
+        Returns:
+            Nonlinear parameters [SI], shape (q,), and coefficients [Pa], shape (n,).
+        """
+        at, q = np.asarray(self.free, int), len(self.free)
+        width = (jnp.asarray(self.high) - self.low)[at]
+        u, x = (near.parameters - self.low)[at] / width, jnp.asarray(near.x)
+        moves = jnp.concatenate([(u > _HELD) & (u < 1 - _HELD), jnp.ones(x.shape, bool)])
+        size = jnp.maximum(jnp.abs(x), jnp.max(jnp.abs(x)) * 1e-6 + 1e-300)
+        active, multipliers = np.zeros(near.h.size, bool), np.zeros(near.h.size)
+        active[near.rows], multipliers[near.rows] = True, near.multipliers
+
+        def both(z: Float[Array, " z"], force: Array) -> tuple[Array, Array]:
+            p, x = self.parameters(z[:q]), z[q:] * size
+            residual, slack = self.exact(p, x, force, jnp.asarray(near.reached))
+            return residual @ residual / 2, jnp.where(active, slack, 0.0)
+
+        def lagrangian(z: Float[Array, " z"], force: Array) -> Float[Array, ""]:
+            cost, slack = both(z, force)
+            return cost - multipliers @ slack
+
+        z, still = jnp.concatenate([u, x / size]), jax.lax.stop_gradient(force)
+        curvature = jax.hessian(lagrangian)(z, still)
+        rows = jax.jacfwd(lambda z: both(z, still)[1])(z)
+        H = jnp.where(moves[:, None] & moves, curvature, jnp.eye(z.size))
+        N = jnp.where(moves, rows, 0.0)
+        off = jnp.diag(jnp.where(active, 0.0, 1.0))
+        system = jax.lax.stop_gradient(jnp.block([[H, -N.T], [N, off]]))
+        gradient = jnp.where(moves, jax.grad(lagrangian)(z, force), 0.0)
+        conditions = jnp.concatenate([gradient, both(z, force)[1]])
+        z = z + jnp.linalg.solve(system, -conditions)[: z.size]
+        return self.parameters(z[:q]), z[q:] * size

@@ -22,7 +22,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Shaped
 
 from famjax.compile_options import Options, bulk_options, quick_options
 
@@ -194,32 +194,23 @@ def _places(part: Part) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if part.within is None:
         q = len(part.at)
         return np.eye(q), np.zeros(q), np.eye(len(part.coefficients))
-    one = part.within
-    whole = np.eye(len(one.held)), np.eye(len(one.family.linear))
-    return whole[0][:, one.nonlinear], one.held, whole[1][:, one.linear]
+    return part.within.to_p, part.within.held, part.within.to_x
 
 
 class Layout:
-    """Where the parts of a problem are among padded readings and rows; the groups of its parts.
+    """Where the parts of a problem are among padded readings and rows; the groups of its parts."""
 
-    Args:
-        problem: whose parts are laid out.
-        exact: whether nothing is padded.
-    """
-
-    def __init__(self, problem: Problem, *, exact: bool = False) -> None:
-        most = max(part.force.size for part in problem.parts)
+    def __init__(self, problem: Problem) -> None:
+        size = bucket(max(part.force.size for part in problem.parts), 64)
         n, q = len(problem.linear), len(problem.names)
         alike: dict[Form, list[tuple[int, list[np.ndarray]]]] = {}
         for place, part in enumerate(problem.parts):
-            size = part.force.size if exact else bucket(most, 64)
             form, arrays = form_of(part, size)
             alike.setdefault(form, []).append((place, arrays))
         within = [part.within for part in problem.parts if part.within is not None]
         whole = max((len(one.held) for one in within), default=0)
-        wide_n, wide_q = (n, q) if exact else (bucket(n, 4), whole or bucket(q, 8))
+        wide_n, wide_q = bucket(n, 4), whole or bucket(q, 8)
         self.forms, groups = tuple(alike), []
-        self.readings, self.rows = np.zeros(0, int), np.zeros(0, int)
         at_readings, at_rows, first, first_row = {}, {}, 0, 0
         along = problem.constraint in ("slope", "drucker")
         for form, members in alike.items():
@@ -232,31 +223,31 @@ class Layout:
                 to_x.append(own_x @ np.eye(wide_n)[part.coefficients])
                 at_readings[place] = first + np.arange(part.force.size)
                 first += form.points
-                if along:
-                    at_rows[place] = first_row + np.arange(part.inputs.stations.size)
-                    first_row += arrays[-1].size
+                at_rows[place] = first_row + np.arange(part.inputs.stations.size * along)
+                first_row += arrays[-1].size * along
             stacked = tuple(
                 np.stack(leaves) for leaves in zip(*(a for _, a in members), strict=True)
             )
             groups.append(Group(stacked, np.stack(to_p), np.stack(held), np.stack(to_x)))
         self.groups = tuple(groups)
-        self.readings = np.concatenate([at_readings[k] for k in range(len(problem.parts))])
-        if along:
-            self.rows = np.concatenate([at_rows[k] for k in range(len(problem.parts))])
+        self.readings, self.rows = (
+            np.concatenate([of[k] for k in range(len(problem.parts))])
+            for of in (at_readings, at_rows)
+        )
         others = wide_n - n + len(problem.priors) + len(problem.coefficient_priors)
-        self.sizes = Sizes(
-            first if exact else bucket(first, 64),
-            first_row if exact or not first_row else bucket(first_row, 64),
-            wide_n, wide_q, others if exact else bucket(others, 8),
-        )  # fmt: skip
+        rows = bucket(first_row, 64) if first_row else 0
+        self.sizes = Sizes(bucket(first, 64), rows, wide_n, wide_q, bucket(others, 8))
 
     def spread(
-        self, values: Float[np.ndarray, "*b points"], missing: float = 0.0
-    ) -> Float[np.ndarray, "*b readings"]:
-        """Numbers of all readings at their padded places."""
-        found = np.full((*values.shape[:-1], self.sizes.readings), missing)
+        self, values: Shaped[np.ndarray, "*b points"], missing: float | None = None
+    ) -> Shaped[np.ndarray, "*b readings"]:
+        """Numbers of all readings at their padded places; the others are missing, or as the last before."""
+        known = np.zeros(self.sizes.readings, bool)
+        known[self.readings] = True
+        last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
+        found = np.full((*values.shape[:-1], known.size), missing or 0, values.dtype)
         found[..., self.readings] = values
-        return found
+        return found if missing is not None else found[..., last]
 
 
 def linear_of(
@@ -351,17 +342,15 @@ def linear_program(
         groups: tuple[Group, ...], p: Array, x0: Array, readings: tuple[Array, Array, Array]
     ) -> tuple[Linear, Linear]:
         value, slope = linear_of(forms, groups, constraint, p, x0, readings)
-        readings_, rows = sizes.readings - len(value.force), sizes.rows - len(value.values)
-        by = Linear(*(((0, more),) for more in (readings_, readings_, rows, rows)))
 
-        def padded(leaf: Array, by: tuple, leading: int) -> Array:
-            rest = ((0, 0),) * (leaf.ndim - leading - 1)
-            return jnp.pad(leaf, ((0, 0),) * leading + by + rest)
+        def padded(found: Linear, axis: int) -> Linear:
+            wide = (sizes.readings, sizes.readings, sizes.rows, sizes.rows)
+            by = [[(0, 0)] * leaf.ndim for leaf in found]
+            for one, leaf, size in zip(by, found, wide, strict=True):
+                one[axis] = (0, size - leaf.shape[axis])
+            return Linear(*map(jnp.pad, found, by))
 
-        return (
-            Linear(*(padded(v, b, 0) for v, b in zip(value, by, strict=True))),
-            Linear(*(padded(v, b, 1) for v, b in zip(slope, by, strict=True))),
-        )
+        return padded(value, 0), padded(slope, 1)
 
     axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
     many = jax.vmap(one, in_axes=(axes, 0, 0, 0))

@@ -1,7 +1,6 @@
 """Families of a map, each fitted to all of it and judged by what it predicts of readings left out."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -12,12 +11,10 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from .data import ForceData
-from .descent import End, descend_many
-from .ladder import FEWEST_LENGTHS, Candidate
-from .posing import Posed, pose_one
+from .ladder import FEWEST_LENGTHS, Candidate, sharing_one_program
+from .posing import Posed, pose
 from .problem import Problem
-from .search import best_of, latin_hypercube
-from .shared_program import sharing_one_program
+from .search import End, best_of, descend_many, latin_hypercube
 from .summary import muscle_at
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
@@ -31,8 +28,8 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
     Raises:
         InputError: the map cannot carry it.
     """
-    return pose_one(
-        data, constraint=constraint, bounds=candidate.bounds,
+    return pose(
+        (data,), constraint=constraint, bounds=candidate.bounds,
         parameters=candidate.parameters, program=sharing_one_program, **candidate.options,
     )  # fmt: skip
 
@@ -53,17 +50,11 @@ def _descents(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """The ends of a few descents of each problem, one problem after another."""
-    counter = itertools.count(1)
-
-    def ended(_: int) -> None:
-        if progress is not None:
-            progress(next(counter), starts * len(problems))
-
     cubes = [latin_hypercube(len(problem.free), starts, seed) for problem in problems]
     return descend_many(
         [problem for problem in problems for _ in range(starts)],
         [start for cube in cubes for start in cube],
-        max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=ended,
+        max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=progress,
     )  # fmt: skip
 
 

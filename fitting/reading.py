@@ -23,9 +23,8 @@ from famjax.boundary.files import csv_lines
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import UNITS, factor, si_unit, to_si, unit_system
 
-from .arguments import check_mapping, check_numbers, check_path, shown
+from .arguments import QUANTITIES, check_mapping, check_numbers, check_path, check_plausible, shown
 from .data import COLUMNS, MAY_BE_ZERO, SPECIMEN_LENGTHS, ForceData, Specimen, check_maps
-from .plausible import QUANTITIES, check_plausible
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""

@@ -64,10 +64,9 @@ class AbstractFamily(eqx.Module):
 
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
-PressureDependence = Literal["fixed", "linear", "free"]
 
 CONSTRAINTS: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker")
-DEPENDENCES: tuple[PressureDependence, ...] = ("fixed", "linear", "free")
+DEPENDENCES = ("fixed", "linear", "free")
 
 
 STATIONS = 32

@@ -19,12 +19,12 @@ from famjax.slip import CentredSlip
 from .arguments import shown
 from .covariance import CONDITION_LIMIT
 from .data import ForceData, data_frame
-from .descent import End
 from .engine import predict
 from .families import Law
 from .parameters import standard_table
 from .problem import Problem
-from .response import Constraint, PressureDependence
+from .response import Constraint
+from .search import End
 
 if TYPE_CHECKING:
     import pandas
@@ -214,7 +214,7 @@ class Identification:
     active_constraints: tuple[str, ...]
     law: Law
     constraint: Constraint
-    dependence: PressureDependence
+    dependence: str
     seed: int
     weights: Float[np.ndarray, " readings"]
     converged: bool

@@ -36,13 +36,12 @@ from .arguments import check_path
 from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
 from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
-from .descent import descend
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
 from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
 from .parameters import Parameter
-from .posing import EXCHANGES, pose_one
+from .posing import EXCHANGES, pose
 from .result import Certificate, Errors, Estimate, Identification, Outlook, Solved
-from .search import best_of, refine
+from .search import best_of, descend, refine
 from .series import Series
 from .verdict import Judgement, judge, judge_series
 
@@ -174,8 +173,8 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
         check_trusted(geometry, own, "geometry")
     own_terms = getattr(fit.muscle.terms, "terms", ())[-terms:] if terms else ()
     entries = (*fit.estimates, *(fit.node_estimates[0] if fit.node_estimates else ()))
-    posed = pose_one(
-        dataclasses.replace(fit.data, force_std=None),
+    posed = pose(
+        (dataclasses.replace(fit.data, force_std=None),),
         law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
         parameters={one.name: _said(one) for one in entries}, censored=asked["censored"],
         geometry=fit.muscle.geometry if geometry == _KNOWN else geometry,

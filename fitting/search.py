@@ -1,30 +1,313 @@
-"""The outer search: descents from many starts, objectives by weights, constraints exact between stations.
+"""The search: bounded nonlinear least squares, many at once, and what goes around it.
+
+Damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2 with u + d
+inside the unit box, so that a bound is met exactly. The damping mu follows Nielsen. Many descents go in
+step: every round evaluates all of them together, and where one ends the next takes its place. Each goes as
+it would alone.
+
+Where along a path a law is weakest is found by samples that close in on each of their minima. A constraint
+that is violated between its stations is posed there as well, until it is not (exchange).
 
 Huber's objective is the sum of rho(r), rho = r^2/2 where |r| <= d, else d |r| - d^2/2. At its optimum
 the weighted least squares with weights min(1, d/|r|) are stationary too, and every step towards it
 lowers it (Huber 1981, section 7.8). So descent, bounds and certified convex fit stay what they are.
+
+References:
+    Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05.
+    Murty 1974; Judice & Pires 1994 (principal pivoting for bounds).
+    Hettich & Kortanek 1993, SIAM Review 35, 380-429 (exchange).
 """
 
 import dataclasses
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, check_seed
 
-from .descent import End, descend, descend_many
-from .engine import Point, solve
-from .margins import constraint_margin
-from .problem import Problem
+from .engine import Batch, Chunk, Point, report_of, solve
+from .problem import Part, Problem
+from .programs import Layout
+from .response import Constraint
 
-FEASIBLE = 1e-9
-"""Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
-_VANISHED = 1e-3  # of the coefficient that alone would carry the force
-_ROUNDS = 32  # of stations that close in on touching points, at most
-_FAR = 3.0  # distances between stations, within which a dip is of the same touching point
-_CLOSER = 0.05  # of their distance, by which the next two stations are off the touching point
+_ROUNDED_OFF = 1e-8  # parts of the first residual below which a residual is rounding
+_EPS = float(np.finfo(float).eps)
+_TINY = float(np.finfo(float).tiny)
+_TOGETHER = 128  # descents in step: more, and their arrays leave the cache
+_SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
+_BLOCKS = 5  # rounds of pivots on all bounds at once, before one at a time
+_SIGN = 1e-13  # of the largest: the sign of a smaller step or multiplier is rounding
+ROUNDED = 4 * _EPS
+"""Part of the cost: a step that promises less cannot be seen to descend."""
+
+
+@dataclasses.dataclass(frozen=True)
+class End:
+    """Where a descent ended.
+
+    Attributes:
+        u: point in the unit box, shape (p,).
+        point: the fit there.
+        gradient_residual: largest cosine between r and a column of J along which `u` may still
+            move; zero at a stationary point.
+        steps: accepted and refused steps taken.
+        converged: the gradient residual or the step fell below its tolerance.
+    """
+
+    u: Float[np.ndarray, " p"]
+    point: Point
+    gradient_residual: float
+    steps: int
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of the squared residuals."""
+        return self.point.cost
+
+
+def descend(problem: Problem, start: Float[np.ndarray, " p"], *, tolerance: float = 1e-10) -> End:
+    """A local minimiser over the box of the nonlinear parameters, from one start.
+
+    Args:
+        problem: what is fitted.
+        start: point in the unit box of the free parameters, shape (p,).
+        tolerance: on the gradient residual, and on the step.
+
+    Returns:
+        The end; its cost is nan where the start has no fit.
+    """
+    return descend_many([problem], [start], tolerance=tolerance)[0]
+
+
+def descend_many(
+    problems: Sequence[Problem],
+    starts: Sequence[Float[np.ndarray, " _"]],
+    *,
+    max_steps: int = 200,
+    tolerance: float = 1e-10,
+    promise: float = ROUNDED,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[End]:
+    """Local minimisers, each over the box of a problem and from a start of its own.
+
+    Args:
+        problems: one for each descent; those that differ in numbers of readings only go in step.
+        starts: of each, in the unit box of its own free parameters.
+        max_steps: limit on the steps of each, refused ones included.
+        tolerance: as in `descend`.
+        promise: part of the cost; where the last step was accepted and the next promises less,
+            a descent ends.
+        progress: called with (descents done, descents) as they end.
+
+    Returns:
+        The ends, in the order of the problems.
+    """
+    layouts = {id(problem): Layout(problem) for problem in problems}
+    alike: dict[tuple, list[int]] = {}
+    for place, problem in enumerate(problems):
+        alike.setdefault(_structure(problem, layouts[id(problem)]), []).append(place)
+    ends: dict[int, End] = {}
+    for places in alike.values():
+        distinct = {id(problems[place]): problems[place] for place in places}
+        number = {key: k for k, key in enumerate(distinct)}
+        members = np.array([number[id(problems[place])] for place in places])
+        batch = Batch(
+            list(distinct.values()),
+            [layouts[key] for key in distinct],
+            bulk=len(places) > _TOGETHER,
+        )
+        points = np.full((len(places), batch.free.size), 0.5)
+        own = [np.isin(batch.free, problems[place].free) for place in places]
+        for point, mine, place in zip(points, own, places, strict=True):
+            point[mine] = starts[place]
+        for which, end in _descents(batch, members, points, max_steps, tolerance, promise):
+            ends[places[which]] = dataclasses.replace(end, u=end.u[own[which]])
+            if progress is not None:
+                progress(len(ends), len(problems))
+    return [ends[place] for place in range(len(problems))]
+
+
+def _structure(problem: Problem, at: Layout) -> tuple:
+    """Equal for problems of one program that have readings at the same states."""
+    arrays = tuple(leaf.tobytes() for group in at.groups for leaf in group.arrays)
+    return at.forms, at.sizes, arrays, problem.side.tobytes(), problem.constraint, problem.ridge
+
+
+def gradient_residual(
+    u: Float[np.ndarray, "b p"],
+    r: Float[np.ndarray, "b k"],
+    J: Float[np.ndarray, "b k p"],
+    scale: Float[np.ndarray, " b"],
+) -> Float[np.ndarray, " b"]:
+    """Largest cosine between r and a column of J along which u may still move, see `End`."""
+    gradient = (r[:, None] @ J)[:, 0]
+    stopped = ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
+    # A residual that has all but vanished has no direction left: it is measured against the start.
+    length = np.linalg.norm(r, axis=1) + _ROUNDED_OFF * scale
+    size = np.linalg.norm(J, axis=1) * length[:, None]
+    cosine = np.where(stopped, 0.0, np.abs(gradient)) / np.maximum(size, _TINY)
+    return np.max(cosine, axis=1, initial=0.0)
+
+
+def step_in_box(
+    J: Float[np.ndarray, "b k p"],
+    r: Float[np.ndarray, "b k"],
+    damping: Float[np.ndarray, " b"],
+    low: Float[np.ndarray, "b p"],
+    high: Float[np.ndarray, "b p"],
+) -> Float[np.ndarray, "b p"]:
+    """The minimisers d of |J d + r|^2 + damping |d|^2 with low <= d <= high.
+
+    Principal pivoting: steps at their bounds are guessed, the others solved for, and those that
+    break a bound, or a bound whose multiplier has the wrong sign, change sides; all of them at
+    first, later the last one alone, which ends for every positive definite problem.
+    """
+    count, p = low.shape
+    eye = np.broadcast_to(np.eye(p), (count, p, p))
+    Q, R = np.linalg.qr(np.concatenate([J, np.sqrt(damping)[:, None, None] * eye], axis=1))
+    c = -(r[:, None] @ Q[:, : r.shape[1]])[:, 0]
+    side, move = np.zeros((count, p), int), np.zeros((count, p))
+    left = np.arange(count)
+    for done in range(_BLOCKS + 2**p):
+        at, lo, hi = side[left], low[left], high[left]
+        free, d = at == 0, np.where(at < 0, lo, np.where(at > 0, hi, 0.0))
+        rest = c[left] - (R[left] @ d[:, :, None])[:, :, 0]
+        # Columns at a bound are replaced by rows of the unit matrix.
+        stacked = np.concatenate([R[left] * free[:, None], eye[left] * ~free[:, None]], axis=1)
+        Q2, R2 = np.linalg.qr(stacked)
+        d = d + np.linalg.solve(R2, (rest[:, None] @ Q2[:, :p]).swapaxes(1, 2))[:, :, 0] * free
+        pull = (((R[left] @ d[:, :, None])[:, :, 0] - c[left])[:, None] @ R[left])[:, 0]
+        size = np.linalg.norm(R[left], axis=1) * np.linalg.norm(c[left], axis=1)[:, None]
+        below, above = free & (d < lo - _SIGN), free & (d > hi + _SIGN)
+        release = ((at < 0) & (pull < -_SIGN * size)) | ((at > 0) & (pull > _SIGN * size))
+        wrong = below | above | release
+        if done >= _BLOCKS:
+            last = p - 1 - np.argmax(wrong[:, ::-1], axis=1)
+            wrong &= np.arange(p) == last[:, None]
+        side[left] = np.where(wrong, np.where(below, -1, np.where(above, 1, 0)), at)
+        move[left] = np.clip(d, lo, hi)
+        left = left[wrong.any(axis=1)]
+        if not left.size:
+            break
+    return move
+
+
+def _squares(r: Float[np.ndarray, "b k"]) -> Float[np.ndarray, " b"]:
+    return np.einsum("bk,bk->b", r, r)
+
+
+@dataclasses.dataclass
+class _State:
+    """Descents on their way, with a leading axis: the best points, and those to be tried next."""
+
+    which: Int[np.ndarray, " b"]
+    u: Float[np.ndarray, "b p"]
+    trial: Float[np.ndarray, "b p"]
+    r: Float[np.ndarray, "b k"]
+    J: Float[np.ndarray, "b k p"]
+    predicted: Float[np.ndarray, " b"]
+    scale: Float[np.ndarray, " b"]
+    damping: Float[np.ndarray, " b"]
+    growth: Float[np.ndarray, " b"]
+    residual: Float[np.ndarray, " b"]
+    steps: Int[np.ndarray, " b"]
+    at: np.ndarray  # what holds the fit, and its place in it
+
+    @classmethod
+    def of(cls, which: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"], k: int) -> "_State":
+        """Descents at their starts, of k residuals."""
+        count, p = u.shape
+        one = np.ones(count)
+        return cls(
+            which, u, u, np.zeros((count, k)), np.zeros((count, k, p)), predicted=one,
+            scale=0 * one, damping=0 * one, growth=2 * one, residual=np.inf * one,
+            steps=np.zeros(count, int), at=np.full(count, None, object),
+        )  # fmt: skip
+
+    def kept(self, rows: Bool[np.ndarray, " b"]) -> "_State":
+        """Some of them."""
+        return _State(**{name: leaf[rows] for name, leaf in vars(self).items()})
+
+    def joined(self, other: "_State") -> "_State":
+        """These and others."""
+        both = {name: (leaf, getattr(other, name)) for name, leaf in vars(self).items()}
+        return _State(**{name: np.concatenate(leaves) for name, leaves in both.items()})
+
+    def ends(
+        self, gone: Bool[np.ndarray, " b"], converged: Bool[np.ndarray, " b"]
+    ) -> Iterator[tuple[int, End]]:
+        """Number and end of those that are gone."""
+        for k in np.flatnonzero(gone):
+            chunk, row = self.at[k]
+            numbers = float(self.residual[k]), int(self.steps[k]), bool(converged[k])
+            yield int(self.which[k]), End(self.u[k].copy(), chunk.point(row), *numbers)
+
+
+def _descents(
+    batch: Batch,
+    members: Int[np.ndarray, " descents"],
+    starts: Float[np.ndarray, "descents p"],
+    max_steps: int,
+    tolerance: float,
+    promise: float,
+) -> Iterator[tuple[int, End]]:
+    """Number and end of each descent, as they end."""
+    count, following = len(starts), 0
+    now = _State.of(np.zeros(0, int), starts[:0], batch.residuals)
+    with np.errstate(all="ignore"):
+        while following < count or now.which.size:
+            new = np.arange(following, min(count, following + _TOGETHER - now.which.size))
+            following += new.size
+            now = now.joined(_State.of(new, starts[new], batch.residuals))
+            _evaluate(batch, members[now.which], now, tolerance)
+            nowhere, nothing = np.isnan(now.residual), np.full(now.steps.shape, now.u.shape[1] == 0)
+            over = now.steps > max_steps
+            done = ~nowhere & (nothing | (~over & (now.residual <= tolerance)))
+            now.steps = np.where(nowhere | nothing, 0, np.minimum(now.steps, max_steps))
+            yield from now.ends(nowhere | over | done, done)
+            now = now.kept(~(nowhere | over | done))
+            if not now.which.size:
+                continue
+            move = step_in_box(now.J, now.r, now.damping, -now.u, 1 - now.u)
+            trial = now.u + move
+            now.trial = np.where(trial < _SNAP, 0.0, np.where(trial > 1 - _SNAP, 1.0, trial))
+            cost = _squares(now.r)
+            now.predicted = cost - _squares(now.r + (now.J @ move[:, :, None])[:, :, 0])
+            # A step that is damped after refusals promises little, however far the end is.
+            least = np.where(now.growth == 2.0, promise, ROUNDED) * cost
+            done = (now.predicted <= least) | (np.abs(move).max(axis=1) <= tolerance)
+            yield from now.ends(done, done)
+            now = now.kept(~done)
+
+
+def _evaluate(batch: Batch, members: Int[np.ndarray, " b"], now: _State, tolerance: float) -> None:
+    """The fits at the trial points, which become the points where they are better; no fit, nan."""
+    found: list[tuple[Chunk, int]] = batch.evaluate(
+        members, batch.parameters(members, now.trial), now.at.tolist(), tolerance**0.5
+    )
+    value, J = batch.residual_and_jacobian(members, found)
+    first, old, new = now.steps == 0, _squares(now.r), _squares(value)
+    ratio = (old - new) / now.predicted
+    better = np.isfinite(new) & (first | ((ratio > 1e-4) & np.isfinite(J).all((1, 2))))
+    for k in np.flatnonzero(better | first):
+        now.at[k] = found[k]
+    now.u = np.where(better[:, None], now.trial, now.u)
+    now.r = np.where(better[:, None], value, now.r)
+    now.J = np.where(better[:, None, None], J, now.J)
+    now.scale = np.where(first, np.sqrt(new), now.scale)
+    # Nielsen's damping: smooth in the quality of the step, growing faster after refusals.
+    factor = np.where(better, np.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3), now.growth)
+    begin = 1e-3 * np.max(np.sum(now.J**2, axis=1), axis=1, initial=0.0)
+    now.damping = np.maximum(np.where(first, begin, now.damping * factor), _TINY)
+    now.growth = np.where(better, 2.0, 2 * now.growth)
+    slope = gradient_residual(now.u, now.r, now.J, now.scale)
+    now.residual = np.where(better, slope, np.where(first, np.nan, now.residual))
+    now.steps = now.steps + 1
+
+
 NEAR = 1e-9
 """Part of the cost that a step promises at the end of a descent that is only compared with others."""
 
@@ -42,13 +325,7 @@ def descend_all(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
     """The ends of the descents from all starts; the best of them goes on to its last digit."""
-    counter = itertools.count(1)
-
-    def ended(_: int) -> None:
-        if progress is not None:
-            progress(next(counter), len(starts))
-
-    ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=ended)
+    ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=progress)
     best = _lowest(ends)
     if best is not None:
         ends[best] = descend(problem, ends[best].u)
@@ -76,23 +353,92 @@ def _lowest(ends: Sequence[End]) -> int | None:
     return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
 
 
+FEASIBLE = 1e-9
+"""Violation of a constraint that counts as rounding, in parts of the largest coefficient."""
+_WITHOUT_LAW = 1e-3  # of the coefficient that alone would carry the force
+_EXCHANGED = 64  # of exchange, at most
+_PIECES = 4  # of each path, each with as many samples as a path has stations
+_MINIMA = 3  # of the samples of a path that are closed in on
+_ZOOMS = 5  # each narrows a minimum to two of the cells between its samples
+
+
+class Margin(NamedTuple):
+    """The weakest state on each path of a part.
+
+    Attributes:
+        position: share of the path in [0, 1], shape (paths,).
+        value: modulus there [Pa], shape (paths,); nan where the law has none.
+        bound: by how much the true minimum may lie lower, in parts of the largest modulus.
+    """
+
+    position: Float[np.ndarray, " paths"]
+    value: Float[np.ndarray, " paths"]
+    bound: float
+
+
+def constraint_margin(problem: Problem, point: Point, kind: Constraint) -> list[Margin]:
+    """Smallest modulus along the actuation paths, or tangent modulus over the strain range.
+
+    Args:
+        problem: whose paths are looked at.
+        point: the fit.
+        kind: "drucker" for second-order work along the path, "slope" for the law's own tangent.
+
+    Returns:
+        One margin for each part. The law is stable where the value is >= 0.
+    """
+    return [_margin(part, point, place, kind) for place, part in enumerate(problem.parts)]
+
+
+def _margin(part: Part, point: Point, place: int, kind: Constraint) -> Margin:
+    paths, count = part.inputs.stations.shape
+    rows, nodes = np.arange(paths), np.linspace(0, 1, count)
+
+    def evaluate(at: Float[np.ndarray, "paths k"]) -> Float[np.ndarray, "paths k"]:
+        found = report_of(part.with_stations(at), point, place)
+        return found.path_modulus if kind == "drucker" else found.slope
+
+    at = np.concatenate([(piece + nodes) / _PIECES for piece in range(_PIECES)])
+    values = np.concatenate(
+        [evaluate(np.tile(piece, (paths, 1))) for piece in np.split(at, _PIECES)], axis=1
+    )
+    if not np.isfinite(values).all():
+        return Margin(np.zeros(paths), np.full(paths, np.nan), np.nan)
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
+    dips = (values <= padded[:, :-2]) & (values <= padded[:, 2:])
+    places = np.argsort(np.where(dips, values, np.inf), axis=1, kind="stable")[:, :_MINIMA]
+    best, lowest, spread = np.zeros(paths), np.full(paths, np.inf), 0.0
+    for k in range(_MINIMA):
+        middle = np.where(dips[rows, places[:, k]], at[places[:, k]], best)
+        half = 1 / (count - 1) / _PIECES
+        for _ in range(_ZOOMS):
+            tried = np.clip(middle[:, None] + half * (2 * nodes - 1), 0, 1)
+            found = evaluate(tried)
+            middle, half = tried[rows, found.argmin(axis=1)], 2 * half / (count - 1)
+        spread = max(spread, float(np.ptp(found, axis=1).max()))
+        least = found.min(axis=1)
+        best, lowest = np.where(least < lowest, middle, best), np.minimum(least, lowest)
+        if not dips.sum(axis=1).max() > k + 1:
+            break
+    return Margin(best, lowest, spread / max(float(np.abs(values).max()), np.finfo(float).tiny))
+
+
 def rounding_of(point: Point) -> float:
     """Violation of a constraint [Pa] that counts as rounding.
 
     In parts of the largest coefficient; of a law that all but vanishes, of a thousandth of the largest by
     which one alone would carry the force.
     """
-    A, b, _, _ = point.programme
-    size = np.linalg.norm(A, axis=0)
-    alone = np.linalg.norm(b) / size[size > 0]
-    return FEASIBLE * max(np.abs(point.x).max(initial=0), _VANISHED * alone.max(initial=0.0))
+    size = np.linalg.norm(point.A, axis=0)
+    alone = np.linalg.norm(point.b) / size[size > 0]
+    return FEASIBLE * max(np.abs(point.x).max(initial=0), _WITHOUT_LAW * alone.max(initial=0.0))
 
 
 def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
     """The best of the descents, with the constraint made to hold between the stations.
 
-    Where the law is found to violate it, two stations close in on where it touches the constraint, and
-    the descent goes on.
+    Where the law is weakest on a path and violates the constraint, a station is placed, in the place of
+    the one that was placed longest ago, and the descent goes on.
 
     Args:
         problem: of the descents.
@@ -103,92 +449,20 @@ def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
         The end of the last descent with everything known of its fit, and the problem with the
         stations placed.
     """
-    kind, touching = problem.constraint, {}
-    for _ in range(_ROUNDS if kind in ("drucker", "slope") else 0):
+    kind = problem.constraint
+    for done in range(_EXCHANGED if kind in ("drucker", "slope") else 0):
         found = constraint_margin(problem, best.point, kind)
-        lowest = min(float(one.value.min()) for one in found)
-        if lowest >= -rounding_of(best.point):
+        least = -rounding_of(best.point)
+        if min(float(one.value.min()) for one in found) >= least:
             break
-        point, parts, first = best.point, [], 0
-        for place, (part, one) in enumerate(zip(problem.parts, found, strict=True)):
-            stations = part.inputs.stations.copy()
-            pull = np.zeros(stations.size)
-            here = (first <= point.rows) & (point.rows < first + stations.size)
-            pull[point.rows[here] - first] = point.multipliers[here]
-            first += stations.size
-            for path in np.flatnonzero(one.value < 0):
-                own, dip = stations[path], float(one.position[path])
-                known = touching.setdefault((place, int(path)), [])
-                near = [k for k, at in enumerate(known) if abs(at.middle - dip) < _FAR * _cell(own)]
-                now = _Touch.of(own, pull.reshape(stations.shape)[path], dip)
-                if near:
-                    touch = near[0]
-                    known[touch] = now.after(known[touch])
-                else:
-                    touch = len(known)
-                    known.append(now)
-                slot = own.size - spare + 2 * (touch % (spare // 2))
-                own[slot : slot + 2] = known[touch].pair
+        parts = []
+        for part, one in zip(problem.parts, found, strict=True):
+            stations, violated = part.inputs.stations.copy(), one.value < least
+            stations[violated, -1 - done % spare] = one.position[violated]
             parts.append(part.with_stations(stations))
         problem = dataclasses.replace(problem, parts=tuple(parts))
         best = descend(problem, best.u)
     return dataclasses.replace(best, point=solve(problem, best.point.parameters)), problem
-
-
-@dataclasses.dataclass(frozen=True)
-class _Touch:
-    """Where on a path the law touches the constraint.
-
-    Attributes:
-        middle: about where.
-        half: how far off that may be.
-    """
-
-    middle: float
-    half: float
-
-    @classmethod
-    def of(
-        cls,
-        stations: Float[np.ndarray, " stations"],
-        pull: Float[np.ndarray, " stations"],
-        dip: float,
-    ) -> "_Touch":
-        """From the active stations about a dip.
-
-        Two on either side of it pull together as the touching point does, which lies between them, where
-        the mean of their multipliers says, to second order in their distance. With one alone it is
-        between that and the dip.
-
-        Args:
-            stations: of the path.
-            pull: multipliers; 0 of those that are not active.
-            dip: where the law is weakest.
-        """
-        near = (pull > 0) & (np.abs(stations - dip) < _FAR * _cell(stations))
-        below, above = near & (stations <= dip), near & (stations > dip)
-        if below.any() and above.any():
-            low, high = float(stations[below].max()), float(stations[above].min())
-            left, right = (pull[near & (stations == end)].sum() for end in (low, high))
-            middle = float(left * low + right * high) / float(left + right)
-            return cls(middle, _CLOSER * (high - low))
-        one = dip
-        if near.any():
-            one = float(stations[near][np.abs(stations[near] - dip).argmin()])
-        return cls((one + dip) / 2, abs(one - dip) / 2)
-
-    def after(self, before: "_Touch") -> "_Touch":
-        """What is known now: no better than how far it is from what was known before."""
-        return _Touch(self.middle, max(self.half, abs(self.middle - before.middle)))
-
-    @property
-    def pair(self) -> tuple[float, float]:
-        """The next two stations."""
-        return max(self.middle - self.half, 0.0), min(self.middle + self.half, 1.0)
-
-
-def _cell(stations: Float[np.ndarray, " stations"]) -> float:
-    return 1 / (stations.size - 1)
 
 
 OBJECTIVES = ("sum_of_squares", "huber", "mean_rmse")

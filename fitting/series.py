@@ -6,10 +6,8 @@ whatever distinguishes one short muscle, and the rig's compliance must then be w
 """
 
 import dataclasses
-import functools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,20 +16,17 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.class_path import class_named
 from famjax.boundary.errors import InputError
-from famjax.boundary.tasks import AnyExecutor, Store
 
-from .arguments import check_mapping
+from .arguments import check_mapping, check_whole
 from .bands import muscle_spread, pull
-from .checks import check_starts
 from .data import ForceData, several_maps
 from .families import LawGiven
 from .identification import solve
 from .ladder import Candidate, as_cylinder, believed, law_of, numbers_of, options_of
 from .parameters import Parameter
-from .posing import Geometry, Posed, fingerprint, pose_together
+from .posing import Geometry, Posed, pose
 from .race import Fitted, Tried, descended, preferred, ranked
 from .result import Identification
-from .tasks import run_fits
 from .validation import LeftOut, force_error, leave_out_each
 
 DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
@@ -141,8 +136,6 @@ def identify_series(
     terms: famjax.terms.AbstractForceTerm | None = None,
     starts: int = 8,
     seed: int = 0,
-    executor: AnyExecutor = None,
-    resume: Path | str | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Series:
     """The model of a series that predicts each specimen from the others best.
@@ -153,8 +146,7 @@ def identify_series(
     of one that gives way, weighted by their errors on the specimens left out. The family with the
     smallest error on them is chosen, or the first in the order of the laws of those within a tenth of it.
 
-    Three specimens of 24 readings take ten seconds of a core, and a new process four to start and trace
-    the laws: more than one pay for more specimens, readings or laws.
+    Three specimens of 24 readings take ten seconds.
 
     Args:
         data: force maps of two specimens or more, with different names, measured in one rig.
@@ -168,25 +160,21 @@ def identify_series(
         terms: further force terms, the same for every specimen; see `identify`.
         starts: number of starts, of each fit.
         seed: of the starts.
-        executor: what judges the families, each rig of a law a task: this process, processes or a
-            cluster, see `famjax.boundary.tasks.AnyExecutor`; the model is the same.
-        resume: JSONL file to which the errors of each finished one are written, created if missing; a
-            series that was stopped goes on from there.
         progress: called with (what is done, families done, families).
 
     Returns:
         The model, with the error of every family.
 
     Raises:
-        InputError: fewer than two specimens, an unknown law, what `identify_together` refuses, the
-            folder of another series, or the executor is gone.
+        InputError: fewer than two specimens, an unknown law, or what `identify_together`
+            refuses.
     """
     if isinstance(laws, str) or not isinstance(laws, Sequence):
         laws = (laws,)
     if isinstance(geometry, str):
         geometry = class_named(geometry, famjax.geometries.AbstractGeometry, "geometry")
     data = several_maps(data)
-    check_starts(starts)
+    check_whole("starts", starts, 1)
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
     _check(data, laws, geometry)
     own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
@@ -197,30 +185,14 @@ def identify_series(
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
         raise InputError(f"each law of a series is tried once: got one of {names} twice")
-    settings = {
-        "version": famjax.__version__,
-        "data": [one.sha256 for one in data],
-        "tolerances": [[one.pressure_tolerance, one.length_tolerance] for one in data],
-        "families": [[one.name, repr(sorted(one.parameters.items()))] for one in rigs],
-        "constraint": constraint,
-        "own": [fingerprint(one) for one in (*own.values(), *laws)],
-        "starts": min(starts, _COMPARED),
-        "seed": seed,
-    }
-    store = Store(resume, "series", settings, len(rigs))
-
-    def tell(done: int, total: int) -> None:
-        if progress is not None and done < total:
-            progress(rigs[done].name, done, total)
-
-    run_fits(
-        functools.partial(_tried, alike, constraint, min(starts, _COMPARED), seed), rigs,
-        executor=executor, store=store, progress=tell, names=[one.name for one in rigs],
-    )  # fmt: skip
-    parts, found = iter(store), []
+    found, judged = [], []
+    for one in rigs:
+        if progress is not None:
+            progress(one.name, len(judged), len(rigs))
+        judged.append(_judged(alike, constraint, min(starts, _COMPARED), seed, one))
+    of_rigs = iter(judged)
     for family in families:
-        judged = [_Judged.of(one, next(parts)) for one in family]
-        sound = [one for one in judged if one is not None]
+        sound = [one for _, one in zip(family, of_rigs, strict=False) if one is not None]
         if sound:
             found.append(sorted(sound, key=lambda one: one.error))
     if not found:
@@ -257,39 +229,24 @@ class _Judged:
         """RMSE [N] on whole specimens left out, each of which counts the same."""
         return float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
 
-    @classmethod
-    def of(cls, candidate: Candidate, part: Mapping[str, Any]) -> "_Judged | None":
-        """From the part of a store; None where there is no force of every specimen."""
-        if not part["sound"]:
-            return None
-        out = LeftOut("specimen", part["level"], part["group"], part["error"])
-        return cls(candidate, part["rmse"], out)
 
-
-def _tried(
-    data: Sequence[ForceData],
-    constraint: str,
-    starts: int,
-    seed: int,
-    candidate: Candidate,
-) -> dict[str, Any]:
-    """Its errors; not sound where the others do not determine the force of every specimen."""
+def _judged(
+    data: Sequence[ForceData], constraint: str, starts: int, seed: int, candidate: Candidate
+) -> _Judged | None:
+    """Its errors; None where the others do not determine the force of every specimen."""
     problem = _posed(data, constraint, candidate).problem
     best = descended(problem, starts, seed)
     kinds = {"specimen": (None, 2)}
     (found,) = leave_out_each([(problem, best.u)], kinds, seed=seed, settled=True)
     out = found.get("specimen")
     if out is None or not np.isfinite(out.error).all():
-        return {"sound": False}
-    rmse = float(np.sqrt(np.mean(force_error(problem, best) ** 2)))
-    return {
-        "sound": True, "rmse": rmse, "level": out.level, "group": out.group, "error": out.error,
-    }  # fmt: skip
+        return None
+    return _Judged(candidate, float(np.sqrt(np.mean(force_error(problem, best) ** 2))), out)
 
 
 def _posed(data: Sequence[ForceData], constraint: str, candidate: Candidate) -> Posed:
-    return pose_together(
-        data, own=(), parameters=candidate.parameters, constraint=constraint,
+    return pose(
+        data, parameters=candidate.parameters, constraint=constraint,
         **candidate.options,
     )  # fmt: skip
 

@@ -14,16 +14,13 @@ from famjax.boundary.sentence import Quantity, Sentence
 from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
-from .descent import End
 from .engine import Point, numbers_of, partial, predict, report_of, solve
-from .families import MuscleFamily
-from .margins import Margin, constraint_margin
 from .parameters import Entry
 from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
 from .result import Certificate, Errors, Estimate, Identification, Solved
-from .search import Weights, pseudo_residual, rounding_of
+from .search import End, Margin, Weights, constraint_margin, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
 
@@ -61,7 +58,7 @@ def joint_derivatives(
     point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
     """Weighted residual, its Jacobian and that of the constraint rows, in (parameters, x)."""
-    A, _, G, _ = point.programme
+    A, G = point.A, point.G
     d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
     columns[: len(A)] = A
@@ -318,7 +315,7 @@ def muscle_at(problem: Problem, point: Point, place: int) -> famjax.Muscle:
 
 
 def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> famjax.Muscle:
-    return cast(MuscleFamily, part.family).final(unflat(part.family, numbers))
+    return unflat(part.family, numbers)
 
 
 def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -13,11 +13,11 @@ import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import factor, unit_system
 
-from .arguments import check_names, check_numbers, check_whole, shown
+from .arguments import check_names, check_whole, is_number, shown
 from .convex import Status
-from .data import ForceData, data_frame, several_maps
+from .data import ForceData, check_maps, data_frame
 from .response import CONSTRAINTS, DEPENDENCES
-from .sweep_fits import Design, Fits, LinearMuscle, Readings, coupled_fits, free_fits
+from .sweep_fits import Design, LinearMuscle, fits_of
 
 if TYPE_CHECKING:
     import pandas
@@ -41,7 +41,6 @@ class SweepRow:
     """One fit of a sweep, in SI.
 
     Attributes:
-        data: name of the force map.
         dependence, order, constraint: form of the law.
         n_coefficients: number of them.
         coefficients: E_n [Pa] at each pressure, shape (pressures, order).
@@ -66,7 +65,6 @@ class SweepRow:
         verdict: in words: "stable", "not stable", or why there is no fit.
     """
 
-    data: str
     dependence: str
     order: int
     constraint: str
@@ -94,11 +92,8 @@ class SweepRow:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, for JSON; nan stays nan."""
-        found = {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in vars(self).items()
-        }
-        return found | {"status": self.status.name}
+        plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return plain | {"status": self.status.name}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -106,22 +101,18 @@ class Sweep:
     """What `sweep` found.
 
     Attributes:
-        rows: all fits, by data, dependence, order and constraint.
-        pressures: levels [Pa] of each force map.
-        data: the force maps.
-        geometries: of the fits.
-        deadbands: [Pa].
+        rows: all fits, by dependence, order and constraint.
+        pressures: levels [Pa] of the force map.
+        data: the force map.
+        muscle: of the fits, with any coefficients.
         objective: "sum_of_squares" or "mean_rmse".
-        muscles: of the fits, with any coefficients.
     """
 
     rows: tuple[SweepRow, ...]
-    pressures: tuple[Float[np.ndarray, " pressures"], ...]
-    data: tuple[ForceData, ...]
-    geometries: tuple[famjax.geometries.AbstractGeometry, ...]
-    deadbands: tuple[float, ...]
+    pressures: Float[np.ndarray, " pressures"]
+    data: ForceData
+    muscle: LinearMuscle
     objective: str
-    muscles: tuple[LinearMuscle, ...]
 
     def to_pandas(self) -> "pandas.DataFrame":
         """A row for each fit in SI: its form, errors and verdict; lists by pressure are left out.
@@ -135,22 +126,20 @@ class Sweep:
         )
 
     def __repr__(self) -> str:
-        names = ", ".join(one.specimen.name for one in self.data)
-        solved = sum(row.status is Status.OPTIMAL for row in self.rows)
-        return f"Sweep({len(self.rows)} fits of {names}, {solved} of them solved, {self.objective})"
+        name, solved = self.data.specimen.name, sum(one.status == 0 for one in self.rows)
+        return f"Sweep({len(self.rows)} fits of {name}, {solved} of them solved, {self.objective})"
 
 
 def sweep(
-    data: ForceData | Sequence[ForceData],
-    geometry: famjax.geometries.AbstractGeometry | Sequence[famjax.geometries.AbstractGeometry],
+    data: ForceData,
+    geometry: famjax.geometries.AbstractGeometry,
     *,
-    deadband: float | Sequence[float] = 0.0,
+    deadband: float = 0.0,
     terms: famjax.terms.AbstractForceTerm | None = None,
     orders: Sequence[int] = (1, 2, 3, 4),
     dependences: Sequence[str] = DEPENDENCES,
     constraints: Sequence[str] = CONSTRAINTS,
     objective: str = "sum_of_squares",
-    progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """All permutations of the law at fixed geometry, each a certified global optimum.
 
@@ -158,16 +147,14 @@ def sweep(
     hold between the readings as well.
 
     Args:
-        data: one force map, or several.
-        geometry: of all of them, or one for each; nothing of it is identified.
-        deadband: P_d [Pa], of all or one for each.
-        terms: force terms besides braid and bladder, the same for all maps; nothing of them is
-            identified.
+        data: the force map.
+        geometry: nothing of it is identified.
+        deadband: P_d [Pa].
+        terms: force terms besides braid and bladder; nothing of them is identified.
         orders: of the law, 1 to 4.
         dependences: of the coefficients on pressure, among "fixed", "linear" and "free".
         constraints: among "none", "positive", "slope" and "drucker".
         objective: "sum_of_squares", or "mean_rmse" over pressures, as the reference work.
-        progress: called with (maps done, maps).
 
     Returns:
         The fits.
@@ -184,181 +171,96 @@ def sweep(
             "a sweep needs float64, and JAX computes in float32 by default. Put this line before "
             'any other use of JAX: jax.config.update("jax_enable_x64", True)'
         )
-    maps = (data,) if isinstance(data, ForceData) else several_maps(data)
-    if not maps:
-        raise InputError("a sweep needs a force map, got none")
-    geometries = _one_each(geometry, famjax.geometries.AbstractGeometry, len(maps), "geometry")
-    dead = check_numbers("deadband", deadband)
-    if not ((dead >= 0) & np.isfinite(dead)).all():
-        raise InputError(f"the deadband is a gauge pressure [Pa], zero or above; got {deadband}")
-    deadbands = _one_each(float(dead) if dead.ndim == 0 else dead, float, len(maps), "deadband")
+    check_maps(data)
+    if not isinstance(geometry, famjax.geometries.AbstractGeometry):
+        raise InputError(
+            f"the geometry of a sweep is known: give one, with its numbers, got {shown(geometry)}"
+        )
+    if not (is_number(deadband) and 0 <= deadband < math.inf):
+        raise InputError(
+            f"the deadband is a gauge pressure [Pa], zero or above; got {shown(deadband)}"
+        )
     if isinstance(orders, str) or not isinstance(orders, Iterable) or not tuple(orders):
         raise InputError(
             f"orders must be whole numbers from 1 to {_HIGHEST_ORDER} in a list, as [1, 2], got "
             f"{shown(orders)}"
         )
-    each = {check_whole("each of the orders", order, 1, _HIGHEST_ORDER) for order in orders}
-    forms = (
-        tuple(sorted(each)),
-        named("dependences", check_names("dependences", dependences), DEPENDENCES),
-        named("constraints", check_names("constraints", constraints), CONSTRAINTS),
-    )
-    named("objective", [objective], OBJECTIVES)
+    each = sorted({check_whole("each of the orders", one, 1, _HIGHEST_ORDER) for one in orders})
+    dependences = _named("dependences", check_names("dependences", dependences), DEPENDENCES)
+    constraints = _named("constraints", check_names("constraints", constraints), CONSTRAINTS)
+    _named("objective", [objective], OBJECTIVES)
     further = None if terms is None else famjax.terms.SumOfTerms((terms,))
-    muscles, pressures, rows = [], [], []
-    for done, (one, shape, dead) in enumerate(zip(maps, geometries, deadbands, strict=True)):
-        if progress is not None:
-            progress(done, len(maps))
-        muscles.append(LinearMuscle(shape, float(dead), further, max(each)))
-        readings = Readings.of(one, muscles[-1].rest_length)
-        pressures.append(readings.pressure)
-        rows += _rows(one.specimen.name, Design.of(muscles[-1], readings), *forms, objective)
-    if progress is not None:
-        progress(len(maps), len(maps))
-    return Sweep(
-        rows=tuple(rows),
-        pressures=tuple(pressures),
-        data=maps,
-        geometries=geometries,
-        deadbands=tuple(float(dead) for dead in deadbands),
-        objective=objective,
-        muscles=tuple(muscles),
-    )
+    muscle = LinearMuscle(geometry, float(deadband), further, each[-1])
+    of = Design.of(muscle, data)
+    rows = [
+        row for form in dependences for row in _rows(of, form, tuple(each), constraints, objective)
+    ]
+    return Sweep(tuple(rows), of.pressure, data, muscle, objective)
 
 
-def named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """What was named, in the order in which it is known.
-
-    Raises:
-        InputError: something else was named, or nothing.
-    """
+def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """What was named, in the order in which it is known."""
     strange = [value for value in given if value not in known]
     if strange or not given:
         raise InputError(f"{what}: known are {', '.join(known)}; got {strange or 'none'}")
     return tuple(value for value in known if value in given)
 
 
-def _one_each(given: Any, kind: Any, count: int, name: str) -> tuple[Any, ...]:
-    """One of something for each force map."""
-    if isinstance(given, type):
-        raise InputError(
-            f"the {name} of a sweep is known: give one, with its numbers, got the class {given.__name__}"
-        )
-    if not isinstance(given, kind) and not isinstance(given, Iterable):
-        raise InputError(f"the {name} of a sweep must be a {kind.__name__}, got {shown(given)}")
-    each = (given,) * count if isinstance(given, kind) else tuple(given)
-    if len(each) != count:
-        raise InputError(
-            f"give one {name} for all force maps or one for each of {count}; got {len(each)}"
-        )
-    return each
-
-
 def _rows(
-    name: str,
-    of: Design,
-    orders: tuple[int, ...],
-    dependences: tuple[str, ...],
-    constraints: tuple[str, ...],
-    objective: str,
-) -> Iterator[SweepRow]:
-    """The rows of a force map, by dependence, order and constraint."""
-    shared = tuple(one for one in dependences if one != "free")
-    if shared:
-        coupled, left_out = coupled_fits(of, shared, orders, constraints, objective)
-        for d, dependence in enumerate(shared):
-            fits = Fits(*(leaf[d] for leaf in coupled))
-            yield from _rows_of(name, of, dependence, orders, constraints, fits, left_out[d])
-    if "free" in dependences:
-        fits = free_fits(of, orders, constraints, objective)
-        never = np.full((*fits.status.shape, len(of.target)), np.nan)
-        yield from _rows_of(name, of, "free", orders, constraints, fits, never)
-
-
-def _rows_of(
-    name: str,
     of: Design,
     dependence: str,
     orders: tuple[int, ...],
     constraints: tuple[str, ...],
-    fits: Fits,
-    left_out: Float[np.ndarray, "orders constraints pressures"],
+    objective: str,
 ) -> Iterator[SweepRow]:
-    """The rows of one dependence with their errors in force and stroke, information and stability.
-
-    Args:
-        name: of the force map.
-        of: its linear problem.
-        dependence: of the coefficients on pressure.
-        orders: of the law.
-        constraints: on the coefficients.
-        fits: of these, axes (orders, constraints).
-        left_out: sums of squares [N^2] at each pressure while it was left out.
-    """
-    readings, E = of.readings, fits.coefficients
-    there, count = readings.there, readings.there.sum(axis=1)
-    residual = np.where(there, (of.A @ E[..., None])[..., 0] - of.target, 0.0)
+    """The fits of one dependence with their errors in force and stroke, information and stability."""
+    fits, left_out = fits_of(of, dependence, orders, constraints, objective)
+    E, count = fits.coefficients, of.there.sum(axis=1)
+    residual, n = of.residual(E), count.sum()
     rmse = np.sqrt((residual**2).sum(axis=-1) / count)
     mae = np.abs(residual).sum(axis=-1) / count
     blocked, free = _end_errors(of, E)
-    square = ((readings.weight * residual) ** 2).sum(axis=(-2, -1))
+    square = ((of.weight * residual) ** 2).sum(axis=(-2, -1))
     margin = of.tables["drucker"].weakest(E)[0].min(axis=-1)
-    n = count.sum()
-    for o, order in enumerate(orders):
-        number = {"fixed": 1, "linear": min(2, count.size), "free": count.size}[dependence] * order
-        k = number + 1.0
+    nodes = {"fixed": 1, "linear": min(2, count.size), "free": count.size}[dependence]
+    for o, c in np.ndindex(fits.status.shape):
+        at, order, status = (o, c), orders[o], Status(int(fits.status[o, c]))
+        k = nodes * order + 1.0
         room = n - k - 1
         correction = 2 * k * (k + 1) / room if room > 0 else math.inf
-        for c, constraint in enumerate(constraints):
-            at = o, c
-            status, size = Status(int(fits.status[at])), float(np.abs(E[at]).max())
-            stable = "stable" if margin[at] >= -FEASIBLE * size else "not stable"
-            deviance = float(n * np.log(square[at] / n))
-            yield SweepRow(
-                data=name,
-                dependence=dependence,
-                order=order,
-                constraint=constraint,
-                n_coefficients=number,
-                coefficients=E[at][:, :order],
-                objective=float(fits.objective[at]),
-                rmse=float(rmse[at].mean()),
-                mae=float(mae[at].mean()),
-                pooled_rmse=float(np.sqrt(count @ rmse[at] ** 2 / n)),
-                rmse_by_pressure=rmse[at],
-                mae_by_pressure=mae[at],
-                blocked_error=float(np.abs(blocked[at]).mean()),
-                blocked_error_by_pressure=blocked[at],
-                free_contraction_error=_mean_of_known(np.abs(free[at])),
-                free_contraction_error_by_pressure=free[at],
-                aicc=deviance + 2 * k + correction,
-                bic=deviance + k * math.log(n),
-                cross_validated_rmse=float(np.sqrt(left_out[at].sum() / n)),
-                margin=float(margin[at]),
-                condition=float(fits.condition[at]),
-                kkt_residual=float(fits.kkt_residual[at]),
-                duality_gap=float(fits.duality_gap[at]),
-                status=status,
-                verdict=stable if status is Status.OPTIMAL else status.message,
-            )
-
-
-def _mean_of_known(values: Float[np.ndarray, " n"]) -> float:
-    """Mean of what is not nan, nan where all is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else math.nan
+        deviance = float(n * np.log(square[at] / n))
+        stable = margin[at] >= -FEASIBLE * float(np.abs(E[at]).max())
+        known = np.abs(free[at][np.isfinite(free[at])])
+        yield SweepRow(
+            dependence, order, constraints[c],
+            n_coefficients=nodes * order,
+            coefficients=E[at][:, :order],
+            objective=float(fits.objective[at]),
+            rmse=float(rmse[at].mean()), mae=float(mae[at].mean()),
+            pooled_rmse=float(np.sqrt(count @ rmse[at] ** 2 / n)),
+            rmse_by_pressure=rmse[at], mae_by_pressure=mae[at],
+            blocked_error=float(np.abs(blocked[at]).mean()),
+            blocked_error_by_pressure=blocked[at],
+            free_contraction_error=float(known.mean()) if known.size else math.nan,
+            free_contraction_error_by_pressure=free[at],
+            aicc=deviance + 2 * k + correction, bic=deviance + k * math.log(n),
+            cross_validated_rmse=float(np.sqrt(left_out[at].sum() / n)),
+            margin=float(margin[at]),
+            condition=float(fits.condition[at]),
+            kkt_residual=float(fits.kkt_residual[at]), duality_gap=float(fits.duality_gap[at]),
+            status=status,
+            verdict=status.message if status else "stable" if stable else "not stable",
+        )  # fmt: skip
 
 
 def _end_errors(
     of: Design, E: Float[np.ndarray, "*fits pressures order"]
 ) -> tuple[Float[np.ndarray, "*fits pressures"], Float[np.ndarray, "*fits pressures"]]:
     """Blocked force [N] and free contraction [-] of fits minus measured, by pressure."""
-    muscle, readings = of.muscle, of.readings
-    rest = muscle.rest_length
-    reached = _BEYOND * (1 - readings.path_end.min() / rest)
-    reached = min(reached, 1 - muscle.shortest_length / rest)
-    contraction = reached * np.arange(_LENGTHS) / (_LENGTHS - 1)
-    braid, bladder = muscle.columns(rest * (1 - contraction), readings.pressure[:, None])
+    muscle, rest = of.muscle, of.muscle.rest_length
+    reached = _BEYOND * (1 - of.path_end.min() / rest)
+    contraction = min(reached, 1 - muscle.shortest_length / rest) * np.linspace(0, 1, _LENGTHS)
+    braid, bladder = muscle.columns(rest * (1 - contraction), of.pressure[:, None])
     force = braid + (bladder @ E[..., None])[..., 0]
     falls = (force[..., :-1] > 0) & (force[..., 1:] <= 0)
     at = falls.argmax(axis=-1)
@@ -368,12 +270,12 @@ def _end_errors(
     drop = np.where(before > after, before - after, 1.0)
     step = contraction[at + 1] - contraction[at]
     free = np.where(falls.any(axis=-1), contraction[at] + step * before / drop, np.nan)
-    measured = measured_ends(readings, rest)
+    measured = _measured_ends(of)
     return force[..., 0] - measured[0], free - measured[1]
 
 
-def measured_ends(
-    readings: Readings, rest_length: float
+def _measured_ends(
+    of: Design,
 ) -> tuple[Float[np.ndarray, " pressures"], Float[np.ndarray, " pressures"]]:
     """Blocked force [N] and free contraction [-] as measured, per pressure; nan where they were not.
 
@@ -381,10 +283,10 @@ def measured_ends(
     through the readings of less than a tenth of the largest force, or through those at the two
     shortest lengths, reaches zero.
     """
-    blocked, free = np.full((2, len(readings.pressure)), np.nan)
-    rows = zip(readings.force, readings.length, readings.there, strict=True)
-    for k, (force, length, there) in enumerate(rows):
-        F, contraction = force[there], 1 - length[there] / rest_length
+    blocked, free = np.full((2, len(of.pressure)), np.nan)
+    rows = zip(of.force, 1 - of.length / of.muscle.rest_length, of.there, strict=True)
+    for k, (force, shorter, there) in enumerate(rows):
+        F, contraction = force[there], shorter[there]
         at_rest = np.abs(contraction) < _AT_REST
         if at_rest.any():
             blocked[k] = F[at_rest].mean()
@@ -403,13 +305,12 @@ _TOP = 1.07  # times what is largest, to which an axis reaches
 _NAMED = 8  # isobars in a legend at most; their colours go by the pressure
 
 
-def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> "Figure":
+def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
     """RMSE, MAE, blocked force and free contraction against the order, the forms side by side.
 
     Args:
         found: the sweep.
         system: "si", "metric" or "us".
-        data: index of the force map.
 
     Returns:
         A figure, not shown; save it with `savefig`. Without a fit there is a gap.
@@ -420,8 +321,11 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> "Figure"
     from matplotlib.figure import Figure  # noqa: PLC0415 -- when something is drawn
 
     unit = unit_system(system)["force"]
-    force, rows = factor(unit, "force"), rows_of(found, data)
-    forms = list(dict.fromkeys(row.dependence for row in rows))
+    force, rows = factor(unit, "force"), found.rows
+    forms, constraints = (
+        list(dict.fromkeys(getattr(row, name) for row in rows))
+        for name in ("dependence", "constraint")
+    )
     orders = sorted({row.order for row in rows})
     wide = len(orders) + 1
     figure = Figure(figsize=(0.8 + 3.2 * len(forms), 8.5), layout="constrained")
@@ -434,7 +338,7 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> "Figure"
     )
     for one, (name, label, scale) in zip(axes, panels, strict=True):
         for k, form in enumerate(forms):
-            for constraint in dict.fromkeys(row.constraint for row in rows):
+            for constraint in constraints:
                 same = [r for r in rows if (r.dependence, r.constraint) == (form, constraint)]
                 one.plot(
                     [k * wide + orders.index(row.order) for row in same],
@@ -452,16 +356,13 @@ def plot_errors(found: Sweep, system: str = "metric", data: int = 0) -> "Figure"
     return figure
 
 
-def plot_curves(
-    found: Sweep, chosen: list[SweepRow], system: str = "metric", data: int = 0
-) -> "Figure":
+def plot_curves(found: Sweep, chosen: list[SweepRow], system: str = "metric") -> "Figure":
     """Measured and fitted isobars of some fits, one panel for each.
 
     Args:
         found: the sweep.
-        chosen: some of its rows, of that force map.
+        chosen: some of its rows.
         system: "si", "metric" or "us".
-        data: index of the force map.
 
     Returns:
         A figure, not shown; save it with `savefig`.
@@ -473,9 +374,9 @@ def plot_curves(
     from matplotlib.collections import LineCollection  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    units, readings, levels = unit_system(system), found.data[data], found.pressures[data]
+    units, readings, levels = unit_system(system), found.data, found.pressures
     force, pressure = factor(units["force"], "force"), factor(units["pressure"], "pressure")
-    muscle, loaded = found.muscles[data], readings.loaded
+    muscle, loaded = found.muscle, readings.loaded
     rest, at_level = muscle.rest_length, np.searchsorted(levels, readings.pressures.level[loaded])
     shortest = [readings.length[loaded][at_level == k].min() for k in range(levels.size)]
     length = np.linspace(rest, shortest, _DRAWN, axis=1)
@@ -501,9 +402,3 @@ def plot_curves(
         axes[0].plot([], [], color=shades[k], label=label)
     axes[0].legend(frameon=False, fontsize=7)
     return figure
-
-
-def rows_of(found: Sweep, data: int) -> list[SweepRow]:
-    """The rows of one force map."""
-    each = len(found.rows) // len(found.data)
-    return list(found.rows[data * each : (data + 1) * each])

@@ -5,7 +5,6 @@ its optimum; readings are drawn anew. All refits of a question run at once.
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
@@ -17,10 +16,9 @@ from famjax.boundary.errors import InputError, check_seed
 
 from .arguments import check_names, check_whole
 from .data import groups_of_levels
-from .descent import End, descend_many
 from .problem import Problem
 from .result import Estimate, Identification, check_identified
-from .search import latin_hypercube
+from .search import End, descend_many, latin_hypercube
 
 GROUPS = ("pressure", "length", "specimen")
 """What can be left out together."""
@@ -123,8 +121,7 @@ def validate(
         progress: called with (descents done, descents).
 
     Raises:
-        InputError: fewer than two groups, an unknown kind of group, or free coefficients that cannot
-            predict a pressure.
+        InputError: fewer than two groups, or an unknown kind of group.
     """
     check_identified(result)
     check_whole("starts", starts, 1)
@@ -146,8 +143,6 @@ def check_groups(result: Identification, groups: str) -> None:
     own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
     if groups not in GROUPS:
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
-    if groups == "pressure" and result.dependence == "free":
-        raise InputError("coefficients free in pressure say nothing of a pressure that is left out")
     if groups == "specimen" and (own or len(problem.linear) > result.order):
         raise InputError(
             f"{own[0] if own else 'the law'} is a specimen's own, so nothing is known of it without "
@@ -244,15 +239,9 @@ def best_ends(
             to the last digit.
     """
     which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
-    counter = itertools.count(1)
-
-    def ended(_: int) -> None:
-        if progress is not None:
-            progress(next(counter), len(which))
-
     tried = descend_many(
         [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        progress=ended, **settings,
+        progress=progress, **settings,
     )  # fmt: skip
     costs = np.array([end.cost if np.isfinite(end.cost) else np.inf for end in tried])
     return [

@@ -137,7 +137,7 @@ def constraints(of: Isobars) -> list[Row]:
     }
     highest, found = printed()["constraint_result_100psi"], []
     fits = of.fits("linear", 4, *printed_rows)
-    at_100 = round(fits.pressures[0][-1] / of.psi) == 100
+    at_100 = round(fits.pressures[-1] / of.psi) == 100
     for k, fit in enumerate(fits.rows):
         label = f"order 4, linear, {fit.constraint}"
         found += averages(of, "7.2", label, fit, printed_rows[fit.constraint])
@@ -246,7 +246,7 @@ def best_fit(of: Isobars) -> list[Row]:
     label = f"{of.mark}, order 3, linear, drucker"
     found = []
     for (key, name, unit), ours in zip(FIGURES, errors(of, fit).values(), strict=True):
-        at = dict(zip((fits.pressures[0] / of.psi).round(), ours, strict=True))
+        at = dict(zip((fits.pressures / of.psi).round(), ours, strict=True))
         found += [
             Row("7.6", f"{label}, {P} psi, {name}", float(at[P]), unit, theirs)
             for P, theirs in zip(table["pressure_psi"], table[key], strict=True)

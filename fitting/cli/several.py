@@ -100,7 +100,7 @@ def sweep(
             f"the geometry needs {', '.join(given)} together, or none of them to identify it; missing: "
             f"{', '.join(missing)}"
         )
-    with progress("identifying the geometry") as show:
+    with progress("identifying the geometry, sweeping"):
         if missing:
             known = fitting.identify(measured)
             shape, dead = known.muscle.geometry, known.estimate("deadband_pressure").value
@@ -112,7 +112,6 @@ def sweep(
         found = fitting.sweep(
             measured, shape, deadband=dead, orders=order, dependences=dependence,
             constraints=constraint, objective=objective,
-            progress=lambda done, total: show(done, total, "sweeping"),
         )  # fmt: skip
     best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
     rows = [_finite(row.as_dict()) for row in found.rows]
@@ -245,7 +244,6 @@ def series(
     term: tuple[str, ...] = (),
     output: Path = Path("famjax-series"),
     units: Units = "metric",
-    jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
@@ -282,8 +280,6 @@ def series(
         Write the file to this folder; it is created if missing.
     units
         Choose the units of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
-    jobs
-        Set the number of processes.
     json_
         Print one JSON object and nothing else.
     """
@@ -312,7 +308,6 @@ def series(
             laws=law or DEFAULT_LAWS,
             parameters=said | taking_part(declared, said),
             constraint=constraint,
-            executor=jobs,
             **parts,
             progress=lambda name, done, total: show(done, total, name),
         )

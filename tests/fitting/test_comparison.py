@@ -153,15 +153,6 @@ def test_a_muscle_of_ones_own_has_the_errors_of_its_validations(dmsp20: ForceDat
     assert row.lolo_interior_rmse == pytest.approx(length.interior_rmse, rel=1e-9)
 
 
-def test_a_law_of_each_pressure_predicts_no_other(dmsp20: ForceData) -> None:
-    high = dmsp20.part(dmsp20.pressures.level > 3e5)
-    options = {"order": 1, "dependence": "free"}
-    (row,) = compare(high, [], own=[("free", options)], starts=2).rows
-    assert math.isnan(row.lopo_rmse)
-    assert math.isfinite(row.lolo_rmse)
-    assert row.note.startswith("without a pressure: coefficients free in pressure say nothing")
-
-
 @pytest.fixture(scope="module")
 def table(dmsp10: ForceData):
     seen: list[tuple[int, int, str]] = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fitting.descent import step_in_box
+from fitting.search import step_in_box
 
 EXACT = 1e-9  # of SciPy's own tolerance
 

@@ -7,12 +7,11 @@ import pytest
 
 import famjax
 from fitting import ForceData, Parameter
-from fitting.descent import descend, descend_many
 from fitting.engine import Batch, partial, predict, solve
-from fitting.posing import pose_one, pose_together
+from fitting.posing import pose
 from fitting.problem import Problem
 from fitting.programs import linear_program, projected_program
-from fitting.search import latin_hypercube
+from fitting.search import descend, descend_many, latin_hypercube
 
 STEP = 1e-5  # of the box
 NOISE = 1e-7  # of a difference so made, of the largest derivative
@@ -42,7 +41,7 @@ def two_points(problem: Problem) -> np.ndarray:
 def test_the_derivative_through_the_convex_fit_is_that_of_differences(
     dmsp20: ForceData, options: dict
 ) -> None:
-    problem = pose_one(dmsp20, **options).problem
+    problem = pose((dmsp20,), **options).problem
     for u in two_points(problem):
         (r,), (J,), _ = fits(problem, u[None])
         moves = STEP * np.eye(u.size)
@@ -57,7 +56,7 @@ def test_the_derivative_through_the_convex_fit_is_that_of_differences(
 
 def test_partial_derivatives_are_those_at_constant_coefficients(dmsp20: ForceData) -> None:
     known = Parameter(prior=(dmsp20.specimen.rest_length, 1e-3), unit="m")
-    problem = pose_one(dmsp20, order=2, noise=5.0, parameters={"rest_length": known}).problem
+    problem = pose((dmsp20,), order=2, noise=5.0, parameters={"rest_length": known}).problem
     p = problem.low + 0.4 * (problem.high - problem.low)
     point, width = solve(problem, p), problem.high - problem.low
     d_residual, d_slack = partial(point)
@@ -73,7 +72,7 @@ def test_partial_derivatives_are_those_at_constant_coefficients(dmsp20: ForceDat
 
 
 def test_a_batch_is_the_fits_one_by_one(dmsp20: ForceData) -> None:
-    problem = pose_one(dmsp20, order=2).problem
+    problem = pose((dmsp20,), order=2).problem
     whole = np.ones(problem.force.size)
     some = whole.copy()
     some[::5] = 0.0
@@ -92,14 +91,14 @@ def test_other_readings_and_specimens_meet_the_same_programs(
     dmsp20: ForceData, dmsp10: ForceData
 ) -> None:
     few = dmsp10.part(np.arange(dmsp10.force.size) % 3 > 0)
-    descend(pose_one(dmsp20, order=2).problem, np.full(3, 0.5))
+    descend(pose((dmsp20,), order=2).problem, np.full(3, 0.5))
     before = linear_program.cache_info().misses, len(projected_program().known)
-    descend(pose_one(few, order=2).problem, np.full(3, 0.5))
+    descend(pose((few,), order=2).problem, np.full(3, 0.5))
     assert (linear_program.cache_info().misses, len(projected_program().known)) == before
 
 
 def test_a_problem_that_was_sent_is_the_same(dmsp10: ForceData) -> None:
-    problem = pose_one(dmsp10, order=2).problem
+    problem = pose((dmsp10,), order=2).problem
     sent = pickle.loads(pickle.dumps(problem))
     start = latin_hypercube(3, 1, seed=4)[0]
     here, there = descend(problem, start), descend(sent, start)
@@ -111,11 +110,11 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(
     dmsp20: ForceData, dmsp10: ForceData
 ) -> None:
     own = ("deadband_pressure", "braid_diameter", "braid_angle")
-    joint = pose_together([dmsp20, dmsp10], own=own, own_law=True, order=2).problem
+    joint = pose([dmsp20, dmsp10], own=own, own_law=True, order=2).problem
     p = joint.low + 0.3 * (joint.high - joint.low)
     both = solve(joint, p)
     for place, data in enumerate((dmsp20, dmsp10)):
-        alone, part = pose_one(data, order=2).problem, joint.parts[place]
+        alone, part = pose((data,), order=2).problem, joint.parts[place]
         one = solve(alone, p[part.at])
         np.testing.assert_allclose(both.x[part.coefficients], one.x, rtol=1e-9)
         np.testing.assert_allclose(
@@ -131,7 +130,7 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(
 
 
 def test_predictions_of_any_number_are_those_of_the_muscle(dmsp20: ForceData) -> None:
-    problem = pose_one(dmsp20, order=2).problem
+    problem = pose((dmsp20,), order=2).problem
     p = problem.low + 0.4 * (problem.high - problem.low)
     point = solve(problem, p)
     values = dict(zip(problem.names, p, strict=True)) | dict(

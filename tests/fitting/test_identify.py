@@ -11,8 +11,7 @@ import pytest
 import famjax
 from fitting import ForceData, Identification, InputError, Specimen, identify
 from fitting.engine import solve
-from fitting.families import EstimatedSource, law_named
-from fitting.parameters import complete_table
+from fitting.families import EstimatedSource
 from fitting.posing import pose
 from fitting.response import CONSTRAINTS
 
@@ -96,25 +95,19 @@ def test_a_parameter_at_its_bound_has_no_error_bar(fitted20: Identification) -> 
 @pytest.mark.parametrize(
     ("order", "dependence", "constraint"),
     [(order, "fixed", constraint) for order in (1, 2, 3, 4) for constraint in CONSTRAINTS]
-    + [(3, form, constraint) for form in ("linear", "free") for constraint in ("none", "drucker")],
+    + [(3, "linear", constraint) for constraint in ("none", "drucker")],
 )
 def test_convex_fit_agrees_with_clarabel(
     order: int, dependence: str, constraint: str, clarabel_objective: Callable[..., float]
 ) -> None:
-    """Every order and constraint, and every dependence, at one geometry, block by block."""
+    """Every order, constraint and dependence, at one geometry, block by block."""
     data = readings(known_muscle(SOFTENING), noise=8.0)
-    law = law_named("polynomial", order)
-    problem = pose(
-        [data],
-        [EstimatedSource(SPECIMEN)],
-        complete_table(SPECIMEN, law.coefficients, {}, {}),
-        law,
-        constraint=constraint,
-        dependence=dependence,
-    )
+    problem = pose((data,), order=order, constraint=constraint, dependence=dependence).problem
     geometry = np.array([0.0215, math.radians(64.0), 25e3])  # beside the truth: constraints bite
     point = solve(problem, geometry)
-    assert point.cost == pytest.approx(clarabel_objective(*point.programme), rel=OBJECTIVE)
+    assert point.cost == pytest.approx(
+        clarabel_objective(point.A, point.b, point.G, point.h), rel=OBJECTIVE
+    )
     assert point.kkt_residual < ROUNDING
 
 
@@ -181,42 +174,11 @@ def test_positive_constraint(dmsp20: ForceData) -> None:
     assert math.isnan(zero.stderr)  # never an error bar of zero
 
 
-@pytest.mark.slow
-def test_linear_and_free_laws_recover_a_linear_truth() -> None:
+def test_a_law_that_is_linear_in_pressure_is_recovered() -> None:
     law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
-    data = readings(known_muscle(law))
-    linear = identify(data, order=2, dependence="linear", starts=4)
+    linear = identify(readings(known_muscle(law)), order=2, dependence="linear", starts=4)
     assert linear.errors.rmse < 1e-6
     np.testing.assert_allclose(linear.coefficients, law.node_coefficients, rtol=1e-6)
-    held = {
-        "braid_diameter": (0.022, 0.022),
-        "braid_angle": (math.radians(65),) * 2,
-        "deadband_pressure": (3e4, 3e4),
-    }
-    levels = np.unique(data.pressure)
-    free = identify(data, order=2, dependence="free", bounds=held, starts=1)
-    np.testing.assert_allclose(free.coefficients, law.coefficients_at(levels), rtol=1e-6)
-    assert free.node_pressures is not None
-    assert np.isfinite(free.muscle.force(0.28, 0.5 * (levels[0] + levels[1])))
-
-
-def test_free_coefficients_where_readings_scatter_about_their_pressures() -> None:
-    """A reading beyond the first or the last level takes that level's coefficients."""
-    values = np.array([2e6, 3e6, 2.5e6])
-    length = np.tile(np.linspace(0.25, 0.298, 8), 3)
-    pressure = np.repeat([3e5, 5e5, 7e5], 8) + np.tile([-40.0, 60.0, -50.0, 30.0], 6)
-
-    def force(E: float) -> np.ndarray:
-        muscle = known_muscle(famjax.PolynomialMaterial([E]))
-        return np.asarray(muscle.force(length, pressure))
-
-    true = force(0.0) + np.repeat(values, 8) * (force(1e6) - force(0.0)) / 1e6
-    fit = identify(
-        ForceData(true, pressure, length, SPECIMEN, pressure_tolerance=500.0), order=1,
-        dependence="free", constraint="none",
-        geometry=known_muscle(SOFTENING).geometry, bounds={"deadband_pressure": (3e4, 3e4)}, starts=1,
-    )  # fmt: skip
-    np.testing.assert_allclose(fit.coefficients[:, 0], values, rtol=1e-6)
 
 
 def test_units_of_the_file_do_not_matter(
@@ -311,10 +273,6 @@ def test_weights_follow_the_standard_deviations() -> None:
         ({"bounds": {"braid_diameter": (0.02, math.inf)}}, "needs finite bounds"),
         ({"bounds": {"E_1": (-2e6, -1e6)}, "constraint": "positive"}, "no coefficients satisfy"),
         ({"order": 7}, "needs loaded readings at 7 or more lengths away from the rest length"),
-        (
-            {"dependence": "free", "order": 2},
-            "need loaded readings at 2 or more lengths.*too few at 65, 85, 110",
-        ),
     ],
 )
 def test_what_cannot_be_fitted_is_refused(dmsp20: ForceData, options: dict, message: str) -> None:

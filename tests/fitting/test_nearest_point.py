@@ -9,7 +9,6 @@ from scipy import optimize
 from fitting.convex import Status, cholesky, inverse_lower, nearest_point
 
 EXACT = 1e-12  # a few roundings of a problem of unit size
-DIFFERENCE = 1e-6  # central differences with step 1e-6
 MEMBERS, UNKNOWNS, ROWS = 200, 4, 17
 
 one = jax.jit(nearest_point)
@@ -71,37 +70,6 @@ def test_duplicated_and_opposite_rows() -> None:
     found = one(G, h, np.array([0.0, 0, 5, 6]))
     assert Status(int(found.status)) is Status.OPTIMAL
     np.testing.assert_allclose(found.y, [2, 3, 5, 6], atol=EXACT)
-
-
-def test_second_derivative_at_an_active_constraint() -> None:
-    """The circle's nearest point on a line through the origin that turns: a closed form."""
-
-    def distance(angle: jax.Array) -> jax.Array:
-        G = jnp.zeros((ROWS, UNKNOWNS)).at[0, 0].set(jnp.sin(angle)).at[0, 1].set(-jnp.cos(angle))
-        h = jnp.full(ROWS, -1.0).at[0].set(0.0)
-        y = nearest_point(G, h, jnp.array([1.0, 2.0, 0.0, 0.0])).y
-        return y @ y  # = (cos + 2 sin)^2, where 2 cos > sin, so that the row is violated
-
-    angle = 0.4
-    assert float(jax.jit(distance)(angle)) == pytest.approx(
-        (np.cos(angle) + 2 * np.sin(angle)) ** 2
-    )
-    first = 2 * (np.cos(angle) + 2 * np.sin(angle)) * (2 * np.cos(angle) - np.sin(angle))
-    second = 2 * (2 * np.cos(angle) - np.sin(angle)) ** 2
-    second -= 2 * (np.cos(angle) + 2 * np.sin(angle)) ** 2
-    assert float(jax.jit(jax.grad(distance))(angle)) == pytest.approx(first, rel=1e-12)
-    assert float(jax.jit(jax.grad(jax.grad(distance)))(angle)) == pytest.approx(second, rel=1e-10)
-
-
-def test_a_batch_is_differentiated() -> None:
-    G, h, centre = (jnp.asarray(part) for part in rising_cubics(2))
-
-    def total(shift: jax.Array) -> jax.Array:
-        return jnp.sum(many(G, h, centre + shift).y ** 2)
-
-    slope, value = jax.grad(total)(0.0), jax.jit(total)
-    central = (value(1e-6) - value(-1e-6)) / 2e-6
-    assert float(slope) == pytest.approx(float(central), rel=DIFFERENCE)
 
 
 def test_a_member_without_solution_leaves_the_others_alone() -> None:

@@ -7,10 +7,10 @@ import pytest
 
 from famjax.compile_options import quick_jit
 from fitting import ForceData, Parameter, identify
-from fitting.descent import descend
 from fitting.engine import solve
-from fitting.posing import pose_one
-from fitting.pure_problem import PureProblem
+from fitting.posing import pose
+from fitting.problem import PureProblem
+from fitting.search import descend
 
 STEP = 0.1  # N: of differences
 DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
@@ -19,7 +19,7 @@ DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-
 def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(
     dmsp20: ForceData,
 ) -> None:
-    problem = pose_one(dmsp20, order=2).problem
+    problem = pose((dmsp20,), order=2).problem
     pure, force = PureProblem.of(problem), jnp.asarray(problem.force)
     u = np.random.default_rng(0).uniform(0.05, 0.95, (3, problem.free.size))
     parameters = np.stack([problem.parameters(one) for one in u])
@@ -55,8 +55,7 @@ def test_the_derivative_goes_through_the_fit(dmsp20: ForceData, options: dict) -
     @quick_jit
     def slope(force: jax.Array, along: jax.Array) -> tuple[jax.Array, ...]:
         def numbers(force: jax.Array) -> tuple[jax.Array, jax.Array]:
-            fit = pure.differentiable(force, near)
-            return fit.parameters, fit.x
+            return pure.differentiable(force, near)
 
         return jax.jvp(numbers, (force,), (along,))[1]
 

@@ -1,4 +1,4 @@
-"""Choices and series on any executor: the same bits, the same files."""
+"""Choices on any executor: the same bits, the same files."""
 
 from pathlib import Path
 from typing import Any
@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import ForceData, InputError, Specimen, choose, identify_series
+from fitting import ForceData, InputError, Specimen, choose
 from fitting.choice import Choice, NestedValidation, validate_choice
-from fitting.series import Series
 
 pytestmark = pytest.mark.slow
 
@@ -79,35 +78,3 @@ def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
     assert cut.read_bytes() == whole.read_bytes()
     with pytest.raises(InputError, match=r"a validation of other data .*settings.groups"):
         validate_choice(here, "pressure", resume=cut, **FEW)
-
-
-def test_a_stopped_series_goes_on_to_the_same_bytes(tmp_path: Path, sent: Any) -> None:
-    maps = [measured(0.1, 3), measured(0.2, 4)]
-    own: dict[str, Any] = {"laws": ("linear",), "starts": 2}
-    whole, cut = tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
-    found = identify_series(maps, **own, resume=whole)
-
-    class StoppedError(Exception):
-        pass
-
-    def stop(_: str, done: int, total: int) -> None:
-        if done == 2:
-            raise StoppedError
-
-    with pytest.raises(StoppedError):
-        identify_series(maps, **own, resume=cut, progress=stop)
-    again = identify_series(maps, **own, resume=cut, executor=sent)
-    assert sent.count == 2  # of four: with and without a deadband, in two rigs
-    assert _same_series(found, again)
-    assert _same_series(found, identify_series(maps, **own))
-    assert cut.read_bytes() == whole.read_bytes()
-
-
-def _same_series(one: Series, other: Series) -> bool:
-    pairs = zip(one.specimens, other.specimens, strict=True)
-    return (
-        one.name == other.name
-        and one.candidates == other.candidates
-        and len(one.others) == len(other.others)
-        and all(np.array_equal(a.residuals, b.residuals) for a, b in pairs)
-    )

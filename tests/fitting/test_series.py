@@ -298,17 +298,6 @@ def test_a_law_of_ones_own_is_that_of_a_series(series: Series, tmp_path: Path) -
     assert rows[0]["force_N"] == pytest.approx(found.predict(0.15, L[:1], P[:1])[0][0], rel=1e-9)
 
 
-def test_a_series_is_known_by_the_numbers_of_its_terms(tmp_path: Path) -> None:
-    """What was judged with a preload of 0 N is not that of one of 20 N."""
-    maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
-    held = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}
-    given = {"laws": "linear", "parameters": held, "starts": 1, "resume": tmp_path / "series.jsonl"}
-    identify_series(maps, terms=Pull(0.0), **given)
-    identify_series(maps, terms=Pull(0.0), **given)
-    with pytest.raises(InputError, match="series"):
-        identify_series(maps, terms=Pull(20.0), **given)
-
-
 def test_a_term_of_ones_own_is_shared_by_the_series() -> None:
     maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
     maps = [dataclasses.replace(one, force=one.force + 20.0) for one in maps]

@@ -9,11 +9,10 @@ import pytest
 import famjax
 from fitting import ForceData
 from fitting.engine import solve
-from fitting.ladder import Candidate, ladder
-from fitting.posing import pose_one
+from fitting.ladder import Candidate, in_shared_program, ladder, sharing_one_program
+from fitting.posing import pose
 from fitting.problem import Problem
 from fitting.race import posed_of
-from fitting.shared_program import in_shared_program, sharing_one_program
 from fitting.summary import muscle_at
 
 ROUNDING = 1e-9  # relative: another program, and the forces of a rig to their own tolerance
@@ -70,7 +69,7 @@ def test_its_muscle_has_the_same_force(weighed: ForceData, name: str) -> None:
 
 
 def test_a_law_of_ones_own_keeps_its_own_program(dmsp20: ForceData) -> None:
-    problem = pose_one(dmsp20, law=Stiffer).problem
+    problem = pose((dmsp20,), law=Stiffer).problem
     assert sharing_one_program(problem).parts[0].within is None
 
 

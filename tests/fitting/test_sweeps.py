@@ -179,13 +179,14 @@ def test_a_perfect_law_is_found_by_either_objective() -> None:
 def test_cubics_follow_functions_with_corners() -> None:
     """The minimum between nodes, at a corner that no node is at, and of a path of its own."""
 
-    def evaluate(s: np.ndarray) -> np.ndarray:
-        corner = np.array([0.123, 0.777])[:, None]
+    def evaluate(path: np.ndarray, s: np.ndarray) -> np.ndarray:
+        corner = np.array([0.123, 0.777])[path, None]
         return np.stack([np.abs(s - corner), np.exp(s)], axis=-1)
 
-    table = PathTable.of(evaluate, 2)
+    table = PathTable.of(evaluate, 2, 32)
     s = np.random.default_rng(0).uniform(size=(2, 50))
-    np.testing.assert_allclose(table.at(np.arange(2)[:, None], s), evaluate(s), atol=1e-9)
+    expected = evaluate(np.arange(2), s)
+    np.testing.assert_allclose(table.at(np.arange(2)[:, None], s), expected, atol=1e-9)
     least, where = table.weakest(np.tile([2.0, 0.1], (2, 1)))
     np.testing.assert_allclose(where, [0.123, 0.777], atol=1e-8)
     np.testing.assert_allclose(least, 0.1 * np.exp(where), atol=1e-8)
@@ -265,7 +266,7 @@ def test_a_sweep_is_printed_as_a_line(swept: Sweep) -> None:
         ({"orders": (5,)}, "orders must be a whole number 1 to 4"),
         ({"constraints": ("convex",)}, "constraints: known are"),
         ({"objective": "rmse"}, "objective: known are"),
-        ({"geometry": [geometry(), geometry()]}, "one geometry for all"),
+        ({"deadband": -1.0}, "the deadband is a gauge pressure"),
         ({"data": dataclasses.replace(DATA, length=DATA.length + 0.1)},
          "no reading is shorter than the rest length"),
     ],
@@ -286,7 +287,7 @@ def test_pictures(swept: Sweep) -> None:
     curves = plot_curves(swept, list(swept.rows[:2]), "us")
     assert len(curves.axes) == 2
     lines, readings = curves.axes[0].collections
-    assert len(lines.get_paths()) == swept.pressures[0].size
+    assert len(lines.get_paths()) == swept.pressures.size
     assert len(readings.get_offsets()) == DATA.loaded.sum()
 
 

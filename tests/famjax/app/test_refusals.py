@@ -60,7 +60,7 @@ AT_ONCE: list[tuple[tuple[str, ...], str]] = [
     (("sweep", "--order", "9"), "Must be <= 4"),
     (("sweep", "--order", "1", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
     (("compare", "--jobs", "0"), "Must be >= 1"),
-    (("series", "--jobs", "x"), "--jobs must be a whole number, got 'x'"),
+    (("compare", "--jobs", "x"), "--jobs must be a whole number, got 'x'"),
 ]
 DAMAGED = [  # what is replaced in a map by what, and what is said of it
     ("force_N", "force", (), "column 'force' has no unit"),
