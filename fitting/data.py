@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from famjax.boundary.errors import InputError
-from famjax.boundary.extras import import_extra
+from famjax.boundary.errors import InputError, import_extra
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import factor, unit_system
 

@@ -1,8 +1,10 @@
 """The one family of errors that say what is wrong with what was given."""
 
 import difflib
+import importlib
 import numbers
 from collections.abc import Iterable
+from types import ModuleType
 
 
 class InputError(ValueError):
@@ -31,3 +33,22 @@ def meant(name: str, known: Iterable[str]) -> str:
     by_lower = {one.lower(): one for one in known}
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
     return f"; did you mean {by_lower[near[0]]}?" if near else ""
+
+
+def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> ModuleType:
+    """A package of an extra.
+
+    Args:
+        name: of the package.
+        extra: with which it comes.
+        error: what is raised where it is not there.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise error(
+            f'{name} comes with the extra {extra!r}: python -m pip install "famjax[{extra}]"'
+        ) from None
