@@ -6,7 +6,6 @@ import inspect
 import io
 import os
 import re
-import select
 import signal
 import sys
 import warnings
@@ -64,23 +63,23 @@ def main(arguments: list[str] | None = None) -> None:
     Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
     141 nobody reads the output any more.
     """
-    if arguments is None:
-        end_at_interrupts(sys.argv[1:])
-        warnings.showwarning = _as_note
-        _print_what_the_terminal_lacks()
-        # What imports and traces make stays to the end: it is searched for garbage less often.
-        gc.set_threshold(400_000, 20, 50)
+    if arguments is not None:
+        sys.exit(_run(arguments))
+    end_at_interrupts(sys.argv[1:])
+    warnings.showwarning = _as_note
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that it cannot show is no reason to end
+            stream.reconfigure(errors="backslashreplace")
+    # What imports and traces make stays to the end: it is searched for garbage less often.
+    gc.set_threshold(400_000, 20, 50)
     try:
-        code = _run(sys.argv[1:] if arguments is None else arguments)
-        if arguments is None:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        if arguments is not None or not _reader_has_left():
-            raise
+        code = _run(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:  # as after `| head`; what is left goes nowhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = NO_READER
-    if arguments is None:
-        # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
-        gc.freeze()
+    # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
+    gc.freeze()
     sys.exit(code)
 
 
@@ -179,13 +178,6 @@ def sentence(path: str) -> str:
     return inspect.cleandoc(found[1])
 
 
-def _print_what_the_terminal_lacks() -> None:
-    """Print characters that a stream's encoding lacks as their numbers: a name is no reason to end."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
     """A warning as a person reads it; those for developers are none of a user's."""
     if issubclass(category, UserWarning):
@@ -225,14 +217,3 @@ def end_at_interrupts(arguments: Sequence[str]) -> None:
         os._exit(STOPPED)
 
     signal.signal(signal.SIGINT, end)
-
-
-def _reader_has_left() -> bool:
-    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
-    out = sys.stdout.fileno()
-    state = select.poll()
-    state.register(out, select.POLLOUT)
-    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
-        return False
-    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
-    return True

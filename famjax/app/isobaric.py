@@ -340,32 +340,6 @@ def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
     return (time[edges] + time[edges + 1]) / 2
 
 
-def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
-    """One row for every isobar, the units in the keys; "none" for what was not measured.
-
-    Raises:
-        InputError: an unknown system.
-    """
-    units = unit_system(system)
-    pressure, force = units["pressure"], units["force"]
-    Pa, N = factor(pressure, "pressure"), factor(force, "force")
-    rows: list[dict[str, float | str]] = []
-    for bar in found.isobars:
-        row = {
-            f"set_{pressure}": bar.set_pressure / Pa,
-            f"mean_{pressure}": bar.pressure / Pa,
-            f"std_{pressure}": bar.pressure_std / Pa,
-            f"largest_error_{pressure}": bar.largest_pressure_error / Pa,
-            "cycles": bar.cycles,
-            f"blocked_{force}": bar.blocked_force / N,
-            "free_contraction": bar.free_contraction,
-            "hysteresis_J": bar.hysteresis,
-            "hysteresis_ratio": bar.hysteresis_ratio,
-        }
-        rows.append({k: v if math.isfinite(v) else "none" for k, v in row.items()})
-    return rows
-
-
 def figures(found: Analysis) -> dict[str, object]:
     """The figures of an analysis for a JSON file, unit in each key; None for what was not measured."""
     rows = [
