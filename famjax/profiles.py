@@ -3,6 +3,7 @@
 import abc
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -215,7 +216,13 @@ class _WithEnds(AbstractAssumedShape):
     """A cylinder whose ends are narrower."""
 
     end_diameter: eqx.AbstractVar[RealArray]
-    end_length: eqx.AbstractVar[RealArray]
+    if TYPE_CHECKING:
+
+        @property
+        def end_length(self) -> RealArray: ...  # noqa: D102
+
+    else:
+        end_length: eqx.AbstractVar[RealArray]  # a field or a property
 
     def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
         """Where the ends meet the cylinder."""

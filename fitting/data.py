@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, import_extra
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import factor, unit_system
+from famjax.boundary.units import Quantity, Sentence, factor, unit_system
 
 from .arguments import check_mapping, check_numbers, is_number, shown
 from .plausible import QUANTITIES, check_plausible

@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import class_named, class_path
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, class_named, class_path
 from famjax.geometries import AbstractGeometry
 from famjax.parameters import Declared
 from famjax.terms import AbstractForceTerm

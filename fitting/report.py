@@ -27,8 +27,7 @@ from matplotlib.ticker import MaxNLocator
 
 import famjax
 from famjax.boundary.files import Origin, as_png, write_all
-from famjax.boundary.sentence import Quantity, in_units
-from famjax.boundary.units import factor, from_si, unit_system
+from famjax.boundary.units import Quantity, factor, from_si, sentence_in_units, unit_system
 from famjax.compile_options import as_arrays, quick_jit
 
 from .arguments import check_path
@@ -340,8 +339,8 @@ def verdict(
         f"{judged.level.capitalize()}. RMSE {force(errors.rmse)} ({errors.rmse_percent:.2g} % of the "
         f"largest force) in sample{'; held out: ' * bool(held_out)}{', '.join(held_out)}."
     )
-    reasons = [in_units(one, system) for one in judged.reasons]
-    said = " ".join(filter(None, (said, *reasons[:1], in_units(judged.unchecked, system))))
+    reasons = [sentence_in_units(one, system) for one in judged.reasons]
+    said = " ".join(filter(None, (said, *reasons[:1], sentence_in_units(judged.unchecked, system))))
     if not result.converged:
         return f"NOT converged. {said}"
     if not judged.passed:
@@ -393,7 +392,7 @@ def notes(
         *evidence_warnings(evidence or Evidence(), result),
         *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
     )
-    return tuple(in_units(one, system) for one in found)
+    return tuple(sentence_in_units(one, system) for one in found)
 
 
 def _parameter_table(result: Identification, system: str) -> Table:
@@ -445,7 +444,7 @@ def _certificate_table(result: Identification, system: str) -> Table:
              Quantity(certificate.slope_margin, "stress").in_units(system))]),
         ("largest strain used", f"{result.strain_range:.4g}"),
         ("active constraints",
-         "; ".join(in_units(one, system) for one in result.active_constraints) or "none"),
+         "; ".join(sentence_in_units(one, system) for one in result.active_constraints) or "none"),
         ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
         ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
         ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),

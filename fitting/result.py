@@ -13,8 +13,7 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import si_unit
+from famjax.boundary.units import Quantity, Sentence, si_unit
 
 from .arguments import shown
 from .covariance import CONDITION_LIMIT

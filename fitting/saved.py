@@ -14,11 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import NotTrustedError, Own
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, NotTrustedError, Own
 from famjax.boundary.files import Origin
-from famjax.boundary.sentence import in_units
-from famjax.boundary.units import finite_or_none, from_si, unit_system
+from famjax.boundary.units import finite_or_none, from_si, sentence_in_units, unit_system
 from famjax.cards import (
     Covariance,
     MuscleCard,
@@ -267,8 +265,8 @@ def summary_as_dict(
     fixed = result.node_pressures is None
     return {
         "verdict": judged.level,
-        "reasons": [str(in_units(one, system)) for one in judged.reasons],
-        "unchecked": str(in_units(judged.unchecked, system)) or None,
+        "reasons": [str(sentence_in_units(one, system)) for one in judged.reasons],
+        "unchecked": str(sentence_in_units(judged.unchecked, system)) or None,
         "suspicions": [one.cause for one in judged.suspicions],
         "choice": None if choice is None else choice_as_dict(choice),
         "rmse_N": finite_or_none(errors.rmse),
@@ -303,7 +301,7 @@ def summary_as_dict(
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
         "warnings": [
-            str(in_units(one, system))
+            str(sentence_in_units(one, system))
             for one in (*result.warnings, *evidence_warnings(evidence or Evidence(), result))
         ],
         **evidence_as_dict(evidence or Evidence()),

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import class_named
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, class_named
 from famjax.boundary.tasks import AnyExecutor, Store
 
 from .arguments import check_mapping

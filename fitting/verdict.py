@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from famjax.boundary.sentence import Quantity, Sentence
+from famjax.boundary.units import Quantity, Sentence
 
 from .covariance import CONDITION_LIMIT
 from .faults import Suspicion, counted

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from famjax.boundary.errors import import_extra
+from famjax.boundary.files import some_of
 from famjax.boundary.units import factor, unit_system
 
 from .camera import Array

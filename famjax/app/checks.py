@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import text_in_units
+from famjax.boundary.units import text_in_units
 from fitting.data import Specimen
 from fitting.report import PageTable
 from rig.journal import Record

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from famjax.boundary import sentence
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import (
+    Quantity,
+    Sentence,
     parse_quantities,
     parse_quantity,
     quantity_unit,
+    sentence_in_units,
     unit_system,
 )
 from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows
@@ -208,14 +210,14 @@ def _print_history(
         return 0
     _print_answers("Force along the history", in_units(rows, asked), units)
     if any(row["force_std_N"] is not None for row in rows):
-        note = sentence.Sentence(
+        note = Sentence(
             "note: the 95 % band holds the error of the static map and that of the hysteresis, ",
-            sentence.Quantity(hysteresis_error(saved), "force", 2),
+            Quantity(hysteresis_error(saved), "force", 2),
             " RMS on what was left out"
             if saved.document["hysteresis"]["left_out"]
             else " RMS in sample",
         )
-        print(sentence.in_units(note, units or "metric"))
+        print(sentence_in_units(note, units or "metric"))
     return 0
 
 
@@ -302,29 +304,29 @@ def _predict_by_card(
     return 0
 
 
-def _impossible(safe: "SafeMuscle", length: float) -> sentence.Sentence | None:
+def _impossible(safe: "SafeMuscle", length: float) -> Sentence | None:
     """Why no muscle has that length, or None."""
     lock, straight = (float(end) for end in safe.continued.stops)
     if length < lock:
-        end = sentence.Quantity(lock, "length")
-        return sentence.Sentence("the length is below the braid's lock, ", end)
+        end = Quantity(lock, "length")
+        return Sentence("the length is below the braid's lock, ", end)
     if length > straight:
-        end = sentence.Quantity(straight, "length")
-        return sentence.Sentence("the length is beyond the thread's, ", end)
+        end = Quantity(straight, "length")
+        return Sentence("the length is beyond the thread's, ", end)
     return None
 
 
-def _beyond(region: "Region", length: float, pressure: float) -> sentence.Sentence | None:
+def _beyond(region: "Region", length: float, pressure: float) -> Sentence | None:
     """Why a state is not the model's own, or None."""
     for value, kind in ((length, "length"), (pressure, "pressure")):
         low, high = (float(end) for end in getattr(region, kind))
         if not low <= value <= high:
-            ends = sentence.Quantity(low, kind), " to ", sentence.Quantity(high, kind)
-            return sentence.Sentence(f"the {kind} is beyond the model's own region, ", *ends)
+            ends = Quantity(low, kind), " to ", Quantity(high, kind)
+            return Sentence(f"the {kind} is beyond the model's own region, ", *ends)
     return None
 
 
-def _inside(why: sentence.Sentence | None) -> dict[str, Any]:
+def _inside(why: Sentence | None) -> dict[str, Any]:
     return {"inside": why is None, "outside": why}
 
 
@@ -371,7 +373,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | 
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {sentence.in_units(reason, system or 'metric')}")
+            print(f"- {sentence_in_units(reason, system or 'metric')}")
 
 
 def card(

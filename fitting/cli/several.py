@@ -400,14 +400,14 @@ def _print_series(document: dict, values: dict, system: str) -> None:
 
 def _print_verdict(judgement: "Judgement", left_out_rmse: float, system: str) -> None:
     """The level with the gravest reason, then how well specimens predict one another."""
-    from famjax.boundary import sentence
+    from famjax.boundary.units import Quantity, sentence_in_units
 
-    first, *others = [sentence.in_units(one, system) for one in judgement.reasons] or [""]
+    first, *others = [sentence_in_units(one, system) for one in judgement.reasons] or [""]
     console = Console(highlight=False)
-    for other in (*others, sentence.in_units(judgement.unchecked, system)):
+    for other in (*others, sentence_in_units(judgement.unchecked, system)):
         if other:
             console.print(f"note: {other}", markup=False)
-    predicted = sentence.Quantity(left_out_rmse, "force", 3).in_units(system)
+    predicted = Quantity(left_out_rmse, "force", 3).in_units(system)
     said = (
         f"{judgement.level.capitalize()}: {first}" if first else f"{judgement.level.capitalize()}."
     )
