@@ -219,7 +219,7 @@ class _WithEnds(AbstractAssumedShape):
     if TYPE_CHECKING:
 
         @property
-        def end_length(self) -> RealArray: ...  # noqa: D102
+        def end_length(self) -> RealArray: ...
 
     else:
         end_length: eqx.AbstractVar[RealArray]  # a field or a property

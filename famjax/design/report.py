@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..boundary.units import Row, entry, from_si, unit_system
+from ..boundary.units import Row, entry, factor, unit_system
 from .catalogue import Catalogue, size_end_fittings
 from .search import COLUMNS, CONSTRAINTS, Combination, Feasibility, Search, feasibility
 
@@ -134,9 +134,7 @@ def feasible_table(found: Search, *, system: str) -> bytes:
     at = found.feasible
     at = at[:: max(1, -(-len(at) // _MOST_ROWS))]
     units = {name: unit_system(system)[kind] for name, kind in COLUMNS.items()}
-    columns = [
-        from_si(found.columns[name][at], units[name], kind) for name, kind in COLUMNS.items()
-    ]
+    columns = [found.columns[n][at] / factor(units[n], kind) for n, kind in COLUMNS.items()]
     lines = [",".join(["bladder", "braid", *(f"{n}_{u}".rstrip("_") for n, u in units.items())])]
     for k, row in zip(found.columns["pair"][at], np.stack(columns, axis=-1).tolist(), strict=True):
         bought = found.pairs[k].bladder.name, found.pairs[k].braid.name

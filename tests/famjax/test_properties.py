@@ -374,8 +374,8 @@ def test_a_model_is_pickled_and_prints_its_class(case: Case) -> None:
 
 
 WITH_TESTS_OF_THEIR_OWN = {
-    "cylinder_dimensions", "smooth_sign", "strain_under_line", "thread_contact_area", "thread_tension", "virtual_work_force",
-    "volume_rate",
+    "cylinder_dimensions", "smooth_sign", "strain_under_line", "thread_contact_area", "thread_tension",
+    "virtual_work_force", "volume_rate",
 }  # fmt: skip
 
 
