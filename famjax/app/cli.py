@@ -10,7 +10,6 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -105,9 +104,8 @@ def _run(arguments: list[str]) -> int:
             words, exit_on_error=False, print_error=False, result_action="return_value"
         )
     except CycloptsError as error:
-        hint = _of_a_minus_sign(arguments, str(error))
         ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
-        print(f"famjax: {error}{hint}\nTry '{ask}'.", file=sys.stderr)
+        print(f"famjax: {error}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)
@@ -182,14 +180,6 @@ def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
     """A warning as a person reads it; those for developers are none of a user's."""
     if issubclass(category, UserWarning):
         print(f"note: {message}", file=sys.stderr)
-
-
-def _of_a_minus_sign(arguments: list[str], error: str) -> str:
-    """How a value that begins with a minus sign is given, where one was read as an option."""
-    for option, value in pairwise(arguments):
-        if f"{option} requires an argument" in error and re.match(r"-[.\d]", value):
-            return f"\nA value with a minus sign is written {option}={value}"
-    return ""
 
 
 def farewell(arguments: Sequence[str]) -> str:

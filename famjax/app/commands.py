@@ -311,7 +311,7 @@ def _report_test(
     if json_:
         print_json(document | {"files": [str(p) for p in paths]})
         return 0
-    print_rows("Isobars", in_units(found.characterisation.rows(), unit_system(units)))
+    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
     print(found.alignment)
     for note in found.characterisation.notes:
         print("note:", note)

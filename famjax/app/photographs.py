@@ -23,6 +23,7 @@ from imaging.cli import AddLog
 from .checks import Check, units_of
 from .folder import ASSUMED, Photographs, Sheet
 
+_ANYTHING = (-math.inf, math.inf)
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
@@ -145,30 +146,28 @@ def picture_checks(
         machine: the log of the same test, None where the force is a map.
         lengths: of the force map's readings [m], shape (n,).
     """
-    found = [_measured(table)]
+    found = [_measured(table), _cover(table, lengths), *_diameter(sheet, table)]
     if machine is None:
-        return [*found, _cover(table, lengths), *_diameter(sheet, table)]
-    guess = photographs.log_offset
+        return found
+    guess, open_ = photographs.log_offset, "clocks of camera and machine"
     if np.isfinite(table["time"][table.ok]).sum() < _FEWEST:
-        found.append(
-            Check.of("clocks of camera and machine", math.nan, (-math.inf, math.inf),
-                  say=f"Fewer than {_FEWEST} pictures have a time in their EXIF data, so that force and "
-                  "pressure at each are not known: copy the pictures from the camera unchanged.")
-        )  # fmt: skip
-        return [*found, _cover(table, lengths), *_diameter(sheet, table)]
+        say = (
+            f"Fewer than {_FEWEST} pictures have a time in their EXIF data, so that force and pressure "
+            "at each are not known: copy the pictures from the camera unchanged."
+        )
+        return [*found, Check.of(open_, math.nan, _ANYTHING, say=say)]
     try:
         clock = camera_clock(table, machine, guess)
     except OtherMotion as error:
-        return [*found, _unlike(error, table, machine, guess)]
+        return [found[0], _unlike(error, table, machine, guess)]
     except SyncError as error:
-        open_ = Check.of("clocks of camera and machine", math.nan, (-math.inf, math.inf),
-                      say=f"{error}. The force and pressure at each picture are not known; "
-                      "log_offset_s in [photographs] says what the log is ahead of the first "
-                      "picture.")  # fmt: skip
-        return [*found, open_, _cover(table, lengths), *_diameter(sheet, table)]
+        say = (
+            f"{error}. The force and pressure at each picture are not known; log_offset_s in "
+            "[photographs] says what the log is ahead of the first picture."
+        )
+        return [*found, Check.of(open_, math.nan, _ANYTHING, say=say)]
     return [
-        *found, *_scale(sheet, photographs, table, machine, clock), _outside(table, machine, clock),
-        _cover(table, lengths), *_diameter(sheet, table),
+        *found, *_scale(sheet, photographs, table, machine, clock), _outside(table, machine, clock)
     ]  # fmt: skip
 
 

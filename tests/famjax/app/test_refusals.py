@@ -37,7 +37,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("assess", "MAP", "--validate"), "give a fit.json"),
     (("assess", "MAP", "--hysteresis", "MAP"), "is not the branches.csv that famjax ramps"),
     (("predict", "MAP", *AT, "3bar"), "give a fit.json"),
-    (("predict", "MAP", *AT, "-3bar"), "A value with a minus sign is written --pressure=-3bar"),
+    (("predict", "MAP", *AT, "-3bar"), "parameter --pressure requires an argument"),
     (("rig", "simulat"), "Try 'famjax rig --help'"),
     (("series", "MAP"), "predict --rest-length"),
     (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "shorter than its rounded ends"),
