@@ -18,6 +18,7 @@ from jax.flatten_util import ravel_pytree
 
 import famjax
 from famjax import braids, geometries, profiles, surfaces, terms
+from famjax.design import Combination
 from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian, maximum_diameter
 from famjax.muscle import give_way
 from famjax.profiles import FourierProfile
@@ -264,6 +265,12 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
     elements = SlipElements([0.004, 0.02, 0.07], [3.0, 2.0, 6.0])
     slips = MaxwellSlip(elements, SlipElements([0.002, 0.015], [8.0, 20.0]), 0.3, 1e6)
     states = (0.3 * (1 - 0.2 * RANDOM.uniform(size=9)), 8e5 * RANDOM.uniform(size=9))
+    sleeve = Combination(*known.DESIGN)
+    ideal = lambda one, e, P: one.force(e, P)  # noqa: E731
+    latex = lambda one, e, P: one.force(e, P, known.LATEX)  # noqa: E731
+    states = np.array([0.05, 0.2, 0.1]), PRESSURES
+    yield "ideal design", Case(ideal, sleeve, states)
+    yield "design of latex", Case(latex, sleeve, states, 2e-4)
     yield "history of slips", Case(MaxwellSlip.along, slips, states, 1e-3)
     yield "stiffness in a rig", Case(famjax.MountedMuscle.stiffness, RIG, (1.18 * L, P), 2e-3)
     yield "free contraction in a rig", Case(SOLVES["free contraction"][0], RIG, (P,), 2e-4)
