@@ -73,7 +73,7 @@ class Check:
             verdict = AGREES if agrees else DOUBTFUL
             if not possible[0] <= found <= possible[1]:
                 verdict = CONTRADICTS
-        told = f"{low:.4g} to {high:.4g}{end}" if math.isfinite(high) else f"{low:.4g} or more{end}"
+        told = f"{low:.4g} to {high:.4g}{end}" if math.isfinite(high) else f"{low:.4g}{end} or more"
         value = NOT_KNOWN if math.isnan(found) else f"{found:.4g}{end}"
         return cls(what, "any" if expected == _ANYTHING else told, value, verdict, say)
 
