@@ -16,11 +16,17 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.errors import NotTrustedError, Own, check_trusted, class_path
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, NotTrustedError, Own, check_trusted, class_path
 from famjax.boundary.files import Origin
-from famjax.boundary.units import Quantity, Sentence, sentence_in_units
-from famjax.boundary.units import finite_or_none, from_si, si_unit, unit_system
+from famjax.boundary.units import (
+    Quantity,
+    Sentence,
+    finite_or_none,
+    from_si,
+    sentence_in_units,
+    si_unit,
+    unit_system,
+)
 from famjax.cards import (
     Covariance,
     MuscleCard,

@@ -258,9 +258,7 @@ def _by_card(
     return rows, f" of {card.name}"
 
 
-def _outside(
-    safe: "SafeMuscle", length: float, pressure: float
-) -> tuple[Sentence | None, bool]:
+def _outside(safe: "SafeMuscle", length: float, pressure: float) -> tuple[Sentence | None, bool]:
     """Why a state is not the model's own, or None; and whether a muscle can have that length."""
     lock, straight = map(float, safe.continued.stops)
     for beyond, text, end in (

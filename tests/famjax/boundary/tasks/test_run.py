@@ -119,9 +119,7 @@ def test_a_line_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
 def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     Store(file, "sweep", {"orders": [1, 2], "seed": 0}, 3)
-    with pytest.raises(
-        InputError, match=r"other settings: parts was 3, now 4; settings.seed was 0"
-    ):
+    with pytest.raises(InputError, match=r"other settings: parts was 3, now 4; seed was 0"):
         Store(file, "sweep", {"orders": [1, 2], "seed": 1}, 4)
     file.write_text("{]\n")
     with pytest.raises(InputError, match=r"a.jsonl is damaged \(.*\): give another, or remove it"):
