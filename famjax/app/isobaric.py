@@ -254,7 +254,7 @@ def _by_load(
         return align_by_load(time, force, log.time, load, near=near, time_error=time_error)
     except InputError as error:
         opposite = "the force with the opposite sign"
-        known = {"the displacement": log.displacement} | log.others
+        known = {"the displacement": log.displacement, **log.others}
         others = {opposite: -load} | {
             f"{sign}{name}": values if not sign else -values
             for name, values in known.items() for sign in ("", "the negative of ")
