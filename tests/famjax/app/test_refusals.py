@@ -47,7 +47,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     ((*DESIGN, "--search", "0.5"), "--search must be >= 1"),
     ((*ASKED, "--objective", "width"), "one or more of outer_diameter"),
     ((*ASKED, "--vary", "angle_deg=1:2"), "unknown key 'angle_deg'"),
-    ((*ASKED, "--vary", "pressure_psi=1:2:3"), "key_unit=least:greatest"),
+    ((*ASKED, "--vary", "pressure_psi=1:2:3"), "must be two numbers in brackets, got [1.0, 2.0, 3.0]"),
     ((*ASKED, "--vary", "pressure_psi=20:200"), "above the pressure of the"),
     ((*ASKED, "--vary", "rest_length_mm=300:100"), "0 < least <= greatest"),
     *(((command, "here", "--jobs", "0"), "--jobs")
