@@ -5,6 +5,7 @@ pi N D = B cos(theta) around it. `theta` is measured from the circumference.
 """
 
 import abc
+import functools
 import math
 from collections.abc import Callable
 
@@ -13,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ._arrays import Given, Real, RealArray, as_real, at_each, compiled, compiled_method, over_slope
 from .parameters import Parametrised, number, parameter
@@ -76,24 +77,6 @@ def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> Real
     """
     squared = jnp.asarray((thread_length - length) * (thread_length + length))
     return jnp.sqrt(squared) / (jnp.pi * turns)
-
-
-def length_from_diameter(diameter: Real, thread_length: Real, turns: Real) -> RealArray:
-    """Active length L [m], L = sqrt(B^2 - (pi N D)^2): the inverse of `diameter_from_length`.
-
-    Args:
-        diameter: braid diameter D [m], 0 <= D < B / (pi N).
-        thread_length: B [m].
-        turns: N [-], > 0.
-
-    Returns:
-        L [m], broadcast shape; nan where pi N D > B.
-
-    References:
-        Gaylord 1958; Chambers 2021, section 5.1.
-    """
-    around = jnp.pi * turns * diameter
-    return jnp.sqrt(jnp.asarray((thread_length - around) * (thread_length + around)))
 
 
 def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
@@ -452,105 +435,39 @@ class ToeThread(AbstractThread):
 _MAX_STEPS = 64
 
 
-class _Rise(eqx.Module):
-    """State of the approach from below."""
-
-    strain: RealArray
-    steps: Int[Array, ""]
-    found: Bool[Array, ""]
-    done: Bool[Array, ""]
-
-
 @compiled
-def strain_under_line(
-    thread: AbstractThread, constant: RealArray, slope: RealArray
-) -> tuple[RealArray, Bool[Array, ""]]:
-    """The strain at which the thread's tension meets the load line T = c + m (1 + eps).
+def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+    """The strain at which the thread's tension meets the load T = m (1 + eps).
 
     There is one where m < k = A_b E_b, and none beyond: the load then outgrows every tension.
 
     Newton's method on r(eps) = eps - strain(T(eps)) cannot fail. The law's strain is concave in the
     tension, so r is convex, and its slope rises to 1 - m / k > 0. By strain(T) <= T / k + e_t, with
-    the offset strain e_t, r is not negative at the start ((c + m) / k + e_t) / (1 - m / k), and
-    from there the iterates of a convex function fall to its root monotonically. For c = 0 its slope
-    at the root is at least that of the secant from eps = -1, where r = -1: every step then leaves
-    at most the part e_t / (1 + e_t) of the error, and near the root its square. A linear thread
-    starts at the root.
+    the offset strain e_t, r is not negative at the start (m / k + e_t) / (1 - m / k), and from there
+    the iterates of a convex function fall to its root monotonically. Its slope at the root is at
+    least that of the secant from eps = -1, where r = -1: every step then leaves at most the part
+    e_t / (1 + e_t) of the error, and near the root its square. A linear thread starts at the root.
 
     Args:
         thread: the law.
-        constant: c [N], shape ().
-        slope: m [N], shape ().
+        load: m [N], shape ().
 
     Returns:
         (strain [-], found): nan and False where there is none. Derivatives of any order are taken
         by the implicit function theorem.
     """
     k = thread.far_stiffness
-    holds = (slope < k) & jnp.isfinite(slope + constant)
-    c, m = jnp.where(holds, constant, 0.0), jnp.where(holds, slope, 0.0)
+    holds = (load < k) & jnp.isfinite(load)
+    m = jnp.where(holds, load, 0.0)
     margin = 1 - m / k
-    start = ((c + m) / k + thread.offset_strain) / margin
-    zero = jnp.zeros_like(m)
-    strain, converged = _newton(thread, jnp.stack([zero, zero, m, c]), start, margin)
-    found = holds & converged
-    return jnp.where(found, strain, jnp.nan), found
-
-
-@compiled
-def strain_under_cubic(
-    thread: AbstractThread, linear: RealArray, cubic: RealArray
-) -> tuple[RealArray, Bool[Array, ""]]:
-    """The smallest strain at which the thread's tension meets the load a x + b x^3, x = 1 + eps.
-
-    It is the one that a growing load reaches, and is approached from below, exactly: the load is
-    convex, so its tangent at any strain lies below it, and the strain at which the thread carries
-    that tangent is at most the one sought. Repeated from there, this rises monotonically and
-    converges quadratically. Where a tangent is as steep as the thread is stiff, no larger strain
-    carries the load either. What is found is polished, and differentiated, as one root.
-
-    Args:
-        thread: the law.
-        linear: a [N], shape ().
-        cubic: b [N], shape (), >= 0.
-
-    Returns:
-        (strain [-], found): nan and False where there is none; derivatives as above.
-    """
-    fixed, a, b = jax.lax.stop_gradient((thread, linear, cubic))
-    tolerance = float(jnp.finfo(a.dtype).eps) ** 0.5
-
-    def rise(state: _Rise) -> _Rise:
-        x = 1 + state.strain
-        strain, found = strain_under_line(fixed, -2 * b * x**3, a + 3 * b * x**2)
-        still = jnp.abs(strain - state.strain) <= tolerance * (1 + jnp.abs(strain))
-        return _Rise(strain, state.steps + 1, found, ~found | still)
-
-    no = jnp.array(False)
-    start = _Rise(jnp.zeros_like(a), jnp.array(0), no, no)
-    below = jax.lax.while_loop(lambda s: ~s.done & (s.steps < _MAX_STEPS), rise, start)
-    holds = below.found & below.done
-    x = 1 + jnp.where(holds, below.strain, 0.0)
-    a, b = jnp.where(holds, linear, 0.0), jnp.where(holds, cubic, 0.0)
-    rate = jax.grad(lambda x: thread.strain(a * x + b * x**3))(x)
-    zero = jnp.zeros_like(a)
-    strain, converged = _newton(thread, jnp.stack([b, zero, a, zero]), x - 1, 1 - rate)
-    found = holds & converged
-    return jnp.where(found, strain, jnp.nan), found
-
-
-def _newton(
-    thread: AbstractThread, load: Float[Array, " 4"], start: RealArray, margin: RealArray
-) -> tuple[RealArray, Bool[Array, ""]]:
-    """Newton's method for eps = strain(load(1 + eps)), the load a polynomial, highest power first.
-
-    Rounding moves the root by its size over the margin. The unknown is counted in 1 / margin^2, so
-    that this is below the tolerance up to the limit itself.
-    """
-    start, unit = jax.lax.stop_gradient((start, 1 / margin**2))
+    # Rounding moves the root by its size over the margin. Counted in 1 / margin^2 that is below the
+    # tolerance up to the limit itself.
+    start, unit = jax.lax.stop_gradient((
+        (m / k + thread.offset_strain) / margin, 1 / margin**2
+    ))  # fmt: skip
 
     def residual(y: RealArray) -> RealArray:
-        return y - thread.strain(jnp.polyval(load, 1 + y * unit)) / unit
+        return y - thread.strain(m * (1 + y * unit)) / unit
 
     tolerance = 4 * float(jnp.finfo(start.dtype).eps)
 
@@ -573,7 +490,8 @@ def _newton(
         return solution.value, successful.astype(start.dtype)  # JAX derives no truth values here
 
     root, converged = jax.lax.custom_root(residual, start / unit, solve, over_slope, has_aux=True)
-    return root * unit, converged > 0
+    found = holds & (converged > 0)
+    return jnp.where(found, root * unit, jnp.nan), found
 
 
 class BraidState(eqx.Module):
@@ -604,10 +522,6 @@ class BraidStretch(eqx.Module):
 
     elastic: BraidState
     inelastic: BraidState
-
-
-_Stretched = tuple[RealArray, Bool[Array, "..."], Bool[Array, "..."]]
-"""B [m] of finite numbers, whether it is an equilibrium, and whether it is longer than the braid."""
 
 
 class ElasticBraid(AbstractBraid):
@@ -667,31 +581,13 @@ class ElasticBraid(AbstractBraid):
         Raises:
             RuntimeError: there is no equilibrium, and `throw`.
         """
-        arrays = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        return _required(*self._under_its_own_pull(*arrays), throw=throw)
-
-    def thread_length_at_force(
-        self, length: Real, pressure: Real, force: Real, *, throw: bool = True
-    ) -> RealArray:
-        """Thread length B [m] under a given pull, such as a measured one.
-
-        The tension is a cubic in B. Of the lengths that satisfy the balance the shortest is meant,
-        which a growing load reaches; beyond it the braid widens faster than its threads resist.
-
-        Args:
-            length: active length L [m].
-            pressure: gauge pressure P [Pa], >= 0.
-            force: pull F [N] of the muscle, bladder included, >= 0.
-            throw: raise where there is no equilibrium; if False, return nan there.
-
-        Returns:
-            B [m], broadcast shape; differentiable as `thread_length` is.
-
-        Raises:
-            RuntimeError: there is no equilibrium, and `throw`.
-        """
-        arrays = jnp.broadcast_arrays(as_real(length), as_real(pressure), as_real(force))
-        return _required(*self._under_a_pull(*arrays), throw=throw)
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        stretched, found = self._stretched(length, pressure)
+        encloses = stretched > length
+        if throw:
+            stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)
+            stretched = eqx.error_if(stretched, found & ~encloses, _TOO_LONG)
+        return jnp.where(found & encloses, stretched, jnp.nan)
 
     def stretch(self, length: Real, pressure: Real) -> BraidStretch:
         """B, D, theta, Gaylord's force and the tension, with and without stretch.
@@ -709,32 +605,15 @@ class ElasticBraid(AbstractBraid):
         return BraidStretch(elastic, self._state(length, pressure, rest))
 
     @compiled_method
-    def _under_its_own_pull(self, length: RealArray, pressure: RealArray) -> _Stretched:
-        def strain(length: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-            tension = self._tension_at_rest_length(length, pressure)
-            return strain_under_line(self.thread, jnp.zeros_like(tension), tension)
-
-        return self._stretched(strain, length, pressure)
-
-    @compiled_method
-    def _under_a_pull(self, length: RealArray, pressure: RealArray, force: RealArray) -> _Stretched:
-        def strain(
-            length: RealArray, pressure: RealArray, force: RealArray
-        ) -> tuple[RealArray, Bool[Array, ""]]:
-            rest = self.rest_thread_length
-            # pi R^2 = (B^2 - L^2) / section and sin(theta) = L / B, with B = B0 (1 + strain)
-            section = 4 * jnp.pi * self.turns**2
-            share = rest / (self.n_threads * length)
-            linear = share * (force - pressure * length**2 / section)
-            cubic = share * pressure * rest**2 / section
-            return strain_under_cubic(self.thread, linear, cubic)
-
-        return self._stretched(strain, length, pressure, force)
-
-    def _tension_at_rest_length(self, length: RealArray, pressure: RealArray) -> RealArray:
-        """Tension [N] under Gaylord's force if the threads did not stretch."""
+    def _stretched(
+        self, length: RealArray, pressure: RealArray
+    ) -> tuple[RealArray, Bool[Array, "..."]]:
+        """B [m] of finite numbers, and whether it is an equilibrium."""
         around = 2 * jnp.pi * self.turns**2 * self.n_threads
-        return pressure * length * self.rest_thread_length / around
+        at_rest = pressure * length * self.rest_thread_length / around  # T without stretch
+        strains, found = at_each(functools.partial(strain_under_line, self.thread), at_rest)
+        # No nan takes part in what follows: it would spoil the derivatives of all others.
+        return self.rest_thread_length * (1 + jnp.where(found, strains, 0.0)), found
 
     def _state(
         self, length: RealArray, pressure: RealArray, thread_length: RealArray
@@ -749,29 +628,6 @@ class ElasticBraid(AbstractBraid):
             gaylord_force=force,
             tension=thread_tension(force, pressure, diameter / 2, angle, self.n_threads),
         )
-
-    def _stretched(
-        self, strain: Callable[..., tuple[RealArray, Bool[Array, ""]]], *arrays: RealArray
-    ) -> _Stretched:
-        """B0 (1 + strain), for arguments of one shape; the first is the active length."""
-        strains, found = at_each(strain, *arrays)
-        # No nan takes part in what follows: it would spoil the derivatives of all others.
-        stretched = self.rest_thread_length * (1 + jnp.where(found, strains, 0.0))
-        return stretched, found, stretched > arrays[0]
-
-
-def _required(
-    stretched: RealArray,
-    found: Bool[Array, "..."],
-    encloses: Bool[Array, "..."],
-    *,
-    throw: bool,
-) -> RealArray:
-    """B [m]; where there is no equilibrium an error, or nan."""
-    if throw:
-        stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)
-        stretched = eqx.error_if(stretched, found & ~encloses, _TOO_LONG)
-    return jnp.where(found & encloses, stretched, jnp.nan)
 
 
 _GIVES_WAY = (

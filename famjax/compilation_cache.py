@@ -87,15 +87,10 @@ def cache_root() -> Path | None:
     if given is not None:
         return None if given.strip().lower() in {"", "off"} else Path(given).expanduser().absolute()
     try:
-        home = Path.home()
+        usual = Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
     except RuntimeError:
         return None
-    if sys.platform == "win32":
-        caches = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        caches = home / "Library" / "Caches"
-    else:
-        caches = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or usual)
     return caches / "famjax" / "programs" if caches.is_absolute() else None
 
 
@@ -108,9 +103,8 @@ def _machine() -> str:
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
         first = itertools.takewhile(str.strip, file)  # Linux lists all; they are alike
         processor += "".join(line for line in first if line.startswith(_FEATURES))
-    digest = hashlib.sha256(processor.encode()).hexdigest()[:8]
-    host = "".join(c if c.isalnum() or c in "-." else "_" for c in platform.node())
-    return f"{host}-{digest}-jaxlib-{importlib.metadata.version('jaxlib')}"
+    digest = hashlib.sha256((platform.node() + processor).encode()).hexdigest()[:16]
+    return f"{digest}-jaxlib-{importlib.metadata.version('jaxlib')}"
 
 
 def _private_folder(folder: Path) -> bool:

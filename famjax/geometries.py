@@ -71,42 +71,27 @@ class Dimensions(eqx.Module):
         What is computed of them is to be replaced by nan there. Nan itself would spoil, in reverse
         mode, the derivatives of all other states in the numbers that they share.
         """
-
-        def kept(value: RealArray) -> RealArray:
-            return jnp.where(reached, value, 1.0)
-
+        thread = self.thread_length  # longer than the length, which is 1
         return dataclasses.replace(
-            self,
-            length=kept(self.length),
-            radius=kept(self.radius),
-            braid_angle=kept(self.braid_angle),
-            thickness=kept(self.thickness),
-            axial_strain=kept(self.axial_strain),
-            hoop_strain=jnp.where(reached[..., None], self.hoop_strain, 1.0),
-            volume=kept(self.volume),
-            # Longer than the length, so that there is a triangle.
-            thread_length=None
-            if self.thread_length is None
-            else jnp.where(reached, self.thread_length, 2.0),
+            self._kept(reached, 1.0),
+            length=jnp.where(reached, self.length, 1.0),
+            thread_length=None if thread is None else jnp.where(reached, thread, 2.0),
             rates=None if self.rates is None else self.rates.where(reached),
         )
 
     def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
         """The same dimensions with nan where the muscle cannot be."""
-
-        def kept(value: RealArray) -> RealArray:
-            return jnp.where(reached, value, jnp.nan)
-
+        thread = self.thread_length
         return dataclasses.replace(
-            self,
-            radius=kept(self.radius),
-            braid_angle=kept(self.braid_angle),
-            thickness=kept(self.thickness),
-            axial_strain=kept(self.axial_strain),
-            hoop_strain=jnp.where(reached[..., None], self.hoop_strain, jnp.nan),
-            volume=kept(self.volume),
-            thread_length=None if self.thread_length is None else kept(self.thread_length),
+            self._kept(reached, jnp.nan),
+            thread_length=None if thread is None else jnp.where(reached, thread, jnp.nan),
         )
+
+    def _kept(self, reached: Bool[Array, "..."], other: float) -> "Dimensions":
+        names = ("radius", "braid_angle", "thickness", "axial_strain", "volume")
+        kept = {name: jnp.where(reached, getattr(self, name), other) for name in names}
+        hoop_strain = jnp.where(reached[..., None], self.hoop_strain, other)
+        return dataclasses.replace(self, hoop_strain=hoop_strain, **kept)
 
 
 class AbstractGeometry(Parametrised):

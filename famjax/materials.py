@@ -247,19 +247,8 @@ class PolynomialMaterial(AbstractMaterial):
         return self.stress(axial_strain), self.stress(hoop_strain)
 
 
-class PressurePolynomialMaterial(AbstractMaterial):
-    """The polynomial law with coefficients that depend on pressure, given at pressure nodes.
-
-    Between nodes E_n is interpolated linearly. With two nodes the law is linear in pressure and
-    holds outside them too; with more it is known at the nodes' range only, and nan outside.
-
-    Attributes:
-        node_pressures: [Pa], shape (nodes,), increasing, at least two.
-        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
-
-    References:
-        Robinson et al. 2015; Chambers 2021, section 7.1.
-    """
+class _BetweenNodes(AbstractMaterial):
+    """A polynomial law whose coefficients are given at pressure nodes."""
 
     node_pressures: Float[Given, " nodes"] = number("Pa")
     node_coefficients: Float[Given, "nodes order"] = parameter(
@@ -274,6 +263,10 @@ class PressurePolynomialMaterial(AbstractMaterial):
                 "a pressure-dependent law needs at least two node pressures, got "
                 f"{self.node_pressures.shape[0]}; use PolynomialMaterial for one"
             )
+
+    @abc.abstractmethod
+    def powers(self, strain: RealArray) -> Float[Array, "... order"]:
+        """What the coefficients multiply [-]."""
 
     def coefficients_at(self, pressure: Real) -> Float[Array, "... order"]:
         """Coefficients E_n [Pa] at gauge pressure P [Pa], shape (..., order)."""
@@ -292,7 +285,15 @@ class PressurePolynomialMaterial(AbstractMaterial):
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
         """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
-        return stresses_between_nodes(self, odd_powers, axial_strain, hoop_strain, pressure)
+        known = self.known(pressure)
+        # Inside the law there is no nan, which would spoil the derivatives of other states.
+        coefficients = self.interpolated(jnp.where(known, pressure, self.node_pressures[0]))
+
+        def stress(strain: Real) -> RealArray:
+            powers = self.powers(as_real(strain))
+            return jnp.where(known, jnp.sum(powers * coefficients, axis=-1), jnp.nan)
+
+        return stress(axial_strain), stress(hoop_strain)
 
     def interpolated(self, at: RealArray) -> Float[Array, "... order"]:
         """Coefficients E_n [Pa] at a pressure [Pa] at which they are known, shape (..., order)."""
@@ -302,37 +303,26 @@ class PressurePolynomialMaterial(AbstractMaterial):
         return values[cell] + share * (values[cell + 1] - values[cell])
 
 
-def stresses_between_nodes(
-    law: PressurePolynomialMaterial,
-    powers: Callable[[Real, int], Float[Array, "... order"]],
-    axial_strain: Real,
-    hoop_strain: Real,
-    pressure: Real,
-) -> tuple[RealArray, RealArray]:
-    """True stresses [Pa] of coefficients given at pressure nodes, nan where they are not known.
+class PressurePolynomialMaterial(_BetweenNodes):
+    """The polynomial law with coefficients that depend on pressure, given at pressure nodes.
 
-    Args:
-        law: the coefficients.
-        powers: of the strain up to an order, such as `odd_powers`.
-        axial_strain: eps_z [-].
-        hoop_strain: eps_c [-].
-        pressure: gauge pressure P [Pa].
+    Between nodes E_n is interpolated linearly. With two nodes the law is linear in pressure and
+    holds outside them too; with more it is known at the nodes' range only, and nan outside.
 
-    Returns:
-        (sigma_z, sigma_c) [Pa].
+    Attributes:
+        node_pressures: [Pa], shape (nodes,), increasing, at least two.
+        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
+
+    References:
+        Robinson et al. 2015; Chambers 2021, section 7.1.
     """
-    known = law.known(pressure)
-    # Inside the law there is no nan, which would spoil the derivatives of other states.
-    coefficients = law.interpolated(jnp.where(known, pressure, law.node_pressures[0]))
-    order = coefficients.shape[-1]
 
-    def stress(strain: Real) -> RealArray:
-        return jnp.where(known, jnp.sum(powers(strain, order) * coefficients, axis=-1), jnp.nan)
-
-    return stress(axial_strain), stress(hoop_strain)
+    def powers(self, strain: RealArray) -> Float[Array, "... order"]:
+        """Odd powers of the strain, see `odd_powers`."""
+        return odd_powers(strain, self.node_coefficients.shape[-1])
 
 
-class PlainPowerMaterial(AbstractMaterial):
+class PlainPowerMaterial(_BetweenNodes):
     """The polynomial law with plain powers, sigma = sum over n of E_n(P) eps^n, in both directions.
 
     Even powers pull in compression too, so that unlike `PressurePolynomialMaterial`, with which it
@@ -343,27 +333,10 @@ class PlainPowerMaterial(AbstractMaterial):
         node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
     """
 
-    node_pressures: Float[Given, " nodes"] = number("Pa")
-    node_coefficients: Float[Given, "nodes order"] = parameter(
-        "Pa", kind="stress", scale=1e6, linear=True, name="E_{1}_at_node_{0}"
-    )
-
-    directions_interact: ClassVar[bool] = False
-
-    @promoting
-    def stresses(
-        self, axial_strain: Real, hoop_strain: Real, pressure: Real
-    ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
-        law = PressurePolynomialMaterial(self.node_pressures, self.node_coefficients)
-        return stresses_between_nodes(law, _plain_powers, axial_strain, hoop_strain, pressure)
-
-
-def _plain_powers(strain: Real, order: int) -> Float[Array, "... order"]:
-    return jnp.stack([as_real(strain) ** n for n in range(1, order + 1)], axis=-1)
-
-
-"""Order of magnitude [Pa] of a rubber's stress."""
+    def powers(self, strain: RealArray) -> Float[Array, "... order"]:
+        """The strain, its square, ..."""
+        order = self.node_coefficients.shape[-1]
+        return jnp.stack([strain**n for n in range(1, order + 1)], axis=-1)
 
 
 def derivative(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:

@@ -108,10 +108,6 @@ class Meridian(eqx.Module):
         """Volume [m3] within the surface of revolution."""
         return jnp.pi * self.length * self.mean(self.radius**2)
 
-    def internal_volume(self, bladder_volume: Real, braid_volume: Real = 0.0) -> RealArray:
-        """Volume [m3] of the fluid: this outline less the bladder and the braid."""
-        return self.volume - bladder_volume - braid_volume
-
     def thickness(self, bladder_volume: Real) -> RealArray:
         """Wall t [m] of a bladder with this outer line, volume over area, equal along the axis.
 
@@ -154,16 +150,6 @@ class Meridian(eqx.Module):
             "of the bladder, all in one unit",
         )
         return (radius - inward * thickness) / bladder.rest_mid_radius - 1
-
-    def hoop_strain_moments(self, bladder: Bladder, order: int) -> Float[Array, "... order"]:
-        """Axial means of eps_c^n [-] at mid-wall for n = 1 to `order`; see `hoop_strain`.
-
-        References:
-            Chambers 2021, table 6.2.
-        """
-        strain = self.hoop_strain(bladder)
-        powers = jnp.cumprod(jnp.stack([strain] * order, axis=-1), axis=-1)
-        return jnp.sum(self.weights[..., None] * powers, axis=-2)
 
 
 def quadrature(

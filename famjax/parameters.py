@@ -4,7 +4,7 @@ import dataclasses
 import math
 import typing
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -121,16 +121,7 @@ def parameter(
     """
     if kind is None:
         kind = _KINDS.get(unit, unit) if isinstance(unit, str) else "number"
-    declared = Declared(
-        unit=unit,
-        name=name or "",
-        kind=kind,
-        low=low,
-        high=high,
-        scale=scale,
-        linear=linear,
-    )
-    return _field(declared, default)
+    return _field(Declared(unit, name or "", kind, low, high, scale, linear), default)
 
 
 def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
@@ -182,7 +173,17 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
 
     def parameters(self) -> dict[str, RealArray]:
         """The present values by name, in the declared units, each of shape ()."""
-        return _values(self)
+        inside: dict[_Where, dict[str, RealArray]] = {
+            where: child.parameters() for where, child in _children(self)
+        }
+        found = {}
+        for name, place in _places(self).items():
+            held = getattr(self, place.where[0])
+            if isinstance(place.entry, str):
+                found[name] = inside[place.where][place.entry]
+            else:
+                found[name] = held[place.entry] if place.entry else held
+        return found
 
     def declared(self) -> dict[str, Declared]:
         """The declarations by name: unit, kind, range, scale, linearity."""
@@ -200,7 +201,30 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         Raises:
             ValueError: an unknown name, or a value that is an array.
         """
-        return _replaced(self, checked_values(self, values))
+        places = _places(self)
+        own: dict[str, dict[tuple[int, ...], RealArray]] = {}
+        inside: dict[_Where, dict[str, RealArray]] = {}
+        for name, value in checked_values(self, values).items():
+            where, entry = places[name].where, places[name].entry
+            if isinstance(entry, str):
+                inside.setdefault(where, {})[entry] = value
+            else:
+                own.setdefault(where[0], {})[entry] = value
+        module = self  # no constructor runs again
+        for field, new in own.items():
+            old = getattr(module, field)
+            # One stack of all entries, not one scatter for each: less to compile.
+            every = [new[at] if at in new else old[at] for at in np.ndindex(jnp.shape(old))]
+            array = jnp.stack(every).reshape(jnp.shape(old)) if jnp.ndim(old) else every[0]
+            module = _with(module, field, array)
+        for (field, at), of_child in inside.items():
+            held = getattr(module, field)
+            if at is None:
+                new = held.with_parameters(of_child)
+            else:
+                new = type(held)([*held[:at], held[at].with_parameters(of_child), *held[at + 1 :]])
+            module = _with(module, field, new)
+        return module
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
         """The name of one entry of a declared field; by default as the declaration says.
@@ -212,9 +236,12 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         Returns:
             The name.
         """
-        specs = {one.name: declaration(one) for one in dataclasses.fields(self)}
-        spec = specs[field]
-        return entry_name(spec, field, index) if isinstance(spec, Declared) else field
+        spec = declaration(next(one for one in dataclasses.fields(self) if one.name == field))
+        assert isinstance(spec, Declared)
+        if isinstance(spec.name, tuple):
+            return spec.name[index[0]]
+        pattern, counted = spec.name or field, [str(i + 1) for i in index]
+        return pattern.format(*counted) if "{" in pattern else "_".join([pattern, *counted])
 
     def __repr__(self) -> str:
         return "\n".join(_described(self))
@@ -222,11 +249,23 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
     @classmethod
     def template(cls: type[_Self], **fields: Any) -> _Self:
         """An instance to start from; see `famjax.parameters.template`."""
-        return _template(cls, fields)
-
-
-def _six_digits(number: Any) -> str:
-    return f"{number:.6g}"
+        given = dict(fields)
+        for field in dataclasses.fields(cls):
+            none = field.default is field.default_factory is dataclasses.MISSING
+            if field.name in given or not field.init or not none:
+                continue
+            spec = declaration(field)
+            annotation: Any = field.type
+            array = bool(getattr(annotation, "dims", ())) and annotation.index_variadic is None
+            if not isinstance(spec, Declared) or array:
+                raise ValueError(
+                    f"the field {field.name!r} of {cls.__name__} has no default and is no scalar "
+                    f"parameter: give it, as in template({cls.__name__}, {field.name}=...)"
+                )
+            given[field.name] = middle(spec)
+        # JAX compiles a program for each shape that it takes in as a number or NumPy array; not so here.
+        host = (float, np.ndarray)
+        return cls(**{n: jax.device_put(v) if isinstance(v, host) else v for n, v in given.items()})
 
 
 def _described(part: eqx.Module) -> list[str]:
@@ -240,17 +279,14 @@ def _described(part: eqx.Module) -> list[str]:
                 first, *rest = _described(one)
                 lines += [f"  {field.name}: {first}", *(f"  {line}" for line in rest)]
             continue
-        unit = spec.unit if spec is not None and isinstance(spec.unit, str) else ""
-        known = isinstance(value, jax.Array | np.ndarray) and not isinstance(value, Tracer)
         text = eqx.tree_pformat(value)
-        if known:
-            numbers = np.array2string(np.asarray(value), formatter={"all": _six_digits})
-            text = f"{numbers} {unit}".rstrip()
-        lines.append(f"  {field.name}: {text}")
+        if isinstance(value, jax.Array | np.ndarray) and not isinstance(value, Tracer):
+            text = np.array2string(np.asarray(value), formatter={"all": "{:.6g}".format})
+        unit = spec.unit if spec is not None and isinstance(spec.unit, str) else ""
+        lines.append(f"  {field.name}: {text} {unit}".rstrip())
     return lines
 
 
-_Module = TypeVar("_Module", bound=eqx.Module)
 _Family = TypeVar("_Family", bound=Parametrised)
 
 
@@ -308,146 +344,60 @@ def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str
     return {name: as_number(value) for name, value in values.items()}
 
 
+_Where: TypeAlias = tuple[str, int | None]
+"""A field, and the place in it where it holds several modules."""
+
+
 class _Place(NamedTuple):
     """Where a parameter stands.
 
     Attributes:
         declared: with its name.
-        field: of the module.
-        at: place of the child module in a field that holds several, else None.
+        where: its field of the module, or that of the child module which holds it.
         entry: the index in an array, or the name within the child.
     """
 
     declared: Declared
-    field: str
-    at: int | None
+    where: _Where
     entry: tuple[int, ...] | str
 
 
-def _places(module: eqx.Module) -> dict[str, _Place]:
+def _places(module: Parametrised) -> dict[str, _Place]:
     """Every parameter of a module and of its children, by name."""
     found: dict[str, _Place] = {}
+    children = dict(_children(module))
     for field in dataclasses.fields(module):
         value, spec = getattr(module, field.name, None), declaration(field)
         if isinstance(spec, Declared) and value is not None:
             for index in np.ndindex(jnp.shape(value)):
-                name = (
-                    module.parameter_name(field.name, index)
-                    if isinstance(module, Parametrised)
-                    else entry_name(spec, field.name, index)
-                )
+                name = module.parameter_name(field.name, index)
                 if name in found:
                     name = f"{field.name}.{name}"
-                found[name] = _Place(spec.entry(name, index), field.name, None, index)
-        for at, child in _children(value):
-            label = field.name if at is None else f"{field.name}_{at + 1}"
-            for inner, one in _declared(child).items():
+                found[name] = _Place(spec.entry(name, index), (field.name, None), index)
+        for where, child in children.items():
+            if where[0] != field.name:
+                continue
+            label = field.name if where[1] is None else f"{field.name}_{where[1] + 1}"
+            for inner, one in child.declared().items():
                 name = inner if inner not in found else f"{label}.{inner}"
-                own = dataclasses.replace(one, name=name)
-                found[name] = _Place(own, field.name, at, inner)
+                found[name] = _Place(dataclasses.replace(one, name=name), where, inner)
     return found
 
 
-def _values(module: eqx.Module) -> dict[str, RealArray]:
-    """Every parameter's present value, by name."""
-    found: dict[str, RealArray] = {}
-    of_children: dict[tuple[str, int | None], dict[str, RealArray]] = {}
-    for name, place in _places(module).items():
-        held = getattr(module, place.field)
-        if not isinstance(place.entry, str):
-            found[name] = held[place.entry] if place.entry else held
-            continue
-        at = place.field, place.at
-        if at not in of_children:
-            child = held if place.at is None else held[place.at]
-            of_children[at] = (
-                child.parameters() if isinstance(child, Parametrised) else _values(child)
-            )
-        found[name] = of_children[at][place.entry]
-    return found
+def _children(module: Parametrised) -> Iterator[tuple[_Where, Parametrised]]:
+    """The modules in the fields of a module: a field itself, or those in a tuple or list."""
+    for field in dataclasses.fields(module):
+        value = getattr(module, field.name, None)
+        if isinstance(value, Parametrised):
+            yield (field.name, None), value
+        elif isinstance(value, tuple | list):
+            for at, one in enumerate(value):
+                if isinstance(one, Parametrised):
+                    yield (field.name, at), one
 
 
-def entry_name(spec: Declared, field: str, index: tuple[int, ...]) -> str:
-    """The name of an entry as its declaration says it."""
-    if isinstance(spec.name, tuple):
-        return spec.name[index[0]]
-    pattern, counted = spec.name or field, [str(i + 1) for i in index]
-    return pattern.format(*counted) if "{" in pattern else "_".join([pattern, *counted])
-
-
-def _children(value: Any) -> Iterator[tuple[int | None, eqx.Module]]:
-    """The modules in a field: itself, or those in a tuple or list."""
-    if isinstance(value, eqx.Module):
-        yield None, value
-    elif isinstance(value, tuple | list):
-        for at, one in enumerate(value):
-            if isinstance(one, eqx.Module):
-                yield at, one
-
-
-def _declared(child: eqx.Module) -> dict[str, Declared]:
-    """Declarations of a child, which may be a module that knows of none itself."""
-    if isinstance(child, Parametrised):
-        return child.declared()
-    return {name: place.declared for name, place in _places(child).items()}
-
-
-def _replaced(module: _Module, values: Mapping[str, RealArray]) -> _Module:
-    """The module with other values; no constructor runs again."""
-    places = _places(module)
-    entries: dict[str, dict[tuple[int, ...], RealArray]] = {}
-    inner: dict[tuple[str, int | None], dict[str, RealArray]] = {}
-    for name, value in values.items():
-        place = places[name]
-        if isinstance(place.entry, str):
-            inner.setdefault((place.field, place.at), {})[place.entry] = value
-        else:
-            entries.setdefault(place.field, {})[place.entry] = value
-    for field, new in entries.items():
-        old = getattr(module, field)
-        # One stack of all entries, not one scatter for each: less to compile.
-        every = [new[index] if index in new else old[index] for index in np.ndindex(jnp.shape(old))]
-        array = jnp.stack(every).reshape(jnp.shape(old)) if jnp.ndim(old) else every[0]
-        module = _with(module, field, array)
-    for (field, at), of_child in inner.items():
-        held = getattr(module, field)
-        child = held if at is None else held[at]
-        new = (
-            child.with_parameters(of_child)
-            if isinstance(child, Parametrised)
-            else _replaced(child, of_child)
-        )
-        if at is not None:
-            new = type(held)([*held[:at], new, *held[at + 1 :]])
-        module = _with(module, field, new)
-    return module
-
-
-def _with(module: _Module, field: str, value: Any) -> _Module:
+def _with(module: _Self, field: str, value: Any) -> _Self:
     return eqx.tree_at(lambda m: getattr(m, field), module, value)
-
-
-def _template(cls: type[_Family], fields: Mapping[str, Any]) -> _Family:
-    given = dict(fields)
-    for field in dataclasses.fields(cls):
-        has_default = (
-            field.default is not dataclasses.MISSING
-            or field.default_factory is not dataclasses.MISSING
-        )
-        if field.name in given or not field.init or has_default:
-            continue
-        spec = declaration(field)
-        annotation: Any = field.type
-        array = bool(getattr(annotation, "dims", ())) and annotation.index_variadic is None
-        if not isinstance(spec, Declared) or array:
-            raise ValueError(
-                f"the field {field.name!r} of {cls.__name__} has no default and is no scalar "
-                f"parameter: give it, as in template({cls.__name__}, {field.name}=...)"
-            )
-        given[field.name] = middle(spec)
-    # JAX compiles a program for each shape that it takes in as a number or NumPy array; not so here.
-    host = (float, np.ndarray)
-    return cls(**{n: jax.device_put(v) if isinstance(v, host) else v for n, v in given.items()})
 
 
 _Model = TypeVar("_Model", bound=Parametrised)

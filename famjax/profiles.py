@@ -3,7 +3,7 @@
 import abc
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -160,7 +160,7 @@ def slope_matrix(knots: Float[Array, " knots"]) -> Float[Array, "knots knots"]:
     last, before, last_value = _end_condition(step[:-3:-1], secant[:-3:-1])
     # Between the ends the second derivative is continuous at the knots.
     inner = 3 * (right[:, None] * secant[:-1] + left[:, None] * secant[1:])
-    return _solve_tridiagonal(
+    return jax.lax.linalg.tridiagonal_solve(
         jnp.concatenate([jnp.zeros_like(first), right, before]),
         jnp.concatenate([first, 2 * (left + right), last]),
         jnp.concatenate([second, left, jnp.zeros_like(last)]),
@@ -182,36 +182,6 @@ def _end_condition(
     both = near + next_
     value = ((near + 2 * both) * next_ * secant[0] + near**2 * secant[1]) / both
     return next_, both, value[None]
-
-
-def _solve_tridiagonal(
-    below: Float[Array, " n"],
-    diagonal: Float[Array, " n"],
-    above: Float[Array, " n"],
-    values: Float[Array, "n columns"],
-) -> Float[Array, "n columns"]:
-    """The solution of a system whose pivots are above zero in their order, as a spline's are.
-
-    By plain operations, which a fit of a measured shape does in NumPy: with a factorisation of
-    LAPACK's among them it would have to be compiled.
-    """
-
-    def eliminate(done: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[Any, Any]:
-        share, value = done
-        low, own, high, right = row
-        pivot = own - low * share
-        now = high / pivot, (right - low * value) / pivot
-        return now, now
-
-    def substitute(after: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        share, value = row
-        now = value - share * after
-        return now, now
-
-    nothing = jnp.zeros_like(values[0])
-    rows = below, diagonal, above, values
-    _, reduced = jax.lax.scan(eliminate, (jnp.zeros_like(diagonal[0]), nothing), rows)
-    return jax.lax.scan(substitute, nothing, reduced, reverse=True)[1]
 
 
 class AbstractAssumedShape(AbstractProfile):
@@ -242,7 +212,30 @@ class Cylinder(AbstractAssumedShape):
         return jnp.zeros((*jnp.shape(length), 0), self.middle_diameter.dtype)
 
 
-class SteppedCylinder(AbstractAssumedShape):
+class _WithEnds(AbstractAssumedShape):
+    """A cylinder whose ends are narrower."""
+
+    end_diameter: eqx.AbstractVar[RealArray]
+    if TYPE_CHECKING:
+
+        @property
+        def end_length(self) -> RealArray: ...
+
+    else:
+        end_length: eqx.AbstractVar[RealArray]  # a field or a property
+
+    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
+        """Where the ends meet the cylinder."""
+        share = _end_share(length, self.end_length)
+        return jnp.stack([share, 1 - share], axis=-1)
+
+    def _zeta(self, x: Real, length: Real) -> RealArray:
+        """The part of its end, in [0, 1], that a position is away from the fitting; 1 between."""
+        x = as_real(x)
+        return jnp.minimum(jnp.minimum(x, 1 - x) / _end_share(length, self.end_length), 1)
+
+
+class SteppedCylinder(_WithEnds):
     """Three cylinders. The area of the two faces between them is not counted in any measure.
 
     Attributes:
@@ -257,15 +250,11 @@ class SteppedCylinder(AbstractAssumedShape):
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape; of the middle at the steps."""
-        zeta = _end_position(x, length, self.end_length)
+        zeta = self._zeta(x, length)
         return jnp.where(zeta < 1, self.end_diameter, self.middle_diameter)
 
-    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
-        """The two steps."""
-        return _end_breakpoints(length, self.end_length)
 
-
-class ConicFrustumEnds(AbstractAssumedShape):
+class ConicFrustumEnds(_WithEnds):
     """A cylinder whose ends are frusta of cones.
 
     Attributes:
@@ -280,15 +269,11 @@ class ConicFrustumEnds(AbstractAssumedShape):
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = _end_position(x, length, self.end_length)
+        zeta = self._zeta(x, length)
         return self.end_diameter + (self.middle_diameter - self.end_diameter) * zeta
 
-    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
-        """Where the frusta meet the cylinder."""
-        return _end_breakpoints(length, self.end_length)
 
-
-class SemiEllipsoidEnds(AbstractAssumedShape):
+class SemiEllipsoidEnds(_WithEnds):
     """A cylinder whose ends are semi-ellipsoids about the axis, cut off at the fitting.
 
     Attributes:
@@ -304,18 +289,14 @@ class SemiEllipsoidEnds(AbstractAssumedShape):
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = _end_position(x, length, self.end_length)
+        zeta = self._zeta(x, length)
         return jnp.sqrt(
             self.end_diameter**2
             + (self.middle_diameter**2 - self.end_diameter**2) * zeta * (2 - zeta)
         )
 
-    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
-        """Where the ellipsoids meet the cylinder."""
-        return _end_breakpoints(length, self.end_length)
 
-
-class CircularArcEnds(AbstractAssumedShape):
+class CircularArcEnds(_WithEnds):
     """A cylinder whose ends are quarter circles, tangent to the cylinder and to the fitting's face.
 
     The ends are R - R_e long. The tangent is vertical at the fittings: no derivative at x = 0 and 1
@@ -339,15 +320,11 @@ class CircularArcEnds(AbstractAssumedShape):
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = _end_position(x, length, self.end_length)
+        zeta = self._zeta(x, length)
         return self.end_diameter + 2 * self.end_length * jnp.sqrt(zeta * (2 - zeta))
 
-    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
-        """Where the arcs meet the cylinder."""
-        return _end_breakpoints(length, self.end_length)
 
-
-class EllipticToroidEnds(AbstractAssumedShape):
+class EllipticToroidEnds(_WithEnds):
     """A cylinder whose ends are parts of elliptic toroids: elliptic arcs swept about the axis.
 
     The arc leaves the cylinder tangentially and runs over `arc_angle` of the ellipse's parameter.
@@ -378,15 +355,11 @@ class EllipticToroidEnds(AbstractAssumedShape):
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = _end_position(x, length, self.end_length)
+        zeta = self._zeta(x, length)
         cosine, sine = jnp.cos(self.arc_angle), jnp.sin(self.arc_angle)
         height = jnp.sqrt(cosine**2 + sine**2 * zeta * (2 - zeta))
         rise = (height - cosine) / (1 - cosine)
         return self.end_diameter + (self.middle_diameter - self.end_diameter) * rise
-
-    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
-        """Where the toroids meet the cylinder."""
-        return _end_breakpoints(length, self.end_length)
 
 
 def tondu_lopez_length(length: Real, rest_length: Real, k: Real) -> RealArray:
@@ -431,18 +404,6 @@ def kothera_length(length: Real, radius: Real, rest_radius: Real) -> RealArray:
     0.25
     """
     return as_real(length) - 2 * (as_real(radius) - rest_radius)
-
-
-def _end_position(x: Real, length: Real, end_length: Real) -> RealArray:
-    """Distance zeta [-] from the nearer fitting over the length of an end, at most 1."""
-    x = as_real(x)
-    return jnp.minimum(jnp.minimum(x, 1 - x) / _end_share(length, end_length), 1)
-
-
-def _end_breakpoints(length: Real, end_length: Real) -> Float[Array, "... 2"]:
-    """Positions x [-] at which the two ends meet the middle."""
-    share = _end_share(length, end_length)
-    return jnp.stack([share, 1 - share], axis=-1)
 
 
 def _end_share(length: Real, end_length: Real) -> RealArray:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from ._arrays import Given, Real, RealArray, as_number, as_real, compiled
+from ._arrays import Given, Real, RealArray, as_number, as_real, compiled_method
 
 if TYPE_CHECKING:
     Either: TypeAlias = Any  # NumPy's or JAX's, as the arguments are
@@ -202,6 +202,7 @@ class MaxwellSlip(eqx.Module):
         """Energy [J] stored in the springs."""
         return self.rest_length * (self.wall.energy(state.wall) + self.braid.energy(state.braid))
 
+    @compiled_method
     def states(
         self,
         length: Float[Array | np.ndarray, " n"] | Sequence[float],
@@ -216,49 +217,34 @@ class MaxwellSlip(eqx.Module):
         Returns:
             The states, each leaf with a leading axis (n,).
         """
-        return _states(self, as_real(length), as_real(pressure))
 
+        def step(state: SlipState, at: tuple[Array, Array]) -> tuple[SlipState, SlipState]:
+            after = self.moved(state, *at)
+            return after, after
+
+        L, P = as_real(length), as_real(pressure)
+        return jax.lax.scan(step, self.start(L[0], P[0]), (L, P))[1]
+
+    @compiled_method
     def along(
         self,
         length: Float[Array | np.ndarray, " n"] | Sequence[float],
         pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
     ) -> Float[Array, " n"]:
         """F_h [N] along a history that starts relaxed, shape (n,); see `states`."""
-        return _along(self, as_real(length), as_real(pressure))
+        return jax.vmap(self.force)(self.states(length, pressure), as_real(pressure))
 
+    @compiled_method
     def heat(
         self,
         length: Float[Array | np.ndarray, " n"] | Sequence[float],
         pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
     ) -> Float[Array, ""]:
         """Energy [J] that the sliders have turned into heat along a history, never negative."""
-        return _heat(self, as_real(length), as_real(pressure))
-
-
-@compiled
-def _states(of: MaxwellSlip, length: Float[Array, " n"], pressure: Float[Array, " n"]) -> SlipState:
-    def step(state: SlipState, at: tuple[Array, Array]) -> tuple[SlipState, SlipState]:
-        after = of.moved(state, *at)
-        return after, after
-
-    return jax.lax.scan(step, of.start(length[0], pressure[0]), (length, pressure))[1]
-
-
-@compiled
-def _along(
-    of: MaxwellSlip, length: Float[Array, " n"], pressure: Float[Array, " n"]
-) -> Float[Array, " n"]:
-    return jax.vmap(of.force)(of.states(length, pressure), pressure)
-
-
-@compiled
-def _heat(
-    of: MaxwellSlip, length: Float[Array, " n"], pressure: Float[Array, " n"]
-) -> Float[Array, ""]:
-    states = of.states(length, pressure)
-    change = jnp.diff(states.coordinates, axis=0)
-    wall = of.wall.heat(states.wall, change[:, 0])
-    return of.rest_length * (wall + of.braid.heat(states.braid, change[:, 1]))
+        states = self.states(length, pressure)
+        change = jnp.diff(states.coordinates, axis=0)
+        wall = self.wall.heat(states.wall, change[:, 0])
+        return self.rest_length * (wall + self.braid.heat(states.braid, change[:, 1]))
 
 
 Cycle = Literal["ramp", "stroke"]

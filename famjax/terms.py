@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 from ._arrays import Given, Real, RealArray, as_real, at_each, compiled
 from .braids import AbstractBraid, gaylord_force
@@ -173,40 +173,23 @@ def bladder_hoop_force(
     return -jnp.asarray(hoop_stress * thickness * length**2 / (2 * jnp.pi * radius * turns**2))
 
 
-class _Wall(eqx.Module):
-    """Axial means of the true stresses in the wall.
-
-    Attributes:
-        axial, hoop: sigma_z and sigma_c [Pa]; 0 where the law does not know the state.
-        known: whether it does.
-    """
-
-    axial: RealArray
-    hoop: RealArray
-    known: Bool[Array, "..."]
-
-    @classmethod
-    def of(cls, material: AbstractMaterial, at: Dimensions, pressure: Real) -> "_Wall":
-        """The means at these dimensions and gauge pressure P [Pa]."""
-        stresses = material.stresses(
-            at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
-        )
-        known = jnp.all(jnp.isfinite(stresses[0] + stresses[1]), axis=-1)
-        axial, hoop = (
-            jnp.sum(at.station_weights * jnp.where(known[..., None], stress, 0.0), axis=-1)
-            for stress in stresses
-        )
-        return cls(axial, hoop, known)
-
-    def axial_force(self, at: Dimensions) -> RealArray:
-        """Pull [N] of the axial stress."""
-        pull = bladder_axial_force(self.axial, at.bladder_volume, at.length)
-        return jnp.where(self.known, pull, jnp.nan)
-
-    def hoop_force(self, at: Dimensions) -> RealArray:
-        """Pull [N] lost to the hoop stress."""
-        pull = bladder_hoop_force(self.hoop, at.thickness, at.length, at.radius, at.turns)
-        return jnp.where(self.known, pull, jnp.nan)
+def _wall_forces(
+    material: AbstractMaterial, at: Dimensions, pressure: Real
+) -> tuple[RealArray, RealArray]:
+    """Pulls [N] of the axial means of axial and hoop stress; nan where the law knows no stress."""
+    stresses = material.stresses(
+        at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
+    )
+    known = jnp.all(jnp.isfinite(stresses[0] + stresses[1]), axis=-1)
+    axial, hoop = (
+        jnp.sum(at.station_weights * jnp.where(known[..., None], stress, 0.0), axis=-1)
+        for stress in stresses
+    )
+    pulls = (
+        bladder_axial_force(axial, at.bladder_volume, at.length),
+        bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns),
+    )
+    return jnp.where(known, pulls[0], jnp.nan), jnp.where(known, pulls[1], jnp.nan)
 
 
 class BladderAxial(AbstractForceTerm):
@@ -223,7 +206,7 @@ class BladderAxial(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The pull [N], broadcast shape; negative where the shortened bladder pushes."""
-        return _Wall.of(self.material, at, pressure).axial_force(at)
+        return _wall_forces(self.material, at, pressure)[0]
 
 
 class BladderHoop(AbstractForceTerm):
@@ -240,7 +223,7 @@ class BladderHoop(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The pull [N], broadcast shape; negative where the stretched bladder holds the braid."""
-        return _Wall.of(self.material, at, pressure).hoop_force(at)
+        return _wall_forces(self.material, at, pressure)[1]
 
 
 class BladderWall(AbstractForceTerm):
@@ -259,8 +242,8 @@ class BladderWall(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """The bladder's pull [N], broadcast shape; negative where it resists."""
-        wall = _Wall.of(self.material, at, pressure)
-        return wall.axial_force(at) + wall.hoop_force(at)
+        axial, hoop = _wall_forces(self.material, at, pressure)
+        return axial + hoop
 
 
 def volume_rate(
@@ -324,60 +307,6 @@ def virtual_work_force(
     1076
     """
     return -as_real(pressure) * volume_rate(source, length, pressure, braid=braid)
-
-
-class PressureTerms(eqx.Module):
-    """The pressure's pull in one geometry, by Gaylord's cylinder and by virtual work.
-
-    Attributes:
-        contraction: (L0 - L) / L0 [-].
-        gaylord: P pi R^2 (2 tan(theta)^2 - 1) [N].
-        virtual_work: -P dV/dL [N] at constant pressure.
-        virtual_work_at_thread_length: -P dV/dL [N] at constant thread length, as the work that
-            stretches the threads is not the muscle's; equal to `virtual_work` where no braid was
-            given.
-    """
-
-    contraction: RealArray
-    gaylord: RealArray
-    virtual_work: RealArray
-    virtual_work_at_thread_length: RealArray
-
-
-def pressure_terms(
-    geometry: AbstractGeometry,
-    contraction: Real,
-    pressure: Real,
-    *,
-    braid: AbstractBraid | None = None,
-) -> PressureTerms:
-    """Both pressure terms over contraction: what virtual work changes.
-
-    On the reference specimen at 100 psi, with the profiles as transcribed: 898 lbf in place of
-    Gaylord's 1068 at rest, 434 for 536 at half the stroke, 127 for 107 at 35 % (905, 440 and 131 at
-    constant thread length); with w from the coefficients themselves, as `famjax reproduce` takes
-    it, 893 and 123 at the ends. The two decimals of the printed coefficients leave 24, 8 and 35 lbf
-    (one standard deviation). Over the stroke the volume takes up 15 % less work than Gaylord's force at
-    the average diameter would deliver. The tested blocked force, 1058 lbf, is nearer to Gaylord's.
-
-    Args:
-        geometry: of the muscle.
-        contraction: (L0 - L) / L0 [-], a fraction.
-        pressure: gauge pressure P [Pa].
-        braid: the geometry's elastic braid, where it has one.
-
-    Returns:
-        The terms, of broadcast shape.
-    """
-    contraction, pressure = jnp.broadcast_arrays(as_real(contraction), as_real(pressure))
-    length = geometry.rest_length * (1 - contraction)
-    at = geometry.dimensions(length, pressure)
-    return PressureTerms(
-        contraction=contraction,
-        gaylord=gaylord_force(pressure, at.radius, at.braid_angle),
-        virtual_work=virtual_work_force(geometry, length, pressure),
-        virtual_work_at_thread_length=virtual_work_force(geometry, length, pressure, braid=braid),
-    )
 
 
 @compiled
@@ -485,31 +414,6 @@ def thread_contact_area(rest_area: Real, rest_braid_angle: Real, braid_angle: Re
         Tondu & Lopez 2000, IEEE Control Systems Magazine 20(2); see `ThreadFriction`.
     """
     return jnp.asarray(rest_area * jnp.sin(2 * rest_braid_angle) / jnp.sin(2 * braid_angle))
-
-
-def crossing_area(n_threads: Real, turns: Real, thread_width: Real, braid_angle: Real) -> RealArray:
-    """Area S [m2] in which threads touch threads, n^2 N / 2 crossings of w^2 / sin(2 theta) each.
-
-    Two families of n/2 threads; each thread meets each of the other family 2 N times.
-
-    Args:
-        n_threads: n [-], both families.
-        turns: N [-].
-        thread_width: w [m] of a thread as it lies, flattened, in the braid.
-        braid_angle: theta [rad], from the circumference, in (0, pi/2).
-
-    Returns:
-        S [m2], broadcast shape; the lateral surface pi D L where the threads lie side by side.
-
-    >>> import math
-    >>> D, L, n, theta = 0.02, 0.3, 48, 1.1
-    >>> turns = L / (math.pi * D * math.tan(theta))
-    >>> side_by_side = 2 * math.pi * D * math.sin(theta) / n
-    >>> print(f"{crossing_area(n, turns, side_by_side, theta) / (math.pi * D * L):.4f}")
-    1.0000
-    """
-    crossings = n_threads**2 * turns / 2
-    return jnp.asarray(crossings * thread_width**2 / jnp.sin(2 * braid_angle))
 
 
 class AbstractFriction(Parametrised):

@@ -28,8 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import si_unit
+from famjax.boundary.units import Quantity, Sentence, si_unit
 from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 

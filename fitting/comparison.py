@@ -18,8 +18,7 @@ from jaxtyping import Bool, Float
 
 import famjax
 from famjax import peers
-from famjax.boundary.class_path import class_named, class_path
-from famjax.boundary.errors import InputError, check_seed
+from famjax.boundary.errors import InputError, check_seed, class_named, class_path
 from famjax.boundary.tasks import AnyExecutor, Store
 from famjax.boundary.units import finite_or_none
 from famjax.compile_options import as_arrays

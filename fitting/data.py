@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from famjax.boundary.errors import InputError
-from famjax.boundary.extras import import_extra
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import factor, unit_system
+from famjax.boundary.errors import InputError, import_extra
+from famjax.boundary.units import Quantity, Sentence, factor, unit_system
 
 from .arguments import QUANTITIES, check_mapping, check_numbers, check_plausible, is_number, shown
 

@@ -24,9 +24,8 @@ import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity
 from famjax.boundary.toml_file import Form, NotNegative
-from famjax.boundary.units import finite_or_none, si_unit
+from famjax.boundary.units import Quantity, finite_or_none, si_unit
 
 from .bands import ModelError, model_error, numbers_by_parameters
 from .covariance import free_root

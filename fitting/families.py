@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
-from famjax.boundary.class_path import class_named, class_path
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, class_named, class_path
 
 from .arguments import check_whole
 from .data import Specimen

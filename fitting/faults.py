@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import UNITS
+from famjax.boundary.units import UNITS, Quantity, Sentence
 
 from .choice import weigh
 from .data import ForceData

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import class_named
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, class_named
 from famjax.geometries import AbstractGeometry
 from famjax.parameters import Declared
 from famjax.terms import AbstractForceTerm

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from famjax.boundary.errors import InputError, check_seed
-from famjax.boundary.sentence import Quantity
+from famjax.boundary.units import Quantity
 from famjax.compile_options import quick_jit
 
 from .arguments import check_whole

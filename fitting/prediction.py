@@ -16,8 +16,7 @@ from jaxtyping import Bool, Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import finite_or_none
+from famjax.boundary.units import Quantity, Sentence, finite_or_none
 from famjax.control import Outcome, pressure_for_force
 
 from .arguments import check_numbers

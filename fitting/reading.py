@@ -20,8 +20,7 @@ import numpy as np
 
 from famjax.boundary.errors import InputError, meant
 from famjax.boundary.files import csv_lines
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import UNITS, factor, si_unit, to_si, unit_system
+from famjax.boundary.units import UNITS, Quantity, Sentence, factor, si_unit, to_si, unit_system
 
 from .arguments import QUANTITIES, check_mapping, check_numbers, check_path, check_plausible, shown
 from .data import COLUMNS, MAY_BE_ZERO, SPECIMEN_LENGTHS, ForceData, Specimen, check_maps

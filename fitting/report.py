@@ -28,8 +28,7 @@ from matplotlib.ticker import MaxNLocator
 
 import famjax
 from famjax.boundary.files import Origin, as_html, as_png, write_all
-from famjax.boundary.sentence import Quantity, in_units
-from famjax.boundary.units import factor, from_si, unit_system
+from famjax.boundary.units import Quantity, factor, from_si, sentence_in_units, unit_system
 from famjax.compile_options import as_arrays, quick_jit
 
 from .arguments import check_path
@@ -356,7 +355,9 @@ class Findings:
     def verdict(self, system: str, most: int | None = None) -> str:
         """Whether the fit may be trusted, with the gravest reasons, and what could not be checked."""
         told = [f"{self.judged.level.capitalize()}.", *self.judged.reasons[:most]]
-        return " ".join(in_units(one, system) for one in (*told, self.judged.unchecked) if one)
+        return " ".join(
+            sentence_in_units(one, system) for one in (*told, self.judged.unchecked) if one
+        )
 
     def summary(self, system: str = "metric") -> list[tuple[str, str]]:
         """Label and sentence of what a reader must know first."""
@@ -447,7 +448,9 @@ class Findings:
 
     def next_steps(self, system: str) -> list[str]:
         """What a reader should do: what each doubt asks for, then the commands that follow."""
-        asked = [in_units(one, system) for one in (*self.judged.reasons, self.judged.unchecked)]
+        asked = [
+            sentence_in_units(one, system) for one in (*self.judged.reasons, self.judged.unchecked)
+        ]
         if not self.judged.passed:
             return [*filter(None, asked)]
         data, units = self.result.data, unit_system(system)
@@ -503,7 +506,7 @@ class Findings:
             *evidence_warnings(self.evidence, self.result),
             *(() if error is None else (f"The 95 % bands of predictions are of {error.covers}.",)),
         )
-        return tuple(in_units(one, system) for one in found)
+        return tuple(sentence_in_units(one, system) for one in found)
 
     def html(self, system: str = "metric") -> str:
         """Verdict, table and picture for a notebook."""
@@ -572,7 +575,7 @@ def _certificate_table(result: Identification, system: str) -> Table:
              Quantity(certificate.slope_margin, "stress").in_units(system))]),
         ("largest strain used", f"{result.strain_range:.4g}"),
         ("active constraints",
-         "; ".join(in_units(one, system) for one in result.active_constraints) or "none"),
+         "; ".join(sentence_in_units(one, system) for one in result.active_constraints) or "none"),
         ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
         ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
         ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),

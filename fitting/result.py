@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence
-from famjax.boundary.units import si_unit
+from famjax.boundary.units import Quantity, Sentence, si_unit
 from famjax.slip import CentredSlip
 
 from .arguments import shown

@@ -16,11 +16,17 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import NotTrustedError, Own, check_trusted, class_path
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, NotTrustedError, Own, check_trusted, class_path
 from famjax.boundary.files import Origin
-from famjax.boundary.sentence import Quantity, Sentence, in_units
-from famjax.boundary.units import finite_or_none, from_si, si_unit, unit_system
+from famjax.boundary.units import (
+    Quantity,
+    Sentence,
+    finite_or_none,
+    from_si,
+    sentence_in_units,
+    si_unit,
+    unit_system,
+)
 from famjax.cards import (
     Covariance,
     MuscleCard,
@@ -353,8 +359,8 @@ def summary_as_dict(
     warnings = (*result.warnings, *evidence_warnings(asked, result))
     return {
         "verdict": judged.level,
-        "reasons": [str(in_units(one, system)) for one in judged.reasons],
-        "unchecked": str(in_units(judged.unchecked, system)) or None,
+        "reasons": [str(sentence_in_units(one, system)) for one in judged.reasons],
+        "unchecked": str(sentence_in_units(judged.unchecked, system)) or None,
         "suspicions": [one.cause for one in judged.suspicions],
         "choice": None if choice is None else choice_as_dict(choice),
         **_written(result.errors, _ERRORS),
@@ -373,7 +379,7 @@ def summary_as_dict(
         "dependence": result.dependence,
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
-        "warnings": [str(in_units(one, system)) for one in warnings],
+        "warnings": [str(sentence_in_units(one, system)) for one in warnings],
         **evidence_as_dict(asked),
     }
 

@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import class_named
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, class_named
 
 from .arguments import check_mapping, check_whole
 from .bands import muscle_spread, pull

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import famjax
-from famjax.boundary.sentence import Quantity, Sentence
+from famjax.boundary.units import Quantity, Sentence
 
 from .convex import Status
 from .covariance import Covariance, covariance

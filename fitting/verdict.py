@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from famjax.boundary.sentence import Quantity, Sentence
+from famjax.boundary.units import Quantity, Sentence
 
 from .faults import Suspicion
 from .result import Identification, Remark, of_parameters, remarks

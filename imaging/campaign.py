@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from famjax.boundary.extras import import_extra
-from famjax.boundary.settings import some_of
+from famjax.boundary.errors import import_extra
+from famjax.boundary.files import some_of
 from famjax.boundary.units import factor, unit_system
 
 from .camera import Array

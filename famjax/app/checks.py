@@ -5,12 +5,12 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import text_in_units
+from famjax.boundary.units import text_in_units
 from fitting.data import Specimen
 from fitting.report import PageTable
 from rig.journal import Record
@@ -34,74 +34,63 @@ _RATIOS = {
     "kgf and N": 9.80665, "kgf and lbf": 2.20462,
 }  # fmt: skip
 _LIKE = 0.05  # relative, by which a ratio of units may be missed
-_MOST = 1 - 1 / math.sqrt(3)
-"""No muscle whose threads keep their length contracts more: at most from straight threads to the
-neutral angle."""
 _RATE = 0.02  # relative, of a machine's rate as it was set
 
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A figure, and what it must be.
+    """What was compared, as it is told.
 
     Attributes:
-        what: it is.
-        found: value; nan where it could not be found.
-        expected: range outside which it is doubtful.
-        possible: range outside which the work stops.
-        unit: of all of them.
-        say: what may be wrong where it is not as expected, and what to do.
+        what: was found, in words.
+        range: that was expected, with its unit.
+        value: that was found, or that it is not known.
+        verdict: where the value lies.
+        say: what it means where it does not agree, and what to do.
     """
 
     what: str
-    found: float
-    expected: tuple[float, float]
-    possible: tuple[float, float] = _ANYTHING
-    unit: str = ""
+    range: str
+    value: str
+    verdict: Verdict
     say: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        what: str,
+        found: float,
+        expected: tuple[float, float],
+        possible: tuple[float, float] = _ANYTHING,
+        unit: str = "",
+        say: str = "",
+    ) -> "Check":
+        """A figure against the range in which it is expected, and that beyond which it cannot be."""
+        (low, high), end = expected, f" {unit}".rstrip()
+        verdict: Verdict = NOT_KNOWN
+        if not math.isnan(found):
+            agrees = low <= found <= high
+            verdict = AGREES if agrees else DOUBTFUL
+            if not possible[0] <= found <= possible[1]:
+                verdict = CONTRADICTS
+        told = f"{low:.4g} to {high:.4g}{end}" if math.isfinite(high) else f"{low:.4g}{end} or more"
+        value = NOT_KNOWN if math.isnan(found) else f"{found:.4g}{end}"
+        return cls(what, "any" if expected == _ANYTHING else told, value, verdict, say)
 
     @classmethod
     def about(
         cls, what: str, found: float, value: float, std: float, *, unit: str = "", say: str = ""
     ) -> "Check":
-        """A figure that must be near a value, as near as its standard error says."""
+        """A figure that must agree with another within the standard error of their difference."""
         expected, possible = ((value - size * std, value + size * std) for size in (DOUBT, REFUSAL))
-        return cls(what, found, expected, possible, unit, say)
-
-    @property
-    def verdict(self) -> Verdict:
-        """What comes of it."""
-        if math.isnan(self.found):
-            return NOT_KNOWN
-        if not self.possible[0] <= self.found <= self.possible[1]:
-            return CONTRADICTS
-        return AGREES if self.expected[0] <= self.found <= self.expected[1] else DOUBTFUL
-
-    @property
-    def range(self) -> str:
-        """What was expected, in words."""
-        low, high = self.expected
-        if math.isinf(low) and math.isinf(high):
-            return "any"
-        if math.isinf(high):
-            return f"{low:.4g}{self._unit} or more"
-        return f"{low:.4g} to {high:.4g}{self._unit}"
-
-    @property
-    def value(self) -> str:
-        """What was found, in words."""
-        return NOT_KNOWN if math.isnan(self.found) else f"{self.found:.4g}{self._unit}"
+        return cls.of(what, found, expected, possible, unit, say)
 
     def sentence(self) -> str:
-        """What must hold, what was found, what to do."""
-        found = NOT_KNOWN
-        if not math.isnan(self.found):
-            found = f"expected {self.range}, found {self.value}"
-        return f"{self.what}: {found}. {self.say}".strip()
-
-    @property
-    def _unit(self) -> str:
-        return f" {self.unit}" if self.unit else ""
+        """The check as it is told."""
+        known = f"expected {self.range}, found {self.value}"
+        return (
+            f"{self.what}: {NOT_KNOWN if self.verdict == NOT_KNOWN else known}. {self.say}".strip()
+        )
 
 
 def units_of(ratio: float) -> str:
@@ -124,8 +113,7 @@ def settle(checks: Sequence[Check], place: Path) -> None:
     Raises:
         InputError: what contradicts, and what to do.
     """
-    rows = [{**dataclasses.asdict(one), "verdict": one.verdict} for one in checks]
-    text = json.dumps(_finite(rows), indent=1, allow_nan=False)
+    text = json.dumps([dataclasses.asdict(one) for one in checks], indent=1)
     (place / CHECKS).write_text(text + "\n", encoding="utf-8")
     wrong = [one for one in checks if one.verdict == CONTRADICTS]
     if wrong:
@@ -139,16 +127,8 @@ def settle(checks: Sequence[Check], place: Path) -> None:
 def read_checks(place: Path) -> list[Check]:
     """The checks of a step, none where it made none."""
     path = place / CHECKS
-    if not path.exists():
-        return []
-    found = []
-    for row in json.loads(path.read_text(encoding="utf-8")):
-        low, high = row["expected"], row["possible"]
-        found.append(
-            Check(row["what"], _number(row["found"], math.nan), _pair(low), _pair(high),
-                  row["unit"], row["say"])
-        )  # fmt: skip
-    return found
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    return [Check(**row) for row in rows]
 
 
 def doubts(places: Sequence[Path]) -> list[str]:
@@ -174,23 +154,6 @@ def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTab
     return [PageTable(title, header, rows, text=True)] if rows else []
 
 
-def _finite(value: Any) -> Any:
-    """For JSON: None for what is not finite."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    return [_finite(one) for one in value] if isinstance(value, list | tuple) else value
-
-
-def _number(value: float | None, nothing: float) -> float:
-    return nothing if value is None else value
-
-
-def _pair(value: Sequence[float | None]) -> tuple[float, float]:
-    return _number(value[0], -math.inf), _number(value[1], math.inf)
-
-
 def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]:
     """The checks of journal, machine's log and specimen.
 
@@ -203,8 +166,6 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
         *_loads(found, max(sheet.errors.force_reading, ASSUMED.force_reading)),
         *_forces(found, sheet.specimen),
         _rate(journal, found),
-        _contraction(found),
-        _pressures(found),
         _strokes(journal, found, sheet.records.skip_cycles),
         *specimen_checks(sheet.specimen),
     ]
@@ -223,7 +184,7 @@ def specimen_checks(specimen: Specimen) -> list[Check]:
         ratio = specimen.braid_thickness / diameter
         sizes.append(("braid_thickness over bladder_diameter", ratio, (0.002, 0.1)))
     return [
-        Check(what, value, expected, say="Check both in [specimen], and their units: the moduli of "
+        Check.of(what, value, expected, say="Check both in [specimen], and their units: the moduli of "
               "the bladder follow from them.")
         for what, value, expected in sizes
     ]  # fmt: skip
@@ -242,7 +203,7 @@ def _loads(found: Analysis, std: float) -> list[Check]:
             "its unit, its calibration and that of the rig's load cell, and whether journal and log "
             "are of one test.",
         ),
-        Check(
+        Check.of(
             "what the loads differ by after that, of their range", loads.scatter,
             (0.0, std / 2), (0.0, 1.5 * std),
             say="Journal and log may be of two tests, or a column of the log is another load: give "
@@ -256,7 +217,7 @@ def _forces(found: Analysis, specimen: Specimen) -> list[Check]:
     bars = found.characterisation.isobars
     pressure = np.array([bar.pressure for bar in bars])
     force = np.array([bar.force[0] for bar in bars])
-    pulls = Check(
+    pulls = Check.of(
         "force near the rest length at the highest pressure", float(force[-1]), (0.0, math.inf),
         (0.0, math.inf), "N",
         say="A muscle under pressure pulls: where the machine counts compression as positive, set "
@@ -270,7 +231,7 @@ def _forces(found: Analysis, specimen: Specimen) -> list[Check]:
     angle = math.degrees(math.atan(math.sqrt(max((slope / area + 1) / 2, 0.0))))
     return [
         pulls,
-        Check(
+        Check.of(
             "braid angle by which the force rises with the pressure, P pi R^2 (2 tan^2 - 1)", angle,
             (50.0, 80.0), (35.3, 88.0), "deg",
             say="Pressures, forces and the bladder's diameter do not fit together: check the units "
@@ -287,13 +248,13 @@ def _rate(journal: Record, found: Analysis) -> Check:
     record = found.record
     held = np.isfinite(record.set_pressure)
     if not planned or held.sum() < 3:
-        return Check(what, math.nan, (0.95, 1.05), say="The journal has no plan of strokes.")
+        return Check.of(what, math.nan, (0.95, 1.05), say="The journal has no plan of strokes.")
     speed = np.abs(np.diff(record.length[held]) / np.diff(record.time[held]))
     moving = speed[speed > 0.2 * np.quantile(speed, 0.95)]
     ratio = float(np.median(moving)) / float(np.median(planned)) if moving.size else 0.0
     units = units_of(ratio)
     if not units:
-        return Check(
+        return Check.of(
             what, ratio, (1 - 2 * _RATE, 1 + 2 * _RATE),
             say="The machine was set to another rate than the plan's, or the unit of its "
             "displacement or time is wrong: check both.",
@@ -302,36 +263,6 @@ def _rate(journal: Record, found: Analysis) -> Check:
         what, ratio, 1.0, _RATE,
         say=f"This is the ratio of {units}: correct the unit of the displacement in the log's header.",
     )  # fmt: skip
-
-
-def _contraction(found: Analysis) -> Check:
-    """The largest contraction at which the muscle still pulls."""
-    most = 0.0
-    for bar in found.characterisation.isobars:
-        pulling = bar.length[bar.force > 0.02 * abs(bar.force[0])]
-        if pulling.size:
-            most = max(most, 1 - float(pulling.min()) / found.record.rest_length)
-    return Check(
-        "largest contraction at which the muscle pulls", most, (0.03, 0.40), (0.0, _MOST),
-        say="No braid contracts by more than 0.423 of its rest length, and a stroke is mostly more "
-        "than 0.03 of it: check rest_length and zero_displacement in the sheet, and the unit of the "
-        "log's displacement.",
-    )  # fmt: skip
-
-
-def _pressures(found: Analysis) -> Check:
-    """The pressure that was held against the one set."""
-    off = max(
-        abs(bar.pressure / bar.set_pressure - 1) if bar.set_pressure else 0.0
-        for bar in found.characterisation.isobars
-    )
-    return Check(
-        "mean pressure held against the set one, largest difference",
-        off,
-        (0.0, 0.05),
-        (0.0, 0.5),
-        say="The pressure was not held: look for a leak or an exhausted supply, and repeat the test.",
-    )
 
 
 def _strokes(journal: Record, found: Analysis, skipped: int) -> Check:
@@ -343,7 +274,7 @@ def _strokes(journal: Record, found: Analysis, skipped: int) -> Check:
         blocks[number] = blocks.get(number, 0) + int(note["cycles"])
     planned = float(sum(max(cycles - skipped, 0) for cycles in blocks.values()))
     complete = float(sum(bar.cycles for bar in found.characterisation.isobars))
-    return Check(
+    return Check.of(
         "complete strokes in journal and log", complete if begun else math.nan,
         (planned, math.inf),
         say="Strokes are missing, so that their pressures rest on fewer of them or none: "

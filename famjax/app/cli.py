@@ -6,12 +6,10 @@ import inspect
 import io
 import os
 import re
-import select
 import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -64,23 +62,23 @@ def main(arguments: list[str] | None = None) -> None:
     Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
     141 nobody reads the output any more.
     """
-    if arguments is None:
-        end_at_interrupts(sys.argv[1:])
-        warnings.showwarning = _as_note
-        _print_what_the_terminal_lacks()
-        # What imports and traces make stays to the end: it is searched for garbage less often.
-        gc.set_threshold(400_000, 20, 50)
+    if arguments is not None:
+        sys.exit(_run(arguments))
+    end_at_interrupts(sys.argv[1:])
+    warnings.showwarning = _as_note
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that it cannot show is no reason to end
+            stream.reconfigure(errors="backslashreplace")
+    # What imports and traces make stays to the end: it is searched for garbage less often.
+    gc.set_threshold(400_000, 20, 50)
     try:
-        code = _run(sys.argv[1:] if arguments is None else arguments)
-        if arguments is None:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        if arguments is not None or not _reader_has_left():
-            raise
+        code = _run(sys.argv[1:])
+        sys.stdout.flush()
+    except BrokenPipeError:  # as after `| head`; what is left goes nowhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = NO_READER
-    if arguments is None:
-        # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
-        gc.freeze()
+    # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
+    gc.freeze()
     sys.exit(code)
 
 
@@ -106,9 +104,8 @@ def _run(arguments: list[str]) -> int:
             words, exit_on_error=False, print_error=False, result_action="return_value"
         )
     except CycloptsError as error:
-        hint = _of_a_minus_sign(arguments, str(error))
         ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
-        print(f"famjax: {error}{hint}\nTry '{ask}'.", file=sys.stderr)
+        print(f"famjax: {error}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)
@@ -179,25 +176,10 @@ def sentence(path: str) -> str:
     return inspect.cleandoc(found[1])
 
 
-def _print_what_the_terminal_lacks() -> None:
-    """Print characters that a stream's encoding lacks as their numbers: a name is no reason to end."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
     """A warning as a person reads it; those for developers are none of a user's."""
     if issubclass(category, UserWarning):
         print(f"note: {message}", file=sys.stderr)
-
-
-def _of_a_minus_sign(arguments: list[str], error: str) -> str:
-    """How a value that begins with a minus sign is given, where one was read as an option."""
-    for option, value in pairwise(arguments):
-        if f"{option} requires an argument" in error and re.match(r"-[.\d]", value):
-            return f"\nA value with a minus sign is written {option}={value}"
-    return ""
 
 
 def farewell(arguments: Sequence[str]) -> str:
@@ -225,14 +207,3 @@ def end_at_interrupts(arguments: Sequence[str]) -> None:
         os._exit(STOPPED)
 
     signal.signal(signal.SIGINT, end)
-
-
-def _reader_has_left() -> bool:
-    """Whether nobody reads standard output any more, as after `| head`; it then goes nowhere."""
-    out = sys.stdout.fileno()
-    state = select.poll()
-    state.register(out, select.POLLOUT)
-    if not any(event & (select.POLLERR | select.POLLHUP) for _, event in state.poll(0)):
-        return False
-    os.dup2(os.open(os.devnull, os.O_WRONLY), out)
-    return True

@@ -15,6 +15,7 @@ from famjax.console import (
     Seed,
     Units,
     add_cwd_to_path,
+    in_units,
     parse_entries,
     print_json,
     print_rows,
@@ -299,7 +300,9 @@ def _report_test(
     found: "Analysis", paths: list[Path], output: Path, units: str, json_: bool
 ) -> int:
     """Write figures and picture of a test, and print its table."""
-    from .isobaric import figures, plot_characterisation, table_rows
+    from famjax.boundary.units import unit_system
+
+    from .isobaric import figures, plot_characterisation
 
     document = figures(found)
     picture, numbers = output / "characterisation.png", output / "characterisation.json"
@@ -309,7 +312,7 @@ def _report_test(
     if json_:
         print_json(document | {"files": [str(p) for p in paths]})
         return 0
-    print_rows("Isobars", table_rows(found.characterisation, units))
+    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
     print(found.alignment)
     for note in found.characterisation.notes:
         print("note:", note)

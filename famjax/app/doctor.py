@@ -3,68 +3,27 @@
 import importlib.metadata
 import os
 import platform
+import re
 import sys
 from pathlib import Path
 
 from famjax import __version__
-from famjax._require import SIBLINGS, clashes, require
+from famjax._require import clashes
 from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
 from famjax.console import print_json, print_rows, progress
 
-_REPORTED = [
-    "jax",
-    "jaxlib",
-    "equinox",
-    "optimistix",
-    "lineax",
-    "jaxtyping",
-    "numpy",
-    "opencv-python-headless",
-    "scikit-image",
-    "pyserial",
-    "cyclopts",
-    "matplotlib",
-    "mujoco",
-    "mujoco-mjx",
-    "optax",
-    "blackjax",
-]
-
 
 def versions() -> dict[str, str]:
-    """Installed version of Python and of every package famjax uses; "not installed" where absent."""
+    """The interpreter and every package that famjax asks for, with its version or "not installed"."""
     found = {"python": platform.python_version()}
-    for name in _REPORTED:
+    for needed in ("jaxlib", *(importlib.metadata.requires("famjax") or ())):
+        name = re.split(r"[^\w.-]", needed)[0]
+        if name == "famjax":
+            continue
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             found[name] = "not installed"
-    return found
-
-
-def problems() -> list[str]:
-    """One sentence for each clash between famjax and what else is installed; starts no backend."""
-    found = clashes()
-    for name in () if found else SIBLINGS:
-        try:
-            require(name)
-        except ImportError as error:
-            found.append(str(error))
-    owners = importlib.metadata.packages_distributions()
-    for name in SIBLINGS:
-        foreign = sorted(set(owners.get(name, [])) - {"famjax"})
-        if foreign:
-            found.append(
-                f"the distribution {', '.join(foreign)} also installs a package {name!r} and may "
-                "have overwritten famjax's: uninstall it and install famjax again"
-            )
-    there = {str(one.metadata["Name"]).lower() for one in importlib.metadata.distributions()}
-    known = ("opencv-python", "opencv-contrib-python", "opencv-python-headless")
-    cameras = [name for name in known if name in there]
-    if len(cameras) > 1:
-        found.append(
-            f"{' and '.join(cameras)} both own the package cv2: keep opencv-python-headless only"
-        )
     return found
 
 
@@ -75,7 +34,7 @@ def doctor() -> int:
         print(f"  {name} {version}")
     import jax
 
-    found = problems()
+    found = clashes()
     try:
         print("devices:", ", ".join(str(device) for device in jax.devices()))
     except (AssertionError, RuntimeError):
@@ -98,17 +57,14 @@ def doctor() -> int:
 
 def _cache_sentence() -> str:
     """Where compiled programs are kept, and how many."""
-    folder = switch_on()
-    if not folder:
-        root = cache_root()
-        if root is None:
-            return f"off ({VARIABLE} says so, or there is no home); every command compiles anew"
-        return (
-            f"off, as no folder of this user alone can be written below {root}; every command "
-            f"compiles anew; name another folder in {VARIABLE}"
-        )
-    number, size = contents(folder)
-    return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
+    if folder := switch_on():
+        number, size = contents(folder)
+        return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
+    root = cache_root()
+    why = f"{VARIABLE} says so, or there is no home" if root is None else (
+        f"no folder of this user alone can be written below {root}; name another in {VARIABLE}"
+    )  # fmt: skip
+    return f"off ({why}); every command compiles anew"
 
 
 def reproduce(
@@ -150,21 +106,16 @@ def reproduce(
     if json_:
         print_json(rows)
         return 0
-    of = {
-        verdict: [row for row in rows if row["verdict"] == verdict]
-        for verdict in ("within", "outside", "misprint", "not published")
-    }
-    for title, verdict in (
-        ("Out of tolerance", "outside"),
-        ("Misprints of the reference work", "misprint"),
-    ):
-        if of[verdict]:
-            print_rows(title, of[verdict])
-    compared = len(of["within"]) + len(of["outside"])
+    outside, misprints, inside, new = (
+        [row for row in rows if row["verdict"] == verdict]
+        for verdict in ("outside", "misprint", "within", "not published")
+    )
+    print_rows("Out of tolerance", outside)
+    print_rows("Misprints of the reference work", misprints)
     print(
-        f"{len(of['within'])} of {compared} printed figures within tolerance, beside "
-        f"{len(of['misprint'])} that the work misprints; {len(of['not published'])} more computed "
-        "that have no printed figure here"
+        f"{len(inside)} of {len(inside) + len(outside)} printed figures within tolerance, beside "
+        f"{len(misprints)} that the work misprints; {len(new)} more computed that have no printed "
+        "figure here"
     )
     print(f"written: {output / benchmark.PAGE}")
     return 0

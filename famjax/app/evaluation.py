@@ -26,7 +26,7 @@ from rig.journal import read_journal, stored_calibration
 from .checks import record_checks, settle, specimen_checks, warnings_of
 from .folder import RESULTS, FolderStep, Photographs, Sheet
 from .isobaric import Analysis, analyse, branches_csv, figures, plot_characterisation
-from .photographs import JournalTime, add_log, picture_checks, read_log_of_pictures
+from .photographs import add_log, picture_checks, read_log_of_pictures
 
 RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
 CYLINDER, ELASTIC = "cylinder", "elastic-cylinder"
@@ -141,8 +141,7 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
     dates = [note["wall"] for note in journal.notes_of("journal")]
-    content = {**figures(found), "dates": dates}
-    numbers = json.dumps(content, indent=1, allow_nan=False)
+    numbers = json.dumps({**figures(found), "dates": dates}, indent=1, allow_nan=False)
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
     (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
@@ -211,21 +210,8 @@ def _measure(
             f"no picture of {photographs.pictures} could be measured ({reasons}): see "
             f"{place / 'measurements.csv'}, or leave [photographs] out"
         )
-    checks = picture_checks(
-        sheet, photographs, outcome.table, log, _journal_time(sheet), read_map(sheet).length
-    )
+    checks = picture_checks(sheet, photographs, outcome.table, log, read_map(sheet).length)
     settle(checks, place)
-
-
-def _journal_time(sheet: Sheet) -> JournalTime | None:
-    """The date of the test, where there is one journal of one recording."""
-    path = _results(sheet) / RECORDS / "characterisation.json"
-    if not path.exists():
-        return None
-    content = json.loads(path.read_text(encoding="utf-8"))
-    if len(content["dates"]) != 1:
-        return None
-    return JournalTime.of(content["dates"][0], content["alignment"])
 
 
 def _shape(sheet: Sheet, place: Path) -> None:

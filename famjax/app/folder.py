@@ -189,19 +189,16 @@ def read_sheet(folder: Path) -> Sheet:
         )
         known.pop("force_limit", None)  # of the map's readings, and in its header
         specimen = Specimen(**known)
-    except (InputError, TypeError) as error:
-        raise InputError(f"{path}: [specimen]: {_in_words(error)}") from None
+    except InputError as error:
+        raise InputError(f"{path}: [specimen]: {error}") from None
+    except TypeError:
+        needed = "name, rest_length_<unit> and wall_thickness_<unit> are needed"
+        raise InputError(f"{path}: [specimen]: {needed}") from None
     return Sheet(
         folder, specimen, entries, None if turns is None else float(turns), tables["records"],
         tables.get("photographs"), tables.get("fit", Fit()), tables.get("errors", SharedErrors()),
         tables.get("units", Shown()).system,
     )  # fmt: skip
-
-
-def _in_words(error: Exception) -> str:
-    if isinstance(error, TypeError):
-        return "name, rest_length_<unit> and wall_thickness_<unit> are needed"
-    return str(error)
 
 
 MARK = "step.json"
@@ -267,7 +264,8 @@ def run_steps(
         if done and step.name not in force:
             if chosen:
                 tell(f"{step.name}: as before")
-                _say(step, place, tell)
+                for line in step.says(place):
+                    tell(line)
             continue
         if not chosen:
             needed = any(step.name in other.after for other in steps if other.name in only)
@@ -279,30 +277,22 @@ def run_steps(
         tell(f"{step.name} ...")
         (place / MARK).unlink(missing_ok=True)
         place.mkdir(parents=True, exist_ok=True)
-        _clear(place, () if step.name in force else step.resumes)
+        kept = () if step.name in force else step.resumes
+        for path in place.iterdir():
+            if path.name not in kept:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
         step.run(place)
         held = {path.relative_to(place).as_posix(): digest(path) for path in _files(place)}
         mark = json.dumps({"key": key, "files": held}, indent=1, sort_keys=True)
         (place / MARK).write_text(mark + "\n", encoding="utf-8")
-        _say(step, place, tell)
+        for line in step.says(place):
+            tell(line)
 
 
 def digest(path: Path) -> str:
     """The SHA-256 of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _clear(place: Path, kept: Sequence[str]) -> None:
-    """Remove what a step left in its folder, but for the names that are kept."""
-    for path in place.iterdir():
-        if path.name not in kept:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-
-def _say(step: FolderStep, place: Path, tell: Callable[[str], None]) -> None:
-    for line in step.says(place):
-        tell(line)
 
 
 def _key(step: FolderStep, keys: Mapping[str, str]) -> str:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import factor, unit_system
+from famjax.boundary.units import factor, finite_or_none, unit_system
 from famjax.units import PSI
 from fitting.records import (
     Alignment,
@@ -215,25 +215,17 @@ def analyse(
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0])
     time = time[rising]
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
-    if alignment is None:
-        alignment = (
-            _by_load(
-                time, force, log, near, _clock_error(journal), pushing_positive=pushing_positive
-            )
-            if sync_column is None
-            else _by_pulses(time, columns["sync"][known][rising], log, sync_column)
-        )
+    if alignment is None and sync_column is not None:
+        alignment = _by_pulses(time, columns["sync"][known][rising], log, sync_column)
+    elif alignment is None:
+        errors = [clock.error for clock in clocks(journal).values()]
+        error = max((one for one in errors if math.isfinite(one)), default=0.0)
+        alignment = _by_load(time, force, log, near, error, pushing_positive=pushing_positive)
     record = combine(
-        log,
-        alignment,
-        time,
-        pressure,
-        _set_pressures(journal),
-        rest_length=rest_length,
-        shortening_positive=shortening_positive,
-        zero_displacement=zero_displacement,
+        log, alignment, time, pressure, _set_pressures(journal), rest_length=rest_length,
+        shortening_positive=shortening_positive, zero_displacement=zero_displacement,
         pushing_positive=pushing_positive,
-    )
+    )  # fmt: skip
     over, under = record.length.max() - rest_length, rest_length - record.length.min()
     if over > max(under, _STRETCH * rest_length):
         raise InputError(
@@ -242,12 +234,8 @@ def analyse(
             f"shortens it: shortening_positive must be {str(not shortening_positive).lower()}, or check "
             "zero_displacement and the rest length"
         )
-    return Analysis(
-        alignment,
-        record,
-        characterise(record, skip_cycles=skip_cycles),
-        _loads(time, force, record),
-    )
+    curves = characterise(record, skip_cycles=skip_cycles)
+    return Analysis(alignment, record, curves, _loads(time, force, record))
 
 
 def _by_load(
@@ -265,11 +253,11 @@ def _by_load(
     try:
         return align_by_load(time, force, log.time, load, near=near, time_error=time_error)
     except InputError as error:
-        others = {"the force with the opposite sign": -load, "the displacement": log.displacement,
-                  "the displacement with the opposite sign": -log.displacement}  # fmt: skip
-        others |= {
-            f"{s}{name}": (-1.0 if s else 1.0) * values
-            for name, values in log.others.items() for s in ("", "the negative of ")
+        opposite = "the force with the opposite sign"
+        known = {"the displacement": log.displacement, **log.others}
+        others = {opposite: -load} | {
+            f"{sign}{name}": values if not sign else -values
+            for name, values in known.items() for sign in ("", "the negative of ")
             if np.isfinite(values).all()
         }  # fmt: skip
         for name, values in others.items():
@@ -277,11 +265,9 @@ def _by_load(
                 align_by_load(time, force, log.time, values, near=near)
             except InputError:
                 continue
-            remedy = (
-                f"pushing_positive must be {str(not pushing_positive).lower()}"
-                if values is others["the force with the opposite sign"]
-                else "are columns swapped or wrongly named?"
-            )
+            remedy = f"pushing_positive must be {str(not pushing_positive).lower()}"
+            if name != opposite:
+                remedy = "are columns swapped or wrongly named?"
             raise InputError(
                 f"{log.source}: the load of the journal does not agree with the log's force but with "
                 f"{name}: {remedy}"
@@ -290,12 +276,6 @@ def _by_load(
         much = f". The journal covers {ours:.4g} s and the log {theirs:.4g} s: check the unit of its time"
         apart = max(ours, theirs) > _APART * min(ours, theirs)
         raise InputError(f"{log.source}: {error}{much if apart else ''}") from None
-
-
-def _clock_error(journal: Record) -> float:
-    """The largest error [s] of the journal's clock in any boot of 30 s or more."""
-    errors = [clock.error for clock in clocks(journal).values()]
-    return max((error for error in errors if math.isfinite(error)), default=0.0)
 
 
 def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:
@@ -340,36 +320,10 @@ def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
     return (time[edges] + time[edges + 1]) / 2
 
 
-def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
-    """One row for every isobar, the units in the keys; "none" for what was not measured.
-
-    Raises:
-        InputError: an unknown system.
-    """
-    units = unit_system(system)
-    pressure, force = units["pressure"], units["force"]
-    Pa, N = factor(pressure, "pressure"), factor(force, "force")
-    rows: list[dict[str, float | str]] = []
-    for bar in found.isobars:
-        row = {
-            f"set_{pressure}": bar.set_pressure / Pa,
-            f"mean_{pressure}": bar.pressure / Pa,
-            f"std_{pressure}": bar.pressure_std / Pa,
-            f"largest_error_{pressure}": bar.largest_pressure_error / Pa,
-            "cycles": bar.cycles,
-            f"blocked_{force}": bar.blocked_force / N,
-            "free_contraction": bar.free_contraction,
-            "hysteresis_J": bar.hysteresis,
-            "hysteresis_ratio": bar.hysteresis_ratio,
-        }
-        rows.append({k: v if math.isfinite(v) else "none" for k, v in row.items()})
-    return rows
-
-
-def figures(found: Analysis) -> dict[str, object]:
+def figures(found: Analysis) -> dict[str, Any]:
     """The figures of an analysis for a JSON file, unit in each key; None for what was not measured."""
     rows = [
-        {key: value if math.isfinite(value) else None for key, value in row.items()}
+        {key: finite_or_none(value) for key, value in row.items()}
         for row in found.characterisation.rows()
     ]
     aligned = found.alignment
@@ -380,7 +334,7 @@ def figures(found: Analysis) -> dict[str, object]:
         "reference_s": aligned.reference,
         "offset_error_s": aligned.offset_error,
         "rate": aligned.rate,
-        "rate_error": aligned.rate_error if math.isfinite(aligned.rate_error) else None,
+        "rate_error": finite_or_none(aligned.rate_error),
         residual: aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}

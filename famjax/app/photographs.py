@@ -1,11 +1,10 @@
 """Photographs of a stroke joined with the machine's log, and whether they agree with what else is known."""
 
 import dataclasses
-import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from imaging.cli import AddLog
 from .checks import Check, units_of
 from .folder import ASSUMED, Photographs, Sheet
 
+_ANYTHING = (-math.inf, math.inf)
 _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
@@ -124,38 +124,10 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     )
 
 
-_CLOCK = 600.0  # s, by which a camera's clock may be off that was set by hand
-_ZONE = 1800.0  # s, of which most time zones are multiples
 _FEWEST = 6  # pictures with a time, to lay two clocks onto each other
 
 _GIVE = 0.05  # of the motion, that a machine's frame may give way
 _TRIED = (25.4, 1 / 25.4, 2.54, 1 / 2.54, 10.0, 0.1, 1000.0, 1e-3)  # of a wrong unit
-
-
-class JournalTime(NamedTuple):
-    """The journal's date, and the machine's clock against it.
-
-    Attributes:
-        began: when the journal begins [s since 1970, UTC].
-        offset, rate, reference: see `fitting.records.Alignment`.
-    """
-
-    began: float
-    offset: float
-    rate: float
-    reference: float
-
-    @classmethod
-    def of(cls, date: str, alignment: Mapping[str, Any]) -> "JournalTime":
-        """From the journal's date and what the records' step has written of the clocks."""
-        began = datetime.datetime.fromisoformat(date)
-        return cls(
-            began.timestamp(), alignment["offset_s"], alignment["rate"], alignment["reference_s"]
-        )
-
-    def date(self, log_time: float) -> float:
-        """Date of a time of the machine's log [s since 1970]."""
-        return self.began + log_time + self.offset + self.rate * (log_time - self.reference)
 
 
 def picture_checks(
@@ -163,7 +135,6 @@ def picture_checks(
     photographs: Photographs,
     table: Table,
     machine: MachineLog | None,
-    journal: JournalTime | None,
     lengths: np.ndarray,
 ) -> list[Check]:
     """The checks of the pictures' table.
@@ -173,59 +144,40 @@ def picture_checks(
         photographs: its part on them.
         table: of the pictures.
         machine: the log of the same test, None where the force is a map.
-        journal: its date, where it is known.
         lengths: of the force map's readings [m], shape (n,).
     """
-    found = [_measured(table), *_order(table)]
+    found = [_measured(table), _cover(table, lengths), *_diameter(sheet, table)]
     if machine is None:
-        return [*found, _cover(table, lengths), *_diameter(sheet, table)]
-    guess = photographs.log_offset
+        return found
+    guess, open_ = photographs.log_offset, "clocks of camera and machine"
     if np.isfinite(table["time"][table.ok]).sum() < _FEWEST:
-        found.append(
-            Check("clocks of camera and machine", math.nan, (-math.inf, math.inf),
-                  say=f"Fewer than {_FEWEST} pictures have a time in their EXIF data, so that force and "
-                  "pressure at each are not known: copy the pictures from the camera unchanged.")
-        )  # fmt: skip
-        return [*found, _cover(table, lengths), *_diameter(sheet, table)]
+        say = (
+            f"Fewer than {_FEWEST} pictures have a time in their EXIF data, so that force and pressure "
+            "at each are not known: copy the pictures from the camera unchanged."
+        )
+        return [*found, Check.of(open_, math.nan, _ANYTHING, say=say)]
     try:
         clock = camera_clock(table, machine, guess)
     except OtherMotion as error:
-        return [*found, _unlike(error, table, machine, guess)]
+        return [found[0], _unlike(error, table, machine, guess)]
     except SyncError as error:
-        open_ = Check("clocks of camera and machine", math.nan, (-math.inf, math.inf),
-                      say=f"{error}. The force and pressure at each picture are not known; "
-                      "log_offset_s in [photographs] says what the log is ahead of the first "
-                      "picture.")  # fmt: skip
-        return [*found, open_, _cover(table, lengths), *_diameter(sheet, table)]
+        say = (
+            f"{error}. The force and pressure at each picture are not known; log_offset_s in "
+            "[photographs] says what the log is ahead of the first picture."
+        )
+        return [*found, Check.of(open_, math.nan, _ANYTHING, say=say)]
     return [
-        *found, *_scale(sheet, photographs, table, machine, clock), _outside(table, machine, clock),
-        *_dates(table, clock, journal), _cover(table, lengths), *_diameter(sheet, table),
+        *found, *_scale(sheet, photographs, table, machine, clock), _outside(table, machine, clock)
     ]  # fmt: skip
 
 
 def _measured(table: Table) -> Check:
     """The part of the pictures that could be measured."""
     reasons = sorted({text.partition(":")[0] for text in table.error if text})
-    return Check(
+    return Check.of(
         "part of the pictures that could be measured", float(np.mean(table.ok)), (0.9, 1.0),
         say=f"The reasons, {', '.join(reasons)}, are in measurements.csv; repeat those pictures.",
     )  # fmt: skip
-
-
-def _order(table: Table) -> list[Check]:
-    """Pictures in the order of their names that are older than the one before; a counter may begin anew."""
-    order = np.argsort([Path(name).name for name in table.path], kind="stable")
-    times = table["time"][order]
-    times = times[np.isfinite(times)]
-    if times.size < _FEWEST:
-        return []
-    return [
-        Check("pictures that are older than the one before them by name",
-              float((np.diff(times) < 0).sum()), (0.0, 1.0),
-              say="The names and the times of the pictures differ in order. The times count: if "
-              "pictures were renamed nothing is wrong, if their times were changed the force at each "
-              "is.")
-    ]  # fmt: skip
 
 
 def _unlike(error: OtherMotion, table: Table, machine: MachineLog, guess: float | None) -> Check:
@@ -247,7 +199,7 @@ def _unlike(error: OtherMotion, table: Table, machine: MachineLog, guess: float 
             "header, that of the ruler's pitch or the scale in [photographs], and whether pictures and "
             "log are of one test.",
         )  # fmt: skip
-    return Check(
+    return Check.of(
         "part of the lengths' variance that the machine's displacement explains", error.explained,
         (0.9, 1.0), (0.9, 1.0),
         say=f"{error} In no unit do they: the pictures are of another test, or their times are not "
@@ -303,7 +255,7 @@ def _scale(
             "The machine's frame gives way under load, or its displacement is out of calibration; "
             "if the ruler lay beside the plane of the axis, the rest length would be off as well."
         )
-    sign = Check(
+    sign = Check.of(
         "sense in which the length follows the displacement", clock.sense * towards, (1.0, 1.0),
         (1.0, 1.0), say="The pictures show that the displacement is counted the other way: "
         f"shortening_positive must be {str(clock.sense < 0).lower()} in [records].",
@@ -343,35 +295,11 @@ def _outside(table: Table, machine: MachineLog, clock: Synchronisation) -> Check
     at = clock.log_time(table["time"])
     at = at[np.isfinite(at)]
     outside = float(np.mean((at < machine.time[0]) | (at > machine.time[-1])))
-    return Check(
+    return Check.of(
         "part of the pictures that were taken while the log did not run", outside, (0.0, 0.1),
         say=f"The log covers {machine.time[-1] - machine.time[0]:.4g} s, the pictures "
         f"{np.ptp(at):.4g} s: export the whole log, or leave the other pictures out.",
     )  # fmt: skip
-
-
-def _dates(table: Table, clock: Synchronisation, journal: JournalTime | None) -> list[Check]:
-    """The camera's clock against the journal's date, by the motion that both have seen."""
-    if journal is None:
-        return []
-    first = float(np.nanmin(table["time"]))
-    ahead = table.time_origin + first - journal.date(float(clock.log_time(np.array([first]))[0]))
-    near = abs(ahead - round(ahead / _ZONE) * _ZONE) < _CLOCK / 2
-    zone = near and abs(ahead) < 14.5 * 3600
-    cause = "a time zone or summer time" if zone else "a clock that was not set, or another test"
-    return [
-        Check("camera's clock ahead of the journal's", ahead / 3600,
-              (-_CLOCK / 3600, _CLOCK / 3600), unit="h",
-              say=f"It is {_spelt(ahead)} {'ahead' if ahead > 0 else 'behind'}: {cause}. The pictures "
-              "were laid onto the log by the motion, for which the hour does not matter; make sure "
-              "that they are of this test.")
-    ]  # fmt: skip
-
-
-def _spelt(seconds: float) -> str:
-    minutes = round(abs(seconds) / 60)
-    days, rest = divmod(minutes, 1440)
-    return (f"{days} d " if days else "") + f"{rest // 60} h {rest % 60} min"
 
 
 def _cover(table: Table, lengths: np.ndarray) -> Check:
@@ -379,7 +307,7 @@ def _cover(table: Table, lengths: np.ndarray) -> Check:
     seen = table["length"][table.ok]
     inside = (lengths >= seen.min()) & (lengths <= seen.max()) if seen.size else np.zeros(1)
     low, high = (float(one) * 1e3 for one in (seen.min(), seen.max()))
-    return Check(
+    return Check.of(
         "part of the force's readings within the lengths of the pictures", float(np.mean(inside)),
         (0.85, 1.0), (0.3, 1.0),
         say=f"The pictures show {low:.4g} to {high:.4g} mm, the force {lengths.min() * 1e3:.4g} to "
@@ -404,7 +332,7 @@ def _diameter(sheet: Sheet, table: Table) -> Sequence[Check]:
     if specimen.bladder_diameter is None:
         least = 0.8 * nominal
     return [
-        Check("average diameter in the pictures at the rest length, over that of bladder and braid",
+        Check.of("average diameter in the pictures at the rest length, over that of bladder and braid",
               math.sqrt(max(float(square), 0.0)) / least, (0.97, 1.3), (0.85, 2.0),
               say="No braid is narrower than its bladder, and few are much wider: check "
               "bladder_diameter, its unit, and that the pictures are of this specimen. The strain of "

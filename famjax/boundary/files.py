@@ -9,9 +9,9 @@ import os
 import shlex
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import InputError
 
@@ -60,18 +60,6 @@ def check_output(folder: Path) -> None:
         raise InputError(
             f"the output folder {folder} cannot be written: no permission in {nearest}"
         )
-
-
-def make_output(folder: Path) -> None:
-    """Make an output folder, with those above it, if need be.
-
-    Raises:
-        InputError: it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"the output folder {folder} cannot be made: {error}") from None
 
 
 def as_png(figure: "Figure") -> bytes:
@@ -160,3 +148,24 @@ class Origin:
         ['# date: 2026-01-31T12:00:00+00:00', '# command: famjax ramps a.csv=83mm']
         """
         return [f"# date: {self.date}", f"# command: {self.command}"]
+
+
+def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    """What differs between settings of JSON, each as "name was a, now b".
+
+    >>> differing({"seed": 0, "settings": {"law": "ogden"}}, {"seed": 1, "settings": {}})
+    ['seed was 0, now 1', 'law was ogden, now None']
+    """
+    before, now = (of | of.get("settings", {}) | {"settings": None} for of in (old, new))
+    return [
+        f"{name} was {before.get(name)}, now {now.get(name)}"
+        for name in now | before
+        if before.get(name) != now.get(name)
+    ]
+
+
+def some_of(texts: Sequence[str], between: str = ", ") -> str:
+    """The first five of some texts, and how many more there are."""
+    shown = [text if len(text) < 200 else text[:200] + " ..." for text in texts[:5]]
+    more = f"{between}and {len(texts) - 5} more" if len(texts) > 5 else ""
+    return between.join(shown) + more

@@ -19,8 +19,7 @@ from jaxtyping import Array, Float
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from .._arrays import Real, RealArray, as_real, in_trace
-from ..boundary.class_path import Own
-from ..boundary.errors import InputError
+from ..boundary.errors import InputError, Own
 from ..boundary.files import as_html, write_all
 from ..continuation import Region, SafeMuscle, continued_volume
 from ..muscle import (
@@ -132,43 +131,54 @@ class Elements(_Entry):
     thresholds: list[float]
     strengths_N: list[float]
 
-    @classmethod
-    def of(cls, elements: SlipElements) -> "Elements":
-        """The elements in plain numbers."""
-        return cls(*(np.asarray(x).tolist() for x in (elements.threshold, elements.strength)))
 
+class Ramp(_Entry, tag="ramp", tag_field="kind"):
+    """A cycle of the pressure at one length."""
 
-class Cycle(_Entry):
-    """The cycle whose branches the static map is the mean of; its ends in Pa or in m."""
-
-    kind: Literal["ramp", "stroke"]
     cycled: bool
-    start_Pa: float | UnsetType = UNSET
-    turn_Pa: float | UnsetType = UNSET
-    start_m: float | UnsetType = UNSET
-    turn_m: float | UnsetType = UNSET
+    start_Pa: float
+    turn_Pa: float
 
-    @property
-    def ends(self) -> tuple[float | UnsetType, float | UnsetType]:
-        """Start and turn."""
-        if self.kind == "ramp":
-            return self.start_Pa, self.turn_Pa
-        return self.start_m, self.turn_m
 
-    def __post_init__(self) -> None:
-        if UNSET in self.ends:
-            unit = "Pa" if self.kind == "ramp" else "m"
-            raise ValueError(f"a {self.kind} needs start_{unit} and turn_{unit}")
+class Stroke(_Entry, tag="stroke", tag_field="kind"):
+    """A cycle of the length at one pressure."""
+
+    cycled: bool
+    start_m: float
+    turn_m: float
 
 
 class Hysteresis(_Entry):
-    """Elements about the static map, see `famjax.slip.CentredSlip`."""
+    """Elements about the static map, see `famjax.slip.CentredSlip`, and the cycle of the map."""
 
     rest_length_m: float
     modulus_Pa: float
     wall: Elements
     braid: Elements
-    cycle: Cycle
+    cycle: Ramp | Stroke
+
+    @classmethod
+    def of(cls, centred: CentredSlip) -> "Hysteresis":
+        """Elements and cycle in plain numbers."""
+        slip, cycle = centred.slip, centred.cycle
+        wall, braid = (
+            Elements(*(np.asarray(x).tolist() for x in (of.threshold, of.strength)))
+            for of in (slip.wall, slip.braid)
+        )
+        kind = Ramp if cycle.kind == "ramp" else Stroke
+        ends = kind(cycle.cycled, cycle.start, cycle.turn)
+        return cls(float(slip.rest_length), float(slip.modulus), wall, braid, ends)
+
+    def centred(self) -> CentredSlip:
+        """The elements and their cycle."""
+        wall, braid = (
+            SlipElements(np.array(one.thresholds, float), np.array(one.strengths_N, float))
+            for one in (self.wall, self.braid)
+        )
+        cycled, start, turn = msgspec.structs.astuple(self.cycle)
+        kind = "ramp" if isinstance(self.cycle, Ramp) else "stroke"
+        slip = MaxwellSlip(wall, braid, self.rest_length_m, self.modulus_Pa)
+        return CentredSlip(slip, ReferenceCycle(kind, start, turn, cycled))
 
 
 class Provenance(_Entry):
@@ -214,14 +224,7 @@ def schema() -> dict[str, Any]:
 
 def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
     """Elements and reference cycle of a hysteresis as JSON-ready data in SI, to the last digit."""
-    slip, cycle = centred.slip, centred.cycle
-    unit = "Pa" if cycle.kind == "ramp" else "m"
-    ends = {f"start_{unit}": cycle.start, f"turn_{unit}": cycle.turn}
-    found = Hysteresis(
-        float(slip.rest_length), float(slip.modulus), Elements.of(slip.wall), Elements.of(slip.braid),
-        Cycle(cycle.kind, cycle.cycled, **ends),
-    )  # fmt: skip
-    return msgspec.to_builtins(found)
+    return msgspec.to_builtins(Hysteresis.of(centred))
 
 
 def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
@@ -232,15 +235,8 @@ def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
     """
     known = {key: document[key] for key in Hysteresis.__struct_fields__ if key in document}
     try:
-        held = msgspec.convert(known, Hysteresis)
-        wall, braid = (
-            SlipElements(np.array(one.thresholds, float), np.array(one.strengths_N, float))
-            for one in (held.wall, held.braid)
-        )
-        start, turn = map(float, held.cycle.ends)  # type: ignore[arg-type] # checked by the cycle
-        cycle = ReferenceCycle(held.cycle.kind, start, turn, held.cycle.cycled)
-        return CentredSlip(MaxwellSlip(wall, braid, held.rest_length_m, held.modulus_Pa), cycle)
-    except (ValueError, msgspec.ValidationError) as error:
+        return msgspec.convert(known, Hysteresis).centred()
+    except msgspec.ValidationError as error:
         raise InputError(
             f"the hysteresis cannot be read ({error}): write the file anew with famjax assess "
             "--hysteresis"
@@ -466,7 +462,7 @@ def card_as_document(card: MuscleCard) -> CardDocument:
         volume=_volume(card),
         covariance=card.covariance,
         sample=card.draws,
-        hysteresis=None if loops is None else msgspec.convert(slip_as_dict(loops), Hysteresis),
+        hysteresis=None if loops is None else Hysteresis.of(loops),
         provenance=card.provenance,
     )
 
@@ -511,7 +507,7 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
         data=Region(document.data.length_m, document.data.pressure_Pa),
         covariance=document.covariance,
         draws=document.sample,
-        hysteresis=None if loops is None else slip_from_dict(msgspec.to_builtins(loops)),
+        hysteresis=None if loops is None else loops.centred(),
         provenance=document.provenance,
     )
 

@@ -28,8 +28,7 @@ from .. import (
     terms,
 )  # fmt: skip
 from .._arrays import as_number
-from ..boundary.class_path import Own, check_trusted, class_named, class_path
-from ..boundary.errors import InputError
+from ..boundary.errors import InputError, Own, check_trusted, class_named, class_path
 from ..muscle import Muscle
 from ..parameters import declaration
 
@@ -256,20 +255,20 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
             )
         return value
     try:
-        numbers = np.asarray(value)
-    except ValueError:  # lists of unequal lengths
-        numbers = np.asarray(None)
-    if numbers.dtype.kind not in "fiu" or not np.isfinite(numbers).all():
+        numbers = np.asarray(value, float)
+    except (ValueError, TypeError):  # text, or lists of unequal lengths
+        numbers = np.full((), np.nan)
+    if not np.isfinite(numbers).all():
         raise InputError(f"{where} of the muscle card must hold finite numbers, got {value!r}")
     if annotation in _PLAIN:
-        return tuple(numbers.astype(float).tolist()) if numbers.ndim else float(numbers)
+        return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
     axes = annotation.dim_str
     # A name would have to be of one size in all that a checked function reads.
     sizes = (one if one == "..." or one.isdigit() else "_" for one in axes.split())
     shaped: Any = Float[np.ndarray, " ".join(sizes)]
-    if not isinstance(numbers.astype(float), shaped):
+    if not isinstance(numbers, shaped):
         raise InputError(
             f"{where} of the muscle card must be numbers of shape ({axes.strip()}), got shape "
             f"{numbers.shape}"
         )
-    return as_number(numbers.astype(float))
+    return as_number(numbers)

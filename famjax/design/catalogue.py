@@ -17,6 +17,7 @@ References:
     Chambers 2021, chapter 2, tables 2.4 and 2.5.
 """
 
+import collections
 import dataclasses
 import importlib.resources
 import itertools
@@ -28,7 +29,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import jax.numpy as jnp
 from msgspec import Meta
 
-from .. import units
 from .._arrays import Real, RealArray, as_real
 from ..boundary.errors import InputError
 from ..boundary.toml_file import Form, Positive, Text, from_entries, read_toml
@@ -38,10 +38,6 @@ if TYPE_CHECKING:
 
 NOMINAL_ANGLE = math.pi / 4
 """Braid angle [rad] at which a braid has its nominal diameter: 45 deg."""
-
-_ANGLE_AGREEMENT = (
-    0.5 * units.DEGREE
-)  # diameters are printed to 0.01 in: 0.15 deg on the small braid
 
 _Size = Annotated[Positive, Meta(description="a number > 0 and finite or a list of them")]
 _Pair = Annotated[
@@ -101,8 +97,6 @@ class CatalogueBraid:
                 f"and less than nominal / cos(45 deg) = {straight:.4g} m, at which the threads lie "
                 f"all round; got [{smallest:.4g}, {largest:.4g}] m about {nominal:.4g} m"
             )
-        if self.boundary_range is None:
-            object.__setattr__(self, "boundary_range", self.diameter_range)
         outer_smallest, outer_largest = self.boundary_range or self.diameter_range
         if not outer_smallest <= smallest < largest <= outer_largest < straight:
             raise CatalogueError(
@@ -110,17 +104,6 @@ class CatalogueBraid:
                 f"[{outer_smallest:.4g}, {outer_largest:.4g}] m about [{smallest:.4g}, "
                 f"{largest:.4g}] m"
             )
-        for diameter, angle in zip(self.diameter_range, self.angle_range or (), strict=False):
-            implied = math.acos(diameter / straight)
-            if abs(implied - angle) > _ANGLE_AGREEMENT:
-                raise CatalogueError(
-                    f"angle_range gives {angle / units.DEGREE:.2f} deg at {diameter:.4g} m, where "
-                    f"the nominal diameter at 45 deg implies {implied / units.DEGREE:.2f} deg from "
-                    "the circumference; correct one of them (angles from the axis are 90 deg minus "
-                    "these)"
-                )
-        if (self.n_threads is None) != (self.breaking_load is None):
-            raise CatalogueError("n_threads must stand together with breaking_load")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,8 +192,12 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
         resource = importlib.resources.files("famjax") / "data" / "catalogue.toml"
         parts.append(_read(resource, "bundled catalogue: "))
     parts += [_read(Path(path), f"{path}: ") for path in paths]
-    rows = (_unique([row for part in parts for row in part[kind]], kind) for kind in _KINDS)
-    return Catalogue(*map(tuple, rows))
+    rows = {kind: tuple(row for part in parts for row in part[kind]) for kind in _KINDS}
+    for kind, of in rows.items():
+        for name, count in collections.Counter(row.name for row in of).items():
+            if count > 1:
+                raise CatalogueError(f"the {kind} {name!r} is there twice: remove or rename one")
+    return Catalogue(*rows.values())
 
 
 _Rows = Annotated[
@@ -241,18 +228,6 @@ def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
         ]
         for kind in _KINDS
     }
-
-
-def _unique(rows: list[Any], kind: str) -> list[Any]:
-    seen: dict[str, Any] = {}
-    for row in rows:
-        if row.name in seen:
-            raise CatalogueError(
-                f"the {kind} {row.name!r} is there twice: in {seen[row.name].source!r} and in "
-                f"{row.source!r}; remove or rename one"
-            )
-        seen[row.name] = row
-    return rows
 
 
 _FORM = Form(
@@ -288,14 +263,7 @@ def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list
         ]
         named = {"name": f"{kind} {' x '.join(said)}"} if sizes else {}
         given = {"source": source, **named, **fields, **dict(zip(keys, values, strict=True))}
-        row = from_entries(cls, given, _FORM, where=where, error=CatalogueError)
-        if bool(getattr(row, "coefficients", None)) != bool(
-            getattr(row, "coefficients_source", None)
-        ):
-            raise CatalogueError(
-                f"{where}coefficients must stand together with coefficients_source"
-            )
-        rows.append(row)
+        rows.append(from_entries(cls, given, _FORM, where=where, error=CatalogueError))
     return rows
 
 
@@ -431,23 +399,13 @@ def size_end_fittings(
     found = []
     for tube, bladder in itertools.product(catalogue.tubes, bladders):
         bore = swaged_bore(tube.outer_diameter, tube.thickness, tube.swage_reduction)
+        on_braid = float(fitting_diameter_on_braid(bore, braid.thickness, braid_compression))
         on_bladder = float(
             fitting_diameter_on_bladder(
                 bore, braid.thickness, bladder.thickness, bladder_compression
             )
         )
         stretch = on_bladder / bladder.bore - 1
-        found.append(
-            EndFitting(
-                tube=tube,
-                bladder=bladder,
-                braid=braid,
-                diameter_on_braid=float(
-                    fitting_diameter_on_braid(bore, braid.thickness, braid_compression)
-                ),
-                diameter_on_bladder=on_bladder,
-                bore_stretch=stretch,
-                feasible=on_bladder > 0 and stretch <= allowed_bore_stretch,
-            )
-        )
+        fits = on_bladder > 0 and stretch <= allowed_bore_stretch
+        found.append(EndFitting(tube, bladder, braid, on_braid, on_bladder, stretch, fits))
     return found

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from cyclopts import Parameter
 
@@ -15,6 +15,7 @@ from famjax.console import Output, Units, parse_entries, print_json, print_rows
 if TYPE_CHECKING:
     from .search import Range, Requirement
 
+_T = TypeVar("_T")
 _SHOWN = 10  # rows of a front on the terminal; all are in the file
 _USUAL = 0.5  # longest rest length [m] where none is asked for
 
@@ -108,7 +109,7 @@ def design(
     ):
         if rows:
             print_rows(title, _narrow(rows))
-    for line in ("", *summary(found, document["exclusions"])):
+    for line in ("", *summary(found, system=units)):
         print(line)
     place.tell(paths)
     return code
@@ -137,9 +138,7 @@ def parse_requirement(entries: Iterable[str]) -> "Requirement":
     """
     from .search import Requirement
 
-    given = parse_entries(entries, "--require", "pressure_psi=100")
-    numbers = {key: _numbers(f"--require {key}", text)[0] for key, text in given.items()}
-    return from_entries(Requirement, numbers, _FORM, where="--require: ")
+    return _read(Requirement, entries, "--require", "pressure_psi=100")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,10 +164,7 @@ def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[st
     >>> parse_ranges(["rest_length_mm=100:600"], asked)
     {'pressure': (175000.0, 700000.0), 'rest_length': (0.1, 0.6)}
     """
-    given = parse_entries(entries, "--vary", "rest_length_mm=100:600")
-    ends = {key: _numbers(f"--vary {key}", text) for key, text in given.items()}
-    pairs = {key: [one[0], one[-1]] for key, one in ends.items()}
-    varied = from_entries(_Varied, pairs, _FORM, where="--vary: ")
+    varied = _read(_Varied, entries, "--vary", "rest_length_mm=100:600")
     longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
     return {
         "pressure": varied.pressure or (requirement.pressure / 4, requirement.pressure),
@@ -176,12 +172,15 @@ def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[st
     }
 
 
-def _numbers(option: str, text: str) -> list[float]:
-    """One number, or two about a colon."""
+def _read(kind: type[_T], entries: Iterable[str], option: str, example: str) -> _T:
+    """A dataclass of entries with one number each, or two about a colon where it has a pair."""
+    given = parse_entries(entries, option, example)
     try:
-        found = [float(part) for part in text.split(":")]
-    except ValueError:
-        raise InputError(f"{option}: {text!r} is not a number") from None
-    if len(found) > (2 if option.startswith("--vary") else 1):
-        raise InputError(f"{option}: {text!r} must read key_unit=least:greatest, or one number")
-    return found
+        numbers = {key: [float(one) for one in text.split(":")] for key, text in given.items()}
+    except ValueError as error:
+        raise InputError(f"{option}: {error}; give a number, as in {example}") from None
+    values = {
+        key: one * 2 if kind is _Varied and len(one) == 1 else one if len(one) > 1 else one[0]
+        for key, one in numbers.items()
+    }
+    return from_entries(kind, values, _FORM, where=f"{option}: ")

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,8 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
     """Some candidates of a search, in their order; None where a number is not known.
 
+    Each says what to buy, the numbers of its columns, and how long to cut and wind its threads.
+
     Args:
         found: from `search`.
         at: positions, such as `found.front`.
@@ -36,7 +38,6 @@ def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system:
 
 
 def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
-    """A design: what to buy, the numbers of its columns, and how long to cut and wind its threads."""
     pair = found.pairs[int(numbers["pair"])]
     braid = Combination.of(pair.bladder, pair.braid, numbers["rest_length"]).braid
     return {
@@ -132,46 +133,45 @@ def feasible_table(found: Search, *, system: str) -> bytes:
     """The feasible candidates of a search as CSV, an even choice of at most 100,000 of them."""
     at = found.feasible
     at = at[:: max(1, -(-len(at) // _MOST_ROWS))]
-    keys, columns = ["bladder", "braid"], []
-    for name, kind in COLUMNS.items():
-        unit = unit_system(system)[kind]
-        keys.append(f"{name}_{unit}" if unit else name)
-        columns.append(found.columns[name][at] / factor(unit, kind))
-    lines = [",".join(keys)]
+    units = {name: unit_system(system)[kind] for name, kind in COLUMNS.items()}
+    columns = [found.columns[n][at] / factor(units[n], kind) for n, kind in COLUMNS.items()]
+    lines = [",".join(["bladder", "braid", *(f"{n}_{u}".rstrip("_") for n, u in units.items())])]
     for k, row in zip(found.columns["pair"][at], np.stack(columns, axis=-1).tolist(), strict=True):
         bought = found.pairs[k].bladder.name, found.pairs[k].braid.name
         lines.append(",".join([*bought, *(f"{value:.9g}" for value in row)]))
     return ("\n".join(lines) + "\n").encode()
 
 
-def summary(found: Search, rows: Iterable[Row]) -> list[str]:
+_REASONS = {
+    "braid": "the braid does not fit the bladder",
+    "end_fitting": "no swage tube of the catalogue fits",
+    "untested": "the strength of their threads is not known",
+}
+
+
+def summary(found: Search, *, system: str) -> list[str]:
     """How many candidates meet everything and how many pairs are left out, and why: sentences.
+
+    Where nothing is feasible also what each constraint leaves out.
 
     Args:
         found: from `search`.
-        rows: from `exclusion_rows`, said where nothing is feasible.
+        system: "si", "metric" or "us".
     """
     said = [
         f"{len(found.feasible):,} of {len(found.margins):,} candidates, of {len(found.pairs)} pairs of "
         "bladder and braid, meet everything."
     ]
-    reasons = {
-        "braid": "the braid does not fit the bladder",
-        "end_fitting": "no swage tube of the catalogue fits",
-        "untested": "the strength of their threads is not known",
-    }
-    left_out = [f"{n}: {reasons[reason]}" for reason, n in found.left_out.items() if n]
-    if left_out:
+    if left_out := [f"{n}: {_REASONS[reason]}" for reason, n in found.left_out.items() if n]:
         said.append(f"Pairs left out: {', '.join(left_out)}.")
-    for row in [] if len(found.feasible) else rows:
-        (limit, asked), (_, best) = (
-            (k, v) for k, v in row.items() if k.startswith(("limit", "closest"))
-        )
-        name, unit = row["constraint"], limit.removeprefix("limit").removeprefix("_")
+    for row in [] if len(found.feasible) else exclusion_rows(found, system=system):
+        column, side = CONSTRAINTS[row["constraint"]]
+        unit = unit_system(system)[COLUMNS[column]]
+        asked, best = (row[f"{key}_{unit}".rstrip("_")] for key in ("limit", "closest"))
         reached = "none that can be reached" if best is None else f"{best:.4g} {unit}".rstrip()
-        wanted = f"at {CONSTRAINTS[name][1]} {asked:.4g} {unit}".rstrip()
         said.append(
-            f"{row['excluded']:,} fail the {name.replace('_', ' ')}, {row['alone']:,} of them that "
-            f"alone: asked for is {wanted}, the best of all is {reached}."
+            f"{row['excluded']:,} fail the {row['constraint'].replace('_', ' ')}, {row['alone']:,} of "
+            f"them that alone: asked for is at {side} {f'{asked:.4g} {unit}'.rstrip()}, the best of "
+            f"all is {reached}."
         )
     return said

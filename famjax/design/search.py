@@ -10,7 +10,6 @@ out of the force and counted only in the diameter outside the braid.
 
 import dataclasses
 import enum
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -86,6 +85,7 @@ CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
 FRONT_STEP = 0.01
 """Share by which designs on the front differ at least."""
 
+_ZOOMS, _STEPS = 20, 41  # of the refinement: grids one within the other, and the steps of each
 _ALWAYS = ("force", "contraction")  # a muscle must pull and contract, whatever is asked for
 
 
@@ -172,14 +172,9 @@ class Combination(eqx.Module):
     ) -> "Combination":
         """The combination of two rows of the catalogue, of active length L0 [m]."""
         return cls(
-            bladder_diameter=as_real(bladder.diameter),
-            bladder_thickness=as_real(bladder.thickness),
-            nominal_diameter=as_real(braid.nominal_diameter),
-            braid_thickness=as_real(braid.thickness),
-            smallest_diameter=as_real(braid.diameter_range[0]),
-            largest_diameter=as_real(braid.diameter_range[1]),
-            rest_length=as_real(rest_length),
-        )
+            bladder.diameter, bladder.thickness, braid.nominal_diameter, braid.thickness,
+            *braid.diameter_range, rest_length,
+        )  # fmt: skip
 
     @property
     def braid_angle(self) -> RealArray:
@@ -449,10 +444,13 @@ def search(
             f"requirement, {greatest:.6g} Pa, which is the greatest that there is"
         )
     pairs, left_out = buildable_pairs(catalogue, requirement, end_fittings=end_fittings)
-    points = _points(ranges, about // max(1, len(pairs)))
+    share = about // max(1, len(pairs))
+    free = [high > low for low, high in ranges.values()]
+    each = max(1, math.isqrt(share) if all(free) else share)
+    sizes = max(1, share // each) if all(free) else each, each
     lengths, pressures = (
-        np.linspace(*ranges[name], count)
-        for name, count in zip(("rest_length", "pressure"), points[::-1], strict=True)
+        np.linspace(*ends, size if varied else 1)
+        for ends, size, varied in zip(ranges.values(), sizes, free, strict=True)
     )
     asked = {name: jnp.asarray(value) for name, value in vars(requirement).items()}
     known, table = {}, np.zeros((0, len(COLUMNS) + len(CONSTRAINTS)))
@@ -460,7 +458,7 @@ def search(
         known = _known(pairs, coefficients)
         table = np.asarray(_grid(known, jnp.asarray(lengths), jnp.asarray(pressures), asked))
     columns: dict[str, NDArray] = dict(zip(COLUMNS, table.T, strict=False))
-    columns["pair"] = np.repeat(np.arange(len(pairs)), points[0] * points[1])
+    columns["pair"] = np.repeat(np.arange(len(pairs)), lengths.size * pressures.size)
     found = Search(
         requirement, ranges, wanted, tuple(pairs), left_out, columns,
         table[:, len(COLUMNS) :], np.zeros(0, dtype=np.int64), None,
@@ -473,13 +471,6 @@ def search(
     front = feasible[at]
     refined = _refined(found, costs[at], int(front[0]), known, asked)
     return dataclasses.replace(found, front=front, refined=refined)
-
-
-def _points(ranges: Mapping[str, Range], share: int) -> tuple[int, int]:
-    """Number of pressures and of rest lengths; the rest of the share goes to the lengths."""
-    lengths, pressures = (ranges[name][1] > ranges[name][0] for name in ("rest_length", "pressure"))
-    each = max(1, math.isqrt(share) if lengths else share) if pressures else 1
-    return each, max(1, share // each) if lengths else 1
 
 
 def buildable_pairs(
@@ -593,19 +584,14 @@ def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) ->
     return jnp.where(wanted, share, jnp.sign(found) if always else 1.0)
 
 
-def _usable(pair: Mapping[str, Any], pressure: RealArray) -> RealArray:
-    """Usable contraction [-] of a pair at a pressure [Pa], which no rest length changes."""
-    rubber = PolynomialMaterial(pair["coefficients"])
-    return pair["combination"].usable_contraction(pressure, rubber)
-
-
 @quick_jit
 def _grid(
     known: Mapping[str, Any], lengths: RealArray, pressures: RealArray, asked: Mapping[str, Any]
 ) -> Float[Array, "candidates numbers"]:
     def of_state(state: tuple[Mapping[str, Any], RealArray]) -> RealArray:
         pair, pressure = state
-        usable = _usable(pair, pressure)
+        rubber = PolynomialMaterial(pair["coefficients"])
+        usable = pair["combination"].usable_contraction(pressure, rubber)
         return jax.vmap(lambda length: _performance(pair, usable, length, pressure, asked))(lengths)
 
     n_pairs = len(known["coefficients"])
@@ -613,26 +599,6 @@ def _grid(
     states = repeated, jnp.tile(pressures, n_pairs)
     table = jax.lax.map(of_state, states)  # one at a time: memory does not grow with their number
     return table.reshape(-1, table.shape[-1])
-
-
-@quick_jit
-def _with_slopes(
-    known: Mapping[str, Any], at: Float[Array, "2"], asked: Mapping[str, Any]
-) -> tuple[RealArray, RealArray]:
-    """`_performance` at a rest length and pressure, (numbers,), and its derivative, (numbers, 2)."""
-
-    def numbers(at: RealArray) -> tuple[RealArray, RealArray]:
-        found = _performance(
-            known,
-            _usable(known, at[1]),
-            at[0],
-            at[1],
-            asked,
-        )
-        return found, found
-
-    slopes, values = jax.jacfwd(numbers, has_aux=True)(at)
-    return values, slopes
 
 
 def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
@@ -690,45 +656,35 @@ def balance(costs: Floats) -> Floats:
 def _refined(
     found: Search, costs: Floats, first: int, known: Mapping[str, Any], asked: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The most balanced design, its rest length and pressure improved within their ranges.
+    """The design of least weighed costs about the first of the front, of the same pair.
 
-    Sequential quadratic programming with derivatives by autodiff (Kraft 1988, of SciPy): the least
-    sum of balanced costs while every constraint is kept. A step that would not keep to all is cut.
+    A grid about the best so far, a quarter as wide each time. It has the best so far in its
+    middle, so that no step is for the worse.
     """
-    from scipy.optimize import minimize  # noqa: PLC0415 -- 0.2 s, for a refinement alone
-
     n, pair = len(COLUMNS), int(found.columns["pair"][first])
-    own = jax.tree.map(lambda values: values[pair], known)
-    start = np.array([found.columns[name][first] for name in found.ranges], dtype=np.float64)
-    low, high = np.array(list(found.ranges.values())).T
-    scale = high - low  # 0 of what is fixed: its slope is, too
-    weights = np.zeros(n)
-    signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in found.objectives]
-    weights[[list(COLUMNS).index(name) for name in found.objectives]] = balance(costs) * signs
+    own = jax.tree.map(lambda values: values[pair : pair + 1], known)
+    names = list(found.ranges)
+    at = np.array([found.columns[name][first] for name in names], dtype=np.float64)
+    low, high = np.array(list(found.ranges.values()), dtype=np.float64).T
+    spacing = [np.diff(np.unique(found.columns[name])) for name in names]
+    reach = np.array([2 * steps.max(initial=0.0) for steps in spacing])
+    weights = balance(costs)
 
-    @functools.cache
-    def at(*x: float) -> tuple[NDArray, NDArray, float, NDArray]:
-        """Numbers at a share of the ranges, their slopes, the sum of costs and its slope."""
-        place = low + np.clip(x, 0.0, 1.0) * scale
-        values, slopes = map(np.asarray, _with_slopes(own, jnp.asarray(place), asked))
-        there = np.isfinite(values) & np.isfinite(slopes).all(-1)
-        slopes = np.where(there[:, None], slopes, 0.0) * scale
-        wanted = np.where(weights != 0, values[:n], 1.0)
-        return values, slopes, float(weights @ np.log(wanted)), (weights / wanted) @ slopes[:n]
+    def score(values: NDArray) -> Floats:
+        columns = dict(zip(COLUMNS, values.T, strict=False))
+        total = costs_of(columns, found.objectives) @ weights
+        return np.where((values[:, n:] >= 0).all(axis=-1), total, np.inf)
 
-    x = (start - low) / np.where(scale > 0, scale, 1.0)
-    before = at(*x)[2]
-    kept: dict[str, Any] = {
-        "type": "ineq",
-        "fun": lambda x: np.nan_to_num(at(*x)[0][n:], nan=-1.0),
-        "jac": lambda x: at(*x)[1][n:],
-    }
-    solved = minimize(
-        lambda x: at(*x)[2] - before, x, jac=lambda x: at(*x)[3], method="SLSQP",
-        constraints=[kept], bounds=[(0.0, 1.0)] * 2, options={"maxiter": 60, "ftol": 1e-10},
-    ).x  # fmt: skip
-    ways = (solved + back * (x - solved) for back in (0.0, *10.0 ** np.arange(-15, 0)))
-    better = (way for way in ways if np.all(at(*way)[0][n:] >= 0) and at(*way)[2] < before)
-    numbers, _, score, _ = at(*next(better, x))
-    columns = dict(zip(COLUMNS, numbers.tolist(), strict=False))
-    return {"pair": pair, "gain": before - score, **columns}
+    before = float(costs[0] @ weights)
+    best = None
+    for _ in range(_ZOOMS):
+        ends = np.clip(at + reach * np.linspace(-1, 1, _STEPS)[:, None], low, high)
+        values = np.asarray(_grid(own, *(jnp.asarray(one) for one in ends.T), asked))
+        found_here = score(values)
+        k = int(np.argmin(found_here))
+        if best is None or found_here[k] < best[0]:
+            best = found_here[k], values[k]
+        at, reach = best[1][: len(names)], reach / 4
+    assert best is not None
+    columns = dict(zip(COLUMNS, best[1].tolist(), strict=False))
+    return {"pair": pair, "gain": before - best[0], **columns}

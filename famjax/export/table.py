@@ -16,8 +16,7 @@ from jaxtyping import Float
 
 from .. import __version__
 from .._arrays import RealArray
-from ..boundary.class_path import Own
-from ..boundary.errors import InputError
+from ..boundary.errors import InputError, Own
 from ..boundary.files import Origin
 from ..cards import MuscleCard, read_card, unidentified
 from ..compile_options import quick_jit

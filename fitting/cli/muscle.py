@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from famjax.boundary import sentence
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import (
+    Quantity,
+    Sentence,
     parse_quantities,
     parse_quantity,
     quantity_unit,
+    sentence_in_units,
     unit_system,
 )
 from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows
@@ -197,7 +199,7 @@ def _along(
     moves, notes = read_history(path), []
     rows = predict_history(saved, moves)
     if any(row["force_std_N"] is not None for row in rows):
-        error = sentence.Quantity(hysteresis_error(saved), "force", 2).in_units(system)
+        error = Quantity(hysteresis_error(saved), "force", 2).in_units(system)
         held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
         notes = [f"the 95 % band holds the error of the static map and the {held_out} error of the "
                  f"hysteresis, {error} RMS"]  # fmt: skip
@@ -256,9 +258,7 @@ def _by_card(
     return rows, f" of {card.name}"
 
 
-def _outside(
-    safe: "SafeMuscle", length: float, pressure: float
-) -> tuple[sentence.Sentence | None, bool]:
+def _outside(safe: "SafeMuscle", length: float, pressure: float) -> tuple[Sentence | None, bool]:
     """Why a state is not the model's own, or None; and whether a muscle can have that length."""
     lock, straight = map(float, safe.continued.stops)
     for beyond, text, end in (
@@ -266,12 +266,12 @@ def _outside(
         (length > straight, "the length is beyond the thread's, ", straight),
     ):
         if beyond:
-            return sentence.Sentence(text, sentence.Quantity(end, "length")), False
+            return Sentence(text, Quantity(end, "length")), False
     for value, kind in ((length, "length"), (pressure, "pressure")):
         low, high = (float(end) for end in getattr(safe.region, kind))
         if not low <= value <= high:
-            ends = sentence.Quantity(low, kind), " to ", sentence.Quantity(high, kind)
-            return sentence.Sentence(f"the {kind} is beyond the model's own region, ", *ends), True
+            ends = Quantity(low, kind), " to ", Quantity(high, kind)
+            return Sentence(f"the {kind} is beyond the model's own region, ", *ends), True
     return None, True
 
 
@@ -309,7 +309,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | 
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {sentence.in_units(reason, system or 'metric')}")
+            print(f"- {sentence_in_units(reason, system or 'metric')}")
 
 
 def card(

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 import fitting
-from famjax.boundary.class_path import Own, check_trusted
-from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence
+from famjax.boundary.errors import InputError, Own, check_trusted
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.toml_file import from_entries
-from famjax.boundary.units import UNITS, si_unit, to_si
+from famjax.boundary.units import UNITS, Quantity, Sentence, si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
 from fitting.data import Specimen

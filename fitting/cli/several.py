@@ -203,14 +203,15 @@ def compare(
         Print one JSON object and nothing else.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import Origin, as_png, make_output
+    from famjax.boundary.files import Origin, as_png, check_output
     from fitting.comparison import plot_comparison
     from fitting.reading import parse_specimen
 
     place = Output(output)
     add_cwd_to_path()
     measured = load_map(data, parse_specimen(specimen))
-    make_output(output)
+    check_output(output)
+    output.mkdir(parents=True, exist_ok=True)
     kept = output / "rows.jsonl"
     with progress("comparing") as show:
         table = fitting.compare(
@@ -325,8 +326,7 @@ def series(
 
 
 def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system: str) -> None:
-    from famjax.boundary.sentence import Quantity, text_in_units
-    from famjax.boundary.units import unit_system
+    from famjax.boundary.units import Quantity, text_in_units, unit_system
 
     units, found = unit_system(system), document["series"]
     errors = found["leave_one_specimen_out_N"]

@@ -14,8 +14,14 @@ from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import as_png, csv_lines
-from famjax.boundary.sentence import in_units
-from famjax.boundary.units import UNITS, factor, from_si, parse_quantity, unit_system
+from famjax.boundary.units import (
+    UNITS,
+    factor,
+    from_si,
+    parse_quantity,
+    sentence_in_units,
+    unit_system,
+)
 
 from ..data import ForceData, Specimen
 from ..reading import csv_text, describe
@@ -518,7 +524,10 @@ def ramps_command(
     static = static_map(points, step=step, branches=branches)
     data = static.force_data(muscle.specimen, length_std=length_std)
     data = dataclasses.replace(data, notes=(*muscle.notes, *data.notes), assumed=muscle.assumed)
-    summary = {**_summary(static, system), "notes": [in_units(one, system) for one in data.notes]}
+    summary = {
+        **_summary(static, system),
+        "notes": [sentence_in_units(one, system) for one in data.notes],
+    }
     files = {
         "map.csv": csv_text(data, system).encode(),
         "ramps.png": as_png(plot_ramps(static, system)),

@@ -10,8 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from muscles import AREA, B0, INELASTIC, L0, LATEX, SPECIMEN, N
-from scipy.optimize import brentq
-from slow_cases import slow_after
 
 import famjax
 from famjax.braids import AbstractThread, ElasticBraid, LinearThread, ToeThread, strain_under_line
@@ -103,7 +101,7 @@ def test_the_solve_ends_up_to_the_limit(distance: float, toe_strain: float) -> N
     """eps = m (1 + eps) + e_t / (1 + T_t / T) with T = m (1 + eps), m short of 1 by `distance`."""
     thread = ToeThread(1.0, 1.0, toe_strain, 0.002)
     slope = jnp.asarray(1 - distance)
-    strain, found = strain_under_line(thread, jnp.zeros(()), slope)
+    strain, found = strain_under_line(thread, slope)
     assert bool(found)
     # Far out the toe is used up: (1 + e_t) / distance, but for parts of the order of `distance`
     assert float(1 + strain) * distance == pytest.approx(1 + toe_strain, rel=1e-3 + distance)
@@ -117,8 +115,6 @@ def test_resting_braid_is_unstretched_with_finite_gradients() -> None:
         compliance = float(jax.jit(jax.grad(one.thread.strain))(0.0))
         expected = B0**2 * L0 / (2 * np.pi * N**2 * n) * compliance
         assert float(slope[1]) == pytest.approx(expected, rel=EXACT)
-        at_force = jax.jit(jax.grad(one.thread_length_at_force, (0, 1, 2)))(L0, 0.0, 0.0)
-        assert np.all(np.isfinite(at_force))
         slopes = eqx.filter_jit(eqx.filter_grad(lambda b: b.thread_length(L0, 0.0)))
         leaves = jax.tree.leaves(slopes(one))
         assert np.all(np.isfinite(leaves))
@@ -129,8 +125,6 @@ def test_no_equilibrium_is_nan_in_sweeps_and_an_error_for_people() -> None:
     assert np.isnan(soft.thread_length(L0, 100.0))
     with pytest.raises(RuntimeError, match="threads stretch without limit"):
         soft.thread_length(L0, 100.0, throw=True)
-    with pytest.raises(RuntimeError, match="threads stretch without limit"):
-        soft.thread_length_at_force(L0, 100.0, 1058.0)
     with pytest.raises(RuntimeError, match="an argument is nan"):
         linear().thread_length(L0, jnp.nan, throw=True)
     swept = soft.thread_length(L0, np.array([0.0, 50.0, 100.0]))
@@ -164,72 +158,6 @@ def test_beyond_the_rest_length_the_load_must_stretch_the_threads() -> None:
     )
     with pytest.raises(RuntimeError, match="shorter than the stretched threads"):
         one.thread_length(length, 30.0, throw=True)
-    with pytest.raises(RuntimeError, match="shorter than the stretched threads"):
-        one.thread_length_at_force(length, 0.0, 50.0)
-    # pulled straight by F alone the thread is B0 (1 + F B / (n L A E)), and longer than L
-    pulled = float(one.thread_length_at_force(length, 0.0, 2000.0))
-    share = 2000.0 * B0 / (n * length * AREA * MODULUS)
-    assert pulled == pytest.approx(B0 / (1 - share), rel=EXACT)
-
-
-def load(x: np.ndarray, length: float, pressure: float, force: float) -> np.ndarray:
-    """Tension at B = B0 x, straight from the three relations."""
-    B = B0 * x
-    section = (B**2 - length**2) / (4 * np.pi * N**2)
-    return (force + pressure * section) * B / (n * length)
-
-
-@jax.jit
-@jax.vmap
-def length_at_force(length, pressure, force, modulus) -> jax.Array:
-    return linear(modulus).thread_length_at_force(length, pressure, force, throw=False)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0, 2.0])
-def test_given_force_meets_the_cubic_on_the_whole_grid(share: float) -> None:
-    """k (x - 1) = T(B0 x), smallest root by the eigenvalues of the companion matrix.
-
-    The forces are parts of Gaylord's with the threads at rest, and nothing where that pushes.
-    """
-    force = share * np.maximum(P / (4 * np.pi * N**2) * (3 * L**2 - B0**2), 0)
-    B = np.asarray(length_at_force(L, P, force, E))
-    for i in range(B.size):
-        k = AREA * E[i]
-        a, b = np.linalg.solve(
-            [[1, 1], [2, 8]], [load(x, L[i], P[i], force[i]) for x in (1.0, 2.0)]
-        )
-        roots = np.roots([b, 0, a - k, k]) if b > 0 else np.array([k / (k - a)])
-        real = np.sort(roots.real[np.abs(roots.imag) < 1e-7])
-        positive = real[(real > 0) & (B0 * real > L[i])]
-        if not positive.size:
-            assert np.isnan(B[i])
-            continue
-        # two roots that nearly coincide are known to the square root of the precision
-        apart = positive[1] - positive[0] if positive.size > 1 else 1.0
-        assert B[i] == pytest.approx(B0 * positive[0], rel=1e-13 / min(apart, 1))
-
-
-@pytest.mark.parametrize("pressure", [20.0, 100.0, 200.0])
-@pytest.mark.parametrize("modulus", [1e6, 16.9e6])
-def test_given_force_with_a_toe_meets_bisection(pressure: float, modulus: float) -> None:
-    force, length, one = 700.0, 9.0, toe(modulus)
-
-    def residual(x: float) -> float:
-        return x - 1 - float(one.thread.strain(load(x, length, pressure, force)))
-
-    x = brentq(residual, 1.0, 1.25, xtol=1e-15, rtol=1e-15)
-    assert float(one.thread_length_at_force(length, pressure, force)) == pytest.approx(
-        B0 * x, rel=EXACT
-    )
-
-
-@pytest.mark.parametrize("make", slow_after(1, [linear, toe]))
-def test_given_gaylords_force_both_solves_agree(make: Callable[[], ElasticBraid]) -> None:
-    one, pressure = make(), np.array([20.0, 100.0, 200.0])
-    state = one.stretch(8.5, pressure).elastic
-    B = one.thread_length_at_force(8.5, pressure, state.gaylord_force)
-    np.testing.assert_allclose(B, state.thread_length, rtol=EXACT)
-    np.testing.assert_allclose(one.thread.tension(B / B0 - 1), state.tension, rtol=1e-9)
 
 
 def test_second_derivatives_match_the_closed_form() -> None:

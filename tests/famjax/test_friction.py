@@ -8,7 +8,6 @@ from famjax.terms import (
     AbstractFriction,
     PressureFriction,
     ThreadFriction,
-    crossing_area,
     smooth_sign,
     thread_contact_area,
 )
@@ -30,26 +29,6 @@ def test_contact_area_is_tondu_and_lopez_in_contraction() -> None:
     theta0, theta = np.pi / 2 - alpha0, np.pi / 2 - np.arccos(cosine)
     np.testing.assert_allclose(thread_contact_area(S0, theta0, theta), theirs, rtol=EXACT)
     np.testing.assert_allclose(thread_contact_area(S0, alpha0, np.arccos(cosine)), theirs)
-
-
-def test_crossing_area_counts_crossings_of_a_drawn_braid() -> None:
-    """Crossings of two families of straight lines on the unrolled cylinder, counted one by one."""
-    n, turns, width, theta = 12, 1.25, 1e-3, 1.0
-    phase = 2 * np.pi * np.arange(n // 2) / (n // 2)
-    count = 0
-    for a in phase:
-        for b in phase + 0.1:  # not at a multiple of the end, where a crossing is shared
-            turn = (b - a + 4 * np.pi * turns * np.array([0.0, 1.0])) / (2 * np.pi)
-            count += int(np.floor(turn[1]) - np.floor(turn[0]))
-    assert count == pytest.approx(n**2 * turns / 2, abs=n / 2)
-    got = float(crossing_area(n, turns, width, theta))
-    assert got == pytest.approx(n**2 * turns / 2 * width**2 / np.sin(2 * theta), rel=EXACT)
-
-
-def test_crossing_area_and_contact_area_are_one_law() -> None:
-    theta = np.linspace(0.7, 1.3, 5)
-    S = crossing_area(144, 1.09, 4e-4, theta)
-    np.testing.assert_allclose(thread_contact_area(S[-1], theta[-1], theta), S, rtol=EXACT)
 
 
 def test_direction_is_odd_smooth_and_saturates() -> None:

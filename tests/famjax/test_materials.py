@@ -176,21 +176,6 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(
     assert np.asarray(muscle.bladder_force(lengths, 2e5)) == pytest.approx(want, rel=1e-10)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)
-def test_laws_work_in_a_muscle(law: AbstractMaterial, chambers: famjax.Muscle) -> None:
-    stresses = {"final_modulus", "saturation_stress", "shear_modulus", "coefficients", "c10", "c01"}
-    stiff = eqx.tree_at(  # 50 times the moduli, in psi; exponents and strain scale stay
-        lambda m: [getattr(m, name) for name in vars(m) if name in stresses | {"moduli"}],
-        law,
-        replace_fn=lambda modulus: 50 * modulus,
-    )
-    muscle = famjax.Muscle(chambers.geometry, stiff)
-    assert 0.2 < float(muscle.free_contraction(80.0)) < 0.4
-    modulus = famjax.path_modulus(stiff, muscle.geometry, jnp.array([6.5, 9.28125, 9.3]), 80.0)
-    assert (np.asarray(modulus) > 0).all()
-
-
 def test_saturating_law_has_its_two_moduli_and_is_odd() -> None:
     E, S, s = 0.5, 0.3, 0.2
     law = SaturatingMaterial(E, S, s)

@@ -100,7 +100,9 @@ def _measures(profile: AbstractProfile, length: float, order: int | None = None)
 def _moments(
     profile: AbstractProfile, length: jax.Array, order: int | None, bladder: Bladder
 ) -> jax.Array:
-    return _meridian(profile, length, order).inset(0.011).hoop_strain_moments(bladder, 4)
+    line = _meridian(profile, length, order).inset(0.011)
+    strain = line.hoop_strain(bladder)
+    return jnp.stack([line.mean(strain**n) for n in range(1, 5)])
 
 
 ASSUMED = {
@@ -224,8 +226,6 @@ def test_quadrature_weights_and_order() -> None:
     assert x.shape == weights.shape == (2, 21)
     np.testing.assert_allclose(jnp.sum(weights, axis=-1), 1, rtol=EXACT)
     assert bool(jnp.all((x > 0) & (x < 1) & (weights > 0)))
-    with pytest.raises(ValueError, match="order >= 1, got 0"):
-        quadrature(jnp.zeros(0), 0)
 
 
 def test_bladder_by_hand() -> None:
@@ -243,10 +243,8 @@ def test_bladder_by_hand() -> None:
     assert float(line.thickness(bladder.volume)) == pytest.approx(t, rel=coarse)
     assert float(line.axial_strain(L0)) == pytest.approx(L * np.mean(stretch) / L0 - 1, rel=coarse)
     moments = [np.mean(strain**n) for n in range(1, 5)]
-    np.testing.assert_allclose(line.hoop_strain_moments(bladder, 4), moments, rtol=coarse)
-    assert float(line.internal_volume(1.481, 0.273)) == pytest.approx(
-        np.pi * L * np.mean(radius**2) - 1.754, rel=coarse
-    )
+    found = line.hoop_strain(bladder)
+    np.testing.assert_allclose([line.mean(found**n) for n in range(1, 5)], moments, rtol=coarse)
 
 
 def test_embedded_bladder_strains_with_the_line_itself() -> None:

@@ -209,24 +209,6 @@ def test_the_box_and_the_whole_space() -> None:
     check_grads(bounded, (z[0],), order=1, atol=1e-6, rtol=1e-6)
 
 
-def test_what_cannot_be_taken_apart() -> None:
-    with pytest.raises(ValueError, match="no parameter 'E_9'; it has braid_diameter"):
-        famjax.take_apart(MUSCLE, ("E_9",))
-    with pytest.raises(ValueError, match="named once"):
-        famjax.take_apart(MUSCLE, ("E_1", "E_1"))
-    with pytest.raises(ValueError, match="'E_2' is not one of them"):
-        famjax.take_apart(MUSCLE, ("E_1",), bounds={"E_2": (0.0, 1.0)})
-    with pytest.raises(ValueError, match="lower bound of 'E_1' must be below"):
-        famjax.take_apart(MUSCLE, ("E_1",), bounds={"E_1": (1.0, 1.0)})
-    at_bound = famjax.take_apart(
-        MUSCLE, ("deadband_pressure",), bounds={"deadband_pressure": (4e4, 5e4)}
-    )
-    with pytest.raises(ValueError, match="deadband_pressure: no point of R"):
-        _ = at_bound.unbounded
-    everything = famjax.take_apart(MUSCLE)
-    assert everything.names == tuple(MUSCLE.declared())
-
-
 def test_a_muscle_prints_its_numbers_with_their_units() -> None:
     braid = famjax.Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
     text = repr(famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.002)))

@@ -204,7 +204,7 @@ def test_a_comparison_that_was_stopped_goes_on(dmsp10: ForceData, tmp_path: Path
     assert resumed.as_dict() == compare(dmsp10, names).as_dict()
     with pytest.raises(InputError, match="holds a comparison of other data or with other settings"):
         compare(dmsp10, names[:1], resume=file)
-    with pytest.raises(InputError, match=r"settings.tolerances was .*, now \[1000"):
+    with pytest.raises(InputError, match=r"tolerances was .*, now \[1000"):
         compare(dataclasses.replace(dmsp10, pressure_tolerance=1e3), names, resume=file)
 
 

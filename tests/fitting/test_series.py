@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 import famjax
 import fitting
 from famjax.__main__ import main
-from famjax.boundary.sentence import in_units
+from famjax.boundary.units import sentence_in_units
 from fitting import (
     ForceData,
     Identification,
@@ -352,4 +352,4 @@ def test_specimens_that_differ_are_a_doubt(series: Series) -> None:
     assert judged.level == "identified with doubts"
     assert "The specimens differ" in judged.reasons[0]
     assert " N" in judged.reasons[0]
-    assert " lbf" in in_units(judged.reasons[0], "us")
+    assert " lbf" in sentence_in_units(judged.reasons[0], "us")

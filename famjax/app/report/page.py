@@ -13,7 +13,7 @@ import pandas as pd
 import xarray
 
 from famjax.boundary.files import Origin, write_all
-from famjax.boundary.sentence import text_in_units
+from famjax.boundary.units import text_in_units
 from fitting.prediction import static_rows
 from fitting.report import PageTable, inline_svg, page, svg_file
 from fitting.saved import versions

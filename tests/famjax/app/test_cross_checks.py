@@ -35,7 +35,7 @@ def test_verdicts_follow_the_standard_error() -> None:
         Check.about("a", value, 1.0, 0.01).verdict for value in (1.019, 1.021, 1.051, math.nan)
     ]
     assert found == ["agrees", "doubtful", "contradicts", "not known"]
-    assert Check("a", -1.0, (0.0, math.inf)).verdict == "doubtful"
+    assert Check.of("a", -1.0, (0.0, math.inf)).verdict == "doubtful"
 
 
 def test_a_contradiction_stops_and_all_checks_are_written(tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_a_contradiction_stops_and_all_checks_are_written(tmp_path: Path) -> Non
     with pytest.raises(InputError, match=r"that: expected 0.98 to 1.02 mm, found 2 mm"):
         settle([fine, wrong], tmp_path)
     assert read_checks(tmp_path) == [fine, wrong]
-    open_ = Check("what", math.nan, (0.0, math.inf), say="Say so.")
+    open_ = Check.of("what", math.nan, (0.0, math.inf), say="Say so.")
     settle([fine, open_], tmp_path)
     assert read_checks(tmp_path)[1].sentence() == "what: not known. Say so."
     (table,) = checks_table([tmp_path])

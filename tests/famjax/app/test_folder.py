@@ -67,8 +67,8 @@ def test_every_commented_entry_of_the_skeleton_is_one(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("[specimen", "it is not a TOML file"),
-        (SPECIMEN, r"has the tables"),
-        (RECORDS, r"has the tables"),
+        (SPECIMEN, "must have the tables"),
+        (RECORDS, "must have the tables"),
         (SPECIMEN + RECORDS + "[fitt]\n", "got specimen, records, fitt"),
         (SPECIMEN + "[records]\n", "journal and machine_log, both of one test, or in a force_map"),
         (SPECIMEN + RECORDS + 'journal = "a"\nmachine_log = "b"\n', "keep one"),

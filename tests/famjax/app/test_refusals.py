@@ -37,7 +37,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("assess", "MAP", "--validate"), "give a fit.json"),
     (("assess", "MAP", "--hysteresis", "MAP"), "is not the branches.csv that famjax ramps"),
     (("predict", "MAP", *AT, "3bar"), "give a fit.json"),
-    (("predict", "MAP", *AT, "-3bar"), "A value with a minus sign is written --pressure=-3bar"),
+    (("predict", "MAP", *AT, "-3bar"), "parameter --pressure requires an argument"),
     (("rig", "simulat"), "Try 'famjax rig --help'"),
     (("series", "MAP"), "predict --rest-length"),
     (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "shorter than its rounded ends"),
@@ -47,7 +47,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     ((*DESIGN, "--search", "0.5"), "--search must be >= 1"),
     ((*ASKED, "--objective", "width"), "one or more of outer_diameter"),
     ((*ASKED, "--vary", "angle_deg=1:2"), "unknown key 'angle_deg'"),
-    ((*ASKED, "--vary", "pressure_psi=1:2:3"), "key_unit=least:greatest"),
+    ((*ASKED, "--vary", "pressure_psi=1:2:3"), "must be two numbers in brackets, got [1.0, 2.0, 3.0]"),
     ((*ASKED, "--vary", "pressure_psi=20:200"), "above the pressure of the"),
     ((*ASKED, "--vary", "rest_length_mm=300:100"), "0 < least <= greatest"),
     *(((command, "here", "--jobs", "0"), "--jobs")

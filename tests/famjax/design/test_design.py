@@ -1,4 +1,3 @@
-import dataclasses
 import math
 
 import jax
@@ -193,21 +192,6 @@ def test_force_against_contraction_does_not_depend_on_the_rest_length():
         )
 
 
-@pytest.mark.parametrize("material", [None, "latex"])
-def test_derivatives_of_the_force_agree_with_finite_differences(material):
-    law = latex() if material else None
-    combination = the_7_8_in()
-
-    def force(diameter, nominal, contraction, pressure):
-        changed = dataclasses.replace(
-            combination, bladder_diameter=diameter * INCH, nominal_diameter=nominal * INCH
-        )
-        return changed.force(contraction, pressure * PSI, law) / LBF / 1000
-
-    at = (0.875, 2.0, 0.2, 100.0)
-    jax.test_util.check_grads(force, at, order=1, modes=["fwd", "rev"], rtol=1e-6)
-
-
 def test_gradients_are_finite_at_rest_at_the_jam_and_beyond():
     combination = the_7_8_in()
     slope = jax.jit(jax.grad(combination.force))
@@ -218,36 +202,3 @@ def test_gradients_are_finite_at_rest_at_the_jam_and_beyond():
         jnp.array([0.0, 0.2, 0.5, -3.0])
     )
     assert np.all(np.isfinite(total))
-
-
-def test_jit_equals_eager_and_vmap_equals_a_loop():
-    fits = [
-        Combination.of(bladder_of(d), braid_named(name))
-        for d, name in ((0.625, "Kevlar 1.5 in"), (0.875, "Kevlar 2.0 in"))
-    ]
-    material = latex()
-    contractions = jnp.array([0.0, 0.1, 0.5])
-
-    def both(combination):
-        return (
-            combination.force(contractions, 100 * PSI, material),
-            combination.usable_contraction(100 * PSI, material),
-        )
-
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *fits)
-    mapped = jax.jit(jax.vmap(both))(stacked)
-    for index, combination in enumerate(fits):
-        for batch, single in zip(mapped, both(combination), strict=True):
-            np.testing.assert_allclose(batch[index], single, rtol=1e-11)  # fused operations
-
-
-def test_float32_stays_float32():
-    single = Combination(
-        *(np.float32(value) for value in (0.875, 0.0625, 2.0, 0.011, 0.76, 2.23, 9.28125))
-    )
-    force = single.force(np.float32(0.2), np.float32(100.0))
-    assert force.dtype == np.float32
-    double = the_7_8_in().force(0.2, 100 * PSI) / LBF
-    assert force == pytest.approx(float(double), rel=1e-5)  # float32, tan^2 of 50 deg
-    greatest = single.contraction_range()[1]
-    assert np.isfinite(single.diameter(greatest))

@@ -1,4 +1,3 @@
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -74,14 +73,3 @@ def test_rows_name_their_units():
     assert row["diameter_on_braid_in"] == pytest.approx(0.838, abs=THOUSANDTH)
     assert row["diameter_on_bladder_in"] == pytest.approx(0.748, abs=THOUSANDTH)
     assert row["bladder_bore_in"] == pytest.approx(0.75)
-
-
-def test_the_sizing_keeps_float32():
-    single = jnp.float32
-    bore = swaged_bore(single(1.0), single(0.058), single(0.027))
-    found = (
-        fitting_diameter_on_braid(bore, single(BRAID), single(0.17)),
-        fitting_diameter_on_bladder(bore, single(BRAID), single(BLADDER), single(0.3)),
-    )
-    assert all(value.dtype == single for value in found)
-    assert found[0] == pytest.approx(0.83874, rel=1e-6)  # eight digits, three operations

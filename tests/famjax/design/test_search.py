@@ -3,7 +3,6 @@ import itertools
 import json
 import math
 
-import jax
 import numpy as np
 import pytest
 
@@ -214,19 +213,6 @@ def test_force_may_be_asked_for_at_a_contraction(of_all):
     beyond = found_with(Requirement(100 * PSI, 1.0, force_contraction=0.36), catalogue=two_pairs())
     assert np.isnan(beyond.columns["force"]).any()  # the braid jams before it
     assert np.isfinite(beyond.columns["force"][beyond.feasible]).all()
-
-
-@pytest.mark.slow
-def test_single_precision_finds_the_same(of_all):
-    with jax.enable_x64(False):
-        single = found_with()
-    assert single.columns["force"].dtype == np.float32
-    assert len(np.setxor1d(single.feasible, of_all.feasible)) < 0.02 * len(of_all.feasible)
-    same = np.intersect1d(single.feasible, of_all.feasible)
-    for name in ("force", "contraction", "outer_diameter", "air"):
-        np.testing.assert_allclose(
-            single.columns[name][same], of_all.columns[name][same], rtol=SINGLE, err_msg=name
-        )
 
 
 @pytest.mark.parametrize(

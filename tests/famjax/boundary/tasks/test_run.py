@@ -5,9 +5,8 @@ import multiprocessing
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -120,9 +119,7 @@ def test_a_line_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
 def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     Store(file, "sweep", {"orders": [1, 2], "seed": 0}, 3)
-    with pytest.raises(
-        InputError, match=r"other settings: parts was 3, now 4; settings.seed was 0"
-    ):
+    with pytest.raises(InputError, match=r"other settings: parts was 3, now 4; seed was 0"):
         Store(file, "sweep", {"orders": [1, 2], "seed": 1}, 4)
     file.write_text("{]\n")
     with pytest.raises(InputError, match=r"a.jsonl is damaged \(.*\): give another, or remove it"):
@@ -185,26 +182,6 @@ def test_an_interrupt_keeps_what_is_done(executor: int | None) -> None:
     assert run_tasks(str, range(9), store=store)[8] == "8"
 
 
-class Counting:
-    """Counts what is under way; a task is done when it is waited for."""
-
-    def __init__(self) -> None:
-        self.most, self._under_way, self._max_workers = 0, [], 3
-
-    def submit(self, function: Any, /, *args: Any) -> Future[Any]:
-        job: Future[Any] = Future()
-        self._under_way = [one for one in self._under_way if not one.done()] + [job]
-        self.most = max(self.most, len(self._under_way))
-        threading.Timer(0.02, lambda: job.set_result(function(*args))).start()
-        return job
-
-
-def test_few_tasks_are_under_way_however_many_there_are() -> None:
-    executor = Counting()
-    assert len(list(run_tasks(str, range(40), executor=executor))) == 40
-    assert executor.most <= 6
-
-
 def test_threads_take_turns() -> None:
     running: list[int] = []
     with ThreadPoolExecutor(4) as pool:
@@ -224,27 +201,16 @@ def test_a_worker_is_set_up_as_its_host_is() -> None:
 def test_what_takes_no_tasks_is_refused() -> None:
     with pytest.raises(InputError, match="at least one worker is needed, got 0"):
         run_tasks(str, [0], executor=0)
-    with (
-        ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool,
-        pytest.raises(InputError, match="processes must be spawned"),
-    ):
-        run_tasks(str, [0], executor=pool)
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize(
-    ("executor", "text"),
-    [
-        ("1", 'needs its calls under `if __name__ == "__main__":`'),
-        ("'dask'", "or have `submit` as the executors of concurrent.futures have; got str"),
-    ],
-)
-def test_a_script_learns_what_is_wrong_with_it(executor: str, text: str, tmp_path: Path) -> None:
-    call = f"run_tasks(str, [0], executor={executor})"
-    (tmp_path / "script.py").write_text(f"from famjax.boundary.tasks import run_tasks\n{call}\n")
+def test_a_script_learns_what_is_wrong_with_it(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(
+        "from famjax.boundary.tasks import run_tasks\nrun_tasks(str, [0], executor=1)\n"
+    )
     done = subprocess.run(
         [sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=False,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 1
-    assert text in done.stderr
+    assert 'needs its calls under `if __name__ == "__main__":`' in done.stderr

@@ -6,7 +6,7 @@ import pickle
 import pytest
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.sentence import Quantity, Sentence, in_units, text_in_units
+from famjax.boundary.units import Quantity, Sentence, sentence_in_units, text_in_units
 
 INNER = Sentence("the length ", Quantity(0.25, "length"))
 WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 3), ".")
@@ -21,16 +21,18 @@ WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 
     ],
 )
 def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, text: str) -> None:
-    assert in_units(WHOLE, system) == text
-    assert in_units(text, "us") == text  # a text has no quantities to change
+    assert sentence_in_units(WHOLE, system) == text
+    assert sentence_in_units(text, "us") == text  # a text has no quantities to change
 
 
 def test_as_it_stands_it_is_a_metric_text() -> None:
-    assert in_units(WHOLE, "metric") == WHOLE
+    assert sentence_in_units(WHOLE, "metric") == WHOLE
     assert json.loads(json.dumps([WHOLE])) == [WHOLE]
-    assert in_units(pickle.loads(pickle.dumps(WHOLE)), "us") == in_units(WHOLE, "us")
+    assert sentence_in_units(pickle.loads(pickle.dumps(WHOLE)), "us") == sentence_in_units(
+        WHOLE, "us"
+    )
     with pytest.raises(InputError, match="units must be one of"):
-        in_units(WHOLE, "imperial")
+        sentence_in_units(WHOLE, "imperial")
 
 
 @pytest.mark.parametrize(
