@@ -47,7 +47,7 @@ def run(name: str, figures: Path) -> list[str]:
     for is_text, body in cells((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")):
         if is_text:
             text = re.sub(r"^# ?", "", body, flags=re.MULTILINE)
-            blocks.append(re.sub(r"(^## .*$)", rf"\1\n\n`examples/{name}.py`\n", text))
+            blocks.append(re.sub(r"^(## .*)\n", rf"\1\n\n`examples/{name}.py`\n\n", text))
             continue
         printed, before = io.StringIO(), set(Path().glob("*.svg"))
         with contextlib.redirect_stdout(printed):
