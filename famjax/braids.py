@@ -131,7 +131,7 @@ def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle:
 
 
 class AbstractBraid(Parametrised):
-    """A braid whose threads have some length under load."""
+    """A braid whose thread length may depend on the load."""
 
     rest_thread_length: eqx.AbstractVar[RealArray]
     turns: eqx.AbstractVar[RealArray]
@@ -148,7 +148,7 @@ class AbstractBraid(Parametrised):
     def reach(
         self, length: Real, pressure: Real
     ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
-        """Length and thread length where there is a triangle of the two, and where there is.
+        """Length and thread length, masked where they form no triangle, and the mask.
 
         Args:
             length: active length L [m].
@@ -235,7 +235,7 @@ class Braid(AbstractBraid):
 
     @property
     def neutral_length(self) -> RealArray:
-        """Active length [m] at the neutral angle, B / sqrt(3): no braid pulls when shorter."""
+        """Active length [m] at the neutral angle, B / sqrt(3); a shorter braid does not pull."""
         return self.rest_thread_length * math.sin(NEUTRAL_ANGLE)
 
 
@@ -338,7 +338,7 @@ def thread_tension(
 
 
 class AbstractThread(Parametrised):
-    """An elastic thread, at most as stiff as its far modulus.
+    """An elastic thread whose stiffness approaches its far modulus from below.
 
     With the far stiffness k = A_b E_b, a law's strain must start from 0 at T = 0 and rise with the
     tension at a rate that never grows and tends to 1 / k, so that it stays below T / k + offset.
@@ -368,7 +368,7 @@ class AbstractThread(Parametrised):
 
 
 class LinearThread(AbstractThread):
-    """A thread that obeys Hooke's law, T = A_b E_b eps; continued so where it would have to push.
+    """A thread that obeys Hooke's law, T = A_b E_b eps, also in compression.
 
     Attributes:
         modulus: E_b [Pa], > 0.
@@ -430,7 +430,7 @@ class ToeThread(AbstractThread):
         return self.toe_strain
 
     def strain(self, tension: Real) -> RealArray:
-        """Engineering strain [-] at tension T [N], T > -T_t; nan below, where there is none."""
+        """Engineering strain [-] at tension T [N], T > -T_t; nan below."""
         inside = jnp.asarray(tension > -self.toe_tension)
         T = jnp.where(inside, tension, 0.0)
         value = T / self.far_stiffness + self.toe_strain * T / (T + self.toe_tension)
@@ -577,7 +577,7 @@ def _newton(
 
 
 class BraidState(eqx.Module):
-    """A braid at one length and pressure under its own pull, Gaylord's.
+    """A braid at one length and pressure under Gaylord's force.
 
     Attributes:
         thread_length: B [m].
@@ -611,7 +611,7 @@ _Stretched = tuple[RealArray, Bool[Array, "..."], Bool[Array, "..."]]
 
 
 class ElasticBraid(AbstractBraid):
-    """A braid of elastic threads, each as long as its tension makes it.
+    """A braid of elastic threads that stretch under their tension.
 
     B = B0 (1 + strain(T)),  T = (F + P pi R^2) / (n sin(theta)),  pi N D = sqrt(B^2 - L^2)
 
@@ -651,7 +651,7 @@ class ElasticBraid(AbstractBraid):
         return self.n_threads * self.thread.tension(strain)
 
     def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:
-        """Thread length B [m] under Gaylord's force, that is, with no help from the bladder.
+        """Thread length B [m] under Gaylord's force, neglecting the bladder.
 
         F_G + P pi R^2 = P L^2 / (2 pi N^2) at any diameter, so the tension is proportional to B.
 
@@ -673,7 +673,7 @@ class ElasticBraid(AbstractBraid):
     def thread_length_at_force(
         self, length: Real, pressure: Real, force: Real, *, throw: bool = True
     ) -> RealArray:
-        """Thread length B [m] under a given pull, such as a measured one.
+        """Thread length B [m] under a given force, such as a measured one.
 
         The tension is a cubic in B. Of the lengths that satisfy the balance the shortest is meant,
         which a growing load reaches; beyond it the braid widens faster than its threads resist.
@@ -831,7 +831,7 @@ class CompliantBraid(AbstractBraid):
         return jnp.asarray(strain / self.compliance)
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m], broadcast shape; nan where the braid gives way without limit."""
+        """Thread length B [m], broadcast shape; nan where the braid would stretch without limit."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         load = self.rest_thread_length * pressure * length / (2 * jnp.pi * self.turns**2)
         left = 1 - self.compliance * load

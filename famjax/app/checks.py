@@ -1,4 +1,4 @@
-"""Cross-checks: what two sources say of one thing, and whether that holds; of records and specimen."""
+"""Cross-checks: whether two sources agree on one quantity; for records and specimen."""
 
 import dataclasses
 import json
@@ -42,7 +42,7 @@ _RATE = 0.02  # relative, of a machine's rate as it was set
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A figure, and what it must be.
+    """A figure, and the range it must lie in.
 
     Attributes:
         what: it is.
@@ -64,13 +64,13 @@ class Check:
     def about(
         cls, what: str, found: float, value: float, std: float, *, unit: str = "", say: str = ""
     ) -> "Check":
-        """A figure that must be near a value, as near as its standard error says."""
+        """A figure that must lie near a value, within its standard error."""
         expected, possible = ((value - size * std, value + size * std) for size in (DOUBT, REFUSAL))
         return cls(what, found, expected, possible, unit, say)
 
     @property
     def verdict(self) -> Verdict:
-        """What comes of it."""
+        """The outcome of the check."""
         if math.isnan(self.found):
             return NOT_KNOWN
         if not self.possible[0] <= self.found <= self.possible[1]:
@@ -105,7 +105,7 @@ class Check:
 
 
 def units_of(ratio: float) -> str:
-    """The two units whose ratio this is, or its inverse; empty where there are none.
+    """The two units whose ratio is this value or its inverse; empty if there are none.
 
     >>> units_of(0.0394)
     'inches and mm'
@@ -119,7 +119,7 @@ def units_of(ratio: float) -> str:
 
 
 def settle(checks: Sequence[Check], place: Path) -> None:
-    """Write the checks of a step into its folder, and stop where one contradicts.
+    """Write the checks of a step into its folder, and stop if one contradicts.
 
     Raises:
         InputError: what contradicts, and what to do.
@@ -137,7 +137,7 @@ def settle(checks: Sequence[Check], place: Path) -> None:
 
 
 def read_checks(place: Path) -> list[Check]:
-    """The checks of a step, none where it made none."""
+    """Read the checks of a step; empty if it made none."""
     path = place / CHECKS
     if not path.exists():
         return []
@@ -158,7 +158,7 @@ def doubts(places: Sequence[Path]) -> list[str]:
 
 
 def warnings_of(place: Path) -> list[str]:
-    """The same of one step, as they are printed."""
+    """The doubts of one step, as they are printed."""
     return [f"warning: {said}" for said in doubts([place])]
 
 
@@ -211,7 +211,7 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
 
 
 def specimen_checks(specimen: Specimen) -> list[Check]:
-    """Sizes that no muscle has: mostly a wrong unit. Nothing else in a folder tells them."""
+    """Check for sizes that no muscle has, usually a wrong unit, which nothing else in a folder reveals."""
     diameter = specimen.bladder_diameter or specimen.nominal_diameter
     if diameter is None:
         return []

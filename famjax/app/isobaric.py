@@ -75,7 +75,7 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
 
 
 def clocks(record: Record) -> dict[int, ClockMap]:
-    """The map from device to host time of each epoch that has two clock notes or more."""
+    """The map from device time to host time of each epoch with at least two clock notes."""
     found = {}
     pairs = _clock_pairs(record)
     for epoch in np.unique(record.epoch).tolist():

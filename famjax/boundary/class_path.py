@@ -1,4 +1,4 @@
-"""Classes of a user's own, named by where they are: `module:Class`."""
+"""User-defined classes, named by their location: `module:Class`."""
 
 import importlib
 import inspect
@@ -19,7 +19,7 @@ Own = Sequence[str | type]
 
 
 def class_path(cls: Any) -> str:
-    """`module:Class`, by which a class of a user's own is found again."""
+    """The name `module:Class` of a user-defined class."""
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
@@ -28,7 +28,7 @@ class NotTrustedError(InputError):
 
 
 def check_trusted(path: str, own: Own, what: str) -> None:
-    """Raise unless the user trusts a class that a file names: to import a module runs its code.
+    """Raise unless the user trusts a class that a file names, because importing a module runs its code.
 
     Args:
         path: `module:Class`, as the file has it.
@@ -47,7 +47,7 @@ def check_trusted(path: str, own: Own, what: str) -> None:
 
 
 def class_named(path: str, base: type, what: str) -> type:
-    """The class of `module:Class`, imported.
+    """Import the class of `module:Class`.
 
     Args:
         path: module and class.

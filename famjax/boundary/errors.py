@@ -1,4 +1,4 @@
-"""The one family of errors that say what is wrong with what was given."""
+"""The errors that explain bad input."""
 
 import difflib
 import numbers
@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 
 class InputError(ValueError):
-    """What must hold, what was got, and what to do; the command line prints it and exits with 2."""
+    """Bad input: what must hold, what was given, what to do; commands print it and exit with 2."""
 
 
 def check_seed(seed: int) -> int:
-    """The seed of random numbers, if it can be one.
+    """Check a seed of random numbers.
 
     Raises:
         InputError: it is negative, or no whole number.
@@ -21,7 +21,7 @@ def check_seed(seed: int) -> int:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """A question for the end of a message, with the nearest known name, or "" where none is near.
+    """A "did you mean" with the nearest known name, or "" if none is near.
 
     >>> meant("rest_lenght_mm", ["rest_length_mm", "name"])
     '; did you mean rest_length_mm?'

@@ -1,4 +1,4 @@
-"""Packages that come with an extra, imported when they are asked for."""
+"""Packages of an extra, imported on demand."""
 
 import importlib
 from types import ModuleType
@@ -7,7 +7,7 @@ from .errors import InputError
 
 
 def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> ModuleType:
-    """A package of an extra.
+    """Import a package of an extra.
 
     Args:
         name: of the package.

@@ -1,4 +1,4 @@
-"""Files of results: checked before the work, whole on the disk or not there."""
+"""Result files: checked before the work, and complete on disk or absent."""
 
 import dataclasses
 import datetime
@@ -23,7 +23,7 @@ _COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a ten
 
 
 def csv_lines(path: str | Path) -> list[str]:
-    """The lines of a UTF-8 text file, with or without a byte order mark.
+    """Read the lines of a UTF-8 text file, with or without a byte order mark.
 
     Raises:
         InputError: there is no such file, or it is not text of that encoding.
@@ -61,7 +61,7 @@ def check_output(folder: Path) -> None:
 
 
 def make_output(folder: Path) -> None:
-    """Make an output folder, with those above it, if need be.
+    """Create an output folder and its parents if missing.
 
     Raises:
         InputError: it cannot be made.
@@ -73,7 +73,7 @@ def make_output(folder: Path) -> None:
 
 
 def as_png(figure: "Figure") -> bytes:
-    """The picture as a PNG file, which says in words what its title does."""
+    """The picture as a PNG file whose metadata include its title."""
     picture = io.BytesIO()
     figure.savefig(
         picture, format="png", dpi=150, metadata={"Title": figure.get_suptitle()},
@@ -83,7 +83,7 @@ def as_png(figure: "Figure") -> bytes:
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write several files into a folder; none appears before all are complete on the disk.
+    """Write several files into a folder; none appears before all are complete on disk.
 
     Raises:
         InputError: the folder cannot be written.
@@ -101,7 +101,7 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 
 def write_whole(file: Path, content: bytes) -> None:
-    """Write a file that is whole on the disk when this returns, or not there: one there is replaced."""
+    """Write a file completely or not at all, replacing an existing one."""
     draft = file.with_name(file.name + UNFINISHED)
     with draft.open("wb") as open_draft:
         open_draft.write(content)
@@ -118,7 +118,7 @@ def write_whole(file: Path, content: bytes) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Origin:
-    """What a file says of its own making.
+    """Origin of a file: date and command.
 
     Attributes:
         date: of writing, ISO 8601 with the offset from UTC.
@@ -130,7 +130,7 @@ class Origin:
 
     @classmethod
     def of_this_command(cls) -> "Origin":
-        """That of the running `famjax` command: now, and its arguments."""
+        """The origin of the running `famjax` command: date and arguments."""
         now = datetime.datetime.now(datetime.UTC).astimezone()
         return cls(now.isoformat(timespec="seconds"), shlex.join(["famjax", *sys.argv[1:]]))
 
@@ -139,7 +139,7 @@ class Origin:
         return dataclasses.asdict(self)
 
     def comments(self) -> list[str]:
-        """Lines of a CSV file that every reader of force maps leaves out.
+        """Comment lines of a CSV file, which readers of force maps skip.
 
         >>> Origin("2026-01-31T12:00:00+00:00", "famjax ramps a.csv=83mm").comments()
         ['# date: 2026-01-31T12:00:00+00:00', '# command: famjax ramps a.csv=83mm']

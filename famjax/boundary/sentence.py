@@ -1,4 +1,4 @@
-"""Sentences with quantities in them, which a reader has in units of their own."""
+"""Sentences with quantities that can be printed in any unit system."""
 
 import re
 from typing import NamedTuple
@@ -20,7 +20,7 @@ _WITH_UNIT = re.compile(
 
 
 class Quantity(NamedTuple):
-    """A number of a sentence.
+    """A number in a sentence.
 
     Attributes:
         value: in SI.
@@ -39,7 +39,7 @@ class Quantity(NamedTuple):
 
 
 class Sentence(str):
-    """A text that knows its quantities; as it stands they are in mm, kPa, N and MPa.
+    """A text that keeps its quantities; as a string they are in mm, kPa, N and MPa.
 
     Args:
         *parts: texts, quantities and further sentences, in their order.
@@ -62,14 +62,14 @@ class Sentence(str):
 
 
 def in_units(sentence: str, system: str) -> str:
-    """A sentence in a unit system, si, metric or us; a text without quantities as it is."""
+    """A sentence in a unit system (si, metric or us); a text without quantities is unchanged."""
     if isinstance(sentence, Sentence):
         return "".join(_part_in_units(one, system) for one in sentence.parts)
     return sentence
 
 
 def text_in_units(text: str, system: str) -> str:
-    """A text that was read back from a file, its lengths, pressures and forces in a unit system.
+    """A text from a file, with its lengths, pressures and forces converted to a unit system.
 
     Numbers that a unit follows, and ranges such as `159 to 236 mm`; what is in units of the system
     already stays to the last digit, and so does every other number.

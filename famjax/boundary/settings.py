@@ -1,4 +1,4 @@
-"""Settings of a work on the disk against those of now, and long lists in short words."""
+"""Comparison of stored settings with current ones, and short texts for long lists."""
 
 import re
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ _CHECKSUM = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{56}\b")
 
 
 def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """What differs between settings of JSON, each as "name was a, now b".
+    """Differences between two JSON settings, each as "name was a, now b".
 
     Of a checksum, which nobody compares by eye, the beginning is shown.
 
@@ -38,7 +38,7 @@ def _flat(settings: Any, name: str = "") -> dict[str, Any]:
 
 
 def some_of(texts: Sequence[str], between: str = ", ") -> str:
-    """The first five of some texts, and how many more there are."""
+    """The first five of several texts, and the number of the others."""
     shown = [text if len(text) < 200 else text[:200] + " ..." for text in texts[:5]]
     more = f"{between}and {len(texts) - 5} more" if len(texts) > 5 else ""
     return between.join(shown) + more

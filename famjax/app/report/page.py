@@ -1,4 +1,4 @@
-"""The report: a page with a summary and figures, its tables as CSV, the digests of its inputs."""
+"""The report: a page with summary and figures, tables as CSV, and digests of the inputs."""
 
 import csv
 import importlib.metadata
@@ -316,7 +316,7 @@ def _verdict(source: Source) -> str:
 
 
 def five_numbers(source: Source) -> PageTable:
-    """What one asks of a muscle first, each with its standard error."""
+    """The five main figures of a muscle, each with its standard error."""
     fit, pressure = source.best, float(source.pressures[-1])
     states, saved = fit.states, fit.saved
     at = source.pressure(pressure)
