@@ -616,7 +616,7 @@ class Audit:
 
     @property
     def sound(self) -> bool:
-        """Whether the file is complete and recomputed records are equal; losses on the line do not count."""
+        """Whether the file is complete and recomputed records agree; losses on the line do not count."""
         return not self.faults
 
     @property
