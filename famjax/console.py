@@ -1,4 +1,4 @@
-"""Code shared by all commands: options, progress, files, tables and units."""
+"""What every command shares: options, progress, files, tables and their units."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ Units = Literal["si", "metric", "us"]
 
 
 def whole(type_: Any, tokens: Sequence[Token]) -> Any:
-    """Parse a whole number, or several for a tuple; never rounded.
+    """The number of a token, or the numbers of several where a tuple is wanted; never rounded.
 
     Raises:
         ValueError: one is no whole number.
@@ -44,7 +44,7 @@ def _whole(token: Token) -> int:
 
 
 def whole_number(least: int, most: int | None = None) -> Parameter:
-    """An option that is a whole number in a range, checked before anything is read or computed."""
+    """An option that is a whole number of a range, refused before anything is read or computed."""
     return Parameter(converter=whole, validator=validators.Number(gte=least, lte=most))
 
 
@@ -56,7 +56,7 @@ Jobs = Annotated[int | None, whole_number(1)]
 
 
 def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, str]:
-    """Parse repeated entries such as `operator=NAME` into names and values.
+    """Name and value of repeated entries such as `operator=NAME`.
 
     Args:
         given: the entries.
@@ -81,7 +81,7 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
 
 
 def add_cwd_to_path() -> None:
-    """Add the current folder to the module path, so that the user's classes are found."""
+    """Let classes be found that lie in the folder that the user starts from."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -150,7 +150,7 @@ class _Lines(Progress):
 
 
 class Output:
-    """The output folder of a command: checked before the work, its files listed at the end.
+    """The folder of a command's files: checked before the work, its files listed at the end.
 
     Attributes:
         folder: where they go.
@@ -165,7 +165,7 @@ class Output:
         self._there = set(folder.iterdir()) if folder.is_dir() else set()
 
     def write(self, files: Mapping[str, Any]) -> list[Path]:
-        """Write files by name, all or none: bytes unchanged, everything else as JSON.
+        """Write files by their names, whole or none: bytes as they are, all else as JSON.
 
         Raises:
             InputError: the folder cannot be written.
@@ -181,7 +181,7 @@ class Output:
         )
 
     def tell(self, paths: Iterable[Path]) -> None:
-        """Print which files were written, and which existing ones they replaced."""
+        """Print what was written, and which files of an earlier time it took the place of."""
         written = list(paths)
         print("written:", ", ".join(map(str, written)))
         if replaced := [path.name for path in written if path in self._there]:
@@ -192,7 +192,7 @@ class Output:
 
 
 def print_json(document: object) -> None:
-    """Print one JSON value; a value that is not finite is an error of the program."""
+    """Print one JSON value; what is not finite is an error of the program."""
     print(json.dumps(document, allow_nan=False))
 
 
@@ -200,7 +200,7 @@ _WIDEST = 250  # characters of a table
 
 
 def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print rows with the same keys as a table; lists are only in the JSON file."""
+    """A table of rows that share their keys; lists are left to the JSON file."""
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
     header = [key.replace("_", " ") for key in keys]
     print_table(title, header, [[_cell(row[key]) for key in keys] for row in rows], numbers="left")
@@ -213,7 +213,7 @@ def print_table(
     *,
     numbers: Literal["left", "right"] = "right",
 ) -> None:
-    """Print a table of text; all columns but the first are right-aligned."""
+    """A table of text; all columns but the first are aligned as numbers are."""
     columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
     widths = [
         max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
@@ -244,7 +244,7 @@ _KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
 
 
 def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Convert rows in SI to other units, with the unit in each key.
+    """Rows in SI in other units, the unit in each key as before.
 
     Args:
         rows: with keys such as `length_m`, `force_N`; what has no unit stays, or one such as `N_per_m`.

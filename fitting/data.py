@@ -1,4 +1,4 @@
-"""A measured static force map: force, pressure and length, with their specimen.
+"""A measured static force map: force, pressure and length, with the specimen they belong to.
 
 Measured pressures and lengths scatter about nominal ones. `levels_of` finds the levels: what "at one
 pressure" and "at one length" mean for a map.
@@ -76,7 +76,7 @@ def levels_of(
     tolerance: float | None = None,
     beside: Float[np.ndarray, " n"] | None = None,
 ) -> Levels:
-    """Group measured values into levels: neighbours closer than a tolerance share a level.
+    """The levels of measured values: neighbours nearer than a tolerance are on one level.
 
     Without a tolerance, one is found where the gaps between the sorted values fall clearly into
     narrow ones, within 2 % of the range, and ones 8 times as wide that leave 1.5 readings to a
@@ -181,7 +181,7 @@ def _tolerance_of_gaps(distinct: Float[np.ndarray, " k"], readings: int) -> floa
 def groups_of_levels(
     level: Float[np.ndarray, " n"], values: Float[np.ndarray, " levels"], groups: int | None = None
 ) -> Int[np.ndarray, " n"]:
-    """Group of neighbouring levels in which each reading is left out; -1 at none of the levels.
+    """In which group of neighbouring levels each reading is left out; -1 at none of the levels.
 
     Args:
         level: of each reading.
@@ -195,7 +195,7 @@ def groups_of_levels(
 
 @dataclasses.dataclass(frozen=True)
 class Specimen:
-    """Description of the muscle besides the force map.
+    """What is known of the muscle besides the force map.
 
     Attributes:
         name: for reports.
@@ -391,7 +391,7 @@ class ForceData:
         )
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """The readings in SI as a data frame with units in the column names, and whether they are loaded.
+        """The readings in SI, a column each with its unit, and whether they are loaded.
 
         Raises:
             InputError: pandas is not installed.
@@ -402,7 +402,7 @@ class ForceData:
     def from_pandas(
         cls, frame: "pandas.DataFrame", specimen: "Specimen | Mapping[str, Any] | None" = None
     ) -> "ForceData":
-        """Make a force map from a data frame, with units in the column names as in a CSV file.
+        """The force map in a table of pandas, the unit in the name of each column as in a CSV file.
 
         Args:
             frame: with columns such as `force_N`, `pressure_kPa` and `length_mm`; a column `loaded`, as
@@ -427,7 +427,7 @@ class ForceData:
         return map_of_columns(columns, specimen or {}, "data frame")
 
     def columns(self, system: str = "si") -> dict[str, np.ndarray]:
-        """The available columns in a unit system, by name and unit."""
+        """The columns there are in a unit system, by name and unit."""
         units = unit_system(system)
         return {
             f"{name}_{units[kind]}": values / factor(units[kind], kind)
@@ -437,13 +437,13 @@ class ForceData:
 
     @functools.cached_property
     def pressures(self) -> Levels:
-        """The pressure level [Pa] of every reading, which defines "at one pressure" for this map."""
+        """The pressure level [Pa] of every reading: what "at one pressure" means for this map."""
         lengths = levels_of(self.length, "length", self.length_tolerance)
         return levels_of(self.pressure, "pressure", self.pressure_tolerance, lengths.level)
 
     @functools.cached_property
     def lengths(self) -> Levels:
-        """The length level [m] of every reading, which defines "at one length" for this map."""
+        """The length level [m] of every reading: what "at one length" means for this map."""
         pressures = levels_of(self.pressure, "pressure", self.pressure_tolerance)
         return levels_of(self.length, "length", self.length_tolerance, pressures.level)
 
@@ -452,7 +452,7 @@ class ForceData:
         return {"pressure": self.pressures, "length": self.lengths}[kind].level
 
     def left_out_as(self, kind: str) -> Float[np.ndarray, " n"]:
-        """Level that is left out with each reading, or the middle of its group.
+        """What is left out with each reading: its level, or the middle of it and its neighbours.
 
         Levels are left out one by one, but many of them (see `MOST_APART`) in groups of neighbours.
         """
@@ -463,22 +463,22 @@ class ForceData:
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:
-        """Rows with a positive force below the load cell's limit; the others are censored."""
+        """Rows with a pulling force below the load cell's limit; the others are censored."""
         return (self.force > 0) & ~self.saturated
 
     @property
     def slack(self) -> Bool[np.ndarray, " n"]:
-        """Rows with a force of zero or less."""
+        """Rows whose force is at most zero."""
         return self.force <= 0
 
     @property
     def saturated(self) -> Bool[np.ndarray, " n"]:
-        """Rows with a force at or above the limit of the load cell."""
+        """Rows whose force is at least the limit of the load cell."""
         return self.force >= (math.inf if self.force_limit is None else self.force_limit)
 
     @property
     def strained(self) -> Bool[np.ndarray, " n"]:
-        """Loaded rows away from the rest length, where the bladder contributes to the force."""
+        """Loaded rows away from the rest length, where the bladder has a part in the force."""
         away = np.abs(self.lengths.level - self.specimen.rest_length) > self.lengths.tolerance
         return self.loaded & away
 
@@ -523,7 +523,7 @@ class ForceData:
 
 
 def check_maps(*data: object) -> None:
-    """Refuse anything but a force map, such as a file that was not read.
+    """Refuse what is no force map, such as a file that has not been read.
 
     Raises:
         InputError: one of them is none.
@@ -554,7 +554,7 @@ def several_maps(data: object) -> tuple[ForceData, ...]:
 
 
 def data_frame(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> "pandas.DataFrame":
-    """Rows with the same keys as a data frame.
+    """Rows that share their keys as a data frame.
 
     Raises:
         InputError: pandas is not installed.
@@ -570,7 +570,7 @@ Variable = tuple[Sequence[str], np.ndarray, Mapping[str, str]]
 def data_set(
     variables: Mapping[str, Variable], coordinates: Mapping[str, Variable], about: Mapping[str, Any]
 ) -> "xarray.Dataset":
-    """Variables with their units as an xarray data set.
+    """Variables with their units as a data set.
 
     Raises:
         InputError: xarray is not installed.
@@ -579,7 +579,7 @@ def data_set(
 
 
 def html_table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table for notebooks; long ones are cut."""
+    """A table for notebooks; of long ones the beginning."""
 
     def cells(values: Iterable[object], tag: str) -> str:
         texts = (f"{one:.5g}" if isinstance(one, float) else str(one) for one in values)

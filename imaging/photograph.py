@@ -41,7 +41,7 @@ _LUMA_RED_BLUE = np.array([[0.299, 0.587, 0.114], [1, 0, 0], [0, 0, 1]], np.floa
 
 
 class Header(NamedTuple):
-    """The header of a file; empty for files that are not JPEG.
+    """What a file states ahead of its picture; of files that are no JPEG nothing is known.
 
     Attributes:
         orientation: EXIF's, 1 to 8; OpenCV turns TIFF files itself.

@@ -311,7 +311,7 @@ class Waves:
 
 
 def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
-    """Number of yarns around in each direction, whole if they can be counted.
+    """Yarns around in each direction, whole where they can be counted.
 
     Shade moves the crests that the first harmonic sees by so much of a pitch between the left and
     the right, and those of the second by half of it: 2 n_2 - n_1 is free of it. In a braid

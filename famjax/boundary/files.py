@@ -23,7 +23,7 @@ _COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a ten
 
 
 def csv_lines(path: str | Path) -> list[str]:
-    """Read the lines of a UTF-8 text file, with or without a byte order mark.
+    """The lines of a UTF-8 text file, with or without a byte order mark.
 
     Raises:
         InputError: there is no such file, or it is not text of that encoding.

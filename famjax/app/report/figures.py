@@ -1,4 +1,4 @@
-"""The figures of the report: each function draws one with its caption, or returns None."""
+"""The figures of the report: each function draws one and says what it shows, or gives None."""
 
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ _CONTRACTION = "contraction $(L_0 - L)/L_0$"
 
 
 def actuation(source: Source) -> Drawn:
-    """Isobars with points, model and band, and the residuals."""
+    """Isobars with points, model and band, and what is left."""
     fit, data, rest = source.best, source.data, source.sheet.specimen.rest_length
     levels = np.unique(data.pressures.level[data.loaded])
     lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _POINTS)
@@ -77,7 +77,7 @@ def actuation(source: Source) -> Drawn:
 
 
 def photographs(source: Source) -> Drawn:
-    """Three photographs with the measured outlines, at the smallest, middle and largest contraction."""
+    """Three photographs with what was measured, at the least, middle and most contraction."""
     given, pictures = source.sheet.photographs, source.pictures
     if given is None or pictures is None:
         return None

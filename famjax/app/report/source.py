@@ -1,4 +1,4 @@
-"""Data of the report, read from the files of earlier steps, and the states of the model.
+"""What the report is made of, read back from the files of the steps before it, and the model's states.
 
 No equilibrium is solved for the states: the free contraction is where a spline through the forces
 falls to zero.
@@ -88,7 +88,7 @@ class States:
         return np.maximum(self.force[:, 0], 0.0)
 
     def free_contraction(self) -> np.ndarray:
-        """Contraction at which the force first falls to zero, by pressure; nan if it does not."""
+        """Contraction at which the force first falls to zero, by pressure; nan where it does not."""
         return np.array([_first_zero(self.lengths, row, self.rest_length) for row in self.forces])
 
 
@@ -223,7 +223,7 @@ class FittedGeometry:
 
     @property
     def short(self) -> str:
-        """Short title for legends and headers."""
+        """The same in a word or two, for legends and headers."""
         return self.name.replace("-", " ")
 
     @property
@@ -239,7 +239,7 @@ class FittedGeometry:
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """The contents of the folder and of its results.
+    """What lies in the folder and in its results.
 
     Attributes:
         sheet: of the folder.
@@ -279,12 +279,12 @@ class Source:
 
     @property
     def best(self) -> FittedGeometry:
-        """The fit that the report shows: the one with the measured shape, if there is one."""
+        """The fit that the report shows: of the measured shape, where there is one."""
         return self.fits[MEASURED if MEASURED in self.fits else CYLINDER]
 
     @property
     def middle(self) -> int:
-        """Index of the pressure at which curves over contraction are shown."""
+        """Number of the pressure at which what depends on contraction is shown."""
         return len(self.pressures) // 2
 
     def unit(self, kind: str) -> str:
@@ -297,7 +297,7 @@ class Source:
         return value / factor(self.unit(kind), kind)
 
     def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
-        """A number of the page; a dash if it is not known."""
+        """A number of the page; a dash for what is not known."""
         if value is None or not np.isfinite(value):
             return "\N{EN DASH}"
         return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
@@ -308,7 +308,7 @@ class Source:
 
 
 def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
-    """Read everything for the report; each model is evaluated once."""
+    """Everything for the report; the models are asked once each, for all of it."""
     results = sheet.folder / RESULTS
     data = read_map(sheet)
     record = results / RECORDS / "characterisation.json"
