@@ -30,8 +30,8 @@ data = fitting.read_csv("map.csv", specimen)
 print(data)
 
 # %% [markdown]
-# `choose` does what `famjax fit` does: it fits five bladder laws, each with a deadband and with a
-# compliant rig, and keeps the one with the smallest cross-validation error.
+# `choose` does what `famjax fit` does. It fits five bladder laws, each with a deadband and with a
+# compliant rig. It keeps the model with the smallest cross-validation error.
 
 # %%
 choice = fitting.choose(data)
