@@ -20,7 +20,7 @@ apart = famjax.take_apart(
     bounds={"braid_diameter": (0.020, 0.0236), "braid_angle": (1.047, 1.222)},
 )
 
-residual = lambda z: apart.muscle(apart.bounded(z)).force(L, P) - F  # noqa: E731
+residual = lambda z: apart.muscle(apart.scaled_from_unbounded(z)).force(L, P) - F  # noqa: E731
 solver, z = optax.lbfgs(), apart.unbounded
 for _ in range(2):  # parameters lie on ridges: whiten them, anew where the last descent ended
     whiten = jnp.linalg.pinv(jnp.linalg.qr(jax.jacfwd(residual)(z), mode="r"), rtol=1e-9)

@@ -22,11 +22,11 @@ apart = famjax.take_apart(
 
 
 def residual(z, _):
-    return apart.muscle(apart.bounded(z)).force(L, P) - F
+    return apart.muscle(apart.scaled_from_unbounded(z)).force(L, P) - F
 
 
 solver = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
 found = optx.least_squares(residual, solver, apart.unbounded, max_steps=2000, throw=False)
 rmse = jnp.sqrt(jnp.mean(residual(found.value, None) ** 2))
 print(f"optimistix: RMSE {rmse:.4f} N")
-print({k: f"{v:.5g}" for k, v in apart.values(apart.bounded(found.value)).items()})
+print({k: f"{v:.5g}" for k, v in apart.values(apart.scaled_from_unbounded(found.value)).items()})

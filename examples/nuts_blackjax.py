@@ -18,9 +18,12 @@ apart = famjax.take_apart(start, free, bounds={"braid_diameter": (0.020, 0.0236)
 
 
 def log_density(z):  # flat within the bounds: the map's own Jacobian goes with the likelihood
-    residual = (apart.muscle(apart.bounded(z)).force(L, P) - F) / 8.0  # N, of one reading
+    residual = (
+        apart.muscle(apart.scaled_from_unbounded(z)).force(L, P) - F
+    ) / 8.0  # N, of one reading
     return (
-        jnp.log(jnp.abs(jnp.diagonal(jax.jacfwd(apart.bounded)(z)))).sum() - residual @ residual / 2
+        jnp.log(jnp.abs(jnp.diagonal(jax.jacfwd(apart.scaled_from_unbounded)(z)))).sum()
+        - residual @ residual / 2
     )
 
 
@@ -30,6 +33,6 @@ nuts = blackjax.nuts(log_density, **tuned)
 _, (z, told) = blackjax.util.run_inference_algorithm(
     jax.random.key(1), nuts, 400, initial_state=state, transform=lambda s, told: (s.position, told)
 )
-values = jax.vmap(lambda z: apart.values(apart.bounded(z)))(z)
+values = jax.vmap(lambda z: apart.values(apart.scaled_from_unbounded(z)))(z)
 print(*(f"{name} {v.mean():.4g} +- {v.std():.2g}" for name, v in values.items()), sep="\n")
 print(f"accepted {told.acceptance_rate.mean():.2f}, divergent {int(told.is_divergent.sum())}")

@@ -3,15 +3,15 @@
 import contextlib
 import json
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from time import monotonic
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter, Token, validators
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID
+from rich.progress import MofNCompleteColumn, Progress
 from rich.table import Table
 from rich.text import Text
 
@@ -26,7 +26,7 @@ Units = Literal["si", "metric", "us"]
 
 
 def whole(type_: Any, tokens: Sequence[Token]) -> Any:
-    """The number of a token, or the numbers of several where a tuple is wanted; never rounded.
+    """The whole number of a token, or a tuple of several; never rounded.
 
     Raises:
         ValueError: one is no whole number.
@@ -81,7 +81,7 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
 
 
 def add_cwd_to_path() -> None:
-    """Let classes be found that lie in the folder that the user starts from."""
+    """Find classes in modules of the current folder."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -89,68 +89,44 @@ def add_cwd_to_path() -> None:
 
 # --- progress
 
-_EVERY = 15.0  # seconds between lines
+_PATIENCE = 2.0  # s; what is done before it needs no bar
 
 Show = Callable[..., None]
 """Called with what is done, of what and, where that changes, what is under way."""
 
 
 @contextlib.contextmanager
-def progress(what: str, every: float = _EVERY) -> Iterator[Show]:
-    """A bar on standard error, gone at the end; no terminal there gets lines in its place.
+def progress(what: str) -> Iterator[Show]:
+    """Show a bar with the time left on the terminal of standard error, from the third second to the end.
 
     Args:
         what: is under way.
-        every: least time between two lines [s]; 0 for a line at every step.
     """
     console = Console(stderr=True)
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), _Rate())
-    shown = (
-        Progress(*columns, console=console, transient=True)
-        if console.is_terminal
-        else _Lines(every, console)
-    )
-    with shown as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total, what=None: bar.update(
-            task, completed=done, total=total, description=what
-        )
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task, begin = bar.add_task(what, total=None), threading.Timer(_PATIENCE, bar.start)
+    begin.daemon = True
+    begin.start()
 
+    def show(done: int | float, total: int | float, now: str = what) -> None:
+        if now != bar.tasks[0].description:  # the time left is that of this part
+            bar.reset(task, description=now)
+        bar.update(task, completed=done, total=total)
 
-class _Rate(ProgressColumn):
-    """What is done in a second."""
-
-    def render(self, task: Task) -> Text:
-        return Text(
-            "" if task.speed is None else f"{task.speed:.3g}/s", style="progress.data.speed"
-        )
-
-
-class _Lines(Progress):
-    """A line on standard error for what was done, after so many seconds at the least."""
-
-    def __init__(self, every: float, console: Console) -> None:
-        super().__init__(console=console, disable=True)
-        self._every = every
-        self._next = monotonic() + every
-
-    def update(self, task_id: TaskID, **changes: Any) -> None:
-        super().update(task_id, **changes)
-        if monotonic() < self._next:
-            return
-        self._next = monotonic() + self._every
-        task = self.tasks[task_id]
-        count = "" if task.total is None else f", {task.completed:.0f} of {task.total:.0f} done"
-        speed, left = task.speed, task.time_remaining
-        rate = "" if speed is None or left is None else f", {speed:.3g}/s, {left:.0f} s left"
-        print(f"{task.description}{count}{rate}", file=sys.stderr, flush=True)
+    try:
+        yield show
+    finally:
+        begin.cancel()
+        begin.join()
+        bar.stop()
 
 
 # --- files and tables
 
 
 class Output:
-    """The folder of a command's files: checked before the work, its files listed at the end.
+    """The folder of a command's files, checked before the work.
 
     Attributes:
         folder: where they go.
@@ -181,19 +157,26 @@ class Output:
         )
 
     def tell(self, paths: Iterable[Path]) -> None:
-        """Print what was written, and which files of an earlier time it took the place of."""
+        """Print what was written, and which earlier files it replaced."""
         written = list(paths)
         print("written:", ", ".join(map(str, written)))
         if replaced := [path.name for path in written if path in self._there]:
             print(
-                f"note: {', '.join(replaced)} took the place of earlier files; --output gives another "
-                "folder"
+                f"note: replaced earlier files: {', '.join(replaced)}; --output names another folder"
             )
 
 
 def print_json(document: object) -> None:
     """Print one JSON value; what is not finite is an error of the program."""
     print(json.dumps(document, allow_nan=False))
+
+
+def print_lines(rows: Iterable[tuple[str, str]]) -> None:
+    """Print labelled sentences, wrapped to the width of the terminal beside their labels."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for label, text in rows:
+        table.add_row(Text(label, style="bold"), Text(text))
+    Console(highlight=False).print(table)
 
 
 _WIDEST = 250  # characters of a table
@@ -219,7 +202,7 @@ def print_table(
         max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
     ]
     total = sum(widths) + 2 * (len(widths) - 1)
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     for k, (name, width) in enumerate(zip(header, widths, strict=True)):
         # Widths that are given are not measured, twice, cell by cell.
         known = width if total <= _WIDEST else None
@@ -229,8 +212,9 @@ def print_table(
     console = Console(highlight=False)
     # Folded cells are harder to read than long lines.
     console.width = max(console.width, min(total, _WIDEST))
-    console.print()
-    console.print(table if rows else f"{title}: none", markup=False)
+    console.print(f"\n{title}" if rows else f"\n{title}: none", markup=False)
+    if rows:
+        console.print(table)
 
 
 def _cell(value: object) -> str:
@@ -244,7 +228,7 @@ _KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
 
 
 def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Rows in SI in other units, the unit in each key as before.
+    """Rows in SI converted to other units, with the unit in each key.
 
     Args:
         rows: with keys such as `length_m`, `force_N`; what has no unit stays, or one such as `N_per_m`.

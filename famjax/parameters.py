@@ -475,6 +475,11 @@ class Apart(eqx.Module, Generic[_Model]):
     offset: Float[Array, " free"]
     scale: Float[Array, " free"]
 
+    @property
+    def si(self) -> Float[Array, " free"]:
+        """The present values in their declared units, beside `scaled`."""
+        return self.offset + self.scale * self.scaled
+
     def values(self, scaled: Real) -> dict[str, RealArray]:
         """The parameters by name, in their declared units."""
         values = self.offset + self.scale * as_real(scaled)
@@ -484,11 +489,11 @@ class Apart(eqx.Module, Generic[_Model]):
         """The model with these scaled parameters; safe under jit, grad and vmap.
 
         It is for the caller to keep `scaled` between `low` and `high`, or to work in R^n with
-        `unbounded` and `bounded`.
+        `unbounded` and `scaled_from_unbounded`.
         """
         return self.whole.with_parameters(self.values(scaled))
 
-    def bounded(self, z: Real) -> Float[Array, " free"]:
+    def scaled_from_unbounded(self, z: Real) -> Float[Array, " free"]:
         """From R^n to the box, smooth and one to one: scaled parameters strictly within bounds.
 
         A logistic curve between two bounds, softplus above or below one, and z itself where there
@@ -509,7 +514,7 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def unbounded(self) -> Float[Array, " free"]:
-        """The z of the present values: the inverse of `bounded`.
+        """The z of the present values: the inverse of `scaled_from_unbounded`.
 
         Raises:
             ValueError: a present value is not strictly within its bounds.

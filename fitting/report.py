@@ -1,10 +1,11 @@
-"""The report of a fit: pictures, tables of text for terminal and page, and the page.
+"""The report of a fit: a summary, pictures, tables of text for terminal and page, and the page.
 
 Pages are one file each, offline, of one style, on a screen, on a telephone and in print.
 """
 
 import dataclasses
 import functools
+import inspect
 import io
 import json
 import math
@@ -26,7 +27,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
-from famjax.boundary.files import Origin, as_png, write_all
+from famjax.boundary.files import Origin, as_html, as_png, write_all
 from famjax.boundary.sentence import Quantity, in_units
 from famjax.boundary.units import factor, from_si, unit_system
 from famjax.compile_options import as_arrays, quick_jit
@@ -143,9 +144,13 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
         label=f"gauge pressure, {unit_system(system)['pressure']}",
     )
     errors = result.errors
+
+    def force(value: float, digits: int) -> str:
+        return Quantity(value, "force", digits).in_units(system)
+
     figure.suptitle(
-        f"{result.data.specimen.name}: RMSE {errors.rmse:.3g} N ({errors.rmse_percent:.2g} % of "
-        f"{errors.max_force:.5g} N), law: {result.law.name}, constraint: {result.constraint}",
+        f"{result.data.specimen.name}: RMSE {force(errors.rmse, 3)} ({errors.rmse_percent:.2g} % of "
+        f"{force(errors.max_force, 5)}), law: {result.law.name}, constraint: {result.constraint}",
         fontsize=11,
     )
     return figure
@@ -158,7 +163,7 @@ def _shade(result: Identification, system: str) -> Normalize:
 
 
 def _axes(result: Identification, axes: Axes | None) -> Axes:
-    """Those given, or those that pyplot draws on."""
+    """The given axes, or pyplot's current ones."""
     check_identified(result)
     if axes is not None:
         return axes
@@ -216,7 +221,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     axes.plot([], [], color="0.4", lw=1, label="model")
     if data.slack.any():
         slack = 1 - data.length[data.slack] / rest
-        style = {"color": "0.6", "ms": 4, "clip_on": False, "label": "slack (not data)"}
+        style = {"color": "0.6", "ms": 4, "clip_on": False, "label": "slack (not fitted)"}
         axes.plot(slack, np.zeros(slack.size), "x", **style)
     axes.set(xlabel="contraction", ylabel=f"force, {unit_system(system)['force']}", ylim=(0, None))
     axes.legend(frameon=False)
@@ -226,7 +231,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
 def plot_residuals(
     result: Identification, axes: Axes | None = None, system: str = "metric"
 ) -> Axes:
-    """Model less reading against contraction, a colour for each pressure; arguments of `plot_isobars`."""
+    """Residuals against contraction, a colour for each pressure; arguments of `plot_isobars`."""
     axes, rmse = _axes(result, axes), result.errors.rmse / _unit(system, "force")
     for level, style in ((0.0, "-"), (rmse, ":"), (-rmse, ":")):
         axes.axhline(level, color="0.7", lw=0.8, ls=style)
@@ -242,158 +247,279 @@ def plot_law(result: Identification, axes: Axes | None = None, system: str = "me
     axes, nodes = _axes(result, axes), result.node_pressures
     strain, material = np.linspace(0, _BEYOND * result.strain_range, 400), result.muscle.material
     if nodes is None:
-        pressures = np.zeros(1)
-        labels = ["tensile test" if hasattr(material, "uniaxial_stress") else None]
+        pressures, labels = np.zeros(1), [f"{result.law.name} law"]
     else:
         pressures = nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
-        labels = [f"at {pressure / 1e3:.4g} kPa" for pressure in pressures]
+        labels = [f"at {Quantity(pressure, 'pressure').in_units(system)}" for pressure in pressures]
     stresses = np.asarray(quick_jit(law_stress)(as_arrays(material), strain, pressures[:, None]))
     for label, stress in zip(labels, stresses / _unit(system, "stress"), strict=True):
         falls = np.gradient(stress, strain) < 0
         (line,) = axes.plot(strain, np.where(falls, np.nan, stress), label=label)
         axes.plot(strain, np.where(falls, stress, np.nan), color=line.get_color(), ls="--")
-    axes.axvspan(0, result.strain_range, color="0.92", zorder=0, label="strain range used")
+    axes.axvspan(0, result.strain_range, color="#dfeaf2", zorder=0, label="strain range used")
     stress = f"true stress, {unit_system(system)['stress']}"
     axes.set(xlabel="engineering strain", ylabel=stress, xlim=(0, strain[-1]))
-    axes.set_title("bladder law; dashed where falling", fontsize=9)
-    axes.legend(frameon=False, fontsize=8)
+    way = "uniaxial " * hasattr(material, "uniaxial_stress")
+    axes.set_title(f"{way}bladder law; dashed where falling", fontsize=9)
+    axes.legend(framealpha=1, fontsize=8)
     return axes
 
 
 def law_stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
-    """Stress [Pa] of a tensile test, or where the directions do not interact of either of them."""
+    """Stress [Pa] in a tensile test; of a law without interaction, in either direction."""
     tensile = getattr(material, "uniaxial_stress", None)
     if tensile is not None:
         return tensile(strain)[None]
     return material.stresses(strain, strain, pressure)[0] + 0 * pressure
 
 
-_TOLD = 0.9
-"""Correlation from which two parameters are hard to tell apart."""
-
-
 def specimen_table(result: Identification, system: str) -> Table:
-    """What was known of the muscle, and what was measured on it."""
+    """The specimen, and the ranges of the readings."""
     data, units = result.data, unit_system(system)
 
-    def shown(value: float, kind: str) -> str:
-        return f"{from_si(float(value), units[kind], kind):.5g}"
+    def row(name: str, value: Any) -> tuple[str, ...]:
+        if value is None or isinstance(value, bool | str):
+            words: dict[Any, str] = {None: "not given", True: "yes", False: "no"}
+            return name, words.get(value, str(value)), ""
+        return name, f"{from_si(float(value), units['length'], 'length'):.5g}", units["length"]
 
-    rows: list[tuple[str, ...]] = []
-    for name, value in dataclasses.asdict(data.specimen).items():
-        title = name.replace("_", " ")
-        if value is None:
-            rows.append((title, "not given", ""))
-        elif isinstance(value, bool):
-            rows.append((title, "yes" if value else "no", ""))
-        elif isinstance(value, str):
-            rows.append((title, value, ""))
-        else:
-            rows.append((title, shown(value, "length"), units["length"]))
+    rows = [row(k.replace("_", " "), v) for k, v in dataclasses.asdict(data.specimen).items()]
     for name in ("length", "pressure", "force"):
-        low, high = getattr(data, name).min(), getattr(data, name).max()
-        rows.append(
-            (f"{name}s measured", f"{shown(low, name)} to {shown(high, name)}", units[name])
-        )
+        ends = (from_si(f(getattr(data, name)), units[name], name) for f in (np.min, np.max))
+        rows.append((f"{name}s measured", " to ".join(f"{end:.5g}" for end in ends), units[name]))
     rows.append(("readings", f"{data.force.size}, of which {data.loaded.sum()} pull", ""))
     return "Specimen and readings", ("entry", "value", "unit"), rows
 
 
-def correlation_tables(result: Identification) -> list[Table]:
-    """Correlations of the parameters by linear theory, each of two named once; none for one."""
-    names, matrix = correlations(result)
-    if len(names) < 2:
-        return []
-    rows = [
-        (name, *(f"{value:+.2f}" for value in line[:k]), *("" for _ in names[k:-1]))
-        for k, (name, line) in enumerate(zip(names, matrix, strict=True))
-        if k
-    ]
-    strong = int((np.abs(matrix[np.triu_indices(len(names), 1)]) > _TOLD).sum())
-    title = f"Correlations by linear theory ({strong} beyond +-{_TOLD:g})"
-    return [(title, ("", *names[:-1]), rows)]
+_ALONE = 0.98
+"""Correlation beyond which the data tell two parameters only together."""
+_TAKES_PART = {
+    "deadband_pressure": "a deadband", "end_factor": "rounded ends", "end_length": "rounded ends",
+    "braid_compliance": "a compliant braid", "series_compliance": "a compliant rig",
+}  # fmt: skip
 
 
-def verdict(
-    result: Identification,
-    judgement: Judgement | None = None,
-    system: str = "metric",
-    evidence: Evidence | None = None,
-) -> str:
-    """Whether the fit may be trusted, with its errors in sample and on what was left out; then why.
-
-    And what could not be checked, as the specimen's description does not say it.
-    """
-    errors, margin = result.errors, result.certificate.stability_margin
-    judged = judge(result) if judgement is None else judgement
-
-    def force(value: float) -> str:
-        return Quantity(value, "force", 3).in_units(system)
-
-    held_out = [
-        f"{force(value)} on {name}s"
-        for name, value in columns_of((evidence or Evidence()).left_out).items()
-    ]
-    said = (
-        f"{judged.level.capitalize()}. RMSE {force(errors.rmse)} ({errors.rmse_percent:.2g} % of the "
-        f"largest force) in sample{'; held out: ' * bool(held_out)}{', '.join(held_out)}."
-    )
-    reasons = [in_units(one, system) for one in judged.reasons]
-    said = " ".join(filter(None, (said, *reasons[:1], in_units(judged.unchecked, system))))
-    if not result.converged:
-        return f"NOT converged. {said}"
-    if not judged.passed:
-        return said
-    # A margin at rounding level is that of an active constraint.
-    stable = margin >= -1e-9 * float(np.abs(result.coefficients).max())
-    law = "Drucker-stable" if stable else "NOT Drucker-stable"
-    stress = Quantity(margin, "stress", 3).in_units(system)
-    return (
-        f"{said} The law is {law} on the whole actuation path (margin {stress}), and its coefficients "
-        f"are globally optimal for this geometry (KKT residual {result.certificate.kkt_residual:.0e})."
-    )
-
-
-def tables(
-    result: Identification,
-    system: str = "metric",
-    evidence: Evidence | None = None,
-    choice: Choice | None = None,
-) -> list[Table]:
-    """The tables of a fit, as text in the given unit system."""
-    return [
-        *([] if choice is None else [choice_table(choice, system)]),
-        _parameter_table(result, system),
-        _error_table(result, system),
-        *evidence_tables(evidence or Evidence(), result, system),
-        _certificate_table(result, system),
-    ]
-
-
-def notes(
-    result: Identification,
-    evidence: Evidence | None = None,
-    choice: Choice | None = None,
-    judgement: Judgement | None = None,
-    system: str = "metric",
-) -> tuple[str, ...]:
-    """All that a reader must know besides the verdict.
-
-    How the model was chosen, further reasons of the verdict, warnings of the fit, and where
-    validation and uncertainty speak against it.
-    """
-    judged = judge(result) if judgement is None else judgement
-    error = (evidence or Evidence()).error
+def described(part: object) -> str:
+    """The documentation of a class up to its attributes, or its name."""
     found = (
-        *(() if choice is None else (choice.clear, *choice.dropped)),
-        *judged.reasons[1:],
-        *result.warnings,
-        *evidence_warnings(evidence or Evidence(), result),
-        *(() if error is None else (f"Bands of predictions, 95 %, are of {error.covers}.",)),
+        inspect.cleandoc(type(part).__doc__ or "").partition("Attributes:")[0].partition(">>>")[0]
     )
-    return tuple(in_units(one, system) for one in found)
+    own = found and not found.startswith(
+        f"{type(part).__name__}("
+    )  # what a dataclass says by itself
+    return " ".join(found.split()) if own else f"{type(part).__name__}."
+
+
+def in_words(result: Identification) -> str:
+    """The model of a fit in a line: law, geometry, and what else takes part."""
+    geometry, terms = result.muscle.geometry, result.muscle.terms.terms
+    order = f" of order {result.order}" if result.law.name == "polynomial" else ""
+    shape = "a cylindrical braid"
+    if type(geometry).__module__ != "famjax.geometries":
+        shape = described(geometry).partition(":")[0].rstrip(".").lower()
+    plain = {"end_factor": 1.0}
+    parts = [
+        _TAKES_PART[one.name] for one in result.estimates
+        if one.name in _TAKES_PART and one.value > plain.get(one.name, 0.0)
+    ]  # fmt: skip
+    parts += [type(one).__name__ for one in terms if type(one).__module__ != "famjax.terms"]
+    return f"{result.law.name} law{order}, {shape}{' with ' * bool(parts)}{', '.join(parts)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """A fit with its evidence, choice and verdict, as text in a unit system.
+
+    Attributes:
+        result: what `identify` returned, or the chosen one of a choice.
+        evidence: validation and uncertainty.
+        choice: of which the result is the chosen family, where it was chosen.
+        judgement: the verdict; None where the fit alone tells it.
+    """
+
+    result: Identification
+    evidence: Evidence = dataclasses.field(default_factory=Evidence)
+    choice: Choice | None = None
+    judgement: Judgement | None = None
+
+    @functools.cached_property
+    def judged(self) -> Judgement:
+        """The verdict."""
+        if self.judgement is not None:
+            return self.judgement
+        question = "" if self.choice is None else self.choice.open_question
+        return judge(self.result, (), self.evidence.left_out, question)
+
+    def verdict(self, system: str, most: int | None = None) -> str:
+        """Whether the fit may be trusted, with the gravest reasons, and what could not be checked."""
+        told = [f"{self.judged.level.capitalize()}.", *self.judged.reasons[:most]]
+        return " ".join(in_units(one, system) for one in (*told, self.judged.unchecked) if one)
+
+    def summary(self, system: str = "metric") -> list[tuple[str, str]]:
+        """Label and sentence of what a reader must know first."""
+        result, errors = self.result, self.result.errors
+        model = in_words(result)
+        if self.choice is not None:
+            model += f"; chosen from {len(self.choice.tried)} by cross-validation"
+
+        def force(value: float) -> str:
+            return Quantity(value, "force", 3).in_units(system)
+
+        columns = columns_of(self.evidence.left_out)
+        held_out = [f"{force(columns[one])} on {one}s" for one in sorted(columns, reverse=True)]
+        error = f"{force(errors.rmse)} ({errors.rmse_percent:.3g} % of the largest force) in sample"
+        error += "; held out: " * bool(held_out) + ", ".join(held_out)
+        values = [_with_error(one, system) for one in result.all_estimates]
+        return [
+            ("verdict", self.verdict(system, 2)),
+            ("model", f"{model}."),
+            ("RMSE", f"{error}."),
+            ("parameters", f"{'; '.join(values)}."),
+            ("not separable", self._not_separable()),
+        ]
+
+    def _not_separable(self) -> str:
+        """Groups of parameters that the data tell only together."""
+        if not np.isfinite(self.result.certificate.condition):
+            return "the parameters: these data do not determine each of them."
+        names, matrix = correlations(self.result)
+        size, groups = np.abs(np.tril(matrix, -1)), []
+        for pair in np.argwhere(size > _ALONE).tolist():
+            own = [group for group in groups if group & {*pair}]
+            groups = [group for group in groups if group not in own] + [{*pair}.union(*own)]
+        told = [", ".join(names[k] for k in sorted(group)) for group in groups]
+        if not told:
+            return f"none; all correlations are below {_ALONE:g}."
+        return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
+
+    def numbers(self, system: str) -> Table:
+        """Five numbers that one asks first of a muscle, each with its standard error."""
+        result, units = self.result, unit_system(system)
+        data, rest = result.data, result.data.specimen.rest_length
+        levels = np.unique(data.pressures.level[data.loaded])
+        lengths = np.linspace(rest, data.length.min(), 200)
+        curves = result.predict(lengths, levels[:, None])
+
+        rows: list[tuple[str, float, float, float, str]] = []  # name, pressure, value, error, kind
+        rows.append(
+            ("blocked force", levels[-1], curves[-1, 0], self._std(rest, levels[-1]), "force")
+        )
+        ended = [k for k, curve in enumerate(curves) if curve[0] > 0 > curve[-1]]
+        for level, curve in [(levels[k], curves[k]) for k in ended[-1:]]:
+            end = int(np.argmax(curve < 0))
+            slope = (curve[end - 1] - curve[end]) / (lengths[end - 1] - lengths[end])
+            length = lengths[end] - curve[end] / slope
+            std = self._std(length, level) / (slope * rest)
+            rows.append(("free contraction", level, 1 - length / rest, std, "number"))
+        held_out = columns_of(self.evidence.left_out)
+        rows += [
+            ("RMSE, left out", math.nan, value, math.nan, "force")
+            for name, value in sorted(held_out.items()) if name != "end length"
+        ][:1]  # fmt: skip
+        known = [one for one in result.estimates if not one.fixed]
+        elastic = [one for one in known if one.kind == "stress"]
+        known = list(dict.fromkeys((*known[:1], *elastic[:1], *known)))
+        rows += [(one.name, math.nan, one.value, one.stderr, one.kind) for one in known]
+
+        def shown(value: float, kind: str, digits: int) -> str:
+            scaled = from_si(float(value), units[kind], kind)
+            return f"{scaled:.{digits}g}" if math.isfinite(scaled) else ""
+
+        text = [
+            (what, shown(level, "pressure", 3), shown(value, kind, 5), shown(error, kind, 2),
+             units[kind])
+            for what, level, value, error, kind in rows[:5]
+        ]  # fmt: skip
+        title = (
+            f"The muscle in five numbers, with standard errors; pressures in {units['pressure']}."
+        )
+        return title, ("quantity", "pressure", "value", "std. error", "unit"), text
+
+    def _std(self, length: float, pressure: float) -> float:
+        """Standard error [N] of a predicted reading; nan where it is not known."""
+        known = self.choice or self.evidence.error
+        if known is None:
+            return math.nan
+        return float(known.half_band(np.array([length]), np.array([pressure]))[0]) / 1.96
+
+    def next_steps(self, system: str) -> list[str]:
+        """What a reader should do: what each doubt asks for, then the commands that follow."""
+        asked = [in_units(one, system) for one in (*self.judged.reasons, self.judged.unchecked)]
+        if not self.judged.passed:
+            return [*filter(None, asked)]
+        data, units = self.result.data, unit_system(system)
+        L, P = (float(np.median(v[data.loaded])) for v in (data.length, data.pressure))
+        length, pressure = (
+            f"{from_si(v, units[kind], kind):.4g}{units[kind]}"
+            for v, kind in ((L, "length"), (P, "pressure"))
+        )
+        return [
+            *filter(None, asked),
+            f"Predict: famjax predict fit.json --length {length} --pressure {pressure}",
+            "Test further: famjax assess fit.json --validate --profile",
+        ]
+
+    def model(self, system: str) -> list[str]:
+        """What the model is, in sentences: law, geometry, terms, stability, optimum."""
+        result, certificate = self.result, self.result.certificate
+        # A margin at rounding level is that of an active constraint.
+        stable = certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max())
+        margin = Quantity(certificate.stability_margin, "stress", 3).in_units(system)
+        terms = [described(one).partition(". ")[0] for one in result.muscle.terms.terms]
+        rig = "The rig is taken as rigid."
+        if result.series_compliance:
+            rig = "The rig is compliant, see series_compliance."
+        return [
+            f"Bladder law: {described(result.muscle.material)}",
+            f"Geometry: {described(result.muscle.geometry)} {rig}",
+            f"Force terms: {'; '.join(one.rstrip('.') for one in terms)}. No friction.",
+            f"The law is {'' if stable else 'NOT '}Drucker-stable on the actuation path (margin "
+            f"{margin}). Its coefficients are globally optimal for this geometry (KKT residual "
+            f"{certificate.kkt_residual:.0e}).",
+            "The fit describes the quasi-static force within the measured lengths and pressures, and "
+            "nothing outside them. The braid angle is measured from the circumference.",
+        ]
+
+    def tables(self, system: str = "metric") -> list[Table]:
+        """The tables of a fit."""
+        return [
+            *([] if self.choice is None else [choice_table(self.choice, system)]),
+            _parameter_table(self.result, system),
+            _error_table(self.result, system),
+            *evidence_tables(self.evidence, self.result, system),
+            _certificate_table(self.result, system),
+        ]
+
+    def notes(self, system: str = "metric") -> tuple[str, ...]:
+        """What a reader must know besides the summary: choice, further reasons, warnings, bands."""
+        choice, error = self.choice, self.evidence.error
+        found = (
+            *(() if choice is None else (choice.clear, *choice.dropped)),
+            *self.judged.reasons[2:],
+            *(one for one in self.result.warnings if one not in self.judged.reasons),
+            *evidence_warnings(self.evidence, self.result),
+            *(() if error is None else (f"The 95 % bands of predictions are of {error.covers}.",)),
+        )
+        return tuple(in_units(one, system) for one in found)
+
+    def html(self, system: str = "metric") -> str:
+        """Verdict, table and picture for a notebook."""
+        figure = Figure(figsize=(6, 3.6), layout="constrained")
+        plot_isobars(self.result, figure.subplots(), system)
+        return as_html(self.result.data.specimen.name, self.summary(system), figure)
+
+
+def _with_error(one: Estimate, system: str) -> str:
+    """A parameter with its error, to two digits of it: `braid_diameter 27.335 +- 0.087 mm`."""
+    unit = unit_system(system)[one.kind]
+    value, error = (from_si(v, unit, one.kind) for v in (one.value, one.stderr))
+    if one.fixed or one.at_bound or not (math.isfinite(error) and error > 0):
+        return f"{one.name} {_number(value)} {unit}".rstrip() + f" ({_spread(one, error)})"
+    places = 1 - math.floor(math.log10(error))
+    value, error = (f"{round(v, places):.{max(places, 0)}f}" for v in (value, error))
+    return f"{one.name} {value} +- {error} {unit}".rstrip()
 
 
 def _parameter_table(result: Identification, system: str) -> Table:
@@ -429,7 +555,7 @@ def _error_table(result: Identification, system: str) -> Table:
         for name, value in (("RMSE", errors.rmse), ("MAE", errors.mae), ("largest", errors.max))
     ]
     return (
-        f"Errors over {errors.n_points} loaded readings ({errors.n_slack} slack ones are censored)",
+        f"Errors over {errors.n_points} loaded readings; {errors.n_slack} slack readings are censored",
         ("error", unit, f"of {Quantity(errors.max_force, 'force', 5).in_units(system)}"),
         rows,
     )
@@ -456,36 +582,24 @@ def _certificate_table(result: Identification, system: str) -> Table:
 
 
 def html_report(
-    result: Identification,
+    found: Findings,
     system: str = "metric",
-    evidence: Evidence | None = None,
     figure: Figure | None = None,
     origin: Origin | None = None,
-    *,
-    choice: Choice | None = None,
-    judgement: Judgement | None = None,
 ) -> str:
     """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
-    judged = judge(result) if judgement is None else judgement
+    result = found.result
     drawn = plot_fit(result, system) if figure is None else figure
-    content = [
-        specimen_table(result, system),
-        *tables(result, system, evidence, choice),
-        *correlation_tables(result),
-    ]
+    content = [found.numbers(system), *found.tables(system), specimen_table(result, system)]
     return page(
         "report.html",
-        name=result.data.specimen.name,
-        good=judged.passed,
-        verdict=verdict(result, judged, system, evidence),
-        warnings=notes(result, evidence, choice, judged, system),
+        found=found,
+        system=system,
         figure=inline_svg(svg_file(drawn), "fit", "isobars, residuals and the bladder's law"),
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
+        terms={type(one).__name__ for one in result.muscle.terms.terms},
         origin=origin,
-        seed=result.seed,
-        starts=result.certificate.n_starts,
-        data=f"data: {result.data.source}, sha256 {result.data.sha256}",
-        versions=", ".join(f"{name} {version}" for name, version in versions().items()),
+        versions=versions(),
     )
 
 
@@ -504,13 +618,13 @@ def write_fit(
 
     Args:
         result: what `identify` returned.
-        folder: made if it is not there; files of an earlier fit are replaced.
+        folder: created if missing; files of an earlier fit are replaced.
         system: units of picture and report; `fit.json` is in SI.
         evidence: validation and uncertainty, if there are any.
         origin: date and command, which file and report then say.
         choice: of which the result is the chosen family, where it was chosen.
         judgement: the verdict; found from the fit alone unless given.
-        problem: by which the fit can be made anew, for `famjax assess`.
+        problem: by which the fit can be repeated, for `famjax assess`.
 
     Returns:
         The paths written.
@@ -520,16 +634,14 @@ def write_fit(
     """
     check_identified(result)
     folder = check_path("folder", folder)
-    verdict = {"choice": choice, "judgement": judge(result) if judgement is None else judgement}
-    content = json.dumps(
-        {**fit_as_dict(result, evidence, origin, **verdict), "problem": problem},
-        indent=1,
-        allow_nan=False,
-    )
+    found = Findings(result, evidence or Evidence(), choice, judgement)
+    document = fit_as_dict(result, evidence, origin, choice=choice, judgement=found.judged)
     figure = plot_fit(result, system)
     files = {
-        "fit.json": content.encode(),
+        "fit.json": json.dumps(
+            {**document, "problem": problem}, indent=1, allow_nan=False
+        ).encode(),
         "fit.png": as_png(figure),
-        "report.html": html_report(result, system, evidence, figure, origin, **verdict).encode(),
+        "report.html": html_report(found, system, figure, origin).encode(),
     }
     return write_all(folder, files)

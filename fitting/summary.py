@@ -22,7 +22,7 @@ from .parameters import Entry
 from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
-from .result import Certificate, Errors, Estimate, Identification
+from .result import Certificate, Errors, Estimate, Identification, Solved
 from .search import Weights, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
@@ -305,10 +305,10 @@ def summarise(
                     certified and feasible and stationary and math.isfinite(errors.rmse)
                 ),
                 degrees_of_freedom=found.spread.degrees_of_freedom,
+                names=problem.names,
                 covariance=found.spread.matrix,
-                problem=problem,
-                end=found.end,
                 place=k,
+                solved=Solved(problem, found.end),
             )
         )
     return tuple(results)
@@ -413,10 +413,10 @@ def _path_sentence(found: Optimal, place: int, row: int) -> str:
         at = Sentence(" at ", Quantity(part.inputs.path_pressure[path], "pressure"))
     share = float(part.inputs.stations[path, station])
     if problem.constraint == "slope":
-        return Sentence(f"tangent modulus 0 at {share:.1%} of the strain range", at)
+        return Sentence(f"tangent modulus is 0 at {share:.1%} of the strain range", at)
     reported = report_of(part, found.point, place)
     contraction = share * (1 - float(reported.path_end[path] / reported.rest))
-    return Sentence(f"Drucker modulus 0 at contraction {contraction:.4f}", at)
+    return Sentence(f"Drucker modulus is 0 at contraction {contraction:.4f}", at)
 
 
 def _at_node(found: Optimal, place: int) -> str:

@@ -105,7 +105,7 @@ def measure(
     log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
     jobs: Jobs = None,
-    units: Units = "us",
+    units: Units = "metric",
     output: Path = Path("famjax-measure"),
     overlays: int = 12,
     rescaled: bool = False,

@@ -110,7 +110,7 @@ def monitor(
     calibration: Path | None = None,
     baud: int = 115200,
     seconds: float | None = None,
-    units: Units = "us",
+    units: Units = "metric",
 ) -> int:
     """Print live values every second; sends nothing that changes the device.
 
@@ -314,7 +314,7 @@ def run(
     meta: tuple[str, ...] = (),
     start: Literal["asked", "load", "at-once"] | None = None,
     camera: str | None = None,
-    units: Units = "us",
+    units: Units = "metric",
 ) -> int:
     """Carry out a test at constant pressures and record it; the rig vents however this ends.
 

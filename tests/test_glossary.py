@@ -13,7 +13,7 @@ from fitting.evidence import Evidence, SharedErrors, carry, moves_of
 from fitting.families import known_laws
 from fitting.posterior import Posterior, posterior_table
 from fitting.records import BranchPairs, fit_hysteresis, hysteresis_table, leave_out
-from fitting.report import correlation_tables, specimen_table
+from fitting.report import Findings, specimen_table
 
 GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"
 _UNITS = {unit for kind in UNITS.values() for unit in kind}
@@ -79,9 +79,9 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
         shared=carry(found, moves_of(data, errors)),
     )
     tables = [
-        *fitting.report.tables(found, evidence=evidence),
+        *Findings(found, evidence).tables(),
+        Findings(found, evidence).numbers("metric"),
         specimen_table(found, "metric"),
-        *correlation_tables(found),
     ]
     assert len(tables) == 9
     assert not unexplained(labels_of(tables))
@@ -98,7 +98,7 @@ def test_parameters_of_every_law_and_the_table_of_families() -> None:
             "end_factor": fitting.Parameter(), "rest_length": fitting.Parameter(),
             "braid_compliance": fitting.Parameter(),
         })  # fmt: skip
-        assert not unexplained(labels_of(fitting.report.tables(found)[:1]))
+        assert not unexplained(labels_of(Findings(found).tables()[:1]))
     chosen = fitting.choose(data)
     table = fitting.choice.choice_table(chosen, "metric")
     assert not unexplained([*table[1], *(row[-1] for row in table[2])])

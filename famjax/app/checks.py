@@ -84,7 +84,7 @@ class Check:
         if math.isinf(low) and math.isinf(high):
             return "any"
         if math.isinf(high):
-            return f"{low:.4g} or more{self._unit}"
+            return f"{low:.4g}{self._unit} or more"
         return f"{low:.4g} to {high:.4g}{self._unit}"
 
     @property

@@ -50,7 +50,7 @@ def new(folder: Path) -> int:
     Parameters
     ----------
     folder
-        Made if need be; must not have a sheet yet.
+        Folder; created if missing. It must not have a sheet yet.
     """
     from famjax.boundary.errors import InputError
     from famjax.boundary.files import check_output
@@ -75,7 +75,7 @@ def characterise(
     only: tuple[str, ...] = (),
     force: tuple[str, ...] = (),
     jobs: Jobs = None,
-    units: Units = "us",
+    units: Units | None = None,
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
 
@@ -98,9 +98,10 @@ def characterise(
     force
         Steps to carry out again, repeatable.
     jobs
-        Number of processes that measure the pictures; one for each core unless given.
+        Set the number of processes that measure the pictures; default: one for each core.
     units
-        Of tables and pictures: si, metric or us.
+        Choose the units of tables and pictures: si, metric or us; default: those of [units] in the
+        sheet, or metric.
     """
     start_jax()
     from famjax.boundary.files import Origin
@@ -110,13 +111,13 @@ def characterise(
     from .report.page import first_run, report_step
 
     sheet = read_sheet(folder)
-    results = folder / RESULTS
+    results, system = folder / RESULTS, units or sheet.units
     results.mkdir(exist_ok=True)
     origin = first_run(results, Origin.of_this_command())
     steps = evaluation_steps(
-        sheet, executor="auto" if jobs is None else jobs, origin=origin, system=units
+        sheet, executor="auto" if jobs is None else jobs, origin=origin, system=system
     )
-    steps.append(report_step(sheet, steps, origin=origin, system=units))
+    steps.append(report_step(sheet, steps, origin=origin, system=system))
     run_steps(
         steps, results, only=only, force=force,
         tell=lambda text: print(text, file=sys.stderr, flush=True),
@@ -135,7 +136,7 @@ def rig_simulate(
     baud: Literal[115200, 500000] = 115200,
     seed: Seed = 0,
     output: Path = Path("famjax-rig"),
-    units: Units = "us",
+    units: Units = "metric",
     json_: bool = False,
 ) -> int:
     """Carry out the same test against a simulated rig, far faster than real time.
@@ -159,7 +160,7 @@ def rig_simulate(
     seed
         Of all noise; the same seed gives the same files.
     output
-        Folder for the files, made if need be; must not hold a journal.
+        Write the files to this folder; it is created if missing and must not hold a journal.
     units
         Of the picture and the table: si, metric or us.
     json_
@@ -197,7 +198,7 @@ def rig_characterise(
     zero_displacement: str = "0mm",
     specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-rig"),
-    units: Units = "us",
+    units: Units = "metric",
     json_: bool = False,
 ) -> int:
     """Turn a test's journal and the test machine's log into curves, figures and a dataset to fit.
@@ -238,7 +239,7 @@ def rig_characterise(
     specimen
         Describe the muscle for the fit, key_unit=value, repeatable.
     output
-        Folder for the files, made if need be.
+        Write the files to this folder; it is created if missing.
     units
         Of the picture and the table: si, metric or us.
     json_
@@ -335,7 +336,7 @@ def _simulated_muscle(
             add_cwd_to_path()
         saved = load_fit(fit_json, own=own)
         muscle = saved.muscle
-        others = tuple(one.muscle for one in saved.others if isinstance(one.muscle, Muscle))
+        others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
         specimen = saved.document["data"]["specimen"]
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}

@@ -144,7 +144,7 @@ def reproduce(
     from importlib import import_module
 
     benchmark = import_module("reproduce")
-    with progress("reproducing", every=0.0) as show:
+    with progress("reproducing") as show:
         found = benchmark.reproduce(output, show, synthetic=not json_)
     rows = [row.as_dict() for row in found]
     if json_:

@@ -92,6 +92,13 @@ class Fit:
             )
 
 
+@dataclasses.dataclass(frozen=True)
+class Shown:
+    """Units of tables, pictures and report."""
+
+    system: Literal["si", "metric", "us"] = "metric"
+
+
 ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
 """Standard errors by which sources are compared where the sheet states none: of the rest length, of the
 machine's displacement with what its frame gives way, of either load cell."""
@@ -110,6 +117,7 @@ class Sheet:
         photographs: shape, or None.
         fit: how.
         errors: that all readings share.
+        units: system of the report.
     """
 
     folder: Path
@@ -120,6 +128,7 @@ class Sheet:
     photographs: Photographs | None
     fit: Fit
     errors: SharedErrors
+    units: str = "metric"
 
     def path(self, name: str) -> Path:
         """A file of the folder.
@@ -143,7 +152,7 @@ _FORM = Form(
     }
 )
 _TABLES: dict[str, Any] = {
-    "records": Records, "photographs": Photographs, "fit": Fit, "errors": SharedErrors,
+    "records": Records, "photographs": Photographs, "fit": Fit, "errors": SharedErrors, "units": Shown,
 }  # fmt: skip
 
 
@@ -161,8 +170,8 @@ def read_sheet(folder: Path) -> Sheet:
     missing = {"specimen", "records"} - content.keys()
     if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
         raise InputError(
-            f"{path}: a sheet has the tables [specimen], [records], and where there are pictures "
-            f"[photographs], [fit] and [errors]; got {', '.join(content) or 'none'}"
+            f"{path}: a sheet must have the tables [specimen] and [records], and may have "
+            f"[photographs], [fit], [errors] and [units]; got {', '.join(content) or 'none'}"
         )
     tables = {
         name: from_entries(kind, content[name], _FORM, where=f"{path}: [{name}]: ")
@@ -185,6 +194,7 @@ def read_sheet(folder: Path) -> Sheet:
     return Sheet(
         folder, specimen, entries, None if turns is None else float(turns), tables["records"],
         tables.get("photographs"), tables.get("fit", Fit()), tables.get("errors", SharedErrors()),
+        tables.get("units", Shown()).system,
     )  # fmt: skip
 
 

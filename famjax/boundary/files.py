@@ -1,13 +1,15 @@
 """Result files: checked before the work, and complete on disk or absent."""
 
+import base64
 import dataclasses
 import datetime
+import html
 import io
 import os
 import shlex
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,6 +82,19 @@ def as_png(figure: "Figure") -> bytes:
         pil_kwargs={"compress_level": _COMPRESSION},
     )  # fmt: skip
     return picture.getvalue()
+
+
+def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> str:
+    """A title, labelled sentences and a picture, for a notebook."""
+    picture, left = base64.b64encode(as_png(figure)).decode(), "style='text-align:left'"
+    body = "".join(
+        f"<tr><th {left}>{html.escape(label)}</th><td {left}>{html.escape(text)}</td></tr>"
+        for label, text in rows
+    )
+    return (
+        f"<table><caption>{html.escape(title)}</caption>{body}</table>"
+        f'<img alt="force against contraction" src="data:image/png;base64,{picture}">'
+    )
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:

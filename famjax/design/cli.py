@@ -37,7 +37,7 @@ def design(
     vary: tuple[str, ...] = (),
     end_fittings: Annotated[bool, Parameter(negative="--no-end-fittings")] = True,
     output: Path = Path("famjax-design"),
-    units: Units = "us",
+    units: Units = "metric",
     json_: bool = False,
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.

@@ -1,5 +1,6 @@
-"""`famjax fit` and `famjax assess`: a muscle from a force map, and how far it is to be believed."""
+"""`famjax fit` and `famjax assess`: identify a muscle from a force map, and test the result."""
 
+import dataclasses
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -8,7 +9,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
-from rich.console import Console
 
 from famjax.boundary.errors import InputError, meant
 from famjax.console import (
@@ -17,6 +17,7 @@ from famjax.console import (
     Units,
     add_cwd_to_path,
     print_json,
+    print_lines,
     print_table,
     progress,
     whole,
@@ -24,7 +25,6 @@ from famjax.console import (
 
 if TYPE_CHECKING:
     from fitting import ForceData
-    from fitting.evidence import Evidence
 
     from .problem import Problem, Tell
 
@@ -33,14 +33,14 @@ _DATA, _MODEL, _KNOWN, _OUTPUT = (
     for k, name in enumerate(("Data", "Model", "What you know", "Output"), start=1)
 )
 Constraint = Literal["none", "positive", "slope", "drucker"]
-Objective = Literal["sum_of_squares", "mean_rmse", "huber"]
+Objective = Literal["sum_of_squares", "mean_rmse", "huber", "censored"]
 _STANDARD_INPUT = "<stdin>"
 """What the command line puts in the place of `-`."""
 
 
 def _check_replicates(_: Any, value: int) -> None:
     if value < 0 or value == 1:
-        raise ValueError(f"It must be 0, for no replicates, or 2 and more; got {value}")
+        raise ValueError(f"It must be 0 (none) or at least 2; got {value}")
 
 
 Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicates)]
@@ -73,121 +73,127 @@ def load_map(data: str, specimen: Mapping[str, Any]) -> "ForceData":
     return read_csv(data, specimen)
 
 
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Asked:
+    """The options of `famjax fit` that make its problem, as they were typed.
+
+    Parameters
+    ----------
+    law
+        Name the bladder law. If omitted, several laws are tried and the best predictor is kept.
+        Laws: polynomial, ogden (one term), mooney-rivlin, saturating, monotone (rising between
+        knots), neo-hookean, yeoh. `--law my_rubber:Gent` takes a class of your own from a file in
+        the current folder.
+    order
+        Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default 3.
+    constraint
+        Restrict the law. positive: E_n >= 0; slope: the stress rises over the strain range; drucker: the
+        law is stable along the actuation path.
+    free
+        Identify another parameter, repeatable: end_factor or end_length (rounded ends), rest_length,
+        braid_compliance (threads stretch), series_compliance (the rig gives way),
+        series_exponent (by a power of the force).
+    geometry
+        Wrap the cylinder in a geometry of your own: `--geometry my_ends:ConicalEnds`. Its declared
+        numbers are identified. Without --law the law is polynomial.
+    term
+        Add a force term of your own, module:Class, repeatable. Its declared numbers are identified.
+    shape
+        Use the shape from photographs, the `measurements.nc` of `famjax measure`, instead of a
+        cylinder. The turns of the threads are identified; `--bounds turns=1.09` holds them.
+    objective
+        Choose what is minimised. mean_rmse: the mean over pressures of the RMSE, as in the reference work;
+        huber: outliers count little; censored: squares, with slack readings as upper bounds of the
+        force and readings at the load cell's limit as lower bounds.
+    bounds
+        Replace bounds, name_unit=min:max, repeatable: `--bounds braid_diameter_mm=20:23.6`. A single
+        value holds the parameter: `--bounds deadband_pressure_kPa=40`.
+    prior
+        State what you know of a parameter, name_unit=mean+-std, repeatable:
+        `--prior rest_length_mm=296+-0.5`.
+
+    shared_error
+        State a standard error, name_unit=value, repeatable. noise_N is that of a single force
+        reading; priors are weighed against it. All others are calibration errors that all readings share:
+        rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero
+        (with a unit); pressure_reading, force_reading, shortening (relative).
+    """
+
+    law: Annotated[str | None, _MODEL] = None
+    order: Annotated[int | None, _MODEL, Parameter(converter=whole)] = None
+    constraint: Annotated[Constraint, _MODEL] = "drucker"
+    free: Annotated[tuple[str, ...], _MODEL] = ()
+    geometry: Annotated[str | None, _MODEL] = None
+    term: Annotated[tuple[str, ...], _MODEL] = ()
+    shape: Annotated[str | None, _MODEL] = None
+    objective: Annotated[Objective, _MODEL] = "sum_of_squares"
+    bounds: Annotated[tuple[str, ...], _KNOWN] = ()
+    prior: Annotated[tuple[str, ...], _KNOWN] = ()
+    shared_error: Annotated[tuple[str, ...], _KNOWN, Parameter(name="--error")] = ()
+
+    @property
+    def chosen(self) -> bool:
+        """Whether the law is chosen among several."""
+        named = (self.law, self.order, self.geometry, self.shape)
+        given = any(one is not None for one in named) or self.term
+        return not given and self.objective != "censored"
+
+
 def fit(
     data: Annotated[tuple[str, ...], _DATA] = ("DMSP-20-300",),
     *,
     specimen: Annotated[tuple[str, ...], _DATA] = (),
-    censored: Annotated[bool, _DATA] = False,
-    law: Annotated[str | None, _MODEL] = None,
-    order: Annotated[int | None, _MODEL, Parameter(converter=whole)] = None,
-    constraint: Annotated[Constraint, _MODEL] = "drucker",
-    free: Annotated[tuple[str, ...], _MODEL] = (),
-    geometry: Annotated[str | None, _MODEL] = None,
-    term: Annotated[tuple[str, ...], _MODEL] = (),
-    shape: Annotated[Path | None, _MODEL] = None,
-    objective: Annotated[Objective, _MODEL] = "sum_of_squares",
-    bounds: Annotated[tuple[str, ...], _KNOWN] = (),
-    prior: Annotated[tuple[str, ...], _KNOWN] = (),
-    noise_N: Annotated[float | None, _KNOWN, Parameter(name="--noise-N")] = None,
-    shared_error: Annotated[tuple[str, ...], _KNOWN, Parameter(name="--error")] = (),
+    asked: Asked = Asked(),
     output: Annotated[Path, _OUTPUT] = Path("famjax-fit"),
     units: Annotated[Units, _OUTPUT] = "metric",
+    verbose: Annotated[bool, _OUTPUT] = False,
     json_: Annotated[bool, _OUTPUT] = False,
 ) -> int:
     """Identify a muscle from a measured force map.
 
-    Without --law or --order the model is chosen: several are fitted, and judged by what they predict of
-    pressures and lengths that are left out. Where nothing was identified it prints why, still writes
-    the files, and exits with 1.
+    Without --law or --order, several models are fitted and compared by cross-validation: each predicts
+    pressures and lengths that were left out. The best predictor is kept.
 
-    Writes `fit.json` (everything, SI), `fit.png` and `report.html` into the output folder. `famjax
-    assess` says more of how far the fit is to be believed.
+    Writes `fit.json` (all results, SI), `fit.png` and `report.html`. The exit code is 1 if nothing was
+    identified. `famjax assess` tests the fit further.
 
     Parameters
     ----------
     data
-        CSV file with columns such as `pressure_psi,length_in,force_lbf`, or the name of a bundled
-        map (DMSP-20-300, DMSP-10-250), or - for standard input. Lines
-        `# specimen: rest_length_mm = 296` describe the muscle.
+        Read this CSV file, with columns such as `pressure_kPa,length_mm,force_N`; a bundled map
+        (DMSP-20-300, DMSP-10-250); or standard input, -. Lines `# specimen: rest_length_mm = 296`
+        describe the muscle.
     specimen
         Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
-        rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness (with a
-        unit), force_limit_N (of the load cell), embedded (true or false: threads inside the wall), name.
-    censored
-        Use slack readings as upper bounds of the force, and those at the limit of the load cell
-        (`# specimen: force_limit_N = 500`) as lower bounds; the law is the polynomial one unless
-        --law names another.
-    law
-        Bladder law. If omitted, several are tried and the best predictor is kept: polynomial in
-        strain, ogden (one term), mooney-rivlin, saturating, monotone (tangent modulus >= 0 at knots),
-        neo-hookean or yeoh; or module:Class for a law of your own, in a file of the folder that you
-        start from: `--law my_rubber:Gent`.
-    order
-        Order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; 3 of --law polynomial
-        unless given.
-    constraint
-        none; positive: E_n >= 0; slope: stress rises on the strain range; drucker: stable along
-        the actuation path.
-    free
-        Identify these too, besides braid diameter, angle and deadband, repeatable:
-        end_factor or end_length (rounded ends), rest_length, braid_compliance (stretch of all
-        threads), series_compliance (of the rig), with it series_exponent (the rig gives way by a
-        power of the force). `--bounds` and `--prior` do so as well.
-    geometry
-        A geometry of your own around the cylinder, module:Class: `--geometry my_ends:ConicalEnds`. The
-        numbers that it declares are identified, or held by --bounds. The law is the polynomial one
-        unless --law names another.
-    term
-        A force term of your own beside braid and bladder, module:Class, repeatable; as --geometry.
-    shape
-        The muscle's shape as photographs show it, the `measurements.nc` of `famjax measure`, in place
-        of a cylinder; the turns of the threads are identified, or held: `--bounds turns=1.09`. The
-        law is the polynomial one unless --law names another.
-    objective
-        sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work; huber: robust, so
-        that single bad readings count little.
-    bounds
-        Replace bounds, name_unit=min:max, repeatable: `--bounds braid_diameter_mm=20:23.6`.
-        One value holds the parameter: `--bounds deadband_pressure_kPa=40`. Unless given, the geometry
-        is that of a buildable muscle: braid diameter from the bore to 3.6 mm above, braid angle 60 to
-        70 deg to the circumference.
-    prior
-        What is known of a parameter, name_unit=mean+-std, repeatable: `--prior
-        rest_length_mm=296+-0.5`.
-    noise_N
-        Standard deviation of one reading, against which priors are weighed.
-    shared_error
-        A standard error that all readings share, which no scatter shows, name_unit=value, repeatable:
-        `--error wall_thickness_mm=0.05`. It is carried into parameters and bands. Names: rest_length,
-        wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero (with a unit);
-        pressure_reading, force_reading and shortening are parts of the reading: `pressure_reading=0.0025`.
+        rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness,
+        force_limit (of the load cell), embedded (true if the threads run inside the wall), name.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     units
-        Of table, picture and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+        Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+    verbose
+        Print all tables and notes of the report.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object and nothing else.
     """
     fitting = load_fitting()
     from fitting.reading import parse_specimen
 
-    from .problem import Asked, Problem
+    from .problem import Problem
 
     place = Output(output)
     add_cwd_to_path()
     if len(data) != 1:
         raise fitting.InputError(
-            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. Several muscles of one "
-            "series: famjax series; raw ramps of one muscle: famjax ramps"
+            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. For several muscles use "
+            "famjax series, for raw ramps of one muscle famjax ramps"
         )
-    asked = Asked(
-        law=law, order=order, constraint=constraint, free=free, geometry=geometry, term=term,
-        shape=None if shape is None else str(shape.absolute()), bounds=bounds, prior=prior,
-        noise=noise_N, error=shared_error, censored=censored, objective=objective,
-    )  # fmt: skip
+    if asked.shape is not None:
+        asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
     problem = Problem.of(load_map(data[0], parse_specimen(specimen)), asked)
     with _telling("identifying") as tell:
-        return _finish(problem, place, units, tell, as_json=json_)
+        return _finish(problem, place, units, tell, verbose=verbose, as_json=json_)
 
 
 def assess(
@@ -204,46 +210,44 @@ def assess(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Test a fit on readings left out, and find how far each parameter is known.
+    """Test a fit on held-out readings, and find how well each parameter is known.
 
-    The fit is made anew from the readings and options in its file, which takes as long as it did, and
-    the files are written again with what was asked for here; of an earlier assessment nothing stays.
+    Repeats the fit from the readings and options in its file, then writes the files again with the
+    results of the tests. It prints all tables and notes.
 
     Parameters
     ----------
     fit_json
-        A `fit.json` of `famjax fit`.
+        Read this `fit.json` of `famjax fit`.
     validate
-        Leave out each pressure and each length, and predict it; a model that was chosen is chosen anew
-        without it.
+        Leave out each pressure and each length in turn, and predict it. If the model was chosen, it is
+        chosen again each time.
     profile
-        Hold each parameter beside its optimum: which are identified, and how far.
+        Compute profile likelihoods: how far the readings let each parameter go.
     bootstrap
-        Number of bootstrap replicates for standard errors and prediction bands.
+        Set the number of bootstrap replicates, for standard errors and prediction bands.
     posterior
-        Draw from the posterior (NUTS), within bounds and priors and with --noise-N of the fit for the
-        noise of a reading.
+        Draw from the posterior (NUTS), within bounds and priors. `--error noise_N` of the fit
+        sets the noise.
     hysteresis
-        Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, about the fit, and predict
-        those left out.
+        Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, and predict records left out.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     jobs
-        Number of processes that choose the model anew (--validate).
+        Set the number of processes for --validate.
     output
-        Folder for the files; that of the fit unless given.
+        Write the files to this folder; default: that of the fit.
     units
-        Of table, picture and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+        Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object and nothing else.
     """
     fitting = load_fitting()
     from .problem import Problem
 
     if not (validate or profile or bootstrap or posterior or hysteresis):
         raise fitting.InputError(
-            "say what to assess: --validate, --profile, --bootstrap, --posterior or --hysteresis"
+            "name a test: --validate, --profile, --bootstrap, --posterior or --hysteresis"
         )
     if posterior:
         fitting.posterior.load_blackjax()
@@ -254,8 +258,9 @@ def assess(
     problem = Problem.read(fitting.load_fit(fit_json, own=own).document, own)
     with _telling("identifying") as tell:
         return _finish(
-            problem, place, units, tell, as_json=json_, pairs=pairs, validation=validate,
-            profiles=profile, replicates=bootstrap, posterior=posterior, executor=jobs,
+            problem, place, units, tell, verbose=True, as_json=json_, pairs=pairs,
+            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior,
+            executor=jobs,
         )  # fmt: skip
 
 
@@ -271,13 +276,12 @@ def _finish(
     units: Units,
     tell: "Tell",
     *,
+    verbose: bool,
     as_json: bool,
     pairs: Any = None,
     **wanted: Any,
 ) -> int:
-    """Solve a problem, find the evidence that is wanted, write the files and print what was found."""
-    import dataclasses
-
+    """Solve a problem, find the evidence that is wanted, write the files and print the result."""
     from famjax.boundary.files import Origin
     from fitting import report, saved
     from fitting.records import fit_hysteresis, leave_out
@@ -285,26 +289,29 @@ def _finish(
     from .problem import judged
 
     result, choice = problem.solve(tell)
-    evidence: Evidence = problem.evidence(result, choice, tell, **wanted)
+    evidence = problem.evidence(result, choice, tell, **wanted)
     judgement = judged(result, choice, evidence, tell)
     if pairs is not None:
         evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
+    found = report.Findings(result, evidence, choice, judgement)
     paths = report.write_fit(
         result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
         judgement=judgement, problem=problem.as_dict(),
     )  # fmt: skip
+    code = 0 if judgement.passed else 1
     if as_json:
         print_json(
             saved.summary_as_dict(result, units, evidence, choice=choice, judgement=judgement)
         )
-        return 0 if judgement.passed else 1
+        return code
+    notes = found.notes(units)
     print(f"{result.data.specimen.name}  ({result.data.source})")
-    for title, header, rows in report.tables(result, units, evidence, choice):
-        print_table(title, header, rows)
-    console = Console(highlight=False)
-    console.print()
-    for warning in report.notes(result, evidence, choice, judgement, units):
-        console.print(f"note: {warning}", markup=False)
-    console.print(report.verdict(result, judgement, units, evidence), style="bold", markup=False)
+    if verbose:
+        for title, header, rows in found.tables(units):
+            print_table(title, header, rows)
+        print("\n".join(("", *(f"note: {one}" for one in notes))))
+    print_lines(found.summary(units))
     place.tell(paths)
-    return 0 if judgement.passed else 1
+    if notes and not verbose:
+        print(f"{len(notes)} notes and all tables: --verbose, or report.html")
+    return code

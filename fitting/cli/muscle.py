@@ -21,9 +21,9 @@ from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_r
 from .fit import load_fitting
 
 if TYPE_CHECKING:
-    from famjax.continuation import Region, SafeMuscle
+    from famjax.continuation import SafeMuscle
     from famjax.export import Subject
-    from fitting.saved import SavedFit
+    from fitting import Identification
 
 Target = Literal["c", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
@@ -39,7 +39,7 @@ def schema_of(path: Path) -> str:
 
 
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
-    """Say on standard error that nothing was identified, where that is so."""
+    """Warn on standard error if nothing was identified."""
     from famjax.cards import unidentified
 
     doubt = unidentified(str(name), verdict, reasons)
@@ -66,157 +66,142 @@ def predict(
     Parameters
     ----------
     muscle
-        A `fit.json` that `famjax fit` has written, a card of `famjax card`, or a bundled muscle, DMSP-10
-        or DMSP-20. A card and a bundled muscle answer lengths with pressures and --onset, without
-        error bands.
+        Read this `fit.json` of `famjax fit`, this card of `famjax card`, or a bundled muscle (DMSP-10,
+        DMSP-20). Cards and bundled muscles have no error bands.
     length
-        Active lengths with their unit, repeatable or separated by commas: `--length 270mm,250mm`.
+        Predict at these active lengths, with units, repeatable or separated by commas:
+        `--length 270mm,250mm`.
     pressure
-        Gauge pressures with their unit: `--pressure 500kPa`.
+        Predict at these gauge pressures, with units: `--pressure 500kPa`.
     force
-        Forces with their unit, in the place of pressures: at which pressure the muscle pulls with
-        them, up to the highest measured: `--force 200N`.
+        Find the pressure at which the muscle pulls with these forces, up to the highest measured
+        pressure: `--force 200N`.
     onset
-        Also the pressure at which the force leaves zero at each length.
+        Find the pressure at which the force leaves zero at each length.
     rest_length
-        Of another muscle of the same series, its braid, bladder and end-fittings the same:
-        `--rest-length 200mm`. From a fit of `famjax series` with an error band that knows how
-        specimens differ; from a model that famjax fit chose, the mean of all accounts that its map
-        cannot refute, with a wide one.
+        Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
+        `famjax series` knows how specimens differ; a fit of one muscle gives a wide error band.
     length_std
-        Standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
+        State the standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     history
-        CSV file of lengths and pressures in the order in which they come, such as
-        `time_s,length_mm,pressure_kPa`: the force on either branch, of a fit assessed with --hysteresis.
+        Predict the force on either branch along a CSV file of lengths and pressures in time, such as
+        `time_s,length_mm,pressure_kPa`. The fit needs `famjax assess --hysteresis`.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     units
-        Of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf). The table has the units of the
-        question unless given, and JSON has SI.
+        Choose the units of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf); default: those of
+        the question in tables, SI in JSON.
     json_
-        Print one JSON list to standard output and nothing else there.
+        Print one JSON list and nothing else.
     """
     fitting = load_fitting()
     import numpy as np
 
     if own:
         add_cwd_to_path()
-    if history is None and _is_card(muscle):
-        others = {"--force": force, "--rest-length": rest_length, "--length-std": length_std}
-        return _predict_by_card(
-            muscle, length, pressure, units, others, onset=onset, as_json=json_, own=own
-        )
-    saved = fitting.load_fit(muscle, own=own)
-    warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
-    if history is not None:
-        return _print_history(
-            saved, history, units, as_json=json_,
-            others={"length": length, "pressure": pressure, "onset": onset,
-                    "rest-length": rest_length, "length-std": length_std},
-        )  # fmt: skip
-    lengths = np.array(parse_quantities(length, "length"))
-    if force:
-        if pressure or onset or rest_length is not None or length_std is not None:
-            raise InputError(
-                "--force asks for a pressure, and takes --length alone beside it: leave out --pressure, "
-                "--onset, --rest-length and --length-std"
-            )
-        rows = fitting.prediction.pressures_for(
-            saved, lengths, np.array(parse_quantities(force, "force"))
-        )
+    said = {"--length": length, "--pressure": pressure, "--force": force, "--onset": onset,
+            "--rest-length": rest_length, "--length-std": length_std, "--history": history}  # fmt: skip
+    given = [name for name, value in said.items() if value]
+    L, P, F = (
+        np.array(parse_quantities(typed, kind))
+        for typed, kind in ((length, "length"), (pressure, "pressure"), (force, "force"))
+    )
+    typed, heading, notes = [*length[:1], *pressure[:1]], "", []
+    if _is_card(muscle):
+        _only(given, ("--length", "--pressure", "--onset"), "{} needs a fit: give the fit.json of famjax "
+              "fit. For a card or a bundled muscle use famjax.control.pressure_for_force for forces and "
+              "famjax export --length to cut it")  # fmt: skip
+        rows, heading = _by_card(muscle, L, P, own, onset=onset)
+        notes.append("rows that are not inside are continued beyond the region of the card's model")
     else:
-        rows = fitting.predict(
-            saved,
-            lengths,
-            np.array(parse_quantities(pressure, "pressure")),
-            onset=onset,
-            rest_length=None if rest_length is None else parse_quantity(rest_length, "length"),
-            length_std=0.0 if length_std is None else parse_quantity(length_std, "length"),
-        )
-    asked = {**_answer_units(units, length, pressure)}
-    if force and units is None:
-        asked["force"] = quantity_unit(force[0])
+        saved = fitting.load_fit(muscle, own=own)
+        warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
+        if history is not None:
+            _only(
+                given, ("--history",), "--history gives lengths and pressures itself: leave out {}"
+            )
+            rows, typed, notes = _along(saved, history, units or "metric")
+        elif force:
+            _only(
+                given,
+                ("--length", "--force"),
+                "--force asks for a pressure at --length: leave out {}",
+            )
+            rows, typed = fitting.prediction.pressures_for(saved, L, F), [*length[:1], "", force[0]]
+        else:
+            rest = None if rest_length is None else parse_quantity(rest_length, "length")
+            std = 0.0 if length_std is None else parse_quantity(length_std, "length")
+            rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest, length_std=std)
+            notes = _notes(saved, other=rest is not None, forces=bool(pressure))
+    asked = _answer_units(units, *typed)
     if json_:
         print_json(rows if units is None else in_units(rows, asked))
         return 0
     shown = in_units(rows, asked)
-    for title, chosen in ({"Pressure": shown} if force else _force_and_onset(shown)).items():
-        _print_answers(title, chosen, units)
-    if not force:
-        _print_notes(saved, other=rest_length is not None, forces=bool(pressure))
+    tables = {
+        "Force": [row for row in shown if "slack" in row and not force],
+        "Pressure": [row for row in shown if force],
+        "Onset": [row for row in shown if "slack" not in row and not force],
+    }
+    for title, chosen in tables.items():
+        if chosen:
+            _print_answers(f"{title}{heading}{' along the history' * bool(history)}", chosen, units)
+    for note in notes:
+        print(f"note: {note}")
     return 0
 
 
-def _print_notes(saved: "SavedFit", *, other: bool, forces: bool) -> None:
+def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
+    """Refuse options that do not go with the others."""
+    if others := [name for name in given if name not in fit]:
+        raise InputError(message.format(", ".join(others)))
+
+
+def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
     """What a reader must know of the answers: of another rest length, with forces among them."""
-    if saved.document.get("series_compliance_m_per_N"):
-        print("note: force is what the rig of the fit measures, which gives way; muscle force "
-              "that of the muscle alone")  # fmt: skip
-    if other and saved.other_lengths:
-        names = [one["family"] for one in saved.document["other_lengths"]["members"]]
-        print("note: another rest length is predicted from one specimen, by the mean of all families "
-              f"that its map cannot refute ({'; '.join(names)}); the 95 % band holds what they "
-              "disagree by, and how specimens differ (famjax series knows more)")  # fmt: skip
-    elif other and "series" not in saved.document:
-        print("note: another rest length is predicted from one specimen, so there is no error band: "
-              "it does not tell how specimens differ, nor a rig that gives way from a braid that "
-              "does (famjax series does)")  # fmt: skip
-    elif not other and "series" in saved.document:
-        one = saved.document["data"]["specimen"]
-        print(f"note: of {one['name']}, the first specimen of the series, with its rest length of "
-              f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another")  # fmt: skip
-    elif forces and saved.error is not None and not other:
-        print(f"note: the 95 % bands are of {saved.error.covers}")
-    elif forces and not (saved.document.get("spread") or {}).get("directions"):
-        print("note: no error band, as the fit has no standard errors")
+    document, notes = saved.document, []
+    if document.get("series_compliance_m_per_N"):
+        notes.append("force is what the compliant rig measures; muscle force is the muscle's alone")
+    if other and saved.outlook.other_lengths:
+        names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
+        notes.append(
+            f"another rest length is predicted from one specimen, by the mean of all models that its map "
+            f"cannot reject ({names}). The 95 % band holds their disagreement and how specimens differ; "
+            "famjax series knows more"
+        )
+    elif other and "series" not in document:
+        notes.append(
+            "another rest length is predicted from one specimen, so there is no error band. Use famjax "
+            "series to learn how specimens differ"
+        )
+    elif not other and "series" in document:
+        one = document["data"]["specimen"]
+        notes.append(
+            f"this is {one['name']}, the first specimen of the series, of rest length "
+            f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another"
+        )
+    elif forces and saved.outlook.error is not None and not other:
+        notes.append(f"the 95 % bands are of {saved.outlook.error.covers}")
+    elif forces and not (document.get("spread") or {}).get("directions"):
+        notes.append("there is no error band, as the fit has no standard errors")
+    return notes
 
 
-def _print_history(
-    saved: "SavedFit",
-    path: Path,
-    units: str | None,
-    *,
-    as_json: bool,
-    others: Mapping[str, object],
-) -> int:
-    """Predict the force along the history in a CSV file, as a table or as JSON.
-
-    Args:
-        saved: of a fit with hysteresis.
-        path: of the file.
-        units: of the answer; those of the file unless given, and SI of JSON.
-        as_json: a JSON list instead of the table.
-        others: options that a history leaves no room for, by name.
-
-    Raises:
-        InputError: another option is given, or what `read_history` and `predict_history` refuse.
-    """
+def _along(
+    saved: "Identification", path: Path, system: str
+) -> tuple[list[dict[str, Any]], list[str], list[str]]:
+    """Rows along the history in a CSV file, quantities in its units, and notes."""
     from fitting.prediction import hysteresis_error, predict_history
     from fitting.records import read_history
 
-    given = [f"--{name}" for name, value in others.items() if value]
-    if given:
-        raise InputError(
-            f"--history gives lengths and pressures itself: leave out {', '.join(given)}"
-        )
-    moves = read_history(path)
+    moves, notes = read_history(path), []
     rows = predict_history(saved, moves)
-    asked = _answer_units(units, *([f"1{moves.units[kind]}"] for kind in ("length", "pressure")))
-    if as_json:
-        print_json(rows if units is None else in_units(rows, asked))
-        return 0
-    _print_answers("Force along the history", in_units(rows, asked), units)
     if any(row["force_std_N"] is not None for row in rows):
-        note = sentence.Sentence(
-            "note: the 95 % band holds the error of the static map and that of the hysteresis, ",
-            sentence.Quantity(hysteresis_error(saved), "force", 2),
-            " RMS on what was left out"
-            if saved.document["hysteresis"]["left_out"]
-            else " RMS in sample",
-        )
-        print(sentence.in_units(note, units or "metric"))
-    return 0
+        error = sentence.Quantity(hysteresis_error(saved), "force", 2).in_units(system)
+        held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
+        notes = [f"the 95 % band holds the error of the static map and the {held_out} error of the "
+                 f"hysteresis, {error} RMS"]  # fmt: skip
+    return rows, [f"1{moves.units[kind]}" for kind in ("length", "pressure")], notes
 
 
 def _is_card(muscle: str) -> bool:
@@ -229,135 +214,89 @@ def _is_card(muscle: str) -> bool:
     return schema_of(path).startswith("famjax-card/")
 
 
-def _predict_by_card(
-    muscle: str,
-    length: Sequence[str],
-    pressure: Sequence[str],
-    units: str | None,
-    others: Mapping[str, object],
-    *,
-    onset: bool,
-    as_json: bool,
-    own: Sequence[str],
-) -> int:
-    """Print the force of a card's safe muscle, and where it is not the model's own.
+def _by_card(
+    muscle: str, lengths: Any, pressures: Any, own: Sequence[str], *, onset: bool
+) -> tuple[list[dict[str, Any]], str]:
+    """Rows of a card's safe muscle, and whose they are.
 
     Args:
         muscle: a file, or a bundled muscle's name.
-        length: as typed.
-        pressure: as typed.
-        units: of the answer; those of the question unless given.
-        others: options that a card does not answer, by name.
-        onset: also answer it.
-        as_json: instead of tables.
+        lengths: [m], shape (l,).
+        pressures: [Pa], shape (p,).
         own: modules that are trusted.
+        onset: also answer it.
     """
     import numpy as np
 
     from famjax.cards import read_card
     from famjax.muscles import bundled_card
 
-    asked = [name for name, value in others.items() if value]
-    if asked:
-        raise InputError(
-            f"{', '.join(asked)} needs a fit: give the fit.json of famjax fit. Of a card or a bundled "
-            "muscle famjax.control.pressure_for_force answers forces, and famjax export --length cuts it"
-        )
-    if not length or not (pressure or onset):
+    if not lengths.size or not (pressures.size or onset):
         raise InputError("give --length, and --pressure or --onset, with their units")
     card = read_card(muscle, own=own) if Path(muscle).exists() else bundled_card(muscle)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
-    safe = card.safe()
-    L, P = (
-        np.array(parse_quantities(length, "length")),
-        np.array(parse_quantities(pressure, "pressure")),
+    safe, rows = card.safe(), []
+    pull, model = (
+        np.asarray(ask(lengths[:, None], pressures)) for ask in (safe.force, safe.model_force)
     )
-    rows: list[dict[str, Any]] = []
-    if P.size:
-        force, model = (np.asarray(ask(L[:, None], P)) for ask in (safe.force, safe.model_force))
-        for i, j in np.ndindex(L.size, P.size):
-            row = {"length_m": float(L[i]), "pressure_Pa": float(P[j]), "force_N": float(force[i, j]),
-                   "model_force_N": float(model[i, j]), "slack": bool(force[i, j] <= 0)}  # fmt: skip
-            impossible = _impossible(safe, float(L[i]))
-            if impossible is not None:
-                row |= {"force_N": None, "model_force_N": None, "slack": None}
-            rows.append(row | _inside(impossible or _beyond(safe.region, float(L[i]), float(P[j]))))
-    if onset:
-        highest = float(safe.region.pressure[1])
-        begins = np.asarray(safe.onset_pressure(L, highest, throw=False))
-        for one, at in zip(L, begins, strict=True):
-            impossible = _impossible(safe, one)
-            none = impossible is not None or np.isnan(at)
-            rows.append(
-                {"length_m": float(one), "onset_pressure_Pa": None if none else float(at)}
-                | _inside(impossible or _beyond(safe.region, one, at))
-            )
-    asked_units = _answer_units(units, length, pressure)
-    if as_json:
-        print_json(rows if units is None else in_units(rows, asked_units))
-        return 0
-    for title, chosen in _force_and_onset(in_units(rows, asked_units)).items():
-        _print_answers(f"{title} of {card.name}", chosen, units)
-    print("note: of a card; rows that are not inside are continued beyond the model's own region")
-    return 0
+    for i, j in np.ndindex(pull.shape):
+        row = {"length_m": float(lengths[i]), "pressure_Pa": float(pressures[j])}
+        answer = {"force_N": float(pull[i, j]), "model_force_N": float(model[i, j]),
+                  "slack": bool(pull[i, j] <= 0)}  # fmt: skip
+        why, possible = _outside(safe, *row.values())
+        row |= answer if possible else dict.fromkeys(answer)
+        rows.append(row | {"inside": why is None, "outside": why})
+    highest = float(safe.region.pressure[1])
+    begins = np.asarray(safe.onset_pressure(lengths, highest, throw=False)) if onset else []
+    for one, at in zip(lengths.tolist(), np.array(begins).tolist(), strict=onset):
+        why, possible = _outside(safe, one, at)
+        known = at if possible and not np.isnan(at) else None
+        row = {"length_m": one, "onset_pressure_Pa": known, "inside": why is None, "outside": why}
+        rows.append(row)
+    return rows, f" of {card.name}"
 
 
-def _impossible(safe: "SafeMuscle", length: float) -> sentence.Sentence | None:
-    """Why no muscle has that length, or None."""
-    lock, straight = (float(end) for end in safe.continued.stops)
-    if length < lock:
-        end = sentence.Quantity(lock, "length")
-        return sentence.Sentence("the length is below the braid's lock, ", end)
-    if length > straight:
-        end = sentence.Quantity(straight, "length")
-        return sentence.Sentence("the length is beyond the thread's, ", end)
-    return None
-
-
-def _beyond(region: "Region", length: float, pressure: float) -> sentence.Sentence | None:
-    """Why a state is not the model's own, or None."""
+def _outside(
+    safe: "SafeMuscle", length: float, pressure: float
+) -> tuple[sentence.Sentence | None, bool]:
+    """Why a state is not the model's own, or None; and whether a muscle can have that length."""
+    lock, straight = map(float, safe.continued.stops)
+    for beyond, text, end in (
+        (length < lock, "the length is below the braid's lock, ", lock),
+        (length > straight, "the length is beyond the thread's, ", straight),
+    ):
+        if beyond:
+            return sentence.Sentence(text, sentence.Quantity(end, "length")), False
     for value, kind in ((length, "length"), (pressure, "pressure")):
-        low, high = (float(end) for end in getattr(region, kind))
+        low, high = (float(end) for end in getattr(safe.region, kind))
         if not low <= value <= high:
             ends = sentence.Quantity(low, kind), " to ", sentence.Quantity(high, kind)
-            return sentence.Sentence(f"the {kind} is beyond the model's own region, ", *ends)
-    return None
-
-
-def _inside(why: sentence.Sentence | None) -> dict[str, Any]:
-    return {"inside": why is None, "outside": why}
+            return sentence.Sentence(f"the {kind} is beyond the model's own region, ", *ends), True
+    return None, True
 
 
 def _answer_units(
-    system: str | None, lengths: Sequence[str], pressures: Sequence[str]
+    system: str | None, length: str, pressure: str = "", force: str = ""
 ) -> Mapping[str, str]:
     """Unit of each kind of quantity in the answer.
 
     Args:
         system: "si", "metric" or "us"; None for the units of the question.
-        lengths: as they were typed, such as "270mm,250mm".
-        pressures: the same.
+        length: as it was typed, such as "270mm,250mm"; the others likewise.
+        pressure: "" where there is none.
+        force: "" where there is none.
 
-    >>> _answer_units(None, ["10in"], ["5 bar"])
+    >>> _answer_units(None, "10in", "5 bar")
     {'length': 'in', 'pressure': 'bar', 'force': 'N'}
-    >>> _answer_units(None, ["10in"], ["50psi"])["force"]
+    >>> _answer_units(None, "10in", "50psi")["force"]
     'lbf'
     """
     if system is not None:
         return unit_system(system)
-    length = quantity_unit(lengths[0])
-    pressure = quantity_unit(pressures[0]) if pressures else "psi" if length == "in" else "kPa"
-    force = "lbf" if {length, pressure} <= _US else "N"
-    return {"length": length, "pressure": pressure, "force": force}
-
-
-def _force_and_onset(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """The tables of a prediction by their titles: forces, and onset pressures; none is empty."""
-    tables = {
-        "Force": [row for row in rows if "slack" in row],
-        "Onset": [row for row in rows if "slack" not in row],
-    }
-    return {title: chosen for title, chosen in tables.items() if chosen}
+    of_length = quantity_unit(length)
+    of_pressure = quantity_unit(pressure) or ("psi" if of_length == "in" else "kPa")
+    usual = "lbf" if {of_length, of_pressure} <= _US else "N"
+    return {"length": of_length, "pressure": of_pressure, "force": quantity_unit(force) or usual}
 
 
 def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:
@@ -366,8 +305,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | 
     hidden = ("outside",) if slack else ("outside", "model_force_")
     print_rows(title, [{k: v for k, v in row.items() if not k.startswith(hidden)} for row in rows])
     if slack:
-        print("note: where the muscle is slack it pulls nothing; model force is what the model says "
-              "there, not clipped")  # fmt: skip
+        print("note: a slack muscle pulls nothing; model force is the model's own value there")
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
@@ -383,27 +321,26 @@ def card(
     own: tuple[str, ...] = (),
     json_: bool = False,
 ) -> int:
-    """Write the muscle card of a fit: what a simulator, a controller or a colleague needs of it.
+    """Write the muscle card of a fit: one file for a simulator, a controller or a colleague.
 
-    A card holds the muscle, the lengths and pressures of the data, the volume of the fluid, the
-    errors, a sample of muscles, the hysteresis where it was fitted, and where all of it comes from.
-    `famjax.cards.read_card` reads it; its `safe()` may be taken beyond the data.
+    A card holds the muscle, the range of the data, the fluid volume, the errors, a sample of muscles, the
+    hysteresis if it was fitted, and the origin of all of it. `famjax.cards.read_card` reads it; the
+    muscle of its `safe()` can be used beyond the data.
 
     Parameters
     ----------
     fit_json
-        A `fit.json` that `famjax fit` has written.
+        Read this `fit.json` of `famjax fit`.
     output
-        The card's file; `card.json` beside the fit unless given.
+        Write this file; default: `card.json` beside the fit.
     name
-        Of the muscle; the specimen's unless given.
+        Name the muscle; default: the name of the specimen.
     sample
-        Number of muscles drawn from the fit's errors, 0 for none.
+        Draw this number of muscles from the fit's errors; 0 for none.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     json_
-        Print the card to standard output too, and nothing else there.
+        Print the card as JSON and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin
@@ -423,7 +360,9 @@ def card(
     for note in found.safe().notes:
         print(f"note: {note}")
     if found.draws is None:
-        print("note: no sample of muscles, as the fit has no standard errors or none was wanted")
+        print(
+            "note: the card has no sample of muscles: the fit has no standard errors, or --sample is 0"
+        )
     print(f"written: {path}")
     return 0
 
@@ -436,10 +375,9 @@ def export(
     length: str | None = None,
     own: tuple[str, ...] = (),
 ) -> int:
-    """Write a muscle as C, tables, MATLAB functions, or for a simulator.
+    """Write a muscle as C, tables, MATLAB or Python functions, or for a simulator.
 
-    Each file's head says what muscle it is of, and its largest difference from the model, measured
-    when it is written. Targets:
+    The head of each file names its muscle and its largest difference from the model. Targets:
 
     c: C99 of force, stiffness and inverse pressure, for a microcontroller; double or float.
 
@@ -447,25 +385,27 @@ def export(
 
     matlab: functions for MATLAB, Octave and Simulink's MATLAB Function block.
 
+    python: functions that need NumPy alone.
+
     mujoco: XML of a load that hangs on the muscle, and the actuator's callback.
 
-    mjx: the model itself inside MJX's step, to be differentiated; runs with famjax.
+    mjx: the model inside MJX's step, differentiable; runs with famjax.
 
-    jax: the model itself with its derivative as StableHLO; runs with JAX, without famjax.
+    jax: the model with its derivative as StableHLO; runs with JAX, without famjax.
 
     Parameters
     ----------
     muscle
-        A card of `famjax card`, a `fit.json` of `famjax fit`, or a bundled muscle, DMSP-10 or DMSP-20.
+        Read this card of `famjax card`, this `fit.json` of `famjax fit`, or a bundled muscle (DMSP-10,
+        DMSP-20).
     to
-        A target; can be given several times.
+        Choose a target, repeatable.
     output
-        Folder of the files.
+        Write the files to this folder; it is created if missing.
     length
-        Rest length to which the muscle is cut, with its unit, such as 300mm.
+        Cut the muscle to this rest length, with its unit, such as 300mm.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     """
     load_fitting()
     from famjax.export import export as export_to

@@ -34,6 +34,8 @@ from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
 from fitting.verdict import Judgement, judge
 
+from .fit import Asked
+
 Tell = Callable[[str, int, int], None]
 """Called with what is under way, what is done of it, and what there is to do."""
 Kinds = Mapping[str, str]
@@ -56,16 +58,16 @@ def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, 
     """Name, unit and kind of a key such as `braid_diameter_mm`, or `end_factor` without a unit."""
     if kinds.get(key) == "number":
         return key, "", "number"
-    # The longest name that is known: a unit may hold an underscore no more than a name may end so.
-    names = [name for name in kinds if key.startswith(f"{name}_")]
-    name = max(names, key=len, default=key.rpartition("_")[0])
-    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
     if key in kinds:
         known = list(UNITS[kinds[key]])
         raise InputError(
             f"{what} {entry!r}: {key} needs a unit, one of {', '.join(known)}, as in "
             f"{key}_{known[-1]}=..."
         )
+    # The longest name that is known: a unit may hold an underscore no more than a name may end so.
+    names = [name for name in kinds if key.startswith(f"{name}_")]
+    name = max(names, key=len, default=key.rpartition("_")[0])
+    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
     if kind is None:
         listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in kinds.items())
         raise InputError(f"{what} {entry!r}: unknown parameter; known, with any unit: {listed}")
@@ -73,24 +75,16 @@ def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, 
 
 
 def _parsed(
-    entries: Iterable[str], what: str, form: str, split: str, kinds: Kinds | None
+    entries: Iterable[str], what: str, form: str, kinds: Kinds | None, split: str
 ) -> dict[str, tuple[list[float], str, str]]:
-    """Numbers of entries such as `name_unit=1:2` by name, with unit and kind.
-
-    Args:
-        entries: as they were typed.
-        what: they are, in messages.
-        form: that they must have, with an example.
-        split: between the two numbers.
-        kinds: of all parameters.
-    """
+    """Numbers of entries such as `name_unit=1:2` by name, with unit and kind."""
     found: dict[str, tuple[list[float], str, str]] = {}
     known = parameter_kinds() if kinds is None else kinds
     for entry in entries:
-        key, equals, text = entry.partition("=")
-        if not equals or not key.strip():
+        key, _, text = (part.strip() for part in entry.partition("="))
+        if not text or not key:
             raise InputError(f"{what} {entry!r} must read {form}")
-        name, unit, kind = _name_and_unit(key.strip(), entry, what, known)
+        name, unit, kind = _name_and_unit(key, entry, what, known)
         if name in found:
             raise InputError(f"{what} of {name} given twice")
         try:
@@ -117,7 +111,7 @@ def parse_bounds(
     >>> parse_bounds(["E_1_MPa=0:10", "braid_diameter_mm=21"])
     {'E_1': (0.0, 10000000.0), 'braid_diameter': (0.021, 0.021)}
     """
-    found = _parsed(entries, "bounds", "name_unit=min:max, as in E_1_MPa=0:10", ":", kinds)
+    found = _parsed(entries, "bounds", "name_unit=min:max, as in E_1_MPa=0:10", kinds, ":")
     return {
         name: (to_si(numbers[0], unit, kind), to_si(numbers[-1], unit, kind))
         for name, (numbers, unit, kind) in found.items()
@@ -134,14 +128,12 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
     (296.0, 0.5)
     """
     form = "name_unit=mean+-std, as in rest_length_mm=296+-0.5"
-    found = _parsed(entries, "prior", form, "+-", kinds)
-    for name, (numbers, _, _) in found.items():
+    found = {}
+    for name, (numbers, unit, _) in _parsed(entries, "prior", form, kinds, "+-").items():
         if len(numbers) != 2:
             raise InputError(f"the prior of {name} must read {form}")
-    return {
-        name: Parameter(prior=(mean, std), unit=unit)
-        for name, ((mean, std), unit, _) in found.items()
-    }
+        found[name] = Parameter(prior=(numbers[0], numbers[1]), unit=unit)
+    return found
 
 
 def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
@@ -156,14 +148,15 @@ def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
     return {name: Parameter() for name in names}
 
 
-def parse_errors(entries: Iterable[str]) -> SharedErrors:
-    """Standard errors that all readings share, from entries such as `wall_thickness_mm=0.05`.
+def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
+    """Standard errors that all readings share, and that of a single force reading [N] or None.
 
     Raises:
         InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
 
-    >>> parse_errors(["wall_thickness_mm=0.05", "pressure_reading=0.0025"]).stated()
-    {'pressure_reading': 0.0025, 'wall_thickness': 5e-05}
+    >>> errors, noise = parse_errors(["wall_thickness_mm=0.05", "noise_N=1.5"])
+    >>> errors.stated(), noise
+    ({'wall_thickness': 5e-05}, 1.5)
     """
     numbers = {}
     for name, value in parse_entries(entries, "error", "wall_thickness_mm=0.05").items():
@@ -174,32 +167,11 @@ def parse_errors(entries: Iterable[str]) -> SharedErrors:
                 f"error {name}={value}: {value!r} is not a number; the unit belongs to the name, as in "
                 "wall_thickness_mm=0.05"
             ) from None
-    return from_entries(SharedErrors, numbers, FORM, where="error: ")
-
-
-@dataclasses.dataclass(frozen=True)
-class Asked:
-    """The options of `famjax fit` that make the problem, as they were typed."""
-
-    law: str | None = None
-    order: int | None = None
-    constraint: str = "drucker"
-    free: tuple[str, ...] = ()
-    geometry: str | None = None
-    term: tuple[str, ...] = ()
-    shape: str | None = None
-    bounds: tuple[str, ...] = ()
-    prior: tuple[str, ...] = ()
-    noise: float | None = None
-    error: tuple[str, ...] = ()
-    censored: bool = False
-    objective: str = "sum_of_squares"
-
-    @property
-    def chosen(self) -> bool:
-        """Whether the law is chosen among several."""
-        named = (self.law, self.order, self.geometry, self.shape)
-        return not (any(one is not None for one in named) or self.term or self.censored)
+    of_one = [name for name in numbers if name.startswith("noise_")]
+    if len(of_one) > 1:
+        raise InputError("error: the noise of a reading is given twice")
+    noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in of_one]
+    return from_entries(SharedErrors, numbers, FORM, where="error: "), next(iter(noise), None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -233,7 +205,7 @@ class Problem:
             raise fitting.InputError(
                 "--shape is a geometry already: give either --shape or --geometry, got both"
             )
-        errors = parse_errors(asked.error)
+        errors, noise = parse_errors(asked.shared_error)
         parts, declared = own_parts([data], asked.geometry, asked.term)
         kinds = {}
         if asked.bounds or asked.free or asked.prior:
@@ -246,7 +218,7 @@ class Problem:
             "constraint": asked.constraint,
             "bounds": bounds,
             "parameters": named | taking_part(declared, {**bounds, **named}),
-            "noise": asked.noise,
+            "noise": noise,
             "objective": asked.objective,
         }
         fitted, surface = data, None
@@ -265,7 +237,7 @@ class Problem:
         held = document.get("problem")
         if held is None:
             raise fitting.InputError(
-                "the file does not hold its problem: assess a fit.json of famjax fit; of a fit in a "
+                "the file does not hold its problem: assess a fit.json of famjax fit. For a fit of a "
                 "script call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
             )
         asked: dict[str, Any] = {
@@ -306,9 +278,11 @@ class Problem:
             choice = fitting.choose(self.data, **self.options, progress=progress)
             return choice.chosen, choice
         name = f"identifying {self.data.specimen.name}"
+        censored = asked.objective == "censored"
+        options = {**self.options, "objective": "sum_of_squares"} if censored else self.options
         found = fitting.identify(
-            self.data, **self.options, law=asked.law or "polynomial", order=asked.order,
-            censored=asked.censored, progress=lambda done, total: progress(name, done, total),
+            self.data, **options, law=asked.law or "polynomial", order=asked.order,
+            censored=censored, progress=lambda done, total: progress(name, done, total),
         )  # fmt: skip
         return found, None
 
@@ -335,7 +309,7 @@ class Problem:
         found = gather(
             result, validation=validation and choice is None, progress=progress,
             known=None if choice is None else (choice.error, choice.left_out),
-            noise=self.asked.noise if choice is None else None,
+            noise=self.options["noise"] if choice is None else None,
             shared=self._moves(result.data),
             **wanted,
         )  # fmt: skip

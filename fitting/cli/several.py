@@ -1,11 +1,10 @@
 """Many maps or many fits: `famjax sweep`, `compare`, `series` and `ramps`."""
 
-import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter, validators
-from rich.console import Console
 
 from famjax.console import (
     Jobs,
@@ -14,6 +13,7 @@ from famjax.console import (
     add_cwd_to_path,
     in_units,
     print_json,
+    print_lines,
     print_rows,
     progress,
     whole,
@@ -21,16 +21,20 @@ from famjax.console import (
 
 from .fit import Constraint, load_fitting, load_map
 
-if TYPE_CHECKING:
-    from fitting.sweeps import SweepRow
-    from fitting.verdict import Judgement
-
 SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
 ]
 """Orders of the polynomial law that a sweep has."""
 _CURVES = 3
 """Fits whose force curves are drawn, those with the smallest BIC."""
+_SWEPT = {
+    "pressure": "dependence", "order": "order", "constraint": "constraint",
+    "n coefficients": "n_coefficients", "rmse_N": "rmse", "mae_N": "mae",
+    "blocked force error_N": "blocked_error", "free contraction error": "free_contraction_error",
+    "aicc": "aicc", "bic": "bic", "left out rmse_N": "cross_validated_rmse",
+    "stability margin_Pa": "margin", "condition": "condition", "verdict": "verdict",
+}  # fmt: skip
+"""Columns of the table of a sweep, and where they are in `sweep.json`."""
 
 
 def sweep(
@@ -39,8 +43,6 @@ def sweep(
     braid_diameter: str | None = None,
     braid_angle: str | None = None,
     deadband: str | None = None,
-    geometry: str | None = None,
-    term: tuple[str, ...] = (),
     order: SweptOrders = (1, 2, 3, 4),
     dependence: tuple[Literal["fixed", "linear", "free"], ...] = ("fixed", "linear", "free"),
     constraint: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker"),
@@ -53,138 +55,101 @@ def sweep(
     """Fit every permutation of order, pressure dependence and constraint at one geometry.
 
     Writes `sweep.json` with all fits in SI, and pictures of errors and force curves. Without a
-    geometry the one that `famjax fit` identifies with its standard law is taken.
+    geometry, `famjax fit --law polynomial` provides it.
 
     Parameters
     ----------
     data
-        CSV file or the name of a bundled map, as for `famjax fit`.
+        Read this CSV file or bundled map, as for `famjax fit`.
     braid_diameter
-        D0 at rest with its unit, `21.6mm`.
+        Set D0 at rest with its unit, `21.6mm`.
     braid_angle
-        Braid angle at rest from the circumference with its unit, `63deg`.
+        Set the braid angle at rest from the circumference with its unit, `63deg`.
     deadband
-        Pressure before the muscle acts with its unit, `43kPa`.
-    geometry
-        A geometry of your own around the cylinder, module:Class, as for `famjax fit`; its numbers are
-        identified with the standard law.
-    term
-        A force term of your own beside braid and bladder, module:Class, repeatable; as --geometry.
+        Set the pressure before the muscle acts with its unit, `43kPa`.
     order
-        Orders of the law, repeatable, 1 to 4.
+        Try these orders of the law, repeatable, 1 to 4.
     dependence
-        Of the coefficients on pressure, repeatable: fixed, linear, free.
+        Try these dependences of the coefficients on pressure, repeatable: fixed, linear, free.
     constraint
-        On the coefficients, repeatable: none, positive, slope, drucker.
+        Try these constraints, repeatable: none, positive, slope, drucker.
     objective
-        sum_of_squares; mean_rmse: mean over pressures of the RMSE, as the reference work.
+        Choose what is minimised. mean_rmse: the mean over pressures of the RMSE, as in the reference work.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     units
-        Of tables and pictures: si, metric or us.
+        Choose the units of tables and pictures: si, metric or us.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
 
     from famjax.boundary.files import as_png
-    from famjax.boundary.units import parse_quantity
-    from fitting.posing import own_parts, taking_part
+    from famjax.boundary.units import parse_quantity, unit_system
     from fitting.reading import parse_specimen
     from fitting.sweeps import plot_curves, plot_errors
 
     place = Output(output)
     measured = load_map(data, parse_specimen(specimen))
-    add_cwd_to_path()
-    parts, declared = own_parts([measured], geometry, term)
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]
-    if len(missing) < len(given) and (missing or parts):
+    if 0 < len(missing) < len(given):
         raise fitting.InputError(
-            f"the geometry needs {', '.join(given)} together, or none of them to identify it"
-            + (f"; missing: {', '.join(missing)}" if missing else ", as with --geometry and --term")
+            f"the geometry needs {', '.join(given)} together, or none of them to identify it; missing: "
+            f"{', '.join(missing)}"
         )
     with progress("identifying the geometry") as show:
-        terms = parts.get("terms")
         if missing:
-            known = fitting.identify(measured, **parts, parameters=taking_part(declared, {}))
+            known = fitting.identify(measured)
             shape, dead = known.muscle.geometry, known.estimate("deadband_pressure").value
-            if terms is not None:
-                named = {name: known.estimate(name).value for name in terms.declared()}
-                terms = terms.with_parameters(named)
         else:
-            at_rest = {
-                "braid_diameter": parse_quantity(str(braid_diameter), "length"),
-                "braid_angle": parse_quantity(str(braid_angle), "angle"),
-            }
+            kinds = {"braid_diameter": "length", "braid_angle": "angle"}
+            at_rest = {name: parse_quantity(str(given[name]), kind) for name, kind in kinds.items()}
             shape = fitting.families.EstimatedSource(measured.specimen).geometry(at_rest)
             dead = parse_quantity(str(deadband), "pressure")
         found = fitting.sweep(
-            measured, shape, deadband=dead, terms=terms, orders=order, dependences=dependence,
+            measured, shape, deadband=dead, orders=order, dependences=dependence,
             constraints=constraint, objective=objective,
             progress=lambda done, total: show(done, total, "sweeping"),
         )  # fmt: skip
-        best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
-        paths = place.write(
-            {
-                "sweep.json": finite({"rows": [row.as_dict() for row in found.rows]}),
-                "errors.png": as_png(plot_errors(found, units)),
-                "curves.png": as_png(plot_curves(found, best, units)),
-            }
-        )
-    rows = [_swept_row(row, units) for row in found.rows]
+    best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
+    rows = [_finite(row.as_dict()) for row in found.rows]
+    paths = place.write(
+        {
+            "sweep.json": {"rows": rows},
+            "errors.png": as_png(plot_errors(found, units)),
+            "curves.png": as_png(plot_curves(found, best, units)),
+        }
+    )
     if json_:
         print_json({"rows": rows})
         return 0
-    # What cannot be said in a word is said once, below the table.
-    sentences = {row["verdict"]: "" for row in rows} | {"stable": "", "not stable": ""}
-    del sentences["stable"], sentences["not stable"]
-    marks = {sentence: f"see ({k})" for k, sentence in enumerate(sentences, 1)}
-    print_rows(
-        f"{len(rows)} fits of {measured.specimen.name}",
-        [{**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in rows],
+    # A verdict of more than two words is printed once, below the table.
+    long = dict.fromkeys(
+        row["verdict"] for row in rows if " " in row["verdict"].removeprefix("not ")
     )
-    for k, sentence in enumerate(sentences, 1):
-        print(f"({k}) {sentence}")
+    marks = {verdict: f"see ({k})" for k, verdict in enumerate(long, 1)}
+    shown = [{name: row[key] for name, key in _SWEPT.items()} for row in rows]
+    shown = [{**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in shown]
+    stress = {**unit_system(units), "pressure": unit_system(units)["stress"]}
+    print_rows(f"{len(rows)} fits of {measured.specimen.name}", in_units(shown, stress))
+    for verdict, mark in marks.items():
+        print(f"{mark.removeprefix('see ')} {verdict}")
     place.tell(paths)
     return 0
 
 
-def finite(value: Any) -> Any:
+def _finite(value: Any) -> Any:
     """Lists and mappings with None for what is not finite, as JSON has it."""
+    from famjax.boundary.units import finite_or_none
+
     if isinstance(value, dict):
-        return {key: finite(one) for key, one in value.items()}
+        return {key: _finite(one) for key, one in value.items()}
     if isinstance(value, list):
-        return [finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _swept_row(row: "SweepRow", system: str) -> dict[str, Any]:
-    """One line of the table of a sweep, the unit in each name; what is not known is None."""
-    from famjax.boundary.units import from_si, unit_system
-
-    force, stress = unit_system(system)["force"], unit_system(system)["stress"]
-    numbers = {
-        f"rmse_{force}": from_si(row.rmse, force, "force"),
-        f"mae_{force}": from_si(row.mae, force, "force"),
-        f"blocked_force_error_{force}": from_si(row.blocked_error, force, "force"),
-        "free_contraction_error": row.free_contraction_error,
-        "aicc": row.aicc,
-        "bic": row.bic,
-        f"left_out_rmse_{force}": from_si(row.cross_validated_rmse, force, "force"),
-        f"stability_margin_{stress}": from_si(row.margin, stress, "stress"),
-        "condition": row.condition,
-    }
-    return {
-        "pressure": row.dependence,
-        "order": row.order,
-        "constraint": row.constraint,
-        "n_coefficients": row.n_coefficients,
-        **finite(numbers),
-        "verdict": row.verdict,
-    }
+        return [_finite(one) for one in value]
+    return finite_or_none(value) if isinstance(value, float) else value
 
 
 _STARTS = 32
@@ -213,31 +178,30 @@ def compare(
 ) -> int:
     """Fit every published static force model, and famjax's own, to one force map.
 
-    Each is fitted to all loaded readings, and again without each pressure and each length, which it
-    then predicts ("pressures out" and "lengths out" in the table; of inner lengths, neither the longest
-    nor the shortest). The table is ordered by the error on inner lengths left out. The choice of `famjax
-    fit` is made anew without what it predicts. A minute or two for all of them.
+    Each model is fitted to all loaded readings. Then it is fitted again without each pressure and each
+    length, and predicts it ("pressures out", "lengths out"; inner lengths exclude the longest and the
+    shortest). The table is sorted by the error on inner lengths. All models take a minute or two.
 
-    Writes `compare.json` and `compare.png`. Finished rows are kept in the folder `rows`, from which a
-    stopped comparison goes on.
+    Writes `compare.json` and `compare.png`. Finished rows are kept in `rows.jsonl`, from which a stopped
+    comparison resumes.
 
     Parameters
     ----------
     data
-        CSV file or the name of a bundled map, as for `famjax fit`.
+        Read this CSV file or bundled map, as for `famjax fit`.
     models
-        Names of the models, repeatable; all unless given. An unknown one prints those there are.
+        Fit only these models, repeatable. An unknown name prints the list.
     own
-        A model of your own beside them, module:Class, repeatable: a whole model, or a law, a geometry
-        or a force term that is identified with the rest of a muscle. `--own my_model:Gent`.
+        Add a model of your own, module:Class, repeatable: a whole model, or a law, geometry or force
+        term that is identified with the rest of a muscle: `--own my_model:Gent`.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     jobs
-        Number of processes.
+        Set the number of processes.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin, as_png, make_output
@@ -254,12 +218,8 @@ def compare(
             measured, models or None, own=own, starts=_STARTS, executor=jobs, resume=kept,
             progress=show,
         )  # fmt: skip
-    document = {
-        **table.as_dict(),
-        "origin": Origin.of_this_command().as_dict(),
-        "starts": _STARTS,
-        "seed": 0,
-    }
+    origin = Origin.of_this_command().as_dict()
+    document = {**table.as_dict(), "origin": origin, "starts": _STARTS, "seed": 0}
     paths = place.write({"compare.json": document, "compare.png": as_png(plot_comparison(table))})
     kept.unlink()
     if json_:
@@ -268,10 +228,9 @@ def compare(
     rows = [{name: row[key] for name, key in _COLUMNS.items()} for row in document["models"]]
     print_rows(f"{document['specimen']}, largest force {document['max_force_N']:.5g} N", rows)
     for row in document["models"]:
-        remarks = [f"at a bound: {', '.join(row['at_bound'])}"] if row["at_bound"] else []
-        remarks += [row["note"]] if row["note"] else []
-        if remarks:
-            print(f"note: {row['label']}: {'; '.join(remarks)}")
+        bounds = f"at a bound: {', '.join(row['at_bound'])}" if row["at_bound"] else ""
+        if remarks := "; ".join(filter(None, (bounds, row["note"]))):
+            print(f"note: {row['label']}: {remarks}")
     place.tell(paths)
     return 0
 
@@ -291,43 +250,42 @@ def series(
 ) -> int:
     """Identify several muscles of a series together, to predict those of other lengths.
 
-    One braid, one bladder and one rig for all: what differs is the length. Each law, with and
-    without a deadband and a compliant rig, is judged by the specimens it predicts from the others;
-    of those that are as good the plainest is kept, and predictions are the mean of it and of up to
-    two more of its law. Writes `fit.json`, which
-    `famjax predict fit.json --rest-length 132mm` reads, and prints a verdict; the exit code is 1
-    where nothing was identified.
+    All share one braid, one bladder and one rig; only the length differs. Each law, with and without a
+    deadband and a compliant rig, is judged by specimens that it predicts from the others. The simplest of
+    the best is kept. Predictions are its mean with up to two more models of its law.
+
+    Writes `fit.json`, for `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The exit
+    code is 1 if nothing was identified.
 
     Parameters
     ----------
     data
-        CSV files of the force maps, as for `famjax fit`, one of each specimen, with the lines
-        `# specimen: name = ...` and `# specimen: rest_length_mm = ...`.
+        Read these CSV files, one for each specimen, with the lines `# specimen: name = ...` and
+        `# specimen: rest_length_mm = ...`.
     law
-        Laws to try, repeatable; linear, mooney-rivlin and ogden unless given. As for `famjax fit`,
-        module:Class for one of your own too; linear and cubic are polynomials.
+        Try these laws, repeatable; default: linear, mooney-rivlin and ogden. linear and cubic are
+        polynomials; other names, and module:Class, are as for `famjax fit`.
     free
-        Parameters that take part in all families besides braid diameter and angle, repeatable:
-        series_compliance, with it series_exponent, deadband_pressure, end_length, braid_compliance.
+        Identify another parameter in all models, repeatable: series_compliance, series_exponent,
+        deadband_pressure, end_length, braid_compliance.
     bounds
-        Replace bounds, name_unit=min:max, repeatable; one value holds the parameter:
+        Replace bounds, name_unit=min:max, repeatable. A single value holds the parameter:
         `--bounds series_compliance_mm/N=0` for a rigid rig.
     constraint
-        none, positive, slope or drucker, as for `famjax fit`.
+        Restrict the law: none, positive, slope or drucker, as for `famjax fit`.
     geometry
-        A geometry of your own around the cylinder, module:Class, as for `famjax fit`. It needs a method
-        cut_to_length, by which muscles of other lengths have it.
+        Wrap the cylinder in a geometry of your own, module:Class, as for `famjax fit`. It needs a method
+        cut_to_length.
     term
-        A force term of your own beside braid and bladder, module:Class, repeatable, as for
-        `famjax fit`.
+        Add a force term of your own, module:Class, repeatable, as for `famjax fit`.
     output
-        Folder for the file, created if missing.
+        Write the file to this folder; it is created if missing.
     units
-        Of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
+        Choose the units of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     jobs
-        Number of processes.
+        Set the number of processes.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin
@@ -367,54 +325,40 @@ def series(
     else:
         values = fitting.saved.summary_as_dict(found.specimens[0], units)["parameters"]
         _print_series(document, values, units)
-        _print_verdict(judgement, found.left_out.rmse, units)
         place.tell(paths)
     return 0 if judgement.passed else 1
 
 
-def _print_series(document: dict, values: dict, system: str) -> None:
+def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system: str) -> None:
+    from famjax.boundary.sentence import Quantity, text_in_units
     from famjax.boundary.units import unit_system
 
-    units = unit_system(system)
-    found = document["series"]
+    units, found = unit_system(system), document["series"]
     errors = found["leave_one_specimen_out_N"]
+    families = [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()]
     print_rows(
-        "Families, by the error of specimens predicted from the others",
-        in_units(
-            [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()], units
-        ),
+        "Models, by the error of specimens predicted from the others", in_units(families, units)
     )
-    print_rows(
-        f"Specimens, with {found['family']}; the mean of {found['averaged']} predicts them",
-        in_units([{key: one[key] for key in ("name", "rest_length_m", "max_force_N", "rmse_N",
-                                             "predicted_rmse_N")} for one in found["specimens"]], units),
-    )  # fmt: skip
-    print_rows(
-        "Parameters, shared",
-        [{"parameter": name, "value": of["value"], "unit": of["unit"], "std_error": of["stderr"]}
-         for name, of in values.items()],
-    )  # fmt: skip
-    for warning in document["warnings"]:
-        print(f"note: {warning}")
-
-
-def _print_verdict(judgement: "Judgement", left_out_rmse: float, system: str) -> None:
-    """The level with the gravest reason, then how well specimens predict one another."""
-    from famjax.boundary import sentence
-
-    first, *others = [sentence.in_units(one, system) for one in judgement.reasons] or [""]
-    console = Console(highlight=False)
-    for other in (*others, sentence.in_units(judgement.unchecked, system)):
-        if other:
-            console.print(f"note: {other}", markup=False)
-    predicted = sentence.Quantity(left_out_rmse, "force", 3).in_units(system)
-    said = (
-        f"{judgement.level.capitalize()}: {first}" if first else f"{judgement.level.capitalize()}."
+    columns = ("name", "rest_length_m", "max_force_N", "rmse_N", "predicted_rmse_N")
+    specimens = [{key: one[key] for key in columns} for one in found["specimens"]]
+    title = (
+        f"Specimens, with {found['family']}; the mean of {found['averaged']} models predicts them"
     )
-    console.print(
-        f"{said} RMSE of specimens predicted from the others: {predicted}.",
-        style="bold", markup=False,
-    )  # fmt: skip
+    print_rows(title, in_units(specimens, units))
+    shared = [
+        {"parameter": name, "value": of["value"], "unit": of["unit"], "std_error": of["stderr"]}
+        for name, of in values.items()
+    ]
+    print_rows("Parameters, shared", shared)
+    told = [document["unchecked"], *document["reasons"][1:], *document["warnings"]]
+    for note in filter(None, told):
+        print(f"note: {text_in_units(note, system)}")
+    reason = text_in_units(" ".join(document["reasons"][:1]), system)
+    predicted = Quantity(found["predicted_rmse_N"], "force", 3).in_units(system)
+    print_lines([
+        ("verdict", f"{document['verdict'].capitalize()}. {reason}".strip()),
+        ("RMSE", f"{predicted} on specimens predicted from the others."),
+    ])  # fmt: skip
 
 
 def ramps(
@@ -433,37 +377,37 @@ def ramps(
 ) -> int:
     """Turn raw isometric pressure ramps into a static force map with its noise and hysteresis.
 
-    Writes `map.csv` (which `famjax fit` reads), `ramps.png`, `ramps.json` and, where records were filled
-    and vented, `branches.csv` (which `famjax assess --hysteresis` reads).
+    Writes `map.csv` (for `famjax fit`), `ramps.png`, `ramps.json` and, if records were filled and
+    vented, `branches.csv` (for `famjax assess --hysteresis`).
 
     Parameters
     ----------
     records
-        Raw records with the length at which each was taken, `test8.csv=73.25mm`; or a list, a CSV
-        file with the columns `file,length_mm`.
+        Read these raw records, each with its length: `test8.csv=73.25mm`; or a CSV file with the
+        columns `file,length_mm`.
     atmosphere
-        What the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each record in
+        State what the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each record in
         which the muscle is vented, `0s:0.5s`.
     specimen
         Describe the muscle, key_unit=value, repeatable; rest_length is needed.
     columns
-        Names of the columns, with units, where the records have no header that names them.
+        Name the columns, with units, of records without a header.
     branches
-        Which branch the map holds: the mean of both, fill or vent.
+        Choose the branch of the map: the mean of both, fill or vent.
     period_s
-        Time between valve pulses; found in the record unless given.
+        Set the time between valve pulses; default: found in the record.
     step_kPa
-        Of the pressures of the map.
+        Set the step between the pressures of the map.
     slack_below_N
-        Force under which the muscle does not pull; found from the clamp of the sensor unless given.
+        Set the force below which the muscle does not pull; default: found from the sensor's clamp.
     length_std_mm
-        Standard deviation of the lengths, where it is known.
+        State the standard deviation of the lengths.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     units
-        Of summary, picture and map: si, metric or us.
+        Choose the units of summary, picture and map: si, metric or us.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin

@@ -1,27 +1,36 @@
-"""How far a command is, where standard error is a log."""
+"""How far a command is, on a terminal and elsewhere."""
 
-import re
+import io
+import time
 
 import pytest
+from rich.console import Console
 
 from famjax import console
 
 
-def test_a_log_gets_a_line_now_and_then(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    clock = iter([0.0, 1.0, 16.0, 16.0, 20.0])
-    monkeypatch.setattr(console, "monotonic", lambda: next(clock))
+def shown(monkeypatch: pytest.MonkeyPatch, *, terminal: bool, patience: float) -> str:
+    """What a work of two parts shows on standard error."""
+    monkeypatch.setattr(console, "_PATIENCE", patience)
+    file = io.StringIO()
+    monkeypatch.setattr(
+        console, "Console", lambda **_: Console(file=file, force_terminal=terminal, width=100)
+    )
     with console.progress("fitting") as show:
-        for done in (1, 2, 3):
-            show(done, 9, f"model {done}")
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert re.fullmatch(r"model 2, 2 of 9 done, [\d.e+]+/s, \d+ s left\n", printed.err)
+        show(1, 4)
+        time.sleep(0.1)
+        show(2, 4)
+        show(1, 9, "leaving out")
+    return file.getvalue()
 
 
-def test_a_log_gets_a_line_for_every_step_where_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    with console.progress("fitting", every=0.0) as show:
-        for done in (0, 1):
-            show(done, 2, f"table {done + 1}")
-    assert capsys.readouterr().err == "table 1, 0 of 2 done\ntable 2, 1 of 2 done\n"
+def test_a_terminal_has_a_bar_of_each_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = shown(monkeypatch, terminal=True, patience=0.0)
+    assert "leaving out" in text
+    assert "1/9" in text
+    assert "-:--:--" in text  # the time left
+
+
+def test_short_work_and_logs_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shown(monkeypatch, terminal=True, patience=60.0) == ""
+    assert shown(monkeypatch, terminal=False, patience=0.0).strip() == ""

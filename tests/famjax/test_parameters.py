@@ -179,6 +179,7 @@ def test_apart_and_together() -> None:
     np.testing.assert_allclose(apart.high[:3], 1)
     np.testing.assert_array_equal(apart.high[3:], math.inf)
     assert float(apart.scaled[1]) == pytest.approx(0.5)
+    np.testing.assert_allclose(apart.si, [*apart.values(apart.scaled).values()], rtol=1e-15)
     again = apart.muscle(apart.scaled)
     for mine, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(MUSCLE), strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-13)
@@ -190,18 +191,20 @@ def test_apart_and_together() -> None:
 def test_the_box_and_the_whole_space() -> None:
     bounds = {"E_1": (0.0, math.inf), "E_2": (-math.inf, 1e7), "E_3": (-math.inf, math.inf)}
     apart = famjax.take_apart(MUSCLE, (*FREE, "E_3"), bounds=bounds)
-    np.testing.assert_allclose(apart.bounded(apart.unbounded), apart.scaled, rtol=1e-12)
+    np.testing.assert_allclose(
+        apart.scaled_from_unbounded(apart.unbounded), apart.scaled, rtol=1e-12
+    )
     z = np.linspace(-6.0, 6.0, 6) * np.array([[1.0], [-1.0]])
 
     @jax.jit
     def bounded(scaled: jax.Array) -> jax.Array:
-        return apart.bounded(scaled)
+        return apart.scaled_from_unbounded(scaled)
 
-    inside = np.asarray(jax.jit(jax.vmap(apart.bounded))(z))
+    inside = np.asarray(jax.jit(jax.vmap(apart.scaled_from_unbounded))(z))
     assert ((inside > np.asarray(apart.low)) & (inside < np.asarray(apart.high))).all()
     moved = eqx.tree_at(lambda a: a.scaled, apart, jnp.asarray(inside[0]))
     np.testing.assert_allclose(moved.unbounded, z[0], rtol=1e-9, atol=1e-12)
-    slopes = jax.jit(jax.vmap(jax.jacfwd(apart.bounded)))(z)
+    slopes = jax.jit(jax.vmap(jax.jacfwd(apart.scaled_from_unbounded)))(z)
     assert (np.diagonal(slopes, axis1=1, axis2=2) > 0).all()
     check_grads(bounded, (z[0],), order=1, atol=1e-6, rtol=1e-6)
 

@@ -1,4 +1,4 @@
-"""The figures of the report: each function draws one and says what it shows, or gives None."""
+"""The figures of the report: each function draws one with its caption, or returns None."""
 
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-import famjax
 from fitting.prediction import model_forces, static_rows
 from fitting.report import law_stress
 
 from ..evaluation import CYLINDER, PICTURES, shown_pictures
-from .source import COLOURS, DASHES, MINUS, FittedGeometry, Source
+from .source import COLOURS, DASHES, KINDS, MINUS, FittedGeometry, Source
 
 Drawn = tuple[Figure, str] | None
 """A figure and its caption; None where the folder lacks what it shows."""
@@ -37,7 +36,7 @@ _CONTRACTION = "contraction $(L_0 - L)/L_0$"
 
 
 def actuation(source: Source) -> Drawn:
-    """Isobars with points, model and band, and what is left."""
+    """Isobars with readings, model and band, and the residuals."""
     fit, data, rest = source.best, source.data, source.sheet.specimen.rest_length
     levels = np.unique(data.pressures.level[data.loaded])
     lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _POINTS)
@@ -70,9 +69,9 @@ def actuation(source: Source) -> Drawn:
     right.set(xlabel=_CONTRACTION, ylabel=f"model {MINUS} measured [{unit}]")
     return figure, (
         f"Left: force against contraction at the gauge pressures beside the curves "
-        f"[{source.unit('pressure')}]; circles are measured (mean of both branches), lines the model with "
-        f"the {fit.title}, shaded what holds 95 % of single readings. Right: what the model leaves, and "
-        f"that band at {source.pressure(levels[middle])}."
+        f"[{source.unit('pressure')}]. Circles are measured (mean of both branches); lines are the model "
+        f"with the {fit.title}; shaded bands hold 95 % of single readings. Right: residuals, model minus "
+        f"measured, with the band at {source.pressure(levels[middle])}."
     )
 
 
@@ -108,11 +107,11 @@ def photographs(source: Source) -> Drawn:
     axes = figure.subplots(1, len(shown), width_ratios=widths, squeeze=False)[0]
     for one, (contraction, pixels) in zip(axes, shown, strict=True):
         one.imshow(pixels, interpolation="none")
-        one.set_title(f"{contraction:.3f}")
+        one.set_title(f"{abs(contraction):.3f}")
         one.set_axis_off()
     return figure, (
-        f"Photographs near {source.pressure(source.pressures[source.middle])}, the contraction above "
-        "each, with what was measured: outline red, edges of the end tapes yellow, mid-line cyan."
+        f"Photographs near {source.pressure(source.pressures[source.middle])}, with the contraction above "
+        "each. The measured outline is red, the edges of the end tapes yellow, the mid-line cyan."
     )
 
 
@@ -135,7 +134,7 @@ def shape(source: Source) -> Drawn:
         low, high = np.quantile(source.scaled(every, "length"), _BAND, axis=0)
         line = CubicSpline(surface.lengths[::-1], surface.diameters[0, ::-1], axis=-2)(L)
         left.fill_between(z, low, high, color=colour, alpha=0.2, lw=0)
-        left.plot(z, source.scaled(line, "length"), color=colour, label=f"{1 - L / rest:.3f}")
+        left.plot(z, source.scaled(line, "length"), color=colour, label=f"{abs(1 - L / rest):.3f}")
         _points(left, z[::8], source.scaled(pictures.diameter[k, ::8], "length"), colour)
     for label, colour, seen, line, drawn in (
         ("mean", "#0072b2", pictures.diameter.mean(axis=1), surface.diameters[0].mean(axis=1),
@@ -148,8 +147,8 @@ def shape(source: Source) -> Drawn:
         _points(right, 1 - pictures.length / rest, source.scaled(seen, "length"), colour)
         right.fill_between(c, low, high, color=colour, alpha=0.2, lw=0)
         right.plot(c, source.scaled(line, "length"), color=colour, label=label)
-    states = source.fits[CYLINDER].states
-    cylinder = source.scaled(states.diameter[source.middle], "length")
+    states = source.fits[CYLINDER].states.isel(pressure=source.middle)
+    cylinder = source.scaled(states.diameter, "length")
     right.plot(states.contraction, cylinder, "--", color=COLOURS[CYLINDER], label="cylinder")
     unit = source.unit("length")
     left.set(xlabel=f"position $z$ [{unit}]", ylabel=f"diameter $D$ [{unit}]")
@@ -157,31 +156,33 @@ def shape(source: Source) -> Drawn:
     left.legend(title="contraction")
     right.legend()
     return figure, (
-        "The shape: circles are pictures, lines the measured surface with its 95 % band. Left: braid "
-        "diameter along the axis. Right: its mean, the middle, and the cylinder of the braid's triangle as "
+        "The shape. Circles are pictures; lines are the measured surface with its 95 % band. Left: braid "
+        "diameter along the axis. Right: mean diameter, middle diameter, and the cylinder that was "
         "identified from the force."
     )
 
 
 def strains(source: Source) -> Drawn:
     """Hoop and axial strain of the bladder and its wall, by geometry."""
-    k, figure_axes = source.middle, _axes(3)
-    for name, fit in source.fits.items():
-        of = fit.states
-        wall = source.scaled(of.thickness[k], "length")
-        for axes, values in zip(
-            figure_axes[1], (of.mean_hoop_strain[k], of.axial_strain[k], wall), strict=True
-        ):
-            axes.plot(of.contraction, values, DASHES[name], color=COLOURS[name], label=fit.short)
-    figure, (hoop, axial, wall) = figure_axes
-    hoop.set(xlabel=_CONTRACTION, ylabel=r"mean hoop strain $\varepsilon_c$")
-    axial.set(xlabel=_CONTRACTION, ylabel=r"axial strain $\varepsilon_z$")
-    wall.set(xlabel=_CONTRACTION, ylabel=f"wall $t$ [{source.unit('length')}]")
-    hoop.legend()
+    figure, several = _axes(3)
+    labels = {
+        "mean_hoop_strain": r"mean hoop strain $\varepsilon_c$",
+        "axial_strain": r"axial strain $\varepsilon_z$",
+        "thickness": f"wall $t$ [{source.unit('length')}]",
+    }
+    for axes, (name, label) in zip(several, labels.items(), strict=True):
+        for fit in source.fits.values():
+            of = fit.states.isel(pressure=source.middle)
+            values = source.scaled(of[name].values, KINDS[name])
+            style: dict[str, Any] = {"color": COLOURS[fit.name], "ls": DASHES[fit.name]}
+            axes.plot(of.contraction, values, label=fit.short, **style)
+        axes.set(xlabel=_CONTRACTION, ylabel=label)
+    several[0].legend()
     named = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
     return figure, (
-        f"Strains and wall of the bladder at {source.pressure(source.pressures[k])}. Axial strain is of "
-        f"the arc length where the shape is measured, of the length in cylinders. Geometries: {named}."
+        f"Strains and wall of the bladder at {source.pressure(source.pressures[source.middle])}. Axial "
+        "strain is that of the arc length where the shape is measured, of the length in cylinders. "
+        f"Geometries: {named}."
     )
 
 
@@ -194,30 +195,27 @@ def law(source: Source) -> Drawn:
     left.axvspan(0.0, high, color="#dfeaf2", lw=0, label="hoop strains")
     left.axhline(0, color="0.6", lw=0.6)
     for name, fit in source.fits.items():
-        material = fit.saved.muscle.material
-        strain, stress = _law(material, *(_BEYOND * end for end in _visited(fit)))
-        ends = rising_range(material, strain[0], strain[-1]) or (0.0, 0.0)
-        stable = (strain >= ends[0]) & (strain <= ends[1])
-        shown = source.scaled(stress, "stress")
+        least, most = _visited(fit)
+        strain = np.linspace(_BEYOND * least, _BEYOND * most, 301)
+        stress = law_stress(fit.saved.muscle.material, jnp.asarray(strain), jnp.zeros((1, 1)))
+        shown = source.scaled(np.asarray(stress)[0], "stress")
+        falls = np.gradient(shown, strain) < 0
         width = 1.8 if fit is best else 0.8
-        left.plot(strain, np.where(stable, shown, np.nan), color=COLOURS[name], lw=width,
-                  label=fit.short)  # fmt: skip
-        left.plot(strain, np.where(stable, np.nan, shown), ":", color=COLOURS[name], lw=width)
-    for label, values, colour in (
-        ("axial", best.states.axial_stress, "#d55e00"), ("hoop", best.states.hoop_stress, "#009e73"),
-    ):  # fmt: skip
-        right.plot(
-            best.states.contraction, source.scaled(values[k], "stress"), color=colour, label=label
-        )
+        left.plot([], [], color=COLOURS[name], lw=width, label=fit.short)
+        for line, hidden in (("-", falls), (":", ~falls)):
+            left.plot(strain, np.where(hidden, np.nan, shown), line, color=COLOURS[name], lw=width)
+    for name, colour in (("axial", "#d55e00"), ("hoop", "#009e73")):
+        stress = source.scaled(best.states[f"{name}_stress"].values[k], "stress")
+        right.plot(best.states.contraction, stress, color=colour, label=name)
     unit = source.unit("stress")
     left.set(xlabel=r"strain $\varepsilon$", ylabel=rf"stress $\sigma$ [{unit}]")
     right.set(xlabel=_CONTRACTION, ylabel=rf"mean stress $\sigma$ [{unit}]")
-    left.legend()
+    left.legend(frameon=True, framealpha=1)
     right.legend()
     return figure, (
-        f"Left: the bladder's law, true stress against engineering strain; dotted where it falls and is "
-        f"not stable by itself; shaded are the strains visited with the {best.title}. Right: axial means "
-        f"of the stresses in the wall at {source.pressure(source.pressures[k])}, {best.title}."
+        f"Left: the bladder law, true stress against engineering strain; dotted where it falls, and so is "
+        f"not stable by itself. The strains visited by the {best.title} are shaded. Right: axial means of "
+        f"the stresses in the wall at {source.pressure(source.pressures[k])}, {best.title}."
     )
 
 
@@ -229,13 +227,12 @@ def parts(source: Source) -> Drawn:
     seen = 1 - source.data.length[near] / source.sheet.specimen.rest_length
     figure, many = _axes(len(source.fits), share=True)
     for axes, fit in zip(many, source.fits.values(), strict=True):
-        for number, (term, values) in enumerate(fit.states.terms.items()):
+        of = fit.states.isel(pressure=k)
+        for number, term in enumerate(of.term.values):
             colour = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")[min(number, 3)]
-            axes.plot(
-                fit.states.contraction, source.scaled(values[k], "force"), color=colour, label=term
-            )
-        total = source.scaled(fit.states.force[k], "force")
-        axes.plot(fit.states.contraction, total, "k--", label="model force")
+            values = source.scaled(of.terms.sel(term=term), "force")
+            axes.plot(of.contraction, values, color=colour, label=term)
+        axes.plot(of.contraction, source.scaled(of.force, "force"), "k--", label="model force")
         _points(axes, seen, source.scaled(source.data.force[near], "force"), "0.3")
         axes.axhline(0, color="0.6", lw=0.6)
         axes.set(title=fit.short, xlabel="contraction")
@@ -248,34 +245,31 @@ def parts(source: Source) -> Drawn:
 
 def by_pressure(source: Source) -> Drawn:
     """Blocked force, free contraction and RMSE by pressure and geometry."""
-    figure, (blocked, free, rmse) = _axes(3)
+    figure, several = _axes(3)
+    pressure, force = source.unit("pressure"), source.unit("force")
     P = source.scaled(source.pressures, "pressure")
     for name, fit in source.fits.items():
         style: dict[str, Any] = {"color": COLOURS[name], "ls": DASHES[name], "label": fit.short}
-        blocked.plot(P, source.scaled(fit.states.blocked_force, "force"), **style)
-        free.plot(P, fit.states.free_contraction(), **style)
+        several[0].plot(P, source.scaled(fit.states.blocked_force, "force"), **style)
+        several[1].plot(P, fit.states.free_contraction, **style)
         found = by_level(fit)
         levels = source.scaled(np.array([*found]), "pressure")
         inside, _, left_out = source.scaled(np.array([*found.values()]).T, "force")
-        rmse.plot(levels, inside, "o-", ms=2.5, color=COLOURS[name], label=fit.short)
-        rmse.plot(levels, left_out, "s:", ms=2.5, color=COLOURS[name])
-    for axes, key, kind in (
-        (blocked, "blocked_force_N", "force"),
-        (free, "free_contraction", "number"),
-    ):
-        if source.isobars:
+        several[2].plot(levels, inside, "o-", ms=2.5, color=COLOURS[name], label=fit.short)
+        several[2].plot(levels, left_out, "s:", ms=2.5, color=COLOURS[name])
+    if source.isobars:
+        for axes, key, kind in zip(several, ("blocked_force_N", "free_contraction"),
+                                   ("force", "number"), strict=False):  # fmt: skip
             seen = np.array([bar[key] for bar in source.isobars], float)
             _points(axes, P, source.scaled(seen, kind), "black")
-    pressure, force = source.unit("pressure"), source.unit("force")
-    for axes, label in (
-        (blocked, f"blocked force [{force}]"), (free, "free contraction"), (rmse, f"RMSE [{force}]"),
-    ):  # fmt: skip
+    labels = (f"blocked force [{force}]", "free contraction", f"RMSE [{force}]")
+    for axes, label in zip(several, labels, strict=True):
         axes.set(xlabel=f"gauge pressure $P$ [{pressure}]", ylabel=label)
-    rmse.set_ylim(0, None)
-    blocked.legend()
+    several[2].set_ylim(0, None)
+    several[0].legend()
     return figure, (
-        "Blocked force, free contraction and RMSE of the force by pressure and geometry; circles are "
-        "measured where the test reached them, dotted is each pressure while it was left out of the fit."
+        "Blocked force, free contraction and RMSE of the force by pressure and geometry. Circles are "
+        "measured, where the test reached them; dotted lines are pressures left out of the fit."
     )
 
 
@@ -323,43 +317,10 @@ def by_level(fit: FittedGeometry) -> dict[float, tuple[float, float, float]]:
     return found
 
 
-def rising_range(
-    material: famjax.materials.AbstractMaterial, low: float, high: float
-) -> tuple[float, float] | None:
-    """Strains about zero between which the stress of one direction rises.
-
-    Args:
-        material: stress law.
-        low: strain from which it is looked at, <= 0.
-        high: strain up to which it is, > 0.
-
-    Returns:
-        Ends to a three-hundredth of the range, those given where it rises up to them; None where it
-        falls at zero.
-    """
-    strain, stress = _law(material, low, high)
-    falls = np.diff(stress) < 0
-    centre = (strain[1:] + strain[:-1]) / 2
-    if falls[int(np.argmin(np.abs(centre)))]:
-        return None
-    below, above = centre[falls & (centre < 0)], centre[falls & (centre > 0)]
-    return float(below.max(initial=low)), float(above.min(initial=high))
-
-
-def _law(
-    material: famjax.materials.AbstractMaterial, low: float, high: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Strains and the law's stresses [Pa]."""
-    strain = np.linspace(low, high, 301)
-    return strain, np.asarray(law_stress(material, jnp.asarray(strain), jnp.zeros((1, 1))))[0]
-
-
 def _visited(fit: FittedGeometry) -> tuple[float, float]:
     """Lowest and highest strain of the bladder over the stroke, axial and hoop."""
-    states = fit.states
-    return min(0.0, float(np.nanmin(states.axial_strain))), float(
-        np.nanmax(states.most_hoop_strain)
-    )
+    low, high = fit.states.axial_strain.min(), fit.states.most_hoop_strain.max()
+    return min(0.0, float(low)), float(high)
 
 
 def _axes(count: int, *, share: bool = False) -> tuple[Figure, list[Axes]]:

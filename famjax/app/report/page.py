@@ -1,15 +1,16 @@
 """The report: a page with summary and figures, tables as CSV, and digests of the inputs."""
 
-import csv
 import importlib.metadata
-import io
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
+import xarray
 
 from famjax.boundary.files import Origin, write_all
 from famjax.boundary.sentence import text_in_units
@@ -21,183 +22,131 @@ from ..checks import AGREES, checks_table, doubts, read_checks
 from ..evaluation import CYLINDER, ELASTIC, PICTURES, RECORDS, REPORT, shown_pictures
 from ..folder import SHEET, FolderStep, Sheet, digest
 from .figures import FIGURES, STYLE, by_level
-from .source import Source, failed_pictures, read_source
+from .source import KINDS, Source, read_source
 
-_STATES = {
-    "force": "force", "diameter": "length", "braid_angle": "angle", "thickness": "length",
-    "volume": "volume", "axial_strain": "number", "mean_hoop_strain": "number",
-    "most_hoop_strain": "number", "axial_stress": "stress", "hoop_stress": "stress",
-}  # fmt: skip
-"""Fields of `States` and their kinds."""
-_KINDS = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
+_UNITS = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
+"""Kind of an identified number, by its SI unit."""
 
 
 def tables(source: Source) -> dict[str, str]:
-    """The tables by their files' names."""
-    return {
-        "states.csv": _states(source),
-        "readings.csv": _readings(source),
-        "parameters.csv": _parameters(source),
-        "errors.csv": _errors(source),
-        "pressures.csv": _pressures(source),
-        "work.csv": _work(source),
-        "checks.csv": _checks(source),
+    """The tables by their files' names, as CSV; empty is what is not known."""
+    found = {
+        "states": pd.concat([_states(source, name) for name in source.fits]),
+        "readings": _readings(source),
+        "parameters": _parameters(source),
+        "errors": pd.concat([_errors(source, name) for name in source.fits]),
+        "pressures": _pressures(source),
+        "work": pd.concat([_work(source, name) for name in source.fits]),
+        "checks": _checks(source),
     }
+    return {
+        f"{name}.csv": table.to_csv(index=False, float_format="%.8g", lineterminator="\n")
+        for name, table in found.items()
+    }
+
+
+def _table(source: Source, kinds: dict[str, str], columns: dict[str, Any]) -> pd.DataFrame:
+    """Columns in SI in the report's units, the unit in each name; those without a kind as they are."""
+    found = pd.DataFrame(columns)
+    for name, kind in kinds.items():
+        found[name] = source.scaled(found[name].astype(float), kind)
+    units = {name: f"{name}_{source.unit(kind)}".rstrip("_") for name, kind in kinds.items()}
+    return found.rename(columns=units)
+
+
+def _states(source: Source, name: str) -> pd.DataFrame:
+    """The states of a model over contraction, at every pressure."""
+    of = source.fits[name].states
+    columns = xarray.merge([of[[*KINDS]], of.terms.to_dataset("term")]).to_dataframe().reset_index()
+    columns.columns = [one.replace(", ", " ").replace(" ", "_") for one in columns.columns]
+    kinds = {one: KINDS.get(one, "force") for one in columns.columns if one != "contraction"}
+    return _table(source, kinds | {"pressure": "pressure"}, {"geometry": name, **columns})
+
+
+def _readings(source: Source) -> pd.DataFrame:
+    """The loaded readings, with the model's force, its 95 % band and the residuals."""
+    fit = source.best
+    data, pulls = fit.data, np.flatnonzero(fit.data.loaded)
+    found = static_rows(fit.saved, data.length[pulls], data.pressure[pulls])
+    said = {"model": "force_N", "low_95": "low_95_N", "high_95": "high_95_N"}
+    columns = {
+        **{name: getattr(data, name)[pulls] for name in ("pressure", "length", "force")},
+        **{name: [row[key] for row in found] for name, key in said.items()},
+        "model_less_measured": fit.residuals,
+    }
+    kinds = dict.fromkeys(columns, "force") | {"pressure": "pressure", "length": "length"}
+    return _table(source, kinds, columns)
+
+
+def _parameters(source: Source) -> pd.DataFrame:
+    """The identified parameters of each geometry, with standard errors by source."""
+    rows = []
+    for fit in source.fits.values():
+        of, entries = fit.figures, fit.saved.document["parameters"]
+        for name, value in of["values"].items():
+            entry = entries.get(name, {})
+            if entry.get("fixed"):
+                continue
+            kind = parameter_kind(source, name)
+            numbers = {"value": value, "std": of["std"], "std_of_scatter": of["std_of_scatter"]}
+            numbers |= {f"std_of_{one}": shared for one, shared in of["std_by_source"].items()}
+            rows.append(
+                {"geometry": fit.name, "parameter": name, "unit": source.unit(kind),
+                 "at_bound": bool(entry.get("at_bound"))}
+                | {key: source.scaled(float(one if key == "value" else one.get(name, np.nan)), kind)
+                   for key, one in numbers.items()}
+            )  # fmt: skip
+    return pd.DataFrame(rows)
 
 
 def parameter_kind(source: Source, name: str) -> str:
     """Kind of quantity of an identified number."""
-    for fit in source.fits.values():
-        entry = fit.saved.document["parameters"].get(name)
-        if entry is not None:
-            unit = str(entry["unit"])
-            pressure = unit == "Pa" and name.endswith("pressure")
-            return "pressure" if pressure else _KINDS.get(unit, unit)
-    return "number"
+    entries = [fit.saved.document["parameters"].get(name) for fit in source.fits.values()]
+    unit = next((str(one["unit"]) for one in entries if one is not None), "")
+    return "pressure" if unit == "Pa" and name.endswith("pressure") else _UNITS.get(unit, unit)
 
 
-def _states(source: Source) -> str:
-    """What each model says over contraction, at every pressure."""
-    terms = dict.fromkeys(term for fit in source.fits.values() for term in fit.states.terms)
-    named = [_column(source, name, kind) for name, kind in _STATES.items()]
-    header = ["geometry", _column(source, "pressure", "pressure"), "contraction", *named]
-    header += [
-        _column(source, term.replace(", ", " ").replace(" ", "_"), "force") for term in terms
-    ]
-    rows = []
-    for fit in source.fits.values():
-        of = fit.states
-        unknown = np.full(of.force.shape, np.nan)
-        columns = [source.scaled(getattr(of, name), kind) for name, kind in _STATES.items()]
-        columns += [source.scaled(of.terms.get(term, unknown), "force") for term in terms]
-        for k, pressure in enumerate(source.scaled(source.pressures, "pressure")):
-            for j, contraction in enumerate(of.contraction):
-                rows.append([fit.name, pressure, contraction, *(one[k, j] for one in columns)])
-    return _text(header, rows)
+def _errors(source: Source, name: str) -> pd.DataFrame:
+    """RMSE and largest error of a geometry, over all and at each pressure, and while left out."""
+    of, kinds = source.fits[name].figures, ("rmse", "largest", "rmse_left_out")
+    every = (of["rmse_N"], of["largest_N"], of.get("left_out_pressure_N"))
+    levels = by_level(source.fits[name])
+    held = [f"{source.scaled(level, 'pressure'):.8g}" for level in levels]
+    columns = zip(kinds, zip(every, *levels.values(), strict=True), strict=True)
+    first = {"geometry": name, f"pressure_{source.unit('pressure')}": ["all", *held]}
+    return _table(source, dict.fromkeys(kinds, "force"), {**first, **dict(columns)})
 
 
-def _readings(source: Source) -> str:
-    """The readings that pull, with the model's force, its 95 % band and what each geometry leaves."""
-    fit = source.best
-    data = fit.data
-    pulls = np.flatnonzero(data.loaded)
-    found = static_rows(fit.saved, data.length[pulls], data.pressure[pulls])
-    header = [_column(source, "pressure", "pressure"), _column(source, "length", "length")]
-    header += [
-        _column(source, name, "force")
-        for name in ("force", "model", "low_95", "high_95", "model_less_measured")
-    ]
-    rows = [
-        [source.scaled(data.pressure[k], "pressure"), source.scaled(data.length[k], "length"),
-         source.scaled(data.force[k], "force"),
-         *(_scaled(source, row[key], "force") for key in ("force_N", "low_95_N", "high_95_N")),
-         source.scaled(left, "force")]
-        for k, row, left in zip(pulls, found, fit.residuals, strict=True)
-    ]  # fmt: skip
-    return _text(header, rows)
-
-
-def _parameters(source: Source) -> str:
-    """What was identified with each geometry, with its standard errors by source."""
-    sources = dict.fromkeys(
-        one for fit in source.fits.values() for one in fit.figures["std_by_source"]
-    )
-    header = ["geometry", "parameter", "unit", "value", "std", "std_of_scatter"]
-    rows = []
-    for fit in source.fits.values():
-        for name, value in fit.figures["values"].items():
-            entry = fit.saved.document["parameters"].get(name, {})
-            if entry.get("fixed"):
-                continue
-            kind = parameter_kind(source, name)
-            numbers = (value, fit.figures["std"].get(name), fit.figures["std_of_scatter"].get(name))
-            shared = [fit.figures["std_by_source"].get(one, {}).get(name) for one in sources]
-            rows.append(
-                [fit.name, name, source.unit(kind),
-                 *(_scaled(source, one, kind) for one in (*numbers, *shared)),
-                 bool(entry.get("at_bound"))]
-            )  # fmt: skip
-    return _text([*header, *(f"std_of_{one}" for one in sources), "at_bound"], rows)
-
-
-def _errors(source: Source) -> str:
-    """RMSE and largest error of each geometry, over all and at each pressure, and while left out."""
-    header = ["geometry", _column(source, "pressure", "pressure")]
-    header += [_column(source, one, "force") for one in ("rmse", "largest", "rmse_left_out")]
-    rows = []
-    for fit in source.fits.values():
-        of = fit.figures
-        every = {"all": (of["rmse_N"], of["largest_N"], of.get("left_out_pressure_N"))}
-        for level, errors in (every | by_level(fit)).items():
-            at = level if isinstance(level, str) else source.scaled(level, "pressure")
-            rows.append([fit.name, at, *(_scaled(source, one, "force") for one in errors)])
-    return _text(header, rows)
-
-
-def _pressures(source: Source) -> str:
+def _pressures(source: Source) -> pd.DataFrame:
     """Blocked force and free contraction by pressure: measured, and of each geometry."""
-    N = source.unit("force")
-    header = [_column(source, "pressure", "pressure"), f"blocked_force_{N}", "free_contraction"]
-    for fit in source.fits.values():
-        header += [f"blocked_force_{fit.name}_{N}", f"free_contraction_{fit.name}"]
-    rows = []
-    for k, pressure in enumerate(source.pressures):
-        bar = source.isobars[k] if source.isobars else {}
-        blocked = _scaled(source, bar.get("blocked_force_N"), "force")
-        row = [source.scaled(pressure, "pressure"), blocked, bar.get("free_contraction")]
-        for fit in source.fits.values():
-            free = fit.states.free_contraction()[k]
-            row += [source.scaled(fit.states.blocked_force[k], "force"), free]
-        rows.append(row)
-    return _text(header, rows)
+    seen = source.isobars or [{}] * source.pressures.size
+    columns: dict[str, Any] = {"pressure": source.pressures}
+    for name, of in {"": None, **{f"_{k}": fit.states for k, fit in source.fits.items()}}.items():
+        for what, key in (("blocked_force", "blocked_force_N"), ("free_contraction",) * 2):
+            measured = [bar.get(key) for bar in seen]
+            columns[f"{what}{name}"] = measured if of is None else of[what].values
+    kinds = {one: "force" for one in columns if one.startswith("blocked")}
+    return _table(source, {"pressure": "pressure", **kinds}, columns)
 
 
-def _work(source: Source) -> str:
-    """The work of each geometry's stroke, by pressure."""
-    names = ("load", "fluid", "stored", "left_over")
-    header = ["geometry", _column(source, "pressure", "pressure"), *(f"{name}_J" for name in names)]
-    rows = [
-        [fit.name, source.scaled(pressure, "pressure"),
-         *(float(getattr(fit.work, name)[k]) for name in (*names, "efficiency", "density"))]
-        for fit in source.fits.values()
-        for k, pressure in enumerate(source.pressures)
-    ]  # fmt: skip
-    return _text([*header, "efficiency", "work_per_volume_J_m3"], rows)
+def _work(source: Source, name: str) -> pd.DataFrame:
+    """The work of a geometry's stroke, by pressure."""
+    work = source.fits[name].work
+    energies = {f"{one}_J": getattr(work, one) for one in ("load", "fluid", "stored", "left_over")}
+    columns = {**energies, "efficiency": work.efficiency, "work_per_volume_J_m3": work.density}
+    columns = {key: np.asarray(values) for key, values in columns.items()}
+    given = {"geometry": name, "pressure": source.pressures, **columns}
+    return _table(source, {"pressure": "pressure"}, given)
 
 
-def _checks(source: Source) -> str:
+def _checks(source: Source) -> pd.DataFrame:
     """What two sources say of one thing."""
-    found = [one for place in source.steps for one in read_checks(place)]
+    header = ["what", "expected", "found", "verdict", "what_to_do"]
     rows = [
         (one.what, one.range, one.value, one.verdict, one.say if one.verdict != AGREES else "")
-        for one in found
-    ]
-    return _text(["what", "expected", "found", "verdict", "what_to_do"], rows)
-
-
-def _column(source: Source, name: str, kind: str) -> str:
-    unit = source.unit(kind)
-    return f"{name}_{unit}" if unit else name
-
-
-def _scaled(source: Source, value: float | None, kind: str) -> float | None:
-    return None if value is None else source.scaled(float(value), kind)
-
-
-def _text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """CSV; empty is what is not known."""
-    lines = io.StringIO()
-    writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
-        writer.writerow([_cell(one) for one in row])
-    return lines.getvalue()
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, float | np.floating):
-        return f"{value:.8g}" if np.isfinite(value) else ""
-    return "" if value is None else value
+        for place in source.steps for one in read_checks(place)
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=header)
 
 
 FIRST_RUN = "first-run.json"
@@ -235,8 +184,7 @@ def report_step(
 
 
 def _write(source: Source, origin: Origin, place: Path) -> None:
-    system, lacking = source.system, _unknown(source)
-    drawn = _drawn(source)
+    system, lacking, drawn = source.system, _unknown(source), _drawn(source)
     shown = [
         (inline_svg(svg, name, caption), number, caption)
         for number, (name, svg, caption) in enumerate(drawn, start=1)
@@ -258,15 +206,14 @@ def _write(source: Source, origin: Origin, place: Path) -> None:
         origin=origin, inputs=inputs,
         versions=versions() | {name: importlib.metadata.version(name) for name in _FURTHER},
     )  # fmt: skip
-    (place / PAGE).write_text(text, encoding="utf-8")
-    (place / INPUTS).write_text(inputs, encoding="utf-8")
-    (place / UNKNOWN).write_text(json.dumps(lacking, indent=1) + "\n", encoding="utf-8")
-    for folder in (FIGURE_FILES, TABLE_FILES):
-        (place / folder).mkdir()
-    for name, svg, _ in drawn:
-        (place / FIGURE_FILES / f"{name}.svg").write_text(svg, encoding="utf-8")
-    for name, table in found.items():
-        (place / TABLE_FILES / name).write_text(table, encoding="utf-8")
+    files = {
+        PAGE: text, INPUTS: inputs, UNKNOWN: json.dumps(lacking, indent=1) + "\n",
+        **{f"{FIGURE_FILES}/{name}.svg": svg for name, svg, _ in drawn},
+        **{f"{TABLE_FILES}/{name}": table for name, table in found.items()},
+    }  # fmt: skip
+    for name, content in files.items():
+        (place / name).parent.mkdir(exist_ok=True)
+        (place / name).write_text(content, encoding="utf-8")
 
 
 def _drawn(source: Source) -> list[tuple[str, str, str]]:
@@ -274,191 +221,166 @@ def _drawn(source: Source) -> list[tuple[str, str, str]]:
     found = []
     with mpl.rc_context(STYLE):
         for draw in FIGURES:
-            drawn = draw(source)
-            if drawn is not None:
+            if (drawn := draw(source)) is not None:
                 found.append((draw.__name__.replace("_", "-"), svg_file(drawn[0]), drawn[1]))
     test = source.results / RECORDS / "characterisation.svg"
     if test.exists():
         caption = (
-            "The test. Left: force against contraction at each set pressure, shortening solid, "
-            "lengthening dashed. Right: the pressure held less the set pressure."
+            "The test. Left: force against contraction at each set pressure; shortening is solid, "
+            "lengthening dashed. Right: held pressure minus set pressure."
         )
         found.insert(1, ("test", test.read_text(encoding="utf-8"), caption))
     return found
 
 
 def _summary(source: Source) -> str:
-    """The page in a sentence."""
-    fit = source.best.figures
+    """The page in two sentences."""
+    fit, unit = source.best.figures, source.unit("force")
     rmse, most = fit["rmse_N"], fit["largest_force_N"]
-    of = "" if source.shape is None else f", its shape from {source.shape['pictures']} photographs"
-    unit = source.unit("force")
+    of = (
+        ""
+        if source.shape is None
+        else f" The shape is from {source.shape['pictures']} photographs."
+    )
     return (
-        f"{source.sheet.specimen.name}: the force is described within "
-        f"{source.number(rmse, 'force', 3)} {unit} RMS, {100 * rmse / most:.2g} % of the largest, "
-        f"{source.number(most, 'force', 4)} {unit}{of}."
+        f"The model fits the force within {source.number(rmse, 'force', 3)} {unit} RMS, "
+        f"{100 * rmse / most:.2g} % of the largest force, {source.number(most, 'force')} {unit}.{of}"
     )
 
 
 def _verdict(source: Source) -> str:
-    """Whether the fit that the page shows may be believed, the gravest reason first, and the checks."""
+    """The verdict on the fit that the page shows, its gravest reason, and the cross-checks."""
     document = source.best.saved.document
     level, reasons = document.get("verdict") or "not judged", document.get("reasons") or []
-    checks = [one for place in source.steps for one in read_checks(place)]
-    agreeing = sum(one.verdict == AGREES for one in checks)
-    return " ".join(
-        [
-            f"{level.capitalize()}{f': {reasons[0]}' if reasons else '.'}",
-            f"Shown is the {source.best.short} fit.",
-            f"{agreeing} of {len(checks)} cross-checks agree." if checks else "",
-        ]
-    ).strip()
+    checks = [one.verdict == AGREES for place in source.steps for one in read_checks(place)]
+    agreeing = f" {sum(checks)} of {len(checks)} cross-checks agree." if checks else ""
+    return (
+        f"{level.capitalize()}{f': {reasons[0]}' if reasons else '.'} This report shows the "
+        f"{source.best.short} fit.{agreeing}"
+    )
 
 
 def five_numbers(source: Source) -> PageTable:
     """The five main figures of a muscle, each with its standard error."""
     fit, pressure = source.best, float(source.pressures[-1])
-    states, saved = fit.states, fit.saved
-    at = source.pressure(pressure)
-    free = float(states.free_contraction()[-1])
-    ends = (states.rest_length, states.rest_length * (1 - free) if np.isfinite(free) else np.nan)
-    std = [
-        static_rows(saved, np.array([length]), np.array([pressure]))[0]["force_std_N"]
-        if np.isfinite(length)
-        else None
-        for length in ends
-    ]
-    slope = abs(float(np.gradient(states.forces[-1], 1 - states.lengths / states.rest_length)[
-        int(np.argmin(np.abs(states.lengths - ends[1])))])) if np.isfinite(free) else np.nan  # fmt: skip
-    out = fit.figures.get("left_out_pressure_N")
+    states, of = fit.states.isel(pressure=-1), fit.figures
+    rest = float(source.sheet.specimen.rest_length)
+    free = float(states.free_contraction)
+    ends = np.array([rest, rest * (1 - free)] if np.isfinite(free) else [rest])
+    said = static_rows(fit.saved, ends, np.array([pressure]))
+    std = [row["force_std_N"] or np.nan for row in said] + [np.nan]
     rows = [
-        _row(source, "blocked force", float(states.blocked_force[-1]), std[0], "force"),
-        _row(source, "free contraction", free,
-             None if std[1] is None else std[1] / slope, "number"),
-        _row(source, "RMSE", fit.figures["rmse_N"], None, "force"),
-        _row(source, "RMSE, left out", out, None, "force"),
-    ]  # fmt: skip
-    values, errors = fit.figures["values"], fit.figures["std"]
-    geometric = [name for name in _GEOMETRIC if np.isfinite(errors.get(name, np.nan))]
-    elastic = [name for name in values if name.startswith("E_")]
-    for name in (*geometric[:1], *elastic[:1]):
-        rows.append(
-            _row(source, name, values[name], errors.get(name), parameter_kind(source, name))
-        )
+        ("blocked force", float(states.blocked_force), std[0], "force"),
+        ("free contraction", free, std[1] / abs(float(states.free_slope)), "number"),
+        ("RMSE", of["rmse_N"], None, "force"),
+        ("RMSE, left out", of.get("left_out_pressure_N"), None, "force"),
+    ]
+    geometric = [name for name in _GEOMETRIC if np.isfinite(of["std"].get(name, np.nan))]
+    elastic = [name for name in of["values"] if name.startswith("E_")]
+    rows += [
+        (name, of["values"][name], of["std"].get(name), parameter_kind(source, name))
+        for name in (*geometric[:1], *elastic[:1])
+    ]
+    kept = [
+        (what, source.number(value, kind), source.number(error, kind, 2), source.unit(kind))
+        for what, value, error, kind in rows
+        if value is not None and np.isfinite(value)
+    ]
     # The error on readings left out stands for that in sample where both would be a sixth number.
-    kept = [row for row in rows if row[1] != source.number(None)]
     del kept[2 : 2 + max(len(kept) - 5, 0)]
     return PageTable(
-        f"The muscle in five numbers, {fit.title}: force and contraction at {at}; left out is each "
-        "pressure in turn.",
+        f"The muscle in five numbers, {fit.title}. Force and contraction are at "
+        f"{source.pressure(pressure)}; each pressure in turn was left out.",
         ("quantity", "value", "standard error", "unit"),
         kept,
     )
 
 
-def _row(
-    source: Source, what: str, value: float | None, std: float | None, kind: str
-) -> tuple[str, ...]:
-    return (what, source.number(value, kind), source.number(std, kind, 2), source.unit(kind))
-
-
 def _tables(source: Source) -> list[PageTable]:
     """Errors by geometry, and the cross-checks."""
-    unit = source.unit("force")
-    rows = [
-        (
-            fit.short,
-            source.number(fit.figures["rmse_N"], "force", 3),
-            f"{100 * fit.figures['rmse_N'] / fit.figures['largest_force_N']:.2g} %",
-            source.number(fit.figures["largest_N"], "force", 3),
-            source.number(fit.figures.get("left_out_pressure_N"), "force", 3),
-            source.number(fit.figures.get("left_out_length_N"), "force", 3),
+    rows = []
+    for fit in source.fits.values():
+        of = fit.figures
+        rmse, largest, *out = (
+            source.number(of.get(name), "force", 3)
+            for name in ("rmse_N", "largest_N", "left_out_pressure_N", "left_out_length_N")
         )
-        for fit in source.fits.values()
-    ]
+        share = f"{100 * of['rmse_N'] / of['largest_force_N']:.2g} %"
+        rows.append((fit.short, rmse, share, largest, *out))
     header = ("geometry", "RMSE", "of largest force", "largest", "each pressure", "each length")
     groups = (("", 1), ("in sample", 3), ("RMSE, left out", 2))
-    errors = PageTable(f"Errors of the force by geometry [{unit}].", header, rows, groups)
-    return [errors, *checks_table(source.steps, source.system)]
+    title = f"Errors of the force by geometry [{source.unit('force')}]."
+    return [
+        PageTable(title, header, rows, groups), *checks_table(source.steps, source.system)
+    ]  # fmt: skip
 
 
 def _notes(source: Source) -> list[str]:
     """What a reader must know of fit, test, shape and readings."""
     of_shape = source.shape["notes"] if source.shape else []
     of_fit = source.best.saved.document["warnings"]
-    found = [*source.test.get("notes", []), *of_shape, *source.data.notes, *_alike(source)]
-    # A force map advises an option of `famjax fit`; here the same stands in the sheet.
-    return [_OPTION.sub(rf"(\1 in [specimen] of {SHEET})", one) for one in (*found, *of_fit)]
-
-
-def _alike(source: Source) -> list[str]:
-    """Why the columns of cylinder and elastic cylinder are the same, where they are."""
+    found = [*source.test.get("notes", []), *of_shape, *source.data.notes, *of_fit]
     fits = [source.fits.get(name) for name in (CYLINDER, ELASTIC)]
     known = [one.figures["rmse_N"] for one in fits if one is not None]
-    if len(known) < 2 or abs(known[0] - known[1]) > _SAME * known[0]:
-        return []
-    return [
-        "Cylinder and elastic cylinder are the same here: the stretch of the threads, braid_compliance, "
-        "was identified as 0, its lower bound. The force of this test shows no stretch of the threads."
-    ]
+    if len(known) > 1 and abs(known[0] - known[1]) <= _SAME * known[0]:
+        found.append(
+            "Cylinder and elastic cylinder are the same here: braid_compliance, the stretch of the "
+            "threads, is 0, its lower bound. The force of this test shows no stretch of the threads."
+        )
+    # A force map advises an option of `famjax fit`; here the same stands in the sheet.
+    return [_OPTION.sub(rf"(\1 in [specimen] of {SHEET})", one) for one in found]
 
 
 def _unknown(source: Source) -> list[str]:
-    """What the folder lacks, and what is not known therefore."""
-    sheet, said = source.sheet, []
-    pictured = PICTURES in source.names
-    if not pictured:
-        said.append(
-            "There are no photographs: the shape is the cylinder of the braid's triangle, its "
-            "diameter and angle identified from the force, and no strain was measured."
-        )
-    if sheet.records.force_map is not None:
-        said.append(
-            "There is a force map and no record of the test: hysteresis, the pressure that was held, "
-            "blocked force and free contraction as measured are not known."
-        )
-        if pictured:
-            said.append(
-                "The photographs have no log beside them: force and pressure at each are not known, "
-                "their clock and scale are not checked, and the shape is taken as one at all pressures."
-            )
-    if sheet.photographs is not None and sheet.photographs.ruler is None:
-        said.append(
-            "There is no photograph of a ruler: the scale of the pictures is as stated, and all "
-            "lengths and diameters are as wrong as it is."
-        )
-    if pictured and sheet.specimen.bladder_diameter is None:
-        said.append(
-            "The bladder's diameter at rest is not stated: it is taken to fill the braid, and its "
-            "strain is as wrong as that."
-        )
-    if not sheet.errors.stated():
-        said.append(
-            "The sheet states no errors that all readings share: standard errors and bands are of "
-            "scatter and shape alone."
-        )
-    if sheet.turns is None and pictured:
-        said.append(
-            "The turns of the threads were not counted: they are identified from the force."
-        )
-    if failed := failed_pictures(source):
-        count = "1 picture" if len(failed) == 1 else f"{len(failed)} pictures"
-        said.append(f"{count} could not be measured: {'; '.join(failed[:5])}.")
-    return said
+    """What the folder lacks, and what is therefore not known."""
+    sheet, pictured = source.sheet, PICTURES in source.names
+    map_alone, failed = sheet.records.force_map is not None, _failed_pictures(source)
+    ruled = sheet.photographs is None or sheet.photographs.ruler is not None
+    sentences = {
+        "There are no photographs. The shape is a cylinder; its diameter and angle are identified from "
+        "the force, and no strain was measured.": not pictured,
+        "There is a force map and no record of the test. Hysteresis, held pressure, and the measured "
+        "blocked force and free contraction are not known.": map_alone,
+        "The photographs have no log beside them. Force and pressure at each are not known, clock and "
+        "scale are not checked, and the shape is taken as one at all pressures.": pictured and map_alone,
+        "There is no photograph of a ruler. All lengths and diameters depend on the scale as stated.":
+            not ruled,
+        "The bladder's diameter at rest is not stated. It is assumed to fill the braid, which sets its "
+        "strain.": pictured and sheet.specimen.bladder_diameter is None,
+        "The sheet states no calibration errors. Standard errors and bands hold scatter and shape "
+        "alone.": not sheet.errors.stated(),
+        "The turns of the threads were not counted. They are identified from the force.":
+            sheet.turns is None and pictured,
+        f"{len(failed)} picture{'s' * (len(failed) != 1)} could not be measured: "
+        f"{'; '.join(failed[:5])}.": failed,
+    }  # fmt: skip
+    return [said for said, true in sentences.items() if true]
+
+
+def _failed_pictures(source: Source) -> list[str]:
+    """Names of the photographs that could not be measured, with the reason."""
+    path = source.results / PICTURES / "measurements.csv"
+    if not path.exists():
+        return []
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    rows = rows[rows["ok"] != "true"]
+    return [
+        f"{Path(at).name}, {why.partition(':')[0]}"
+        for at, why in zip(rows.path, rows.error, strict=True)
+    ]
 
 
 def _inputs(sheet: Sheet) -> dict[str, str]:
     """SHA-256 of every file of the folder that the evaluation reads, by its path in the folder."""
     records, photographs = sheet.records, sheet.photographs
     named = [records.journal, records.machine_log, records.force_map]
+    pictures = []
     if photographs is not None:
         named += [photographs.ruler, photographs.recipe]
-    files = [sheet.folder / SHEET, *(sheet.path(name) for name in named if name is not None)]
-    if photographs is not None:
-        files += shown_pictures(sheet, photographs)
+        pictures = shown_pictures(sheet, photographs)
+    files = [sheet.folder / SHEET, *(sheet.path(name) for name in named if name), *pictures]
     return {
-        (
-            path.relative_to(sheet.folder) if path.is_relative_to(sheet.folder) else path
-        ).as_posix(): digest(path)
-        for path in files
-    }
+        (one.relative_to(sheet.folder) if one.is_relative_to(sheet.folder) else one).as_posix():
+            digest(one)
+        for one in files
+    }  # fmt: skip

@@ -1,10 +1,9 @@
-"""What the report is made of, read back from the files of the steps before it, and the model's states.
+"""What the report is made of, read from the files of the steps before it, and the models' states.
 
 No equilibrium is solved for the states: the free contraction is where a spline through the forces
 falls to zero.
 """
 
-import csv
 import dataclasses
 import json
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray
 from jaxtyping import Array, Float
 
 import famjax
@@ -23,7 +23,6 @@ from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
 from famjax.work import WorkBudget
 from fitting.data import COLUMNS, ForceData
-from fitting.saved import SavedFit
 from fitting.shapes import Pictures, ShapeSurface
 
 from ..evaluation import (
@@ -40,84 +39,53 @@ from ..folder import RESULTS, Sheet
 
 PRESSURE = "pressure on the braid"
 """Name of the part of the force that is the braid's, the first of all."""
+KINDS = {
+    "force": "force", "diameter": "length", "braid_angle": "angle", "thickness": "length",
+    "volume": "volume", "axial_strain": "number", "mean_hoop_strain": "number",
+    "most_hoop_strain": "number", "axial_stress": "stress", "hoop_stress": "stress",
+}  # fmt: skip
+"""Of the states of a muscle that have a column in the table."""
 _RANGE = 129
 """Lengths over the whole range of a geometry: a cubic spline through them repeats a force to 1e-7."""
 
 
-@dataclasses.dataclass(frozen=True)
-class States:
-    """A muscle over its stroke at several pressures; nan where its geometry is not known.
-
-    Attributes:
-        contraction: from rest to the end of the measured stroke, shape (c,).
-        force: F [N] of the model, below zero where the muscle is slack; shape (p, c), as all that
-            follow.
-        diameter: of the braid, D [m]: the average one.
-        braid_angle: theta [rad].
-        thickness: of the wall [m].
-        volume: within the outline [m3].
-        axial_strain: eps_z.
-        mean_hoop_strain: axial mean of eps_c.
-        most_hoop_strain: largest eps_c along the axis.
-        axial_stress, hoop_stress: axial means [Pa].
-        terms: parts of the force [N] by name.
-        rest_length: L0 [m].
-        lengths: over the whole range of the geometry [m], falling, shape (r,).
-        forces: there [N], shape (p, r).
-    """
-
-    contraction: np.ndarray
-    force: np.ndarray
-    diameter: np.ndarray
-    braid_angle: np.ndarray
-    thickness: np.ndarray
-    volume: np.ndarray
-    axial_strain: np.ndarray
-    mean_hoop_strain: np.ndarray
-    most_hoop_strain: np.ndarray
-    axial_stress: np.ndarray
-    hoop_stress: np.ndarray
-    terms: dict[str, np.ndarray]
-    rest_length: float
-    lengths: np.ndarray
-    forces: np.ndarray
-
-    @property
-    def blocked_force(self) -> np.ndarray:
-        """Force [N] at zero contraction by pressure, 0 where slack; nan where it is not known."""
-        return np.maximum(self.force[:, 0], 0.0)
-
-    def free_contraction(self) -> np.ndarray:
-        """Contraction at which the force first falls to zero, by pressure; nan where it does not."""
-        return np.array([_first_zero(self.lengths, row, self.rest_length) for row in self.forces])
-
-
-def states_of(muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, count: int) -> States:
-    """The states of a muscle, by one compiled program.
+def states_of(
+    muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, count: int
+) -> xarray.Dataset:
+    """The states of a muscle in SI over its stroke at several pressures, by one compiled program.
 
     Args:
         muscle: with a geometry and terms.
         pressures: gauge pressures [Pa], shape (p,).
         shortest: length at the end of the stroke [m].
         count: of lengths over the stroke.
+
+    Returns:
+        By pressure and contraction the quantities of `KINDS`, nan where the geometry is not known: strains
+        and stresses are axial means but for `most_hoop_strain`; `terms` are the parts of the force by term.
+        By pressure: `blocked_force`, 0 where the muscle is slack; `free_contraction`, where the force
+        first falls to zero, nan where it does not, and `free_slope`, the force's there by contraction.
     """
     rest = float(muscle.rest_length)
     ends = [float(end) for end in muscle.length_range()]
     stroke = np.linspace(rest, shortest, count)
     whole = np.linspace(min(rest, ends[1]), ends[0], _RANGE)
-    found = {
-        name: np.asarray(values)
-        for name, values in _states(
-            muscle, np.concatenate([stroke, whole]), pressures[:, None]
-        ).items()
-    }
-    within = {name: values[..., :count] for name, values in found.items()}
-    terms = {name[6:]: within.pop(name) for name in [*within] if name.startswith("term: ")}
-    terms = dict(sorted(terms.items(), key=lambda one: one[0] != PRESSURE))
-    return States(
-        contraction=1 - stroke / rest, terms=terms, rest_length=rest, lengths=whole,
-        forces=found["force"][:, count:], **within,
-    )  # fmt: skip
+    every = np.concatenate([stroke, whole])
+    found = {k: np.asarray(v) for k, v in _states(muscle, every, pressures[:, None]).items()}
+    terms = [name for name in found if name not in KINDS]
+    terms.sort(key=lambda name: name != PRESSURE)
+    free = np.array([_first_zero(1 - whole / rest, row[count:]) for row in found["force"]])
+    across = ("pressure", "contraction")
+    return xarray.Dataset(
+        {
+            **{name: (across, found[name][:, :count]) for name in KINDS},
+            "terms": (("term", *across), np.stack([found[name][:, :count] for name in terms])),
+            "blocked_force": ("pressure", np.maximum(found["force"][:, 0], 0.0)),
+            "free_contraction": ("pressure", free[:, 0]),
+            "free_slope": ("pressure", free[:, 1]),
+        },
+        {"pressure": pressures, "contraction": 1 - stroke / rest, "term": terms},
+    )
 
 
 @quick_jit
@@ -128,8 +96,18 @@ def _states(
     rated = any(term.uses_rates for term in muscle.terms.terms)
     geometry = muscle.geometry
     at = (geometry.dimensions_with_rates if rated else geometry.dimensions)(L, P)
-    parts = _parts(muscle, at, P)
     weights, hoop = at.station_weights, at.hoop_strain
+    axial_stress, hoop_stress = muscle.material.stresses(
+        at.axial_strain[..., None], hoop, P[..., None]
+    )
+    parts = {}
+    for term in muscle.terms.terms:
+        if isinstance(term, BladderWall):
+            parts["bladder, axial stress"] = BladderAxial(term.material).force(at, P)
+            parts["bladder, hoop stress"] = BladderHoop(term.material).force(at, P)
+        else:
+            of_braid = hasattr(term, "deadband_pressure")
+            parts[PRESSURE if of_braid else type(term).__name__] = term.force(at, P)
     content = {
         "force": jnp.asarray(sum(parts.values())),
         "diameter": 2 * at.radius,
@@ -139,53 +117,24 @@ def _states(
         "axial_strain": at.axial_strain,
         "mean_hoop_strain": jnp.sum(weights * hoop, axis=-1),
         "most_hoop_strain": jnp.max(hoop, axis=-1),
-        **_stresses(muscle, at, P),
-        **{f"term: {name}": part for name, part in parts.items()},
+        "axial_stress": jnp.sum(weights * axial_stress, axis=-1),
+        "hoop_stress": jnp.sum(weights * hoop_stress, axis=-1),
+        **parts,
     }
     return jax.tree.map(lambda values: jnp.where(at.reached, values, jnp.nan), content)
 
 
-def _parts(
-    muscle: famjax.Muscle, at: famjax.geometries.Dimensions, pressure: Array
-) -> dict[str, Array]:
-    """Each term's part of the force [N]; the wall's in its two."""
-    parts = {}
-    for term in muscle.terms.terms:
-        material = term.material if isinstance(term, BladderWall) else None
-        if material is not None:
-            parts["bladder, axial stress"] = BladderAxial(material).force(at, pressure)
-            parts["bladder, hoop stress"] = BladderHoop(material).force(at, pressure)
-        else:
-            held = hasattr(term, "deadband_pressure")
-            parts[PRESSURE if held else type(term).__name__] = term.force(at, pressure)
-    return parts
-
-
-def _stresses(
-    muscle: famjax.Muscle, at: famjax.geometries.Dimensions, pressure: Array
-) -> dict[str, Array]:
-    axial, hoop = muscle.material.stresses(
-        at.axial_strain[..., None], at.hoop_strain, pressure[..., None]
-    )
-    weights = at.station_weights
-    return {
-        "axial_stress": jnp.sum(weights * axial, axis=-1),
-        "hoop_stress": jnp.sum(weights * hoop, axis=-1),
-    }
-
-
-def _first_zero(lengths: np.ndarray, force: np.ndarray, rest: float) -> float:
-    """Contraction at the longest length at which a cubic spline of the force falls to zero."""
+def _first_zero(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
+    """The first contraction at which a cubic spline of the force falls to zero, and its slope there."""
     from scipy.interpolate import CubicSpline
 
     known = np.isfinite(force)
-    contraction = 1 - lengths[known] / rest
     if known.sum() < 4 or force[known][0] <= 0:
-        return np.nan
-    spline = CubicSpline(contraction, force[known])
+        return np.nan, np.nan
+    spline = CubicSpline(contraction[known], force[known])
     roots = np.sort(spline.roots(extrapolate=False))
     falling = roots[spline(roots, 1) < 0]
-    return float(falling[0]) if falling.size else np.nan
+    return (float(falling[0]), float(spline(falling[0], 1))) if falling.size else (np.nan, np.nan)
 
 
 COLOURS = dict(zip(GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True))
@@ -205,15 +154,15 @@ class FittedGeometry:
         saved: the fit.
         figures: of the step beside it: errors, values, errors of the shape.
         data: the readings that it was given.
-        states: of the model over the stroke and over its whole range.
+        states: of the model, see `states_of`.
         work: of the stroke at each pressure, from rest to the end or to where the pull ends.
     """
 
     name: str
-    saved: SavedFit
+    saved: fitting.Identification
     figures: dict[str, Any]
     data: ForceData
-    states: States
+    states: xarray.Dataset
     work: WorkBudget
 
     @property
@@ -229,7 +178,7 @@ class FittedGeometry:
     @property
     def residuals(self) -> np.ndarray:
         """Model less measured [N] at the loaded readings."""
-        return np.array(self.saved.document["residuals_N"])
+        return self.saved.residuals
 
     @property
     def levels(self) -> np.ndarray:
@@ -309,31 +258,22 @@ class Source:
 
 def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
     """Everything for the report; the models are asked once each, for all of it."""
-    results = sheet.folder / RESULTS
-    data = read_map(sheet)
+    results, data, shown = sheet.folder / RESULTS, read_map(sheet), SHAPE in names
     record = results / RECORDS / "characterisation.json"
     test = _read(record) if record.exists() else {}
     isobars = test.get("isobars", [])
-    pressures = (
-        np.array([bar["pressure_Pa"] for bar in isobars])
-        if isobars
-        else np.unique(data.pressures.level[data.loaded])
-    )
-    shortest = float(data.length.min())
+    held = [bar["pressure_Pa"] for bar in isobars]
+    pressures = np.array(held or np.unique(data.pressures.level[data.loaded]))
     fits = {}
-    for name in GEOMETRIES:
-        if name not in names:
-            continue
+    for name in (one for one in GEOMETRIES if one in names):
         saved = fitting.load_fit(results / name / "fit.json")
-        states = states_of(saved.muscle, pressures, shortest, _STROKE)
-        rest = states.rest_length
-        free = np.nan_to_num(states.free_contraction(), nan=np.inf)
-        last = np.minimum(np.maximum(free, 1e-3), states.contraction[-1])
+        states = states_of(saved.muscle, pressures, float(data.length.min()), _STROKE)
+        rest, ends = float(saved.muscle.rest_length), states.free_contraction.fillna(np.inf)
+        last = np.clip(ends.values, 1e-3, float(states.contraction[-1]))
         fits[name] = FittedGeometry(
             name, saved, _read(results / name / "figures.json"), _readings(data, saved), states,
             famjax.work_budget(saved.muscle, pressures, rest, rest * (1 - last)),
         )  # fmt: skip
-    shown = SHAPE in names
     return Source(
         sheet, system, names, data, isobars, test, fits,
         measured_surface(sheet) if shown else None,
@@ -343,20 +283,9 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
     )  # fmt: skip
 
 
-def failed_pictures(source: Source) -> list[str]:
-    """Names of the photographs that could not be measured, with the reason."""
-    path = source.results / PICTURES / "measurements.csv"
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["ok"] != "true"]
-    return [f"{Path(row['path']).name}, {row['error'].partition(':')[0]}" for row in rows]
-
-
-def _readings(data: ForceData, saved: SavedFit) -> ForceData:
+def _readings(data: ForceData, saved: fitting.Identification) -> ForceData:
     """The force map as a fit was given it: without lengths that its geometry does not know."""
-    readings = saved.document["data"]["readings"]
-    lengths = np.array(readings["length_m"])
+    lengths = np.array(saved.document["data"]["readings"]["length_m"])
     if lengths.size == data.length.size:
         return data
     kept = np.isin(data.length, lengths)

@@ -3,6 +3,7 @@
 import datetime
 import io
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -38,10 +39,16 @@ def test_json_is_one_object_and_nothing_else(
 
 @pytest.mark.slow
 def test_table_for_people(run: Callable, force_map: Path, tmp_path: Path) -> None:
-    code, out, _ = run(
+    asked = (
         "fit", force_map, "--order", 2, "--output", tmp_path / "o",
         "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20",
     )  # fmt: skip
+    code, out, _ = run(*asked)
+    assert code == 0
+    assert len(out.splitlines()) <= 15
+    labels = ("verdict", "model", "RMSE", "parameters", "not separable", "written:")
+    assert [one for one in labels if f"\n{one}" in out] == [*labels]
+    code, out, _ = run(*asked, "--verbose")
     assert code == 0
     shown = ("Parameters", "braid_angle", "held", "RMSE", "Certificate", "note:", "written:")
     for needed in shown:
@@ -105,6 +112,7 @@ def test_version_and_help(run: Callable) -> None:
     assert run("--version") == (0, f"famjax {famjax.__version__}\n", "")
     code, out, _ = run("fit", "--help")
     assert code == 0
+    assert len(set(re.findall(r"│ (?:DATA )?(--[a-zA-Z]+)", out))) <= 18
     for option in ("--order", "--constraint", "--bounds", "--specimen", "--output", "--units",
                    "--json", "Data", "Model", "What you know", "Output"):  # fmt: skip
         assert option in out
@@ -186,6 +194,4 @@ def test_a_map_comes_from_standard_input_and_what_is_replaced_is_told(
         monkeypatch.setattr(sys, "stdin", io.StringIO(text))
         code, said, _ = run("fit", "-", "--law", "polynomial", "--output", tmp_path / "out")
         assert code == 0
-        assert (
-            "fit.json, fit.png, report.html took the place of earlier files" in said
-        ) == replaced
+        assert ("replaced earlier files: fit.json, fit.png, report.html" in said) == replaced

@@ -16,7 +16,8 @@ ASKED = (
 @pytest.mark.slow
 def test_files_of_a_search(run: Callable, tmp_path: Path) -> None:
     code, out, _ = run(
-        "design", *ASKED, "--search", "2e3", "--vary", "pressure_psi=40:100", "--json", "--output",
+        "design", *ASKED, "--units", "us", "--search", "2e3", "--vary", "pressure_psi=40:100", "--json",
+        "--output",
         tmp_path,
     )  # fmt: skip
     assert code == 0
@@ -49,7 +50,7 @@ def test_files_of_a_search(run: Callable, tmp_path: Path) -> None:
 def test_nothing_feasible_is_said_with_exit_code_1(run: Callable, tmp_path: Path) -> None:
     code, out, _ = run(
         "design", "--require", "pressure_psi=60", "--require", "force_lbf=1500", "--require",
-        "stroke_in=2", "--search", 2000, "--output", tmp_path,
+        "stroke_in=2", "--search", 2000, "--units", "us", "--output", tmp_path,
     )  # fmt: skip
     assert code == 1
     assert "fail the force" in out

@@ -12,7 +12,7 @@ DESIGN = ("design", "--require", "pressure_psi=100")
 ASKED = (*DESIGN, "--search", "1e3")
 AT = ("--length", "270mm", "--pressure")
 FIT_MAP: list[tuple[tuple[str, ...], str]] = [
-    (("MAP",), "Several muscles of one series: famjax series"),
+    (("MAP",), "For several muscles use famjax series"),
     (("--geometry", "a:B", "--shape", "m.nc"), "either --shape or --geometry"),
     (("--law", "ogden", "--order", "2"), "got 2 for ogden: leave the order out"),
     (("--specimen", "braid_angle_deg=65"), "or held by --bounds braid_angle_deg=65"),
@@ -33,7 +33,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("fit", "DMSP-20-30"), "did you mean DMSP-20-300?"),
     (("fit", "none.csv"), "no such file"),
     (("fit", "--rest-length", "300mm"), "Unknown option: --rest-length. Try 'famjax fit --help'"),
-    (("assess", "MAP"), "say what to assess: --validate"),
+    (("assess", "MAP"), "name a test: --validate"),
     (("assess", "MAP", "--validate"), "give a fit.json"),
     (("assess", "MAP", "--hysteresis", "MAP"), "is not the branches.csv that famjax ramps"),
     (("predict", "MAP", *AT, "3bar"), "give a fit.json"),
@@ -56,7 +56,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
 # Said before the library is loaded, which takes seconds.
 AT_ONCE: list[tuple[tuple[str, ...], str]] = [
     (("fit", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
-    (("assess", "x", "--bootstrap", "-5"), "0, for no replicates, or 2 and more; got -5"),
+    (("assess", "x", "--bootstrap", "-5"), "must be 0 (none) or at least 2; got -5"),
     (("sweep", "--order", "9"), "Must be <= 4"),
     (("sweep", "--order", "1", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
     (("compare", "--jobs", "0"), "Must be >= 1"),

@@ -104,7 +104,7 @@ def test_both_branches_are_predicted(
     code, out, _ = run(capsys, "predict", fitted / "fit.json", "--history", path)
     assert code == 0
     assert "Force along the history" in out
-    assert "slack it pulls nothing" in out
+    assert "a slack muscle pulls nothing" in out
     table = " ".join(out.split())
     assert "length mm pressure kPa force N static force N hysteresis N" in table  # as in the file
     assert "270 400" in table

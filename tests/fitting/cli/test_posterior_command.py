@@ -1,4 +1,4 @@
-"""`famjax assess --posterior` of a `famjax fit --censored`, as a user runs them."""
+"""`famjax assess --posterior` of a `famjax fit --objective censored`, as a user runs them."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ pytest.importorskip("blackjax")
 def test_posterior_of_a_censored_fit(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     out = tmp_path / "out"
     for words in (
-        ("fit", "DMSP-10-250", "--censored", "--output", out),
+        ("fit", "DMSP-10-250", "--objective", "censored", "--output", out),
         ("assess", out / "fit.json", "--posterior"),
     ):
         with pytest.raises(SystemExit) as stop:

@@ -65,7 +65,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def fit(folder: Path, capsys: pytest.CaptureFixture, *words: object) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
         main(
-            ["fit", str(folder / "map.csv"), "--output", str(folder / "out"),
+            ["fit", str(folder / "map.csv"), "--output", str(folder / "out"), "--verbose",
              *map(str, words)]
         )  # fmt: skip
     said = capsys.readouterr()

@@ -31,7 +31,8 @@ def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> No
     variance = grid["covariance"].sel(parameter="E_1", other_parameter="E_1")
     assert np.sqrt(float(variance)) == pytest.approx(one.stderr)
     assert float(np.sqrt((grid["residual_N"] ** 2).mean())) == pytest.approx(found.errors.rmse)
-    assert "<td>E_1</td>" in found._repr_html_()
+    shown = found._repr_html_()
+    assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
 
 
 def test_a_fit_that_depends_on_pressure_names_its_nodes(found: fitting.Identification) -> None:
@@ -67,11 +68,14 @@ def test_a_missing_extra_is_named(
 
 def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) -> None:
     figure_module = pytest.importorskip("matplotlib.figure")
-    for plot in (fitting.plot_isobars, fitting.plot_residuals, fitting.plot_law):
+    method = type(found).plot
+    for plot in (fitting.plot_isobars, fitting.plot_residuals, fitting.plot_law, method):
         axes = figure_module.Figure().subplots()
         assert plot(found, axes, "us") is axes
         assert axes.get_xlabel()
         assert axes.lines
+    legend = fitting.plot_law(found, figure_module.Figure().subplots()).get_legend()
+    assert legend.get_texts()[0].get_text() == "polynomial law"  # no tensile test was made
     force = fitting.plot_isobars(found, figure_module.Figure().subplots(), "si")
     drawn = np.concatenate([line.get_ydata() for line in force.lines])
     assert np.nanmax(drawn) == pytest.approx(

@@ -87,7 +87,7 @@ def test_an_error_widens_the_band_and_is_told(found: fitting.Identification, tmp
         fitting.report.write_fit(found, tmp_path, "si", evidence)
         saved = fitting.load_fit(tmp_path / "fit.json")
         told[errors.force_reading] = fitting.predict(saved, np.array([0.28]), np.array([5e5]))[0]
-        tables = [title for title, *_ in fitting.report.tables(found, "si", evidence)]
+        tables = [title for title, *_ in fitting.report.Findings(found, evidence).tables("si")]
         assert ("Standard errors by source" in tables) == bool(errors.force_reading)
     plain, wide = told[0.0], told[0.02]
     added = np.sqrt((wide["high_95_N"] - wide["force_N"]) ** 2

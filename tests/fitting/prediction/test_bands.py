@@ -61,8 +61,8 @@ def test_a_length_left_out_lies_in_its_band(
 def test_a_band_grows_with_the_distance_and_says_what_it_covers(
     without_a_length: Path, tmp_path: Path, command: Callable[..., str]
 ) -> None:
-    said = command("fit", without_a_length, "--law", "ogden", "--output", tmp_path)
-    assert "Bands of predictions, 95 %, are of single readings" in said
+    said = command("fit", without_a_length, "--law", "ogden", "--output", tmp_path, "--verbose")
+    assert "The 95 % bands of predictions are of single readings" in said
     states = "--length", "280mm,225mm,340mm,100mm", "--pressure", "500kPa,900kPa"
     found = json.loads(command("predict", tmp_path / "fit.json", *states, "--json"))
     rows = {(row["length_m"], row["pressure_Pa"]): row for row in found}
