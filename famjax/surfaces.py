@@ -136,7 +136,7 @@ class AbstractMeasuredFamily(AbstractProfileFamily):
 
 
 class MeasuredFamily(AbstractMeasuredFamily):
-    """Profiles measured at one pressure and several lengths, and what lies between.
+    """Profiles measured at one pressure and several lengths, interpolated between them.
 
     D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
 

@@ -79,7 +79,7 @@ class Check:
 
     @property
     def range(self) -> str:
-        """What was expected, in words."""
+        """The expected value, in words."""
         low, high = self.expected
         if math.isinf(low) and math.isinf(high):
             return "any"
@@ -89,7 +89,7 @@ class Check:
 
     @property
     def value(self) -> str:
-        """What was found, in words."""
+        """The value found, in words."""
         return NOT_KNOWN if math.isnan(self.found) else f"{self.found:.4g}{self._unit}"
 
     def sentence(self) -> str:

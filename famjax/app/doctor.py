@@ -1,4 +1,4 @@
-"""Is all as it should be? `famjax doctor` of this installation, `famjax reproduce` of its figures."""
+"""Self-checks: `famjax doctor` of the installation, `famjax reproduce` of printed figures."""
 
 import importlib.metadata
 import os
@@ -43,7 +43,7 @@ def versions() -> dict[str, str]:
 
 
 def problems() -> list[str]:
-    """One sentence for each clash between famjax and what else is installed; starts no backend."""
+    """One sentence for each conflict with other installed packages; starts no backend."""
     found = clashes()
     for name in () if found else SIBLINGS:
         try:

@@ -341,7 +341,7 @@ def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 
 def table_rows(found: Characterisation, system: str) -> list[dict[str, float | str]]:
-    """One row for every isobar, the units in the keys; "none" for what was not measured.
+    """One row for every isobar, with units in the keys; "none" if not measured.
 
     Raises:
         InputError: an unknown system.
@@ -367,7 +367,7 @@ def table_rows(found: Characterisation, system: str) -> list[dict[str, float | s
 
 
 def figures(found: Analysis) -> dict[str, object]:
-    """The figures of an analysis for a JSON file, unit in each key; None for what was not measured."""
+    """The figures of an analysis for a JSON file, with units in the keys; None if not measured."""
     rows = [
         {key: value if math.isfinite(value) else None for key, value in row.items()}
         for row in found.characterisation.rows()
@@ -387,7 +387,7 @@ def figures(found: Analysis) -> dict[str, object]:
 
 
 def branches_csv(muscle: Characterisation) -> str:
-    """Both branches of every isobar over the length as CSV, SI; empty for what was not measured."""
+    """Both branches of every isobar over length as CSV in SI; empty if not measured."""
     lines = ["set_pressure_Pa,length_m,shortening_N,lengthening_N"]
     for bar in muscle.isobars:
         for row in zip(bar.length, bar.shortening, bar.lengthening, strict=True):

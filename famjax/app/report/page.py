@@ -29,7 +29,7 @@ _UNITS = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
 
 
 def tables(source: Source) -> dict[str, str]:
-    """The tables by their files' names, as CSV; empty is what is not known."""
+    """The tables by file name, as CSV; unknown values are empty."""
     found = {
         "states": pd.concat([_states(source, name) for name in source.fits]),
         "readings": _readings(source),

@@ -1,4 +1,4 @@
-"""What the report is made of, read from the files of the steps before it, and the models' states.
+"""Data of the report, read from the files of earlier steps, and the states of the models.
 
 No equilibrium is solved for the states: the free contraction is where a spline through the forces
 falls to zero.
