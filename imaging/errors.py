@@ -115,7 +115,7 @@ class DistanceContradiction(ImagingError):
 
 
 class ScaleContradiction(ImagingError):
-    """The scale and a known diameter in the picture contradict each other."""
+    """The scale and a known diameter in the picture exclude each other."""
 
 
 class WorkerDied(ImagingError):
