@@ -52,8 +52,7 @@ def run(name: str, figures: Path) -> list[str]:
         printed, before = io.StringIO(), set(Path().glob("*.svg"))
         with contextlib.redirect_stdout(printed):
             exec(compile(body, name, "exec"), names)
-        code = re.sub(r"  # (noqa|fmt).*", "", body)
-        blocks.append(f"```python\n{code}\n```")
+        blocks.append(f"```python\n{body}\n```")
         if said := printed.getvalue().strip("\n"):
             blocks.append(f"```text\n{said}\n```")
         for picture in sorted(set(Path().glob("*.svg")) - before):

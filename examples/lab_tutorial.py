@@ -24,9 +24,8 @@ print("".join(Path("map.csv").read_text().splitlines(keepends=True)[:3]))
 # A mistake of units shows here first.
 
 # %%
-specimen = {"name": "mine", "rest_length": 0.296, "nominal_diameter": 0.02,
-            "wall_thickness": 0.0018, "embedded": True}  # fmt: skip
-data = fitting.read_csv("map.csv", specimen)
+size = {"rest_length": 0.296, "nominal_diameter": 0.02, "wall_thickness": 0.0018}  # m
+data = fitting.read_csv("map.csv", {"name": "mine", "embedded": True, **size})
 print(data)
 
 # %% [markdown]
@@ -37,8 +36,8 @@ print(data)
 choice = fitting.choose(data)
 fit, held_out = choice.chosen, choice.left_out
 print(f"{choice.name}: RMSE {fit.errors.rmse:.2f} N in sample")
-print(f"held out: {held_out['pressure'].rmse:.2f} N on pressures, "
-      f"{held_out['length'].interior_rmse:.2f} N on lengths between others")  # fmt: skip
+print(f"held out, pressures: {held_out['pressure'].rmse:.2f} N")
+print(f"held out, lengths between others: {held_out['length'].interior_rmse:.2f} N")
 
 # %% [markdown]
 # Check the parameters. A parameter at a bound has no standard error. The warnings name ridges:
