@@ -1,4 +1,4 @@
-"""Figures of the concept pages and of the tutorials, computed by the packages.
+"""Figures of the concept pages, computed by the packages.
 
 python docs/figures.py              # all of them, into docs/figures, the same bytes every time
 python docs/figures.py FOLDER       # or elsewhere
@@ -6,15 +6,11 @@ python docs/figures.py FOLDER       # or elsewhere
 What a figure shows is also in `curves.json` beside them: the tests compute it anew and compare.
 """
 
-import contextlib
 import dataclasses
-import io
 import json
-import os
-import runpy
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -29,9 +25,6 @@ from famjax.braids import NEUTRAL_ANGLE, force_magnification
 from fitting.report import svg_file
 
 FOLDER = Path(__file__).parent / "figures"
-EXAMPLES = Path(__file__).parents[1] / "examples"
-TUTORIALS = {"first_muscle": "first_muscle.svg", "fit_a_map": "fit_a_map.svg"}
-"""Pictures that examples leave in the folder in which they run."""
 
 Curves = dict[str, np.ndarray]
 PRESSURE = 5e5  # Pa, of the figures at one pressure
@@ -179,22 +172,6 @@ FIGURES: dict[str, Callable[[], tuple[Figure, Curves]]] = {
 }
 
 
-def tutorials(folder: Path) -> Iterator[str]:
-    """Run the examples in an empty folder and keep the pictures that they leave; their names."""
-    back = Path.cwd()
-    for example, picture in TUTORIALS.items():
-        with tempfile.TemporaryDirectory() as place:
-            os.chdir(place)
-            try:
-                style = {"svg.fonttype": "none", "svg.hashsalt": "famjax"}
-                with mpl.rc_context(style), contextlib.redirect_stdout(io.StringIO()):
-                    runpy.run_path(str(EXAMPLES / f"{example}.py"), run_name="__main__")
-                (folder / picture).write_bytes(Path(picture).read_bytes())
-            finally:
-                os.chdir(back)
-        yield picture
-
-
 def make(folder: Path) -> dict[str, dict[str, list]]:
     """Every figure as SVG, and `curves.json`, into a folder; the curves."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -225,4 +202,4 @@ if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     place = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     make(place)
-    print(*tutorials(place), *(f"{name}.svg" for name in FIGURES))
+    print(*(f"{name}.svg" for name in FIGURES))

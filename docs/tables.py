@@ -4,7 +4,6 @@ python docs/tables.py               # both, into docs
 python docs/tables.py FOLDER        # or elsewhere
 """
 
-import itertools
 import json
 import runpy
 import subprocess
@@ -19,21 +18,23 @@ MAPS = ("DMSP-20-300", "DMSP-10-250")
 COMPARE = "famjax compare {} --json"
 REPRODUCE = "famjax reproduce --json"
 _NONE = "-"
-_WRITTEN = "This page is written by `python docs/tables.py`, from what is printed by"
+_WRITTEN = "`python docs/tables.py` writes this page from the output of"
 _COMPARED = (
-    "Every published static force model that famjax has, and famjax's own, fitted to one force map. "
-    "Each is fitted to all loaded readings, and again without each pressure and without each length, "
-    "which it then predicts. A good model predicts what it has not seen; one with many parameters is "
-    "always good in sample."
+    "All published static force models in famjax, and famjax's own, fitted to one force map. "
+    "Each is fitted to all loaded readings. Cross-validation then leaves out each pressure "
+    "and each length in turn and predicts it. Judge a model by its held-out errors: with many"
+    " parameters, the error in sample is always small."
 )
 _ERRORS_ARE = (
-    "Errors are RMSE in N. *Pressures out*, *lengths out*: on readings left out. *Inner lengths out*: "
-    "without the shortest and the longest, which no fit of the others encloses. `-`: the model cannot "
-    "be fitted, or not without that part. A star: a parameter ended on a bound of its search."
+    "Errors are RMSE in N. *Pressures out*, *lengths out*: held-out errors. *Inner lengths "
+    "out*: without the shortest and the longest length, which are extrapolated. `-`: the "
+    "model cannot be fitted, or not without that part. A star: a parameter is at a bound of "
+    "its search."
 )
 _REPRODUCED = (
-    "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs that the work prints. Nothing is "
-    "tuned to a figure. A figure that differs by more than its tolerance is shown so."
+    "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs that the work prints. "
+    "Nothing is tuned to a figure. The table marks every figure that differs by more than its"
+    " tolerance."
 )
 
 
@@ -59,9 +60,7 @@ def comparison(found: dict[str, dict[str, Any]]) -> str:
             for row in table["models"]
         ]
         parts.append(_table(("model", "parameters", *_ERRORS.values()), rows))
-    parts.append(
-        "Notes on single models are in `famjax-compare/compare.json`, which the command writes."
-    )
+    parts.append("`famjax-compare/compare.json` has notes on single models.")
     return "\n\n".join(parts) + "\n"
 
 
@@ -86,31 +85,30 @@ def reproduction(rows: list[dict[str, Any]]) -> str:
     known = f"**{right - len(out)} of {right}** printed figures agree within their"
     more = (
         f"{len(misprints)} more are misprints by the work's own other figures; "
-        f"{len(rows) - len(compared)} are computed of which no printed figure was at hand."
+        f"{len(rows) - len(compared)} are computed for which no printed figure was available."
     )
     parts = [
         "# Reproduction of the reference work",
         _REPRODUCED,
         _WRITTEN,
         _fence([REPRODUCE]),
-        "Without `--json` it writes a page with all rows and all notes.",
+        "Without `--json` the command writes a page with all rows and all notes.",
         f"{known} tolerance; {more}",
         "## Out of tolerance",
-        _rows(out, with_table=True),
+        _rows(out),
         *_notes(dict.fromkeys(row["table"] for row in out)),
         "## Misprints",
-        _rows(misprints, with_table=True),
+        _rows(misprints),
         "## All printed figures",
+        _rows(compared),
     ]
-    for table, group in itertools.groupby(compared, lambda row: row["table"]):
-        parts += [f"### {table}", _rows(list(group), with_table=False)]
     return "\n\n".join(parts) + "\n"
 
 
-def _rows(rows: Sequence[dict[str, Any]], *, with_table: bool) -> str:
+def _rows(rows: Sequence[dict[str, Any]]) -> str:
     cells = [
         (
-            *((row["table"],) if with_table else ()),
+            row["table"],
             row["entry"].replace("|", "\\|"),
             f"{row['published']:.6g}",
             f"{row['computed']:.6g}",
@@ -121,8 +119,8 @@ def _rows(rows: Sequence[dict[str, Any]], *, with_table: bool) -> str:
         )
         for row in rows
     ]
-    header = ("figure", "published", "computed", "tolerance", "unit", "verdict", "the tolerance is")
-    return _table((("table", *header) if with_table else header), cells)
+    header = ("figure", "published", "computed", "tolerance", "unit", "verdict", "tolerance is")
+    return _table(("table", *header), cells)
 
 
 def _notes(tables: Iterable[str]) -> list[str]:

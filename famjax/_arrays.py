@@ -1,4 +1,4 @@
-"""The two array types of the public annotations, and the conversion between them."""
+"""The two array types of public annotations, and the conversion between them."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -31,13 +31,13 @@ _NOTHING = np.zeros(())
 
 
 def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """The values (also nested lists) as a floating array: integers are promoted, float32 stays float32."""
+    """Convert values or nested lists to a floating array; integers are promoted, float32 stays float32."""
     array = jnp.asarray(values)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """As `as_real`, for what is kept: a Python float is of JAX's own precision, as an array of it is.
+    """As `as_real`, for stored values: a Python float takes JAX's default precision.
 
     Left "weak", as it is, a muscle of Python floats would be compiled apart from the same one read from a
     file, every program twice. What is made within a trace takes on the precision of what it meets.
@@ -53,7 +53,7 @@ def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
 
 
 def in_trace() -> bool:
-    """Whether JAX traces what is made here, as within `jax.jit`; nothing is compiled to know it."""
+    """Whether JAX is tracing here, as inside `jax.jit`; nothing is compiled to find out."""
     return isinstance(jax.device_put(_NOTHING), Tracer)
 
 
@@ -65,7 +65,7 @@ _jit: Any = eqx.filter_jit
 
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """The function compiled, arrays of its arguments traced; part of the whole where it is traced.
+    """Compile a function, tracing the arrays in its arguments; inside a trace it is inlined.
 
     Args:
         function: of the module's own level, so that it is traced once and not at every call.
@@ -77,7 +77,7 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """The function, whose arrays of different rank may meet, whatever the caller has forbidden his own."""
+    """Allow rank promotion inside a function, even if the caller's JAX configuration forbids it."""
 
     @functools.wraps(function)
     def called(*args: _P.args, **named: _P.kwargs) -> _T:
@@ -88,7 +88,7 @@ def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def compiled_method(method: _Method) -> _Method:
-    """The method of a module, one program where it is called outside of a trace.
+    """Compile a method of a module as one program when it is called outside a trace.
 
     Operation by operation, its first call would compile a program for each and take up to four times as
     long.
@@ -115,7 +115,7 @@ def compiled_method(method: _Method) -> _Method:
 
 
 def at_each(function: Callable[..., _T], *arguments: RealArray) -> _T:
-    """What a function of scalars returns at every member of arguments whose shapes broadcast.
+    """Apply a function of scalars to every element of arguments whose shapes broadcast.
 
     Scalars are handed on as they are: a batch of one would be traced, lowered and compiled in
     twice the time.
@@ -141,7 +141,7 @@ _M = TypeVar("_M")
 def of_each(
     function: Callable[..., RealArray], models: Sequence[_M], *arguments: Sequence[RealArray]
 ) -> RealArray:
-    """What a function returns of several models, each with its own arguments, along a leading axis.
+    """Apply a function to several models, each with its own arguments, along a leading axis.
 
     Models of one structure are stacked and mapped over, so that the program holds the function once
     and not once for each: what is compiled grows with the number of copies. Others are asked in turn.
@@ -177,7 +177,7 @@ def _alike(numbers: Sequence[Any], rest: Sequence[Any]) -> bool:
 
 
 def over_slope(linear: Callable[[RealArray], RealArray], value: RealArray) -> RealArray:
-    """The x at which a linear function of a scalar has a value: the `tangent_solve` of a root.
+    """The x at which a linear function of a scalar equals a value: the `tangent_solve` of a root.
 
     Where its slope is zero or not finite there is no root, and the value itself is returned: one
     member of a batch without a root leaves the derivatives of the others as they are.

@@ -12,7 +12,7 @@ SIBLINGS = ("fitting", "imaging", "rig")
 
 
 def require(name: str) -> ModuleType:
-    """Famjax's own sibling package of that name, imported.
+    """Import famjax's own sibling package of that name.
 
     Args:
         name: "fitting", "imaging" or "rig".
@@ -32,7 +32,7 @@ def require(name: str) -> ModuleType:
 
 
 def clashes() -> list[str]:
-    """One sentence for each sibling package in whose place another one is found; none is imported."""
+    """One sentence for each sibling package that another distribution replaces; none is imported."""
     places = {name: _foreign(name) for name in SIBLINGS}
     return [_sentence(name, where) for name, where in places.items() if where]
 

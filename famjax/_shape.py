@@ -86,7 +86,7 @@ def modes(
 
 
 class Part(eqx.Module):
-    """A section: braid, bladder and law, each as if the whole muscle were of it."""
+    """A section: braid, bladder and law, each as if the whole muscle consisted of it."""
 
     braid: AbstractBraid
     bladder: Bladder
@@ -113,7 +113,7 @@ class Part(eqx.Module):
     def resistances(
         self, radius: RealArray, stretch: RealArray, pressure: RealArray
     ) -> Float[Array, "3"]:
-        """Energy per Z and strain [J] that the bladder's strains and the threads' take."""
+        """Energy per Z and strain [J] for the strains of bladder and threads."""
         axial, hoop = self.strains(radius, stretch)
         stress = self.material.stresses(axial, hoop, pressure)
         volume, tension = self.bladder.volume, self.braid.threads_tension(stretch)
@@ -179,7 +179,7 @@ Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
 
 
 class Balance(eqx.Module):
-    """A muscle at one length and pressure, and what its unknowns are measured by.
+    """A muscle at one length and pressure, and the scales of its unknowns.
 
     Attributes:
         parts: sections at their stations.
@@ -252,7 +252,7 @@ class Balance(eqx.Module):
 
     @property
     def scales(self) -> Float[Array, " unknowns"]:
-        """What the modes of the radius [m] and the pull [N] are measured by."""
+        """Scales of the modes of the radius [m] and of the pull [N]."""
         pull = np.arange(self.free.size + 1) == self.free.size
         return jnp.where(pull, self.force_scale, self.radius_scale)
 
@@ -334,7 +334,7 @@ Matrix = Float[Array, "modes modes"]
 
 
 def residual(y: Unknowns, balance: Balance) -> Unknowns:
-    """What is not in balance, of order one."""
+    """The imbalance, scaled to order one."""
     outer = jnp.zeros_like(y[0]).at[-1].set(balance.length)
     inner = []
     for rule, g in zip(balance.rules, balance.each(_gradient, y), strict=True):
@@ -381,20 +381,20 @@ def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
 
 
 def reduced_hessian(matrix: Matrix) -> Float[Array, "free free"]:
-    """Second derivatives of the energy in the modes, stiff against a change of the length."""
+    """Second derivatives of the energy with respect to the modes, penalising a change of length."""
     across = matrix[:-1, -1]
     give = jnp.maximum(-matrix[-1, -1], 0.0) + 1 / _STIFF
     return matrix[:-1, :-1] + jnp.outer(across, across) / give
 
 
 def ahead(balance: Balance, y: Unknowns) -> tuple[RealArray, Bool[Array, ""]]:
-    """Distances to all bounds, and whether what has no distance is kept."""
+    """Distances to all bounds, and whether conditions without a distance hold."""
     rooms, kept = zip(*balance.each(_room, y), strict=True)
     return jnp.concatenate(rooms), jnp.all(jnp.concatenate(kept))
 
 
 class Point(eqx.Module):
-    """How the solver stands.
+    """State of the solver.
 
     Attributes:
         size: of the last step.
@@ -466,7 +466,7 @@ class GuardedNewton(optx.AbstractRootFinder):
 
 
 class Solved(eqx.Module):
-    """What the solver leaves.
+    """Result of the solver.
 
     Attributes:
         y: the unknowns, of the first guess where none balance.

@@ -114,7 +114,7 @@ def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle:
 
 
 class AbstractBraid(Parametrised):
-    """A braid whose threads have some length under load."""
+    """A braid whose thread length may depend on the load."""
 
     rest_thread_length: eqx.AbstractVar[RealArray]
     turns: eqx.AbstractVar[RealArray]
@@ -131,7 +131,7 @@ class AbstractBraid(Parametrised):
     def reach(
         self, length: Real, pressure: Real
     ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
-        """Length and thread length where there is a triangle of the two, and where there is.
+        """Length and thread length, masked where they form no triangle, and the mask.
 
         Args:
             length: active length L [m].
@@ -218,7 +218,7 @@ class Braid(AbstractBraid):
 
     @property
     def neutral_length(self) -> RealArray:
-        """Active length [m] at the neutral angle, B / sqrt(3): no braid pulls when shorter."""
+        """Active length [m] at the neutral angle, B / sqrt(3); a shorter braid does not pull."""
         return self.rest_thread_length * math.sin(NEUTRAL_ANGLE)
 
 
@@ -321,7 +321,7 @@ def thread_tension(
 
 
 class AbstractThread(Parametrised):
-    """An elastic thread, at most as stiff as its far modulus.
+    """An elastic thread whose stiffness approaches its far modulus from below.
 
     With the far stiffness k = A_b E_b, a law's strain must start from 0 at T = 0 and rise with the
     tension at a rate that never grows and tends to 1 / k, so that it stays below T / k + offset.
@@ -351,7 +351,7 @@ class AbstractThread(Parametrised):
 
 
 class LinearThread(AbstractThread):
-    """A thread that obeys Hooke's law, T = A_b E_b eps; continued so where it would have to push.
+    """A thread that obeys Hooke's law, T = A_b E_b eps, also in compression.
 
     Attributes:
         modulus: E_b [Pa], > 0.
@@ -413,7 +413,7 @@ class ToeThread(AbstractThread):
         return self.toe_strain
 
     def strain(self, tension: Real) -> RealArray:
-        """Engineering strain [-] at tension T [N], T > -T_t; nan below, where there is none."""
+        """Engineering strain [-] at tension T [N], T > -T_t; nan below."""
         inside = jnp.asarray(tension > -self.toe_tension)
         T = jnp.where(inside, tension, 0.0)
         value = T / self.far_stiffness + self.toe_strain * T / (T + self.toe_tension)
@@ -495,7 +495,7 @@ def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArra
 
 
 class BraidState(eqx.Module):
-    """A braid at one length and pressure under its own pull, Gaylord's.
+    """A braid at one length and pressure under Gaylord's force.
 
     Attributes:
         thread_length: B [m].
@@ -525,7 +525,7 @@ class BraidStretch(eqx.Module):
 
 
 class ElasticBraid(AbstractBraid):
-    """A braid of elastic threads, each as long as its tension makes it.
+    """A braid of elastic threads that stretch under their tension.
 
     B = B0 (1 + strain(T)),  T = (F + P pi R^2) / (n sin(theta)),  pi N D = sqrt(B^2 - L^2)
 
@@ -565,7 +565,7 @@ class ElasticBraid(AbstractBraid):
         return self.n_threads * self.thread.tension(strain)
 
     def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:
-        """Thread length B [m] under Gaylord's force, that is, with no help from the bladder.
+        """Thread length B [m] under Gaylord's force, neglecting the bladder.
 
         F_G + P pi R^2 = P L^2 / (2 pi N^2) at any diameter, so the tension is proportional to B.
 
@@ -687,7 +687,7 @@ class CompliantBraid(AbstractBraid):
         return jnp.asarray(strain / self.compliance)
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m], broadcast shape; nan where the braid gives way without limit."""
+        """Thread length B [m], broadcast shape; nan where the braid would stretch without limit."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         load = self.rest_thread_length * pressure * length / (2 * jnp.pi * self.turns**2)
         left = 1 - self.compliance * load

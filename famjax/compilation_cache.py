@@ -1,4 +1,4 @@
-"""Compiled programs kept on disk, so that the next command finds them: JAX's persistent cache.
+"""Compiled programs kept on disk for the next command: JAX's persistent cache.
 
 The command line switches it on, nothing else does. `FAMJAX_CACHE_DIR` names another folder, or is
 `off`; a folder that the user has given to JAX itself stays as it is, with its settings.
@@ -30,7 +30,7 @@ _SETTINGS = {
 
 
 def start_jax() -> str:
-    """Import JAX for a command: in float64, its programs kept on disk.
+    """Import JAX for a command: in float64, with compiled programs kept on disk.
 
     Returns:
         As `switch_on`.
@@ -54,7 +54,7 @@ def start_jax() -> str:
 
 
 def switch_on() -> str:
-    """Let JAX keep compiled programs, where that is possible.
+    """Let JAX keep compiled programs if possible.
 
     Returns:
         The folder, or "" and no cache: it is off, or no private folder can be written.
@@ -78,7 +78,7 @@ def switch_on() -> str:
 
 
 def cache_root() -> Path | None:
-    """The folder of all machines' programs: that of `FAMJAX_CACHE_DIR`, or the user's cache.
+    """The folder of compiled programs: `FAMJAX_CACHE_DIR`, or the user's cache.
 
     Returns:
         An absolute path, which need not exist; None if it is switched off or there is no home.
@@ -140,6 +140,6 @@ def _bound(root: Path, largest: int = LARGEST) -> None:
 
 
 def contents(folder: str) -> tuple[int, int]:
-    """Number of programs in a folder, and their bytes."""
+    """Number of programs in a folder, and their size in bytes."""
     sizes = [path.stat().st_size for path in Path(folder).glob(_PROGRAMS)]
     return len(sizes), sum(sizes)

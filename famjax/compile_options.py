@@ -1,4 +1,4 @@
-"""Options of the compiler by purpose: what runs once and briefly is compiled without optimisation.
+"""Compiler options by purpose: programs that run once and briefly are not optimised.
 
 A search runs for a tenth of a second and would compile for many: the compiler's passes cost more
 than they save. What runs for long, such as a bootstrap, keeps full optimisation, which is JAX's
@@ -33,7 +33,7 @@ _QUICK: Options = {
 
 @functools.cache
 def quick_options() -> Options:
-    """Options of the compiler with which a program compiles fastest.
+    """Compiler options for the fastest compilation.
 
     Those that the installed XLA does not know are left out: they are tried once in a process, on a
     program that returns its argument (0.01 s).
@@ -47,7 +47,7 @@ def quick_options() -> Options:
 
 
 def bulk_options() -> Options:
-    """Options for what runs hundreds of times: half as long again to compile, a fifth to run."""
+    """Options for programs that run hundreds of times: compile 1.5 times as long, run in a fifth."""
     return {
         name: value
         for name, value in quick_options().items()
@@ -91,7 +91,7 @@ def quick_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def as_arrays(tree: _T) -> _T:
-    """The same tree with its numbers as arrays, so that others are no other program of `quick_jit`."""
+    """The same tree with its numbers as arrays, so that new values do not recompile under `quick_jit`."""
     return jax.tree.map(
         lambda leaf: np.asarray(leaf, float) if isinstance(leaf, float) else leaf, tree
     )

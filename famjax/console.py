@@ -1,4 +1,4 @@
-"""What every command shares: options, progress, files, tables and their units."""
+"""Code shared by all commands: options, progress, files, tables and units."""
 
 import contextlib
 import json
@@ -44,7 +44,7 @@ def _whole(token: Token) -> int:
 
 
 def whole_number(least: int, most: int | None = None) -> Parameter:
-    """An option that is a whole number of a range, refused before anything is read or computed."""
+    """An option that is a whole number in a range, checked before anything is read or computed."""
     return Parameter(converter=whole, validator=validators.Number(gte=least, lte=most))
 
 
@@ -56,7 +56,7 @@ Jobs = Annotated[int | None, whole_number(1)]
 
 
 def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, str]:
-    """Name and value of repeated entries such as `operator=NAME`.
+    """Parse repeated entries such as `operator=NAME` into names and values.
 
     Args:
         given: the entries.
@@ -141,7 +141,7 @@ class Output:
         self._there = set(folder.iterdir()) if folder.is_dir() else set()
 
     def write(self, files: Mapping[str, Any]) -> list[Path]:
-        """Write files by their names, whole or none: bytes as they are, all else as JSON.
+        """Write files by name, all or none: bytes unchanged, everything else as JSON.
 
         Raises:
             InputError: the folder cannot be written.
@@ -167,7 +167,7 @@ class Output:
 
 
 def print_json(document: object) -> None:
-    """Print one JSON value; what is not finite is an error of the program."""
+    """Print one JSON value; a value that is not finite is an error of the program."""
     print(json.dumps(document, allow_nan=False))
 
 
@@ -183,7 +183,7 @@ _WIDEST = 250  # characters of a table
 
 
 def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """A table of rows that share their keys; lists are left to the JSON file."""
+    """Print rows with the same keys as a table; lists are only in the JSON file."""
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
     header = [key.replace("_", " ") for key in keys]
     print_table(title, header, [[_cell(row[key]) for key in keys] for row in rows], numbers="left")
@@ -196,7 +196,7 @@ def print_table(
     *,
     numbers: Literal["left", "right"] = "right",
 ) -> None:
-    """A table of text; all columns but the first are aligned as numbers are."""
+    """Print a table of text; all columns but the first are right-aligned."""
     columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
     widths = [
         max(cell_len(line) for one in column for line in one.split("\n")) for column in columns

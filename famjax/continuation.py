@@ -1,4 +1,4 @@
-"""A straight line that bends towards an end, and a force that does not push: both C1 and monotone."""
+"""Continuation beyond the data: lines that bend towards an end, a force that never pushes; C1, monotone."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +25,7 @@ _STRAIGHT = 0.8  # of the way to the end
 
 
 def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
-    """A step beyond an edge, straight for four fifths of the way to an end that it never passes.
+    """A step beyond an edge: straight for four fifths of the way to an end that it never passes.
 
     y = x for |x| <= 4/5 X, beyond it y = X (4/5 + t/(5 (1 + t))), t = 5 |x|/X - 4, with x's sign.
     C1, and its slope is positive everywhere.
@@ -46,7 +46,7 @@ def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
 
 
 def taut(force: RealArray, width: RealArray) -> RealArray:
-    """The force, and none where it would push; between 0 and a width [N] a cubic joins the two.
+    """The force, cut at zero; between 0 and a width [N] a cubic blends the two.
 
     F = w (2 t^2 - t^3), t = G/w: exactly zero for G <= 0, exactly G for G >= w, C1, rising. It is
     below G by 0.15 w at most.
@@ -63,7 +63,7 @@ def taut(force: RealArray, width: RealArray) -> RealArray:
 
 
 def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArray:
-    """Force [N] of a stop that is run into by a step [m]: none before it, C1, its stiffness bounded.
+    """Force [N] of a stop after a travel [m] into it: zero before it, C1, with bounded stiffness.
 
     k x^2/(2 s) on the first s, then k (x - s/2).
 
@@ -106,7 +106,7 @@ class Region(eqx.Module):
 
     @classmethod
     def of(cls, length: Sequence[float] | np.ndarray, pressure: Sequence[float] | np.ndarray):
-        """The least region that holds these lengths [m] and pressures [Pa], of any number.
+        """The smallest region that contains these lengths [m] and pressures [Pa].
 
         Raises:
             InputError: they are not finite, negative, or span nothing.
@@ -155,13 +155,13 @@ def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
 
 
 def rising(at: Slopes) -> Bool[Array | np.ndarray, "lengths pressures"]:
-    """Where the force is finite and falls neither with the length nor with the pressure."""
+    """Where the force is finite and does not fall with length or pressure."""
     finite = abs(sum(at)) < np.inf
     return finite & (at.stiffness >= 0) & (at.area >= 0)
 
 
 def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]:
-    """The largest part of a region in which the pull falls neither with length nor with pressure.
+    """The largest part of a region in which the force does not fall with length or pressure.
 
     Looked for among the rectangles of a grid of 33 lengths and 65 pressures, by their area. It is
     the whole region where the model allows. On the host: it cannot be traced.
@@ -200,7 +200,7 @@ _grid_slopes = quick_jit(grid_slopes)
 
 
 def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
-    """Share [-] of a grid's cells in the largest rectangle in which all is good."""
+    """Fraction [-] of a grid's cells in the largest rectangle of good cells."""
     if good.all():
         return 1.0
     (i0, i1), (j0, j1) = largest_block(good)
@@ -213,7 +213,7 @@ def _inner(low: int, high: int, last: int) -> tuple[int, int]:
 
 
 def largest_block(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First and last lines of the largest rectangle of a grid in which all is good."""
+    """First and last lines of the largest rectangle of good cells in a grid."""
     bad = np.pad(np.cumsum(np.cumsum(~good, 0), 1), ((1, 0), (1, 0)))
     best, found = -1, ((0, 0), (0, 0))
     for low in range(good.shape[0]):
@@ -278,7 +278,7 @@ _SPARE = 1.05  # ends are this much nearer than grid lines say, for what lies be
 
 
 class ContinuedMuscle(AbstractMuscle):
-    """A model inside a region, and straight lines that continue it outside, not cut at zero force.
+    """A model inside a region, continued by straight lines outside; not cut at zero force.
 
         H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L held in the region
         G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P held in the region
@@ -311,7 +311,7 @@ class ContinuedMuscle(AbstractMuscle):
 
     @classmethod
     def of(cls, muscle: AbstractMuscle, region: Region, stops: AnyArray, at: Slopes):
-        """The continuation of a model. Pure: it can be traced and mapped over muscles.
+        """Continue a model; a pure function that can be traced and mapped over muscles.
 
         Args:
             muscle: the model.
@@ -329,7 +329,7 @@ class ContinuedMuscle(AbstractMuscle):
         return _force(self, *jnp.broadcast_arrays(as_real(length), as_real(pressure)))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """The stops [m], with what a stop gives under four times the largest force."""
+        """The stops [m], including the travel of a stop under four times the largest force."""
         travel = 4 * _STOP * self.muscle.rest_length
         return self.stops[0] - travel, self.stops[1] + travel
 
@@ -382,7 +382,7 @@ _SLACK = 1e-3  # width of the blend into slack, of the largest force of the regi
 
 
 class SafeMuscle(AbstractMuscle):
-    """A muscle inside the region it was identified in, and a passive continuation of it outside.
+    """A muscle inside the region of its data, with a passive continuation outside.
 
     F = taut(G), G the model in the region and monotone lines and stops beyond (`ContinuedMuscle`),
     taut(G) = 0 for G <= 0 and G from a small force w up (`taut`). At any length and pressure, also
@@ -425,7 +425,7 @@ class SafeMuscle(AbstractMuscle):
         *,
         hysteresis: CentredSlip | None = None,
     ) -> "SafeMuscle":
-        """The safe muscle of a model.
+        """Make the safe muscle of a model.
 
         Args:
             muscle: the model.
@@ -449,7 +449,7 @@ class SafeMuscle(AbstractMuscle):
         data: Region | None = None,
         hysteresis: CentredSlip | None = None,
     ) -> "SafeMuscle":
-        """The safe muscle of a model that is known to rise in a region; can be traced.
+        """Make the safe muscle of a model that is known to be monotone in a region; can be traced.
 
         Args:
             muscle: the model.
@@ -465,12 +465,12 @@ class SafeMuscle(AbstractMuscle):
 
     @property
     def region(self) -> Region:
-        """Where the pull is the model's own."""
+        """The region in which the force is that of the model."""
         return self.continued.region
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of the data's region is not the model's own, in sentences; for one muscle."""
+        """Parts of the data's region in which the model was replaced, in sentences; for one muscle."""
         found = []
         for name, unit, scale in (("length", "mm", 1e3), ("pressure", "kPa", 1e-3)):
             had, kept = (
@@ -492,7 +492,7 @@ class SafeMuscle(AbstractMuscle):
         return self.continued.force(length, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+        """Shortest and longest active length [m] for the search of an equilibrium."""
         return self.continued.length_range()
 
     @property
@@ -511,7 +511,7 @@ class SafeMuscle(AbstractMuscle):
         )
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
-        """Gauge pressure [Pa] at which the force leaves zero; see `AbstractMuscle`."""
+        """Gauge pressure [Pa] at which the force rises from zero; see `AbstractMuscle`."""
         return self.continued.onset_pressure(length, highest, throw=throw)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
@@ -523,7 +523,7 @@ class SafeMuscle(AbstractMuscle):
         return continued_volume(self.continued.muscle, self.region, length, pressure)
 
     def start(self, length: Real, pressure: Real) -> SlipState:
-        """The state [of hysteresis] with which a history begins at a length and a pressure.
+        """The state of the hysteresis at the start of a history, at a length and a pressure.
 
         Reached from where the cycles of the identified records begin: from the vented muscle of
         that length, or after strokes from its longest one. Empty without hysteresis.
@@ -533,13 +533,13 @@ class SafeMuscle(AbstractMuscle):
         return self.hysteresis.start(as_real(length), as_real(pressure))
 
     def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
-        """The state after a motion to a length [m] and pressure [Pa] that does not turn round."""
+        """The state after a monotone motion to a length [m] and pressure [Pa]."""
         if self.hysteresis is None:
             return state
         return self.hysteresis.slip.moved(state, length, pressure)
 
     def pull(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """Pull [N] at a length [m] and pressure [Pa] to which one step leads from a state; scalars.
+        """Force [N] after one step from a state to a length [m] and pressure [Pa]; scalars.
 
         The state itself is not changed, so that an integrator can try several ends of a step;
         `moved` ends the step.

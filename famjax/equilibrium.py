@@ -39,7 +39,7 @@ _TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
 
 
 class Section(Parametrised):
-    """A share of a muscle's threads, with parts of its own.
+    """A section of a muscle's threads, with its own parts.
 
     Every part is given as if the whole muscle were made of it: a section of half the muscle with a
     braid of 9 in and one turn has 4.5 in of thread and half a turn.
@@ -100,7 +100,7 @@ class State(eqx.Module):
 
 
 class EquilibriumMuscle(AbstractMuscle):
-    """A muscle that has the shape of least energy, its threads pinned where they cross.
+    """A muscle with the shape of least energy, its threads pinned where they cross.
 
     The energy at length L and gauge pressure P is the integral over the material coordinate Z of
 
@@ -203,7 +203,7 @@ class EquilibriumMuscle(AbstractMuscle):
         return self.state(length, pressure).energy
 
     def margin(self, length: Real, pressure: Real) -> RealArray:
-        """Stability [N/m]: least stiffness of the shape at held length and pressure, broadcast shape.
+        """Stability [N/m]: smallest stiffness of the shape at fixed length and pressure, broadcast shape.
 
         The smallest eigenvalue of the energy's second derivative per mean square of the radius. The
         cylinder's condition dF/dr < 0 is the limit of a long muscle.

@@ -1,4 +1,4 @@
-"""The dimensions of the muscle at a length and pressure, and what a geometry is: that which gives them."""
+"""The dimensions of a muscle at a length and pressure, and the geometries that give them."""
 
 import abc
 import dataclasses
@@ -25,7 +25,7 @@ from .profiles import tondu_lopez_length
 
 
 class Dimensions(eqx.Module):
-    """What the force balance needs to know of the muscle at one length and pressure.
+    """Dimensions for the force balance at one length and pressure.
 
     Attributes:
         length: L [m].
@@ -59,14 +59,14 @@ class Dimensions(eqx.Module):
 
     @property
     def reached(self) -> Bool[Array, "..."]:
-        """Whether the muscle can be there: every dimension is a number."""
+        """Whether the muscle can reach the state: every dimension is a number."""
         along = jnp.all(jnp.isfinite(self.hoop_strain), axis=-1)
         for one in (self.length, self.radius, self.braid_angle, self.thickness, self.axial_strain):
             along &= jnp.isfinite(one)
         return along & jnp.isfinite(self.volume)
 
     def where(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """The same dimensions with 1, which stands for no muscle, where it cannot be.
+        """The same dimensions with 1 as a placeholder at states that cannot exist.
 
         What is computed of them is to be replaced by nan there. Nan itself would spoil, in reverse
         mode, the derivatives of all other states in the numbers that they share.
@@ -80,7 +80,7 @@ class Dimensions(eqx.Module):
         )
 
     def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """The same dimensions with nan where the muscle cannot be."""
+        """The same dimensions with nan at states that cannot exist."""
         thread = self.thread_length
         return dataclasses.replace(
             self._kept(reached, jnp.nan),
@@ -107,7 +107,7 @@ class AbstractGeometry(Parametrised):
 
     @property
     def keeps_apart(self) -> bool:
-        """Whether states that cannot be leave the derivatives of all others as they are, see `dimensions`.
+        """Whether impossible states leave the derivatives of all others unchanged, see `dimensions`.
 
         A muscle asks the dimensions of a geometry that does not say so twice, the second time with
         the rest length in the place of lengths that it cannot have.
@@ -115,7 +115,7 @@ class AbstractGeometry(Parametrised):
         return False
 
     def dimensions_with_rates(self, length: Real, pressure: Real) -> Dimensions:
-        """The dimensions with their `rates`, the derivatives in the length at constant pressure."""
+        """The dimensions with their `rates`, derivatives with respect to length at constant pressure."""
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         at, rates = jax.jvp(
             lambda lengths: self.dimensions(lengths, pressures),
@@ -126,7 +126,7 @@ class AbstractGeometry(Parametrised):
 
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+        """Shortest and longest active length [m] for the search of an equilibrium."""
 
     @property
     @abc.abstractmethod
@@ -139,7 +139,7 @@ class AbstractGeometry(Parametrised):
         return jnp.asarray(np.zeros(0))  # which compiles nothing
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid: that of the braid's outline less the rubber's.
+        """Volume V [m3] of the fluid: that within the braid minus the rubber.
 
         Args:
             length: active length L [m].
@@ -259,7 +259,7 @@ class Bladder(Parametrised):
 
     @property
     def smallest_braid_radius(self) -> RealArray:
-        """Braid radius [m], thickness of the braid not counted, at which the bore closes at L0."""
+        """Braid radius [m], without the braid's thickness, at which the bore closes at L0."""
         solid_radius = jnp.sqrt(self.volume / (jnp.pi * self.rest_length))
         return solid_radius / 2 if self.embedded else solid_radius
 
@@ -383,7 +383,7 @@ class EstimatedGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """States that cannot be are masked before anything is computed of them."""
+        """True: impossible states are masked before anything is computed."""
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
@@ -414,7 +414,7 @@ class EstimatedGeometry(AbstractGeometry):
         return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
 
     def parameters(self) -> dict[str, RealArray]:
-        """Braid diameter and angle at rest, unloaded, then those of braid and bladder."""
+        """Braid diameter and angle at rest, unloaded, then the parameters of braid and bladder."""
         rest, thread = self.rest_length, self.braid.rest_thread_length
         natural = {
             "braid_diameter": diameter_from_length(rest, thread, self.braid.turns),
@@ -424,7 +424,7 @@ class EstimatedGeometry(AbstractGeometry):
         return natural | {name: others[name] for name in others if name not in self._replaced}
 
     def declared(self) -> dict[str, Declared]:
-        """The declarations of the same: diameter and angle in place of thread length and turns."""
+        """Declarations of the parameters: diameter and angle instead of thread length and turns."""
         others = super().declared()
         return _AT_REST | {name: others[name] for name in others if name not in self._replaced}
 
@@ -475,7 +475,7 @@ _LARGEST_FACTOR = 1.4
 
 
 class EndEffectGeometry(AbstractGeometry):
-    """Another geometry, taken at the length L0 (1 - k eps): the ends shorten but do not pull.
+    """Another geometry evaluated at the length L0 (1 - k eps): the ends shorten but do not pull.
 
     The same as a dead length l = L0 (1 - 1/k) at the ends, which does not take part in the
     contraction: the strains of what is left are k times as large. `volume` is that of a cylinder
@@ -502,7 +502,7 @@ class EndEffectGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """Whether the cylinder does."""
+        """As the cylinder."""
         return self.cylinder.keeps_apart
 
     def length_range(self) -> tuple[RealArray, RealArray]:

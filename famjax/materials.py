@@ -1,4 +1,4 @@
-"""What a stress law of the bladder is. Engineering strain in, true stress out."""
+"""Stress laws of the bladder: engineering strain in, true stress out."""
 
 import abc
 from collections.abc import Callable, Mapping
@@ -81,7 +81,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 
 
 class AbstractUniaxialLaw(AbstractMaterial):
-    """A law whose two directions do not interact: true stress against its own strain alone.
+    """A law whose two directions do not interact: each true stress depends on its own strain alone.
 
     The law is given by a potential phi(eps) with sigma = dphi/deps, its integral over engineering
     strain. As sigma is a true stress, the energy stored is another integral, W in `energy`.
@@ -274,7 +274,7 @@ class _BetweenNodes(AbstractMaterial):
         return jnp.where(self.known(at)[..., None], self.interpolated(at), jnp.nan)
 
     def known(self, pressure: Real) -> Bool[Array, "..."]:
-        """Whether the law is known at gauge pressure P [Pa]: between the nodes, or two of them."""
+        """Whether the law is known at gauge pressure P [Pa]: at the nodes or between them."""
         at, nodes = as_real(pressure), self.node_pressures
         if nodes.shape[0] == 2:
             return jnp.isfinite(at)
@@ -572,7 +572,7 @@ class OgdenMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, **fields: Any) -> "OgdenMaterial":
-        """The law of one term, neo-Hookean."""
+        """The law with one term, neo-Hookean."""
         exponent = 2.0
         fields.setdefault("moduli", [2 * STRESS_SCALE / exponent])
         fields.setdefault("exponents", [exponent])
@@ -585,11 +585,11 @@ class OgdenMaterial(AbstractHyperelastic):
         return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
 
     def declared(self) -> dict[str, Declared]:
-        """The declarations of the same."""
+        """Declarations of the parameters."""
         return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
 
     def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
-        """The law with other values; of one term, mu = 2 G / alpha.
+        """The law with other values; with one term, mu = 2 G / alpha.
 
         Exponents nearer to 0 than 1e-6 are moved by that, so that the limit, Hencky's law, is met to
         about 1e-6.
@@ -650,7 +650,7 @@ class MonotoneMaterial(AbstractUniaxialLaw):
         return super().template(knots=knots, **fields)
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """The name of a modulus, which says its knot: modulus_at_0.03."""
+        """The name of a modulus, with its knot: modulus_at_0.03."""
         if field != "moduli":
             return super().parameter_name(field, index)
         return f"modulus_at_{self.knots[index[0]]:g}"

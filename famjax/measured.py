@@ -1,4 +1,4 @@
-"""What a force model asks of a shape: lengths, areas and volumes by quadrature over the axis.
+"""Lengths, areas and volumes of a measured shape, by quadrature over the axis.
 
 Each smooth piece of a profile is integrated by Gauss-Legendre quadrature after the substitution
 x = u^2 (3 - 2 u), which also integrates ends with a vertical tangent, where dR/dz ~ 1 / sqrt(z).
@@ -84,7 +84,7 @@ class Meridian(eqx.Module):
         return Meridian(self.length, radius, self.slope, self.weights)
 
     def mean(self, values: Float[Array, "... stations"]) -> RealArray:
-        """Axial mean of what is given at the stations."""
+        """Axial mean of values at the stations."""
         return jnp.sum(self.weights * values, axis=-1)
 
     @property
@@ -240,7 +240,7 @@ class _OfProfiles(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """States that cannot be are masked before anything is computed of them."""
+        """True: impossible states are masked before anything is computed."""
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
@@ -259,7 +259,7 @@ class _OfProfiles(AbstractGeometry):
 
 
 class MeasuredGeometry(_OfProfiles):
-    """The muscle as measured: strain and thickness follow the bladder's line in the photograph.
+    """The muscle as measured: strain and thickness follow the bladder's outline in the photograph.
 
     eps_z = arc length / L0 - 1, t = V / surface area, eps_c at every station; the force terms use
     the average diameter, with theta = atan(L / (pi N D)). The bladder's line lies t_braid below the
@@ -313,7 +313,7 @@ class MeasuredGeometry(_OfProfiles):
 
 
 class AverageDiameterGeometry(_OfProfiles):
-    """A cylinder of the measured average diameter: it differs from the estimated one in D alone.
+    """A cylinder with the measured average diameter; only D differs from the estimated geometry.
 
     Outside `length_range` the shape is not known and the dimensions are nan.
 

@@ -1,4 +1,4 @@
-"""What everything with a static force offers: stiffness, blocked force, equilibrium lengths, onset."""
+"""Methods of every static force model: stiffness, blocked force, equilibrium lengths, onset."""
 
 import abc
 import dataclasses
@@ -33,7 +33,7 @@ from .terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 
 
 class AbstractMuscle(Parametrised):
-    """A static force model: a pull at a length and a pressure, and all that follows from it.
+    """A static force model: a force at a length and a pressure, and all that follows from it.
 
     A model of your own is a class with `force`, `rest_length` and `length_range`. Methods are mapped
     and differentiated as they are, `jax.vmap(muscle.force)`, and compiled by equinox:
@@ -68,7 +68,7 @@ class AbstractMuscle(Parametrised):
 
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+        """Shortest and longest active length [m] for the search of an equilibrium."""
 
     def stops(self) -> Float[Array, "2"]:
         """Lengths [m] at which the braid locks and at which its threads are straight.
@@ -137,7 +137,7 @@ class AbstractMuscle(Parametrised):
         return jnp.where(known, 1 - jnp.where(known, length, 0.0) / rest, jnp.nan)
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
-        """Gauge pressure [Pa] at which the force leaves zero at a held length: the onset.
+        """Gauge pressure [Pa] at which the force rises from zero at fixed length: the onset.
 
         Args:
             length: active length L [m].
@@ -349,7 +349,7 @@ def bisected(
 
 
 def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:
-    """The length, or an error naming the likely causes where no equilibrium was found."""
+    """The length, or an error with the likely causes if no equilibrium was found."""
     return eqx.error_if(
         length,
         ~found,
@@ -436,7 +436,7 @@ class Muscle(AbstractMuscle):
         return _pull(self.geometry, self.terms, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] between which an equilibrium is looked for."""
+        """Shortest and longest active length [m] for the search of an equilibrium."""
         return self.geometry.length_range()
 
     def stops(self) -> Float[Array, "2"]:
@@ -528,7 +528,7 @@ _LINEAR = 1e-3  # of it: below, every rig gives way in proportion to the force
 
 
 def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> RealArray:
-    """How far [m] mountings and rig give way under a force [N], broadcast shape.
+    """Deflection [m] of mountings and rig under a force [N], broadcast shape.
 
     delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2: in proportion to the force for n = 1, and
     else c 100 N (F/100 N)^n, as contacts that grow under load do (Hertz 1882: 2/3 between spheres, 1/2
@@ -569,7 +569,7 @@ class MountedMuscle(AbstractMuscle):
     )
 
     def gives_way(self, force: Real) -> RealArray:
-        """How far [m] the mountings give way under a force [N], broadcast shape."""
+        """Deflection [m] of the mountings under a force [N], broadcast shape."""
         return give_way(force, self.compliance, self.exponent)
 
     def with_muscle(self, muscle: AbstractMuscle) -> "MountedMuscle":
@@ -586,22 +586,22 @@ class MountedMuscle(AbstractMuscle):
         return _forces(self, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """The muscle's own: without load the mountings do not give way."""
+        """That of the muscle: without load the mountings do not deflect."""
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """The muscle's own."""
+        """Those of the muscle."""
         return self.muscle.stops()
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, at the length that the mountings leave the muscle."""
+        """Volume V [m3] of the fluid, at the length of the muscle without the mountings' deflection."""
         force = self.force(length, pressure)
         known = jnp.isfinite(force)
         own = as_real(length) - self.gives_way(jnp.where(known, force, 0.0))
         return jnp.where(known, self.muscle.volume(own, pressure), jnp.nan)
 
     def declared(self) -> dict[str, Declared]:
-        """The compliance's declaration and the muscle's, none of them linear.
+        """Declarations of the compliance and of the muscle, none of them linear.
 
         The force acts on the length at which the muscle is asked, so it is affine in nothing.
         """
@@ -683,7 +683,7 @@ class MeanMuscle(AbstractMuscle):
         return jnp.max(shortest), jnp.min(longest)
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] between which no member stops."""
+        """Lengths [m] between the stops of all members."""
         each = jnp.stack([one.stops() for one in self.members])
         return jnp.stack([jnp.max(each[:, 0]), jnp.min(each[:, 1])])
 
@@ -709,7 +709,7 @@ def _mean_force(mean: MeanMuscle, length: RealArray, pressure: RealArray) -> Rea
 def flatten(
     mounted: MountedMuscle,
 ) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], MountedMuscle]]:
-    """All numbers of a mounted muscle in one row, and the way back."""
+    """All numbers of a mounted muscle in one row, and the function that restores it."""
     numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
     flat, unflat = ravel_pytree(numbers)
     return flat, lambda changed: eqx.combine(unflat(changed), rest)
@@ -726,7 +726,7 @@ def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
 
 
 def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
-    """The muscle with another rest length, everything else of its construction being the same.
+    """The muscle with another rest length and otherwise the same construction.
 
     The braid keeps its diameter and angle at rest, so that B0 and N are proportional to L0; bladder
     section, rubber and deadband stay. Rounded ends keep their dead length l = L0 (1 - 1/k), as the

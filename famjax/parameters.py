@@ -31,7 +31,7 @@ _KINDS = {
 
 @dataclasses.dataclass(frozen=True)
 class WithUnit:
-    """What every declared number says of itself.
+    """Unit and kind of a declared number.
 
     Attributes:
         unit: SI unit, "" for a pure number; of an array with unlike entries, one for each.
@@ -42,7 +42,7 @@ class WithUnit:
 
 @dataclasses.dataclass(frozen=True)
 class Declared(WithUnit):
-    """A number that can be identified.
+    """Declaration of a number that can be identified.
 
     Attributes:
         unit: SI unit, "" for a pure number.
@@ -88,7 +88,7 @@ def parameter(
     name: str | tuple[str, ...] | None = None,
     default: Any = dataclasses.MISSING,
 ) -> Any:
-    """A field that holds a number which can be identified, or an array of them.
+    """A field for a number that can be identified, or an array of them.
 
     A scalar by default. Where the field is annotated with axes, as `Float[Array, " order"]`, each
     entry is a parameter; its name is `name` formatted with the entry's place, counted from 1.
@@ -125,7 +125,7 @@ def parameter(
 
 
 def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
-    """A field that holds a number, or an array of them, which is known and never identified.
+    """A field for a known number, or an array of them, that is never identified.
 
     Args:
         unit: SI unit, "" for a pure number.
@@ -138,7 +138,7 @@ def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
 
 
 def declaration(field: dataclasses.Field[Any]) -> WithUnit | None:
-    """What a field says of its number; None for a field that holds something else."""
+    """The declaration of a field; None for a field that holds something else."""
     return field.metadata.get(QUANTITY)
 
 
@@ -190,7 +190,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return {name: place.declared for name, place in _places(self).items()}
 
     def with_parameters(self: _Self, values: Mapping[str, Real]) -> _Self:
-        """The same module with other values of some parameters, everything else as it is.
+        """The same module with other values of some parameters.
 
         Args:
             values: by name, in the declared units, each of shape ().
@@ -404,7 +404,7 @@ _Model = TypeVar("_Model", bound=Parametrised)
 
 
 class Apart(eqx.Module, Generic[_Model]):
-    """The free parameters of a model, scaled and bounded, and the model that they are parts of.
+    """The free parameters of a model, scaled and bounded, and the model itself.
 
     A parameter with two finite bounds is scaled to 0 at the lower and 1 at the upper one; another
     is divided by its scale.
@@ -436,7 +436,7 @@ class Apart(eqx.Module, Generic[_Model]):
         return {name: values[i] for i, name in enumerate(self.names)}
 
     def muscle(self, scaled: Real) -> _Model:
-        """The model with these scaled parameters, put together again; jit, grad and vmap safe.
+        """The model with these scaled parameters; safe under jit, grad and vmap.
 
         It is for the caller to keep `scaled` between `low` and `high`, or to work in R^n with
         `unbounded` and `scaled_from_unbounded`.
@@ -504,7 +504,7 @@ def take_apart(
     *,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Apart[_Model]:
-    """A model as a flat vector of free parameters of order one, with bounds, and the rest.
+    """Split a model into a flat vector of free parameters of order one, with bounds, and the rest.
 
     Args:
         model: a muscle, or any other module with declared parameters.

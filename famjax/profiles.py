@@ -17,7 +17,7 @@ from .parameters import Parametrised, number
 
 
 class AbstractProfile(Parametrised):
-    """A surface of revolution: diameter D at the part x in [0, 1] of the active length L."""
+    """A surface of revolution: diameter D at the fraction x in [0, 1] of the active length L."""
 
     @abc.abstractmethod
     def diameter(self, x: Real, length: Real) -> RealArray:
@@ -236,7 +236,7 @@ class _WithEnds(AbstractAssumedShape):
 
 
 class SteppedCylinder(_WithEnds):
-    """Three cylinders. The area of the two faces between them is not counted in any measure.
+    """Three cylinders. No measure counts the area of the two faces between them.
 
     Attributes:
         middle_diameter: D [m].
@@ -274,7 +274,7 @@ class ConicFrustumEnds(_WithEnds):
 
 
 class SemiEllipsoidEnds(_WithEnds):
-    """A cylinder whose ends are semi-ellipsoids about the axis, cut off at the fitting.
+    """A cylinder whose ends are semi-ellipsoids around the axis, cut off at the fitting.
 
     Attributes:
         middle_diameter: D [m].
@@ -325,7 +325,7 @@ class CircularArcEnds(_WithEnds):
 
 
 class EllipticToroidEnds(_WithEnds):
-    """A cylinder whose ends are parts of elliptic toroids: elliptic arcs swept about the axis.
+    """A cylinder whose ends are parts of elliptic toroids: elliptic arcs swept around the axis.
 
     The arc leaves the cylinder tangentially and runs over `arc_angle` of the ellipse's parameter.
 

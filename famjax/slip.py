@@ -1,4 +1,4 @@
-"""The Maxwell-slip element, a spring in series with a dry slider, and what moves it in a muscle."""
+"""The Maxwell-slip element, a spring in series with a dry slider, and its coordinates in a muscle."""
 
 import dataclasses
 import itertools
@@ -107,7 +107,7 @@ class SlipElements(eqx.Module):
 
 
 class SlipState(eqx.Module):
-    """Where a history has led: all that the force of the elements depends on.
+    """State of the elements after a history.
 
     Attributes:
         coordinates: of wall and braid [-].
@@ -188,12 +188,12 @@ class MaxwellSlip(eqx.Module):
         return wall * self.wall.force(state.wall) + braid * self.braid.force(state.braid)
 
     def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """What the history adds to the static pull [N] at that pressure; the state holds its length."""
+        """Force [N] that the history adds to the static force at that pressure, at the state's length."""
         del length
         return self.force(state, pressure)
 
     def volume(self, state: SlipState, length: Real) -> RealArray:
-        """The elements' part of the fluid's volume [m3], without which they are not passive."""
+        """The elements' share of the fluid volume [m3], which makes them passive."""
         shortened = self.rest_length - as_real(length)
         both = self.wall.force(state.wall) + self.braid.force(state.braid)
         return shortened / self.modulus * both
@@ -240,7 +240,7 @@ class MaxwellSlip(eqx.Module):
         length: Float[Array | np.ndarray, " n"] | Sequence[float],
         pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
     ) -> Float[Array, ""]:
-        """Energy [J] that the sliders have turned into heat along a history, never negative."""
+        """Energy [J] that the sliders turn into heat along a history, never negative."""
         states = self.states(length, pressure)
         change = jnp.diff(states.coordinates, axis=0)
         wall = self.wall.heat(states.wall, change[:, 0])
@@ -252,7 +252,7 @@ Cycle = Literal["ramp", "stroke"]
 
 
 def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, Either]:
-    """Deflections of relaxed elements when a path reaches a point, turns round and comes back to it.
+    """Deflections of relaxed elements when a path reaches a point, reverses and returns to it.
 
     Args:
         path: coordinate at the start, at other ends of motions, at the point, at the turn and at the
@@ -271,7 +271,7 @@ def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, E
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceCycle:
-    """The cycle whose branches the static map is the mean of.
+    """The cycle whose mean of branches is the static map.
 
     Attributes:
         kind: what moves, the pressure or the length.
@@ -286,7 +286,7 @@ class ReferenceCycle:
 
 
 class CentredSlip(eqx.Module):
-    """Hysteresis about a static map: zero mean over both branches of the map's own cycles.
+    """Hysteresis around a static map: zero mean over both branches of the map's cycles.
 
     The mean of two branches is not where relaxed elements would be: below their thresholds they
     are springs. Their mean over the cycle, which depends on length and pressure alone, is
@@ -321,7 +321,7 @@ class CentredSlip(eqx.Module):
         return total
 
     def start(self, length: Real, pressure: Real) -> SlipState:
-        """The state in which a history begins at a length [m] and a pressure [Pa], both scalars.
+        """The state at the start of a history, at a length [m] and a pressure [Pa], both scalars.
 
         Reached from the start of the reference cycle: from the vented muscle of that length, or from
         the longest length under that pressure. After a cycle, if one went before.
@@ -337,7 +337,7 @@ class CentredSlip(eqx.Module):
         return self.slip.moved(state, length, pressure)
 
     def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """What the history adds to the static map [N] in a state at that length and pressure."""
+        """Force [N] that the history adds to the static map at that length and pressure."""
         return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))
 
     def along(

@@ -1,4 +1,4 @@
-"""Drucker stability of a material along the path that the muscle takes when it contracts."""
+"""Drucker stability of a material along the path of a contracting muscle."""
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ from .materials import AbstractMaterial
 
 
 class PathStrains(eqx.Module):
-    """The strains on an actuation path and how they change with length: all a law needs of it.
+    """The strains on an actuation path and their derivatives with respect to length.
 
     Attributes:
         pressure: gauge pressure [Pa].

@@ -1,4 +1,4 @@
-"""The shape over contraction and pressure: between the shapes that were measured, or assumed."""
+"""The shape over contraction and pressure: interpolated between measured shapes, or assumed."""
 
 import abc
 import functools
@@ -29,7 +29,7 @@ class AbstractProfileFamily(Parametrised):
         """Positions x [-] between 0 and 1, increasing, where slope or diameter jumps."""
 
     def at(self, pressure: Real) -> "IsobaricProfile":
-        """The profile that this family is at one gauge pressure [Pa], a scalar."""
+        """The profile of this family at one gauge pressure [Pa], a scalar."""
         return IsobaricProfile(self, pressure)
 
 
@@ -81,7 +81,7 @@ class AssumedShapeFamily(AbstractProfileFamily):
 
 
 class AbstractMeasuredFamily(AbstractProfileFamily):
-    """Profiles that were measured over a range of lengths, and are not known beyond.
+    """Profiles measured over a range of lengths, unknown beyond it.
 
     Attributes:
         lengths: active lengths L [m] that were measured, decreasing.
@@ -103,7 +103,7 @@ class AbstractMeasuredFamily(AbstractProfileFamily):
         """Positions x [-] at which any of the profiles has a kink, increasing."""
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m]: those measured, and the margin beyond."""
+        """Shortest and longest length [m]: the measured range and a margin."""
         longest, shortest = self.lengths[0], self.lengths[-1]
         beyond = self.margin * (longest - shortest)
         return shortest - beyond, longest + beyond
@@ -136,7 +136,7 @@ class AbstractMeasuredFamily(AbstractProfileFamily):
 
 
 class MeasuredFamily(AbstractMeasuredFamily):
-    """Profiles measured at one pressure and several lengths, and what lies between.
+    """Profiles measured at one pressure and several lengths, interpolated between them.
 
     D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
 

@@ -1,4 +1,4 @@
-"""What a force term is, and the sum of several."""
+"""Force terms, and their sum."""
 
 import abc
 import functools
@@ -22,7 +22,7 @@ from .surfaces import AbstractProfileFamily
 
 
 class AbstractForceTerm(Parametrised):
-    """One part of a muscle's pull. Terms are added: `PressurisedBraid() + BladderWall(material)`.
+    """One part of a muscle's force. Add terms by `+`: `PressurisedBraid() + BladderWall(material)`.
 
     A term reads the muscle's state and nothing else, so that it works in every geometry. Its own
     numbers are declared with `famjax.parameter`, to be identified with those of the muscle.
@@ -35,7 +35,7 @@ class AbstractForceTerm(Parametrised):
 
     @abc.abstractmethod
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """This term's part of the pull [N], broadcast shape, positive where it shortens the muscle.
+        """Force [N] of this term, broadcast shape, positive where it shortens the muscle.
 
         Args:
             at: dimensions of the muscle at its length and pressure.
@@ -54,7 +54,7 @@ class AbstractForceTerm(Parametrised):
 
 
 class SumOfTerms(AbstractForceTerm):
-    """Several terms, whose forces add. Sums within it are dissolved.
+    """Several terms, whose forces add; nested sums are flattened.
 
     Attributes:
         terms: one or more.
@@ -155,7 +155,7 @@ def bladder_axial_force(axial_stress: Real, bladder_volume: Real, length: Real) 
 def bladder_hoop_force(
     hoop_stress: Real, thickness: Real, length: Real, radius: Real, turns: Real
 ) -> RealArray:
-    """Pull [N] lost to the bladder's hoop stress, -sigma_c t L^2 / (2 pi R N^2).
+    """Force [N] of the bladder's hoop stress, -sigma_c t L^2 / (2 pi R N^2).
 
     Args:
         hoop_stress: true stress sigma_c [Pa], positive in tension.
@@ -253,7 +253,7 @@ def volume_rate(
     *,
     braid: AbstractBraid | None = None,
 ) -> RealArray:
-    """Change of the outline's volume with the length, dV/dL [m2], negative where a muscle pulls.
+    """Derivative of the outline's volume with respect to length, dV/dL [m2], negative where a muscle pulls.
 
     By automatic differentiation at constant pressure. Where the threads stretch, that is not yet
     the force: of the work P dV a part goes into the threads. With U their energy, F = -P dV/dL +
@@ -429,7 +429,7 @@ class AbstractFriction(Parametrised):
         """
 
     def force(self, at: Dimensions, pressure: Real, direction: Real) -> RealArray:
-        """Friction's part of the pull F_fr [N], broadcast shape; positive when lengthening.
+        """Friction force F_fr [N], broadcast shape; positive when lengthening.
 
         Args:
             at: dimensions of the muscle, `geometry.dimensions(length, pressure)`.
@@ -485,7 +485,7 @@ class PressureFriction(AbstractFriction):
 
 
 class Friction(AbstractForceTerm):
-    """Friction's part of the pull while the muscle moves: the amplitude of a law times a direction.
+    """Friction force of a moving muscle: the amplitude of a law times a direction.
 
     Attributes:
         law: its amplitude, such as a `ThreadFriction` or a `PressureFriction`.
@@ -500,7 +500,7 @@ class Friction(AbstractForceTerm):
     direction: Float[Given, "..."] = number()
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Friction's part of the pull [N], broadcast shape; positive when lengthening."""
+        """Friction force [N], broadcast shape; positive when lengthening."""
         return self.law.force(at, pressure, self.direction)
 
 

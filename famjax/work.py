@@ -1,4 +1,4 @@
-"""Work along an isobar: what the muscle does on its load, and where that comes from."""
+"""Work along an isobar: the work on the load, and its sources."""
 
 import functools
 
@@ -34,12 +34,12 @@ class WorkBudget(eqx.Module):
 
     @property
     def left_over(self) -> RealArray:
-        """What the fluid gave and neither load nor rubber received; negative: made from nothing."""
+        """Work of the fluid minus that on load and rubber; negative if energy is created."""
         return self.fluid - self.stored - self.load
 
     @property
     def efficiency(self) -> RealArray:
-        """Work on the load for the fluid's."""
+        """Work on the load divided by that of the fluid."""
         return self.load / self.fluid
 
     @property

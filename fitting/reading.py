@@ -107,7 +107,8 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     known = bundled_map_name(name) if isinstance(name, str) else None
     if known is None:
         raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
-    text = (importlib.resources.files("fitting") / "maps" / f"{known.lower()}.csv").read_text()
+    file = importlib.resources.files("fitting") / "maps" / f"{known.lower()}.csv"
+    text = file.read_text(encoding="utf-8")
     check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
     return _parse(text.splitlines(), source=f"bundled map {known}", specimen=specimen or {})
 

@@ -1,4 +1,4 @@
-"""From photographs to the shape of a muscle over length and pressure, and one profile as a series.
+"""From photographs to the shape of a muscle over length and pressure; a profile as a Fourier series.
 
 `shape_surface(table)` fits D(z; L, P) to the pictures, tests it on pictures held out, and gives the
 measured geometry of a muscle with `surface.geometry(specimen)`. `fit_fourier` describes one profile.
@@ -103,13 +103,13 @@ class Pictures:
         return len(self.names)
 
     def part(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> "Pictures":
-        """The pictures that are kept."""
+        """The selected pictures."""
         names = tuple(self.names[k] for k in np.arange(len(self))[keep])
         kept = {name: getattr(self, name)[keep] for name in ("length", "diameter", "pressure")}
         return dataclasses.replace(self, names=names, **kept)
 
     def pressure_ends(self) -> tuple[float, float]:
-        """Lowest and highest pressure [Pa]; nan where they are not known or all alike."""
+        """Lowest and highest pressure [Pa]; nan if they are not known or all equal."""
         P = self.pressure
         if not np.isfinite(P).all() or np.ptp(P) <= _SPREAD * np.abs(P).max():
             return np.nan, np.nan
@@ -117,7 +117,7 @@ class Pictures:
 
     @classmethod
     def of(cls, table: Any) -> "Pictures":
-        """The measured pictures of an `imaging.Table`, or of the `measurements.nc` of `famjax measure`.
+        """Read the measured pictures of an `imaging.Table` or of `measurements.nc`.
 
         Raises:
             InputError: the file cannot be read, or holds no profiles.
@@ -179,7 +179,7 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
 
 
 class SurfaceForm(NamedTuple):
-    """Polynomials of a surface: in the length, and times the pressure.
+    """Polynomials of a surface: in length, and times pressure.
 
     Attributes:
         degree: of the polynomial in length.
@@ -236,7 +236,7 @@ class _Polynomials:
 
 @dataclasses.dataclass(frozen=True)
 class Threads:
-    """The triangle relation B^2 = L^2 + (pi N D)^2 as pictures show it.
+    """Fit of the triangle relation B^2 = L^2 + (pi N D)^2 to pictures.
 
     Attributes:
         length: B [m], without pressure where it depends on it.
@@ -254,7 +254,7 @@ class Threads:
     compliance_std: float = 0.0
 
     def turns_range(self) -> tuple[float, float]:
-        """Least and most turns between which a fit of the force seeks them."""
+        """Smallest and largest number of turns for a fit of the force."""
         return self.turns * (1 - WITHIN), self.turns * (1 + WITHIN)
 
 
@@ -295,7 +295,7 @@ def _fit_threads(pictures: Pictures) -> Threads:
 
 @dataclasses.dataclass(frozen=True)
 class HeldOut:
-    """A surface without some pictures against them.
+    """Errors of a surface on pictures that were left out of it.
 
     Attributes:
         pictures: that were held out.
@@ -342,7 +342,7 @@ class ShapeSurface:
     notes: tuple[str, ...]
 
     def summary(self) -> tuple[str, ...]:
-        """What a reader of a fit with this shape must know, in sentences."""
+        """Sentences that a reader of a fit with this shape must know."""
         test, (short, long) = self.held_out, (self.lengths[-1], self.lengths[0])
         return (
             f"The shape is measured: {len(self.used)} pictures from {short * 1e3:.4g} to "
@@ -354,7 +354,7 @@ class ShapeSurface:
     def family(
         self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
     ) -> famjax.surfaces.SampledSurface:
-        """The surface in a braid; of a draw, if its number is given."""
+        """The surface in a braid; for one draw, if its number is given."""
         both = self.diameters if draw is None else self.draws[draw]
         lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
         known = np.isfinite(self.pressures).all()
@@ -588,7 +588,7 @@ class FourierFit:
 
 
 def fit_fourier(x: ArrayLike, diameter: ArrayLike, *, n_terms: int = 3) -> FourierFit:
-    """The series that fits a profile best, wherever the wave number would be started.
+    """Fit a Fourier series to a profile; the result does not depend on the start of the wave number.
 
     For a given w the coefficients are linear: the least squares over w alone has many valleys, so
     it is scanned from 0.5 to 4 pi, and the deepest valleys are followed down by Gauss-Newton with

@@ -1,4 +1,4 @@
-"""Photographs of a muscle to its shape D(z), each figure with its error.
+"""From photographs of a muscle to its shape D(z), each figure with its error.
 
 Pictures: u to the right, v downwards, in px, pixel centres at the integers. World: metres, the
 camera at the origin, X to the right, Y downwards, Z away from the camera. `z` runs along the

@@ -29,7 +29,7 @@ _NEWTON_STEPS = 6  # quadratic from an error of k1 r^2, at most a few percent
 
 @dataclasses.dataclass(frozen=True)
 class Camera:
-    """A camera that looks square at the plane in which the muscle's axis lies.
+    """A camera that looks perpendicularly at the plane of the muscle's axis.
 
     u - u_c = f x (1 + k1 r^2), v - v_c = f y (1 + k1 r^2), x = X/Z, y = Y/Z, r^2 = x^2 + y^2,
     f = px_per_m distance.
@@ -65,7 +65,7 @@ class Camera:
             )
 
     def moved(self, distance: float) -> "Camera":
-        """The camera of the same pictures, its distance [m] another one."""
+        """The same camera at another distance [m]."""
         further = distance / self.distance
         # k1 belongs to the angle, of which the same picture now shows less, or more.
         return dataclasses.replace(self, distance=distance, k1=self.k1 * further**2)
@@ -96,7 +96,7 @@ class Camera:
 
 
 def turned(x: ArrayLike, y: ArrayLike, angle: float) -> tuple[Array, Array]:
-    """x, y turned by an angle [rad], clockwise as a picture shows it."""
+    """x, y rotated by an angle [rad], clockwise in the picture."""
     x, y = np.asarray(x, float), np.asarray(y, float)
     c, s = np.cos(angle), np.sin(angle)
     return c * x - s * y, s * x + c * y
@@ -134,7 +134,7 @@ def ring_position(
 
 @dataclasses.dataclass(frozen=True)
 class RulerReading:
-    """How the photograph of a ruler is to be read, see `calibrate_ruler`.
+    """Options for reading the photograph of a ruler, see `calibrate_ruler`.
 
     Attributes:
         pitch: from mark to mark [m]; None reads it off the numbers.
@@ -204,7 +204,7 @@ class Scale:
 
     @classmethod
     def manual(cls, px_per_m: float, stderr: float = 0.0) -> "Scale":
-        """A scale that is known from elsewhere."""
+        """A scale known from elsewhere."""
         return cls(float(px_per_m), float(stderr))
 
     @property
@@ -220,7 +220,7 @@ _DARKEST = -0.5
 
 @dataclasses.dataclass(frozen=True)
 class Tone:
-    """Linear light of every value of an 8-bit picture, taken to be the same in all three colours.
+    """Linear light for every value of an 8-bit picture, assumed equal in all three colours.
 
     Edges are found in linear light: on the encoded values every edge moves outward or inward with
     the lamps. A tone curve that is not the camera's moves the diameter by up to 0.8 px per edge:
@@ -286,7 +286,7 @@ def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
 
 
 def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) -> Single:
-    """The amount q of muscle for each value of a weighted sum of the colours, see `amount_of_luma`.
+    """The amount q of muscle for each value of a weighted sum of colours, see `amount_of_luma`.
 
     A pixel that shows q of muscle and 1 - q of background has in each colour the light b + q (a - b),
     and the sum is that of the three encoded values: a rising or falling function of q, inverted here.
@@ -337,7 +337,7 @@ class Silhouette:
     roll: float
 
     def radius_at(self, y: ArrayLike) -> Array:
-        """R [m] at any y [m]: cubic inside, beyond an end the parabola through the rows next to it."""
+        """R [m] at any y [m]: cubic inside, a parabola through the nearest rows beyond an end."""
         y = np.asarray(y, float)
         radius = self._inside(y)
         for parabola, beyond in zip(self._ends, (y < self.y[0], y > self.y[-1]), strict=True):
@@ -358,7 +358,7 @@ class Silhouette:
 def profile_from_silhouette(
     camera: Camera, rows: ArrayLike, left: ArrayLike, right: ArrayLike
 ) -> Silhouette:
-    """The body of revolution whose outline this is, exactly: perspective, roll and lens undone.
+    """The body of revolution with this outline, exactly: without perspective, roll and lens distortion.
 
     With the ray's angle beta to the axis' own direction alpha, and psi = asin((R - R' y) / rho):
     R = rho sin(beta) / cos(psi - beta), y = b (d - R sin(psi +- alpha)), b = Y/Z of the turned ray.

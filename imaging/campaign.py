@@ -1,4 +1,4 @@
-"""Many photographs to one table: workers, resumption, CSV and NetCDF."""
+"""From many photographs to one table: workers, resuming, CSV and NetCDF."""
 
 import contextlib
 import csv
@@ -62,7 +62,7 @@ _KINDS = {
 
 
 def column_unit(name: str, system: str) -> tuple[str, float]:
-    """Unit of a column, and SI per unit; a standard error has those of its quantity."""
+    """Unit of a column, and SI per unit; a standard error has the unit of its quantity."""
     if name == "px_per_m":
         return "", factor(unit_system(system)["scale"], "scale")
     kind = _KINDS.get(name.removesuffix("_stderr"))
@@ -92,7 +92,7 @@ def _cf_unit(name: str) -> dict[str, str]:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """What a campaign keeps of one picture; all of it has a place in JSON.
+    """The result for one picture, as stored in JSON.
 
     Args:
         path: as it was given.
@@ -124,7 +124,7 @@ class Row:
 
 
 def measured_row(path: str, recipe: Recipe, reader: Callable[..., Any] | None = None) -> Row:
-    """The row of a picture; that it could not be measured is a row too.
+    """The row of a picture, also if it could not be measured.
 
     Args:
         path: of the picture.
@@ -196,7 +196,7 @@ def _sha256(path: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """What a campaign has measured, in SI.
+    """The measurements of a campaign, in SI.
 
     Args:
         path: of each picture, n of them.
@@ -257,7 +257,7 @@ class Table:
         cls, rows: Sequence[Row], *, scale_relative_stderr: float = 0.0,
         rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
     ) -> "Table":  # fmt: skip
-        """The table of some pictures, in their order.
+        """The table of some pictures, in order.
 
         Args:
             rows: of the pictures.
@@ -352,13 +352,13 @@ class Table:
         return xarray.Dataset(data, coordinates, attributes)
 
     def write_csv(self, path: str | Path, system: str = "us") -> Path:
-        """Write the CSV file; one that is there is replaced."""
+        """Write the CSV file, replacing an existing one."""
         with _on_disk(path, "the table cannot be written"):
             Path(path).write_bytes(self.csv_text(system).encode())
         return Path(path)
 
     def write_netcdf(self, path: str | Path) -> Path:
-        """Write a NetCDF 3 file (64-bit offsets), which any NetCDF reader opens."""
+        """Write a NetCDF 3 file (64-bit offsets), which every NetCDF reader can open."""
         with _on_disk(path, "the table cannot be written"):
             self.to_xarray().to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
         return Path(path)
@@ -463,7 +463,7 @@ def process(
     rest_length: float | None = None, reader: Callable[..., Any] | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
-    """The shape in every picture, each measured on its own; a picture that fails is a row with the reason.
+    """Measure the shape in every picture separately; a failed picture gives a row with the reason.
 
     Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
     extended goes on with the pictures that are not there yet, or were measured otherwise: a row is known
@@ -578,7 +578,7 @@ def _measured_by_processes(
 
 
 def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
-    """Width and height of the pictures by the headers of their files [px]; None if no header has it.
+    """Width and height of the pictures from their file headers [px]; None if no header has them.
 
     A file whose header cannot be read is left to the measurement, which reports what is wrong with it.
 

@@ -33,7 +33,7 @@ _SHOWN = 20  # pictures on the console
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecipeOptions:
-    """What the options say of the recipe; None where they say nothing.
+    """Recipe entries from the options; None if not given.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
-    """The recipe of the options, and what the table shall say of its origin.
+    """The recipe from the options, and the origin of its entries for the table.
 
     Args:
         options: which override those of a recipe's file. A `scale` is `226.63 px/in` or
@@ -274,7 +274,7 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
 
 
 def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[str, str]]:
-    """What the figures rest on: each choice of the set-up, its value, and where it is from.
+    """The basis of the figures: each choice of the set-up, its value and its origin.
 
     Args:
         recipe: of the options.

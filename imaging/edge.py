@@ -1,4 +1,4 @@
-"""How brightness rises across the blurred edge of a lit body, and where an edge lies by this model."""
+"""A model of brightness across the blurred edge of a lit body, and the position of the edge."""
 
 import dataclasses
 import functools
@@ -48,7 +48,7 @@ def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
 
 
 def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
-    """The blurred root sqrt(t - t^2 / (2 R)) by which a lit cylinder brightens inward of its limb.
+    """The blurred root sqrt(t - t^2 / (2 R)): how a lit cylinder brightens inside its limb.
 
     The cosine between normal and line of sight at t from the limb of a cylinder of radius R is
     sqrt(2 t / R - t^2 / R^2); its second term is taken to first order.
@@ -150,7 +150,7 @@ def parabola_peak(energy: NDArray[np.floating]) -> Array:
 
 
 def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
-    """The height b of a + b model fitted to samples by least squares, and what it leaves over.
+    """The height b of a + b model fitted to samples by least squares, and the residual.
 
     Args:
         samples: shape (..., n).
@@ -168,7 +168,7 @@ def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
 
 
 def least_squares(left_over: Callable[[Array], Array], start: Array, tolerance: float) -> Array:
-    """The unknowns of least squared residuals, by Levenberg and Marquardt.
+    """The unknowns with the least squares of residuals, by Levenberg-Marquardt.
 
     Args:
         left_over: from unknowns of shape (..., p) to residuals of shape (..., n): it is asked for
@@ -211,7 +211,7 @@ _LEAST_ANGLE = 0.2  # at 0, which is a Gaussian, all directions lead to larger d
 
 @dataclasses.dataclass(frozen=True)
 class EdgeProfile:
-    """What the mean profiles of both sides say.
+    """Result of the mean profiles of both sides.
 
     Attributes:
         blur: s, standard deviation of the spread of light across the edge, common to both [px].
@@ -240,7 +240,7 @@ def edge_profile(
     profiles: list[Array], t: Array, blur: float, radius: float, kappas: tuple[float, ...], disk:
     float | None = None,
 ) -> EdgeProfile:  # fmt: skip
-    """Blur and place of the edges, from the mean profiles of both sides.
+    """Blur and position of the edges, from the mean profiles of both sides.
 
     Where the edge is, is read from the outer flank alone, so that the first thread's own shade, which
     may be anything, moves it little.
@@ -354,7 +354,7 @@ def _first_thread(own: float, law: float, s: float) -> float:
 
 
 def shine_of(rim: float, flank: float) -> float:
-    """How surely a limb shines, 0 to 1, by its rim and its flank, see `EdgeProfile`.
+    """Confidence that a limb shines, 0 to 1, from its rim and its flank, see `EdgeProfile`.
 
     The rim of a matte limb is 1 at most, and its flank goes on as the model says: light that falls off
     inside of a narrow bright rim is gloss.
@@ -378,7 +378,7 @@ def moved_by_limb(kappa: float, s: float, radius: float) -> float:
 
 
 def near_edge(t: Array, s: float) -> Flags:
-    """The samples of the edge's outer flank and of little more."""
+    """The samples near the outer flank of the edge."""
     size = max(1.0, s)
     reach = np.interp(s, _WIDE, _NEAR[1:])
     return (t >= _NEAR[0] * size) & (t <= reach * size)

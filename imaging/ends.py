@@ -1,4 +1,4 @@
-"""The tapes at the ends: where their inner edges lie, and what they say of the axis in depth."""
+"""The tapes at the ends: their inner edges, and the position of the axis in depth."""
 
 import math
 from collections.abc import Callable
@@ -37,7 +37,7 @@ _SMOOTHED = 1 / 32  # of the tape's width
 
 
 def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v: Array) -> Flags:
-    """The places along a tape's edge that have the tape's colour behind it.
+    """The places along a tape's edge with the tape's colour behind it.
 
     Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. What is further from
     the tape's than 0.4 of the way to the braid's is another thing, or gloss. A tape that has the
@@ -116,7 +116,7 @@ def on_cylinder(
     camera: Camera, body: Silhouette, y: Array, lateral: Array, radius: float,
     plane: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Picture positions of a cylinder about the axis [px], shape (lateral, y).
+    """Picture positions of a cylinder around the axis [px], shape (lateral, y).
 
     In a plane that is not square to the axis, y is that of its middle.
     """
@@ -329,7 +329,7 @@ def _means(grid: Array, lateral: Array, parts: int) -> tuple[Array, Array]:
 
 
 def plane_through(lateral: Array, shift: Array, radius: float) -> tuple[list[float], list[float]]:
-    """Place, slope across and lean of the plane in which an edge lies best, and their standard errors.
+    """Position, slope and lean of the plane that fits an edge best, and their standard errors.
 
     Args:
         lateral: positions across the axis, shape (n,).
@@ -514,7 +514,7 @@ _WAVE = 2 / math.pi  # mean of half a sine wave
 
 
 class Depth(NamedTuple):
-    """The axis in depth, by the arcs of both tapes' edges.
+    """The axis in depth, from the arcs of both tapes' edges.
 
     The front of a tape's edge lies lower than its middle by p_i = tilt + y_i (1/d - 1/d0) over the
     radius, seen by a camera at d and unrolled for one at d0.
@@ -535,7 +535,7 @@ class Depth(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """What is made of the axis.
+    """Result for the axis.
 
     Attributes:
         distance: of the camera [m].
@@ -564,7 +564,7 @@ class Axis(NamedTuple):
 
 
 def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> tuple[Depth, tuple[Lean, Lean]]:
-    """Tilt and distance by the leans of both tapes' edges, and these."""
+    """Tilt and distance from the leans of both tapes' edges, and the leans."""
     up, low = (lean_of(ring, float(body.radius_at(ring.y))) for ring in (upper, lower))
     span = lower.y - upper.y
     nearer, nearer_stderr = (low.slope - up.slope) / span, math.hypot(low.stderr, up.stderr) / span
@@ -581,7 +581,7 @@ def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> tuple[Depth, tu
 def axis_of(
     camera: Camera, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, *, stated: bool
 ) -> Axis:
-    """What tilt, distance and bow do to length and diameter.
+    """Effect of tilt, distance and bow on length and diameter.
 
     A bow in the picture is undone: the length is that along the axis. A tilt that is seen is undone
     by half, with the other half as standard error, since two tapes that lean alike look the same; one
@@ -658,7 +658,7 @@ def axis_of(
 def distance_by_tapes(
     body: Silhouette, upper: Ring, lower: Ring, assumed: float, *, found: bool = False
 ) -> float:
-    """The camera's distance [m] by the tapes' arcs; the assumed one where they agree with it.
+    """The camera's distance [m] from the tapes' arcs; the assumed one if they agree with it.
 
     Args:
         body: the body of revolution, seen from the assumed distance.

@@ -1,4 +1,4 @@
-"""What can be wrong with a photograph, each case a class of its own that carries its figures."""
+"""Errors of photographs, one class for each case, with its figures."""
 
 # ruff: noqa: N818 - the names say what is wrong; that they are errors, `ImagingError` says
 
@@ -10,7 +10,7 @@ from famjax.boundary.errors import InputError
 
 
 class ImagingError(InputError):
-    """A picture, a ruler or a log that cannot be measured: what must hold, what was got, what to do.
+    """A picture, a ruler or a log that cannot be measured: what must hold, what was found, what to do.
 
     It travels between processes with everything that it carries.
 
@@ -42,7 +42,7 @@ class ImagingError(InputError):
         return rebuild, ()
 
     def at(self, path: str | PathLike[str]) -> Self:
-        """The same error with the file it concerns; a path already known is kept."""
+        """The same error with the path of its file; a known path is kept."""
         return type(self)(self.message, path=self.path or path or None, **self.figures)
 
 
@@ -55,11 +55,11 @@ class UnreadableImage(ImagingError):
 
 
 class DamagedImage(ImagingError):
-    """The file decodes, but a part of the picture is not what the camera saw."""
+    """The file decodes, but part of the picture is damaged."""
 
 
 class NoMuscle(ImagingError):
-    """Nothing in the picture stands out from the cloth as a muscle does."""
+    """Nothing in the picture stands out from the cloth like a muscle."""
 
 
 class Underexposed(ImagingError):
@@ -67,7 +67,7 @@ class Underexposed(ImagingError):
 
 
 class Overexposed(ImagingError):
-    """Too much of the muscle is saturated: where the light is cut off there is no edge to find."""
+    """Too much of the muscle is saturated: no edge can be found where the light is clipped."""
 
 
 class AmbiguousHue(ImagingError):
@@ -79,19 +79,19 @@ class MissingFitting(ImagingError):
 
 
 class ExtraFitting(ImagingError):
-    """More than two tapes are seen: which two bound the braid is not known."""
+    """More than two tapes are seen, so the ends of the braid are not known."""
 
 
 class Clipped(ImagingError):
-    """The muscle or a tape runs out of the picture."""
+    """The muscle or a tape extends beyond the picture."""
 
 
 class WrongOrientation(ImagingError):
-    """The muscle lies across the picture where it should stand, or the other way round."""
+    """The muscle lies horizontally where it should be upright, or the other way round."""
 
 
 class Defocused(ImagingError):
-    """The picture is too blurred for the accuracy that its errors would claim."""
+    """The picture is too blurred for the accuracy that its errors would state."""
 
 
 class MotionBlurred(ImagingError):
@@ -111,11 +111,11 @@ class MixedSizes(ImagingError):
 
 
 class DistanceContradiction(ImagingError):
-    """The tapes' edges are arcs of a camera at another distance than the stated one, or of none."""
+    """The tapes' edges contradict the stated distance of the camera."""
 
 
 class ScaleContradiction(ImagingError):
-    """The scale and a known diameter in the picture exclude each other."""
+    """The scale and a known diameter in the picture contradict each other."""
 
 
 class WorkerDied(ImagingError):

@@ -28,7 +28,7 @@ from .weave import BraidAngle, braid_angle
 
 
 class Trace(NamedTuple):
-    """Where the edges were found in the picture [px], for a check by eye.
+    """Positions of the edges in the picture [px], for a visual check.
 
     Attributes:
         rows: v, shape (n,).
@@ -98,7 +98,7 @@ class MeasurementErrors(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Measurement:
-    """A muscle's shape in one photograph; perspective, roll and lens are undone.
+    """A muscle's shape in one photograph, corrected for perspective, roll and lens distortion.
 
     The optical edge is the mean outline of the woven threads; a caliper touches their crests.
 
@@ -166,7 +166,7 @@ class Measurement:
 
     @property
     def volume(self) -> float:
-        """Volume within the outline by discs, integral of pi D^2 / 4 [m^3]."""
+        """Volume within the outline, integral of pi D^2 / 4 [m^3]."""
         return float(np.trapezoid(np.pi / 4 * self.diameter**2, self.z))
 
     @property
@@ -197,7 +197,7 @@ def measurement_of_body(
     photo: Photograph, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, recipe: Recipe,
     quality: Quality, axis: Axis,
 ) -> Measurement:  # fmt: skip
-    """The measurement; `MeasurementErrors` describes how the standard errors are composed."""
+    """Make the measurement; `MeasurementErrors` describes the parts of the standard errors."""
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m
     first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))

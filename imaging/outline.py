@@ -1,4 +1,4 @@
-"""The outline of the muscle to a fraction of a pixel: limb model, blur from the picture itself."""
+"""The outline of the muscle to a fraction of a pixel: limb model, with the blur of the picture."""
 
 import dataclasses
 import functools
@@ -57,7 +57,7 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
 def smooth_robustly(
     position: Array, resolution: float, weight: Array | None = None
 ) -> tuple[Array, Flags]:
-    """`smooth` without the rows that stand off by more than four robust standard deviations.
+    """`smooth` without the rows that are off by more than four robust standard deviations.
 
     Returns:
         The curve, shape (n,), and the rows that count, shape (n,).
@@ -101,7 +101,7 @@ def variance_of_smooth(n: int, resolution: float) -> Array:
 
 
 def density_left_over(off: Array, resolution: float) -> float:
-    """Variance times rows of the scatter before `smooth`, from what it left over of one picture.
+    """Variance times rows of the scatter before `smooth`, from the residuals of one picture.
 
     The mean of the periodogram about the wavelength that passes at half its height, each value
     over the part that was left of it. Shorter waves, a weave's own, say little about what passes.
@@ -166,7 +166,7 @@ _REFITS, _STRAY = 6, 2.0  # fits without what strays, by so many robust standard
 
 
 def axis_deviation(left: Array, right: Array) -> float:
-    """Root mean square of the mid-line about a straight one, over the mean radius.
+    """Root mean square deviation of the mid-line from a straight line, over the mean radius.
 
     Args:
         left: column of the left edge in each row [px], shape (n,).
@@ -269,13 +269,13 @@ class Samples:
 
     @property
     def light(self) -> Array:
-        """Mean of all as bright as they are, shape (k,)."""
+        """Mean of all windows at their own brightness, shape (k,)."""
         total = max(float(self.weight.sum()), 1.0)
         return (self.weight * self.height @ self.mean / total).astype(np.float64)
 
 
 def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
-    """The outline to half a pixel: a step in the encoded values, in which a dark limb still shows."""
+    """The outline to half a pixel: a step in the encoded values, where even a dark limb is visible."""
     start = np.round(_without_dents(coarse, inward, radius)).astype(np.int64)
     reach = min(_FIRST_REACH, round(0.3 * radius))
     offset = np.arange(-reach - 6, reach + 5)
@@ -407,7 +407,7 @@ class Outline:
         return np.array([self.left.column, self.right.column])
 
     def moved(self, by: Array | float) -> "Outline":
-        """The outline with its sides moved to the right [px], by shape (2, n) or any that fits."""
+        """The outline with its sides moved to the right [px], by an array that broadcasts to (2, n)."""
         left, right = self.columns + by
         return dataclasses.replace(
             self,
@@ -507,7 +507,7 @@ def find_outline(
 
 
 def part_to_keep(steps: Array, last: Array) -> Array:
-    """The part of both sides' steps without which they would not have to come back, shape (2,).
+    """The fraction of both sides' steps after which they need not come back, shape (2,).
 
     An edge's place, height and blur are found together, from a flank that ends where the curve puts
     it: beside the edge a step may be twice too long, and passes go to and fro about their middle. Two
@@ -554,7 +554,7 @@ _SEEN_AT_END = 8.0  # the same at an end, which scatters more than twice as much
 
 
 def without_dents(outline: Outline) -> Outline:
-    """The outline, its dented parts as the other side is there.
+    """The outline with its dented parts replaced by the mirrored other side.
 
     A black thread at the limb is as dark as the cloth: the edge is found where it ends, or where the
     thread beside it begins. That happens to one side at a time, and a body of revolution has a smooth

@@ -1,4 +1,4 @@
-"""Photographs from files: decoded, checked for damage, turned as they are to be shown, with their times."""
+"""Photographs from files: decoded, checked for damage, oriented, with their times."""
 
 import dataclasses
 import io
@@ -41,7 +41,7 @@ _LUMA_RED_BLUE = np.array([[0.299, 0.587, 0.114], [1, 0, 0], [0, 0, 1]], np.floa
 
 
 class Header(NamedTuple):
-    """What a file states ahead of its picture; of files that are no JPEG nothing is known.
+    """The header of a file; empty for files that are not JPEG.
 
     Attributes:
         orientation: EXIF's, 1 to 8; OpenCV turns TIFF files itself.
@@ -77,7 +77,7 @@ def read_header(data: bytes) -> Header:
 
 
 def read_image(path: str | PathLike[str]) -> Image:
-    """The picture of a file as it is to be shown: RGB, turned and mirrored by its EXIF orientation.
+    """Read the picture of a file: RGB, oriented by its EXIF entry.
 
     OpenCV decodes damaged JPEG files without an error but for a line that libjpeg writes to the process'
     standard error; that line is caught here, and is a `DamagedImage`. A bit that flips in the
@@ -148,7 +148,7 @@ def _decoded(data: bytes) -> tuple[Image | None, str]:
 
 
 def shown(image: Image, orientation: int) -> Image:
-    """The picture as it is to be shown, from the file's rows.
+    """The oriented picture, from the file's rows.
 
     Args:
         image: shape (h, w, 3).
@@ -268,7 +268,7 @@ class Timestamp(NamedTuple):
 
 
 def read_timestamp(path: str | Path) -> Timestamp | None:
-    """The time at which a picture was taken; None where the file does not say, or cannot be read.
+    """Read the time at which a picture was taken; None if the file does not say or cannot be read.
 
     DateTimeOriginal counts whole seconds. SubSecTimeOriginal holds the digits after the decimal
     point, and without it the stamp is cut down to the second: on average half a second early. A
@@ -302,7 +302,7 @@ def _text(entry: object) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Photograph:
-    """A picture in which the muscle stands upright.
+    """A picture with the muscle upright.
 
     Attributes:
         rgb: shape (h, w, 3).
@@ -317,7 +317,7 @@ class Photograph:
     turned: bool = False
 
     def clockwise(self) -> "Photograph":
-        """The same turned a quarter turn clockwise."""
+        """The same, rotated a quarter turn clockwise."""
         u, v = self.camera.centre
         return dataclasses.replace(
             self,

@@ -1,4 +1,4 @@
-"""From files by their names to a folder of results: recipe, campaign, and pictures for a check by eye."""
+"""From file names to a folder of results: recipe, campaign, and pictures for a visual check."""
 
 import dataclasses
 import glob
@@ -71,7 +71,7 @@ def _natural(path: str) -> list[tuple[int, str]]:
 
 
 def skipped(photos: Sequence[str]) -> list[str]:
-    """Names of the files in the folders named that are not taken for pictures."""
+    """Names of the files in the given folders that are not pictures."""
     folders = [photo for photo in photos if os.path.isdir(photo)]
     files = [entry for folder in folders for entry in os.scandir(folder) if entry.is_file()]
     return sorted(entry.name for entry in files if not _is_picture(entry))
@@ -81,7 +81,7 @@ def picture_recipe(
     *, ruler: Path | None, recipe: Path | None, scale: str | None, reading: Mapping[str, Any],
     choices: Mapping[str, Any],
 ) -> tuple[Recipe, dict[str, str]]:  # fmt: skip
-    """The recipe for some pictures, and what their table shall say of its origin.
+    """The recipe for some pictures, and the origin of its entries for their table.
 
     Args:
         ruler: photograph of a ruler; None without one.
@@ -128,7 +128,7 @@ def picture_recipe(
 
 
 def parse_scale(text: str) -> Scale:
-    """A scale by hand. Without `+-` its standard error is that of rounding to the digits given.
+    """Parse a scale. Without `+-` its standard error is that of rounding to the given digits.
 
     >>> round(parse_scale("226.63 px/in").stderr * 0.0254, 6)
     0.002887
@@ -160,7 +160,7 @@ def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
 
 
 def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
-    """Refuse a ruler's picture that was cropped or scaled otherwise than those of the muscle.
+    """Refuse a ruler's picture that is cropped or scaled differently from those of the muscle.
 
     A ruler in the whole frame serves pictures that the recipe says to be cropped from it.
 
@@ -248,7 +248,7 @@ def measure_pictures(
 
 
 def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
-    """For JSON: what is not known is null."""
+    """For JSON: unknown values are null."""
     table = outcome.table
     columns = {column_name(name, system): table.in_units(name, system) for name in table.columns}
     rows = []
@@ -268,7 +268,7 @@ def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
 
 
 def by_contraction(table: Table, number: int) -> Indices:
-    """That many of the measured pictures, evenly over the contraction, the longest muscle first."""
+    """A number of measured pictures, evenly spaced in contraction, the longest muscle first."""
     good = np.flatnonzero(table.ok)
     ordered = good[np.argsort(table["contraction"][good])]
     at = np.linspace(0, good.size - 1, min(number, good.size))
@@ -276,7 +276,7 @@ def by_contraction(table: Table, number: int) -> Indices:
 
 
 def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Path:
-    """Draw what was found into some pictures, which are measured once more; the folder of them."""
+    """Draw the found outlines into some pictures, which are measured again; returns their folder."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Every choice that turns a photograph into figures, with its TOML file, and the limits of quality."""
+"""The recipe: all choices from a photograph to figures, with its TOML file and limits of quality."""
 
 import dataclasses
 import functools
@@ -18,7 +18,7 @@ _SOFTER = 1.25  # blur of a tape's edge over that of the outline, by the same le
 
 @dataclasses.dataclass(frozen=True)
 class QualityLimits:
-    """The worst quality that still is a measurement.
+    """The worst quality that is still accepted.
 
     Attributes:
         eta_value: least separability of muscle and cloth.
@@ -104,7 +104,7 @@ class Quality:
     tape_hue_error_deg: float = 0.0
 
     def check(self, limits: QualityLimits) -> None:
-        """Refuse what is worse than the limits.
+        """Refuse quality worse than the limits.
 
         Raises:
             ImagingError: of the class that the first figure beyond its limit calls for.
@@ -164,7 +164,7 @@ _RESOLUTION = 0.0093  # m, 83 px at 226.63 px/in: a quarter of the smallest feat
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
-    """How photographs of one camera set-up are measured.
+    """Options for measuring the photographs of one camera set-up.
 
     Attributes:
         scale: in the mid-plane.
@@ -259,7 +259,7 @@ class Recipe:
 
     @property
     def lens_k1(self) -> float:
-        """The stated radial distortion, or what the scale's ruler shows of it."""
+        """The stated radial distortion, or that found with the ruler of the scale."""
         return self.scale.k1 if self.k1 is None else self.k1
 
     @property

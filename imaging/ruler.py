@@ -1,4 +1,4 @@
-"""The scale from the photograph of a ruler in the muscle's place."""
+"""The scale from a photograph of a ruler in place of the muscle."""
 
 import dataclasses
 import math
@@ -29,7 +29,7 @@ _BAND = 32  # rows worked on at once, which fit a processor's cache
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """A straight line in a picture and the strip about it that is averaged.
+    """A straight line in a picture, and the strip around it that is averaged.
 
     Attributes:
         origin: u, v of its first sample [px].
@@ -73,7 +73,7 @@ class Line:
 
 
 def regular_strips(luma: Image) -> list[Line]:
-    """Strips whose brightness repeats itself along the ruler, the most regular first.
+    """Strips with periodic brightness along the ruler, the most regular first.
 
     Marks and sides of a ruler are square to each other: the gradients' mean direction modulo a
     quarter turn gives the ruler's, in one of two ways, and both are searched.
@@ -180,7 +180,7 @@ _NUMBERINGS = 4
 
 
 class Numbered(NamedTuple):
-    """Marks that are numbered and fitted.
+    """Marks with numbers and their fit.
 
     Attributes:
         number: n, whole, shape (m,).
@@ -198,7 +198,7 @@ class Numbered(NamedTuple):
 
     @property
     def pitch(self) -> float:
-        """From mark to mark, the mean [px]."""
+        """Mean distance between marks [px]."""
         return float(np.ptp(self.place) / np.ptp(self.number))
 
     @property
@@ -208,7 +208,7 @@ class Numbered(NamedTuple):
 
 
 def marks_of(profile: Array, pitch: float) -> Array:
-    """Middles of the marks along a profile [px], dark on light or light on dark.
+    """Centres of the marks along a profile [px], dark on light or light on dark.
 
     Each mark has two gradient extrema, one of each sign; their midpoint does not depend on blur,
     exposure or tone curve. A mark is the narrower of mark and gap.
@@ -255,7 +255,7 @@ def _extrema(slope: Array) -> Array:
 
 
 def numbered(places: Array, pitch: float) -> Numbered | None:
-    """The largest set of marks that one projective scale explains, or None for fewer than four.
+    """The largest set of marks on one projective scale, or None for fewer than four.
 
     A plane ruler at any tilt has px(n) = (a + b n) / (1 + c n). Numbers are counted on from mark
     to mark, then taken from the fit, until neither changes.
@@ -356,7 +356,7 @@ class Strip(NamedTuple):
 
 
 def choose_strip(luma: Image, light: Single, pitch: float | None, expected: float | None) -> Strip:
-    """The strip with the most marks of those that have the scale to expect.
+    """The strip with the most marks among those with the expected scale.
 
     Args:
         luma: picture, shape (h, w).
@@ -392,13 +392,13 @@ def choose_strip(luma: Image, light: Single, pitch: float | None, expected: floa
 
 
 def read_strip(light: Single, line: Line) -> Strip | None:
-    """A strip's marks, None where they cannot be numbered."""
+    """A strip's marks; None if they cannot be numbered."""
     marks = numbered(marks_of(line.profile(light), line.pitch), line.pitch)
     return None if marks is None else Strip(line, marks)
 
 
 def is_ruler(marks: Numbered) -> bool:
-    """Whether marks are many, even and sharp enough."""
+    """Whether there are enough marks, evenly spaced and sharp."""
     return (
         marks.number.size >= FEWEST
         and marks.number.size >= _ON_MODEL * marks.expected
@@ -505,7 +505,7 @@ def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
 
 
 def marks_per_number(light: Single, strip: Strip) -> int | None:
-    """Marks from number to number, or from one longest mark to the next; None where none are seen.
+    """Marks from number to number, or between the longest marks; None if none are seen.
 
     Along lines beside the marks the ink about each mark's place is summed. Its period on each line is
     the shortest one that explains nearly all that any explains; the longest of all lines' periods is
@@ -636,7 +636,7 @@ def calibrate_ruler(
     expected_px_per_m: float | None = None, placement_stderr: float | None = None,
     reader: Reader = read_image,
 ) -> Scale:  # fmt: skip
-    """The scale in the mid-plane from a ruler that passes through it at the height of the optical axis.
+    """Measure the scale in the mid-plane with a ruler that crosses it at the height of the optical axis.
 
     The marks' places along the ruler follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in
     depth; the tilt is sin(tilt) = d c / (1 + c n0) per metre of ruler with n0 where the optical

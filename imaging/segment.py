@@ -1,4 +1,4 @@
-"""Which pixels are cloth, braid and tape: the coarse outline that the fine steps start from."""
+"""Segmentation into cloth, braid and tape: the coarse outline from which the fine steps start."""
 
 import colorsys
 import dataclasses
@@ -23,7 +23,7 @@ def above(image: Image, level: float) -> Mask:
 
 
 def shaped(mask: Mask, operation: int, size: int) -> Mask:
-    """A mask after an operation with a square of `size` px.
+    """A mask after a morphological operation with a square of `size` px.
 
     Args:
         mask: shape (h, w).
@@ -36,26 +36,26 @@ def shaped(mask: Mask, operation: int, size: int) -> Mask:
 
 
 def parts(mask: Mask) -> NDArray[np.int32]:
-    """Numbers of the connected parts, 0 outside."""
+    """Labels of the connected parts, 0 outside."""
     return np.asarray(cv2.connectedComponents(mask)[1], np.int32)  # thrice as fast as with areas
 
 
 def areas(labels: NDArray[np.int32]) -> Indices:
-    """Pixels of each part, that of the outside 0."""
+    """Number of pixels of each part, 0 for the outside."""
     area = np.bincount(labels.ravel())
     area[0] = 0
     return area
 
 
 def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
-    """The parts with these numbers."""
+    """The parts with these labels."""
     table = np.zeros(int(labels.max()) + 1, np.uint8)
     table[numbers] = 255
     return table.take(labels)
 
 
 def sampled(image: Image, mask: Mask, n: int) -> Image:
-    """About n pixels of a mask, from an even grid; all where it has fewer."""
+    """About n pixels of a mask, from an even grid; all if it has fewer."""
     every = max(1, int(np.sqrt(cv2.countNonZero(mask) / n)))
     return image[::every, ::every][mask[::every, ::every] > 0]
 
@@ -129,7 +129,7 @@ class MuscleMask(NamedTuple):
 
 
 def muscle_mask(rgb: Image) -> MuscleMask:
-    """The largest thing that is brighter, or stronger in colour, than the cloth.
+    """The largest object that is brighter, or stronger in colour, than the cloth.
 
     Otsu's level on the brightest of the three colours, and on the strength of the colour, max -
     min, where this has two classes: a dark blue tape is no brighter than cloth, but bluer.
@@ -190,7 +190,7 @@ _LEAST = 12.0  # levels that the muscle must stand off the border's colour
 
 
 def mask_against_border(rgb: Image) -> MuscleMask:
-    """The largest thing that differs from what the left and the right border show in its rows.
+    """The largest object that differs from the left and right borders in its rows.
 
     The background of a row has the colour of its left border, of its right one, or one between
     them by place; two halves of different cloth and a wall in uneven light are such. From what is
@@ -252,7 +252,7 @@ def _without_streaks(lit: Mask) -> Mask:
 
 
 def light_behind(rgb: Image) -> bool:
-    """Whether the picture's left and right borders both are of its brighter class."""
+    """Whether the left and right borders both belong to the brighter class."""
     value = np.asarray(rgb.max(axis=2)[::_EVERY, ::_EVERY])
     level = otsu_split(np.ascontiguousarray(value)).level
     width = _border(value.shape[1])
@@ -288,7 +288,7 @@ _COLOURS = 4000  # pixels that classes and median colours are found on
 
 
 def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[Mask, float]:
-    """The pixels of the tape among those of the muscle.
+    """Separate the pixels of the tape from those of the muscle.
 
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
     along its first principal axis gives two classes, and a second one along the line between
@@ -389,7 +389,7 @@ class Patch(NamedTuple):
 
 
 def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patch, Patch]:
-    """The two tapes, the upper one first, or the left one where they are at one height.
+    """The two tapes, the upper one first, or the left one if they are at the same height.
 
     Parts that a streak of gloss divides are one tape; what has less than a fifth of the largest
     one's pixels is none.
@@ -453,7 +453,7 @@ _MARGIN = 40  # pixels around the muscle that are kept as cloth
 
 
 class TapeBand(NamedTuple):
-    """One tape ring as it lies in the picture [px].
+    """One tape ring in the picture [px].
 
     Attributes:
         top, bottom, left, right: bounding box.

@@ -39,7 +39,7 @@ class Unrolled(NamedTuple):
 
 
 def unrolled(rgb: Image, camera: Camera, body: Silhouette, first: float, last: float) -> Unrolled:
-    """The front of a body, sampled a pixel apart: perspective, roll, lens and foreshortening undone.
+    """The front of a body, sampled a pixel apart, without perspective, roll, lens and foreshortening.
 
     The point at azimuth psi and position y is (x0 + R sin(psi'), y, d - R cos(psi')), with psi'
     from the optical axis and psi from the line of sight to the body's axis.
@@ -98,7 +98,7 @@ _COSINES = np.linspace(0.12, 0.985, 400)
 
 
 class Directions(NamedTuple):
-    """What the whole pattern says.
+    """Result of the whole pattern.
 
     Attributes:
         cosine_per_radius: c of cos(theta) = c R [1/m], which threads of one length have.
@@ -125,7 +125,7 @@ def window_width(surface: Unrolled) -> float:
 def rows_of(
     surface: Unrolled, azimuthal: Array, *, middle: float = 0.0, across: float = ACROSS
 ) -> Spectrum:
-    """Spectrum across a Gaussian part of the band, at some frequencies, of every row.
+    """Spectrum of every row at some frequencies, with a Gaussian window across the band.
 
     Args:
         surface: the unrolled front.
@@ -142,7 +142,7 @@ def rows_of(
 
 
 def directions(surface: Unrolled, px: float) -> Directions | None:
-    """The yarns' direction along the whole muscle; None where the picture is too small for one.
+    """The yarns' direction along the whole muscle; None if the picture is too small.
 
     A function of one family's phase alone, such as its yarns' shades, has its spectrum on the ray
     square to them, whatever yarn differs from yarn. In units of a Gaussian window's own widths the
@@ -311,7 +311,7 @@ class Waves:
 
 
 def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
-    """Yarns around in each direction, whole where they can be counted.
+    """Number of yarns around in each direction, whole if they can be counted.
 
     Shade moves the crests that the first harmonic sees by so much of a pitch between the left and
     the right, and those of the second by half of it: 2 n_2 - n_1 is free of it. In a braid
@@ -364,7 +364,7 @@ BLURRED = "the yarns are not resolved here"
 
 @dataclasses.dataclass(frozen=True)
 class BraidAngle:
-    """The angle between yarns and circumference along a muscle, from the picture of its weave.
+    """The angle between yarns and circumference along a muscle, from a picture of its weave.
 
     Attributes:
         z: positions from the upper tape's edge to the lower one's [m], shape (n,).
@@ -389,30 +389,30 @@ class BraidAngle:
 
     @property
     def resolved(self) -> Flags:
-        """Where there is an angle, shape (n,)."""
+        """Where the angle is known, shape (n,)."""
         return np.isfinite(self.angle)
 
     @property
     def refusal(self) -> str:
-        """Why there is no angle anywhere, empty where there is one."""
+        """Why the angle is nowhere known; empty if it is."""
         if self.resolved.any():
             return RESOLVED
         return next((reason for reason in self.reason if reason != AT_TAPE), AT_TAPE)
 
     @property
     def part(self) -> float:
-        """Part of the length over which the angle is resolved."""
+        """Fraction of the length over which the angle is resolved."""
         both = self.resolved[1:] & self.resolved[:-1]
         return float(np.diff(self.z) @ both / (self.z[-1] - self.z[0]))
 
     @property
     def mean(self) -> float:
-        """Mean of the angle over where it is resolved [rad]; nan where nothing is."""
+        """Mean angle where it is resolved [rad]; nan if it is nowhere."""
         return float(np.nanmean(self.angle)) if self.resolved.any() else math.nan
 
     @property
     def mean_stderr(self) -> float:
-        """Standard error of the mean [rad], all errors taken to have one cause."""
+        """Standard error of the mean [rad], assuming fully correlated errors."""
         return float(np.nanmean(self.stderr)) if self.resolved.any() else math.nan
 
     def at(self, z: ArrayLike) -> tuple[Array, Array]:
@@ -423,7 +423,7 @@ class BraidAngle:
 
 
 def triangle_angle(length: ArrayLike, turns: float, diameter: ArrayLike) -> Array:
-    """The braid angle of a cylinder [rad], theta = atan(L / (pi N D)), against the circumference.
+    """The braid angle of a cylinder [rad], theta = atan(L / (pi N D)), from the circumference.
 
     Args:
         length: L [m].
@@ -443,7 +443,7 @@ def braid_angle(
     photo: Photograph, body: Silhouette, first: float, last: float, relative_stderr: float = 0.0, *,
     n_threads: int | None = None,
 ) -> BraidAngle:  # fmt: skip
-    """The braid angle from the picture of the weave, by its spectrum along the muscle.
+    """Measure the braid angle from the spectrum of the weave along the muscle.
 
     The front is unrolled to azimuth phi and arc length s, where a yarn has d phi / ds = +-g,
     g = cot(theta) / R. Across the front n yarns in 2 pi make a wave of n / (2 pi) per radian, and

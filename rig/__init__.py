@@ -1,4 +1,4 @@
-"""Microcontroller to record of a test: protocol, link, journal, plan, simulation.
+"""A test rig, from microcontroller to record: protocol, link, journal, plan, simulation.
 
 Start with `read_plan` and `Rig`: pressure control that vents on every way out. `read_journal` reads
 a record back, `audit` checks it; `rig.simulation` is a rig without hardware. The firmware, wiring

@@ -1,4 +1,4 @@
-"""What turns a rig's counts into pascals and newtons, and the output that holds a pressure.
+"""Calibration of a rig: from counts to pascals and newtons, and the output that holds a pressure.
 
 `read_calibration` reads a rig's TOML file, units in every key; `fit_sensor` and `fit_feed_forward`
 make its parts.
@@ -35,7 +35,7 @@ def pressure_text(pressure: float, unit: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """A linear sensor, neglecting curvature, which shows in `scatter`.
+    """A linear sensor; its curvature is neglected and appears in `scatter`.
 
     value = gain (counts - zero), counts the sum of five readings of 10 bits.
 
@@ -67,11 +67,11 @@ class Sensor:
         return self.gain * (np.asarray(counts, np.float64) - self.zero)
 
     def counts(self, value: float) -> float:
-        """Counts at which a value [unit] reads, not rounded."""
+        """Counts for a value [unit], not rounded."""
         return self.zero + value / self.gain
 
     def error(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Standard error [unit] of values, from the calibration alone, any shape."""
+        """Standard error [unit] of values from the calibration alone, any shape."""
         if not (math.isfinite(self.gain_std) and math.isfinite(self.zero_std)):
             return np.full(np.shape(counts), math.inf)
         from_zero = np.asarray(counts, np.float64) - self.zero
@@ -80,7 +80,7 @@ class Sensor:
 
 
 def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
-    """The sensor that reads the references best, neglecting the references' own errors.
+    """Fit a sensor to reference readings, neglecting the errors of the references.
 
     Least squares of counts = zero + references / gain: the counts are noisy, the references are not.
 
@@ -132,7 +132,7 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
 
 @dataclasses.dataclass(frozen=True)
 class FeedForward:
-    """Output v that is added to the controller's, v = sum c_k (P / P_s)^k, k = 0..3.
+    """Feed-forward output added to the controller's, v = sum c_k (P / P_s)^k, k = 0..3.
 
     Attributes:
         coefficients: c_k [counts], shape (4,).
@@ -148,7 +148,7 @@ class FeedForward:
 
     @classmethod
     def bias(cls, output: float = 127.5) -> "FeedForward":
-        """The same output at every pressure: 2.5 V, the proportional valve's middle."""
+        """The same output at every pressure: 2.5 V, the middle of the proportional valve."""
         return cls((output, 0.0, 0.0, 0.0))
 
     def output(self, pressure: float, unit: str = "kPa") -> float:
@@ -172,7 +172,7 @@ class FeedForward:
 
 
 def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
-    """The cubic through steps of the output, neglecting the pressures' noise.
+    """Fit a cubic through steps of the output, neglecting the noise of the pressures.
 
     Args:
         pressures: mean pressure [Pa] at each step, shape (n,), n >= 5, four different at least.
@@ -244,7 +244,7 @@ _FORMS = {
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What turns a rig's counts into pascals and newtons and holds a pressure.
+    """Calibration of a rig: sensors and feed-forward.
 
     Attributes:
         pressure: the transducer, Pa gauge; its gain is positive, as the device's trip needs.
@@ -267,14 +267,14 @@ class Calibration:
 
 
 def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
-    """The calibration with the unit in each key; what is not known or unlimited is left out."""
+    """The calibration as a dictionary with units in its keys; unknown or unlimited entries are omitted."""
     board = {"board": calibration.board} if calibration.board else {}
     parts = {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
     return board | parts
 
 
 def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibration:
-    """The calibration of such a dictionary.
+    """Make a calibration from such a dictionary.
 
     Args:
         content: a table for each sensor, one for the feed-forward or none, the board or none.
@@ -294,7 +294,7 @@ def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibr
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """The calibration in a TOML file.
+    """Read the calibration from a TOML file.
 
     Raises:
         RigError: the file cannot be read or is not a calibration.
@@ -310,7 +310,7 @@ def write_calibration(path: str | Path, calibration: Calibration) -> None:
 def update_calibration(
     path: str | Path, name: str, part: Sensor | FeedForward, board: int = 0
 ) -> None:
-    """Put one part into a calibration's file and keep its other parts; the file is created if missing.
+    """Update one part of a calibration file and keep the others; the file is created if missing.
 
     Args:
         path: of the file.

@@ -1,4 +1,4 @@
-"""Before the first pressure, and under it: is this the device, are these its channels, does it vent?"""
+"""Checks before and under pressure: is this the device, are these its channels, does it vent?"""
 
 import math
 import secrets
@@ -38,7 +38,7 @@ WATCH_RISE = 15  # counts by which the load has to rise in them
 
 
 def greet(link: AbstractLink) -> Hello:
-    """Wait for a device that speaks this protocol and sends records; its hello.
+    """Wait for a device with this protocol that sends records, and return its hello.
 
     Raises:
         RigFault: there is none.
@@ -65,7 +65,7 @@ def greet(link: AbstractLink) -> Hello:
 
 
 def numbered(link: AbstractLink) -> int:
-    """The number of the board, which gets one at random if it has none.
+    """The number of the board; a board without one gets a random number.
 
     Raises:
         RigFault: it does not answer.
@@ -77,7 +77,7 @@ def numbered(link: AbstractLink) -> int:
 
 
 def device_status(link: AbstractLink) -> DeviceStatus:
-    """The device's state and, of a trip, its fault, reading and output.
+    """The device's state and, after a trip, its fault, reading and output.
 
     Raises:
         RigFault: it does not answer.
@@ -90,7 +90,7 @@ def device_status(link: AbstractLink) -> DeviceStatus:
 
 
 def floor_counts(calibration: Calibration) -> int:
-    """Least plausible reading of one conversion [counts]; 0 where the transducer can have none.
+    """Lowest plausible reading of one conversion [counts]; 0 if the transducer allows none.
 
     A gauge pressure is never far below zero, so a transducer whose 0 Pa lies above the converter's
     end reads less only when it fails: six tenths of its reading at 0 Pa. One of 0 to 5 V reads 0 at
@@ -136,7 +136,7 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
 
 
 def check_channels(link: AbstractLink) -> dict[str, float]:
-    """Let in the first fluid, little by little: the pressure's channel must see it.
+    """Let in the first fluid gradually; the pressure channel must respond.
 
     Returns:
         The output, and by how many counts of one conversion pressure and load have moved.
@@ -187,7 +187,7 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
 
 
 class FlowWatch:
-    """Whether what flows into a muscle contradicts what is read, at a pressure that is held.
+    """Watch whether the flow into a muscle contradicts the readings at a held pressure.
 
     A muscle that takes in fluid at a constant pressure shortens, and pulls less. A load that rises then
     belongs to a pressure that rises unseen: channels are exchanged, or the transducer's line is blocked.
@@ -219,7 +219,7 @@ class FlowWatch:
 
 
 def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
-    """Faults of this transducer that the device cannot detect, one sentence each.
+    """Transducer faults that the device cannot detect, one sentence each.
 
     Args:
         calibration: of the transducer.

@@ -70,7 +70,7 @@ WORDS = "Type begin (or Enter alone), pause or stop, and press Enter."
 
 @contextlib.contextmanager
 def ended_in_words() -> Iterator[None]:
-    """A rig that had to stop ends the command with exit code 1, a signal with 130; the rig is vented."""
+    """End a command with exit code 1 after a fault and 130 after a signal; the rig is vented."""
     names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
@@ -417,7 +417,7 @@ def values(
     ticks: int | None = None,
     wanted: float | None = None,
 ) -> str:
-    """The values of a record in a line, units beside them.
+    """The values of a record in one line, with units.
 
     Args:
         sample: the record, or None.
@@ -445,7 +445,7 @@ def values(
 
 
 def operator_of(calibration: Any, system: str):
-    """Who attends a run here: prints what to do and how it goes, and takes words at a terminal."""
+    """The attendant of a run: prints instructions and progress, and takes words at a terminal."""
     from rig.execution import Attendant, Situation
 
     typed: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -515,7 +515,7 @@ def describe(test: Any, first_block: int = 0) -> list[str]:
 
 
 class CameraCommand:
-    """Calls a program for each photograph and does not wait for it; what it says is seen at once.
+    """Call a program for each photograph without waiting; its messages appear at once.
 
     Args:
         command: program and arguments, `{name}` in them for the photograph's name.

@@ -1,4 +1,4 @@
-"""Pressure control that vents however a test ends: limits, gains, guards, and the device under them.
+"""Pressure control that vents however a test ends: limits, gains, guards, and their device.
 
 `Rig` is the device inside a `with` block. Nothing runs without a pressure limit, nothing but a person
 acknowledges a trip, and heartbeats go on only while the code that supervises the test runs.
@@ -91,7 +91,7 @@ class Control:
 
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
-    """What a device controls and trips with; the reasons are in `firmware/README.md`.
+    """Settings of a device for control and trips; `firmware/README.md` gives the reasons.
 
     Attributes:
         pressure_limit: at which it trips [Pa gauge]; there is no default.
@@ -115,7 +115,7 @@ class RigSettings:
     unit: str = "kPa"
 
     def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
-        """The commands that set them, and the transducer.
+        """The commands for these settings and the transducer.
 
         Raises:
             RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
@@ -141,7 +141,7 @@ class RigSettings:
         ]
 
     def as_note(self, calibration: Calibration) -> dict[str, Any]:
-        """What a journal holds of them, units in the keys."""
+        """The settings as a journal stores them, with units in the keys."""
         return {
             "pressure_limit_Pa": self.pressure_limit,
             "jump_limit_Pa": self.jump_limit,
@@ -184,7 +184,7 @@ class RigSettings:
 
 
 def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, Any]:
-    """What a device reports once it has taken these commands, as its twin in Python stores them."""
+    """The settings that a device reports after these commands, according to its Python twin."""
     twin = DeviceControl(0, 0, least_div=1, trip_ceiling=1023, latch=Latch())
     for verb, values in commands:
         words = command_body(0, verb, *values).encode().split()[2:]
@@ -218,7 +218,7 @@ def _device_calibration(calibration: Calibration) -> tuple[float, float]:
 
 
 class Rig:
-    """A device under a pressure limit, recorded; leaving the `with` block vents it, however it ends.
+    """A recorded device under a pressure limit; leaving the `with` block always vents it.
 
     Args:
         link: to the device.
@@ -269,7 +269,7 @@ class Rig:
         self._leave(error)
 
     def note(self, kind: str, /, **fields: object) -> None:
-        """A note in the journal, if there is one."""
+        """Write a note into the journal, if there is one."""
         if self._journal is not None:
             self._journal.note(kind, **fields)
 
@@ -299,12 +299,12 @@ class Rig:
 
     @property
     def pressure(self) -> float:
-        """The newest record's pressure [Pa gauge], nan where there is none."""
+        """Pressure of the newest record [Pa gauge]; nan if there is none."""
         return float(self.calibration.pressure.value(_newest(self.link, "pressure_sum")))
 
     @property
     def force(self) -> float:
-        """The newest record's force [N], nan where there is none."""
+        """Force of the newest record [N]; nan if there is none."""
         return float(self.calibration.force.value(_newest(self.link, "force_sum")))
 
     def manual(self, output: int) -> None:
@@ -313,12 +313,12 @@ class Rig:
         self.note("manual", output=output)
 
     def stop(self) -> None:
-        """Output off, dump valve open."""
+        """Switch the output off and open the dump valve."""
         self._active_from = None
         self.link.command("stop")
 
     def wait(self, seconds: float) -> None:
-        """Wait for a time [s] and supervise the rig meanwhile.
+        """Wait for a time [s] while supervising the rig.
 
         Raises:
             RigFault: the device tripped, was reset or is silent, or the recorder has failed.
@@ -331,7 +331,7 @@ class Rig:
             self.check()
 
     def check(self) -> None:
-        """Look at the device, the link and the recorder once; see `wait`."""
+        """Check the device, the link and the recorder once; see `wait`."""
         self.link.check()
         while self.link.alarms:
             match self.link.alarms.popleft():
@@ -360,7 +360,7 @@ class Rig:
             )
 
     def sync(self, seconds: float) -> None:
-        """Raise the sync pin for a time [s], in whole records, and note with which one it begins.
+        """Raise the sync pin for a time [s], in whole records, and note the first of them.
 
         Raises:
             RigError: less than a record or more than a thousand.
@@ -466,7 +466,7 @@ class Rig:
 
 
 def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> None:
-    """Clear a trip, because a person has found its cause; no program does so by itself.
+    """Clear a trip after a person has found its cause; no program does so by itself.
 
     Args:
         link: to the device.
@@ -484,7 +484,7 @@ def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> N
 
 
 def trip_text(status: DeviceStatus, calibration: Calibration | None = None) -> str:
-    """A trip as the device reports it: fault, reading, output, and what to check.
+    """Describe a trip: fault, reading, output, and what to check.
 
     >>> trip_text(DeviceStatus(1, 9, 45, 3, 6, 0, 0, 0, 0, 0, 0, 40, 12, 131, 0))
     'range at 12 counts, output 131; the reading was outside floor and ceiling: a broken wire, a \

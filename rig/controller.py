@@ -1,4 +1,4 @@
-"""The device's control in the integers of its firmware: states, guards, law, and plausible readings."""
+"""The device's control in the integers of its firmware: states, guards, law, plausibility."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -78,7 +78,7 @@ NOTHING, STEP, START = range(3)  # what the pressure has to answer
 
 
 class Latch(NamedTuple):
-    """What outlives a reset: a trip, where `fault` is one of `TRIPS`, and the board's number, or 0."""
+    """State that survives a reset: a trip, if `fault` is one of `TRIPS`, and the board's number, or 0."""
 
     fault: int = 0
     output: int = 0
@@ -118,7 +118,7 @@ class DeviceControl:
         self._over = self._jumped = self._outside = self._stall_ticks = self._stall_from = 0
 
     def step(self, pressure: int, force: int) -> Sample | None:
-        """One tick: guards, output, and the record where one is complete."""
+        """One tick: guards, output, and the record if one is complete."""
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
             self._begin_record()
@@ -164,7 +164,7 @@ class DeviceControl:
         self.report_state = True
 
     def leave(self, state: int, fault: int, pressure: int = 0) -> None:
-        """Output off, dump valve open, at once; a trip is latched with its reading and output."""
+        """Switch off the output and open the dump valve; latch a trip with its reading and output."""
         if state == TRIP:
             self.latch = Latch(fault, self.output, pressure, self.latch.board)
             self.tripped_at = self.tick
@@ -232,12 +232,12 @@ class DeviceControl:
         return Sample(self.boot & 15, seq, self.tick, *sums, self.output, self._integral, flags)
 
     def in_force(self) -> int:
-        """The first record that a command given now governs in full."""
+        """The first record fully governed by a command given now."""
         return (self.seq + (self.phase > 0)) & COUNTER
 
     @property
     def settings(self) -> DeviceSettings:
-        """What governs the records from `since` on."""
+        """The settings that govern the records from `since` on."""
         guards = self.div, self.trip, self.jump, self.stall, self.silent, self.floor, self.ceiling
         watch = self.plausibility
         frozen = watch.still, watch.frozen, watch.frozen_ticks
@@ -311,7 +311,7 @@ class DeviceControl:
 
 
 class Band:
-    """Readings from which the present one has not moved away."""
+    """A band of readings that the present one has not left."""
 
     __slots__ = ("high", "low")
 
@@ -319,7 +319,7 @@ class Band:
         self.low = self.high = 0
 
     def left(self, reading: int, width: int) -> bool:
-        """Whether the reading has left the band, which then begins anew with it."""
+        """Whether the reading has left the band, which then restarts from it."""
         if reading < self.low:
             self.low = reading
         elif reading > self.high:
@@ -331,7 +331,7 @@ class Band:
 
 
 class Plausibility:
-    """Watches the readings at rest, and in RUN whether they follow the output.
+    """Watch the readings at rest, and in RUN whether they follow the output.
 
     Attributes:
         still: ticks within `WIDE_BAND` that trip, of a reading that is alive; a less lively one has longer.
@@ -352,7 +352,7 @@ class Plausibility:
         self._leapt = False
 
     def enter(self, reading: int, recent: Sequence[int]) -> None:
-        """The output comes on; `recent` are the last five readings, `reading` the last."""
+        """Switch the output on; `recent` are the last five readings, `reading` the last."""
         self._close.low = self._close.high = reading
         self._held = self._settled = self._still_ticks = self._close_ticks = 0
         self._push = self._wound_push = 0
@@ -360,7 +360,7 @@ class Plausibility:
         self._expect_answer(START, 0, recent)
 
     def rest(self) -> None:
-        """The output goes off: what was watched before does not count."""
+        """Switch the output off and forget earlier observations."""
         self._watch_ticks = 0
 
     def change(
@@ -371,13 +371,13 @@ class Plausibility:
         integral: int,
         recent: Sequence[int],
     ) -> None:
-        """Another law governs, or another limit; an answer is due to a higher set point."""
+        """Apply another law or limit; a higher set point must be answered."""
         if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:
             self._expect_answer(STEP, integral, recent)
         self._headroom = -pressure_error(law, trip)
 
     def watch(self, reading: int) -> None:
-        """One reading at rest: does noise move it? Only one that is alive can be seen to freeze."""
+        """Watch one reading at rest for noise; only a varying reading can be seen to freeze."""
         if self._watch_ticks == 0:
             self._watch_from, self._moves = reading, 0
         self._moves += self._wide.left(reading, REST_BAND)
@@ -389,7 +389,7 @@ class Plausibility:
                 self._liveliness = min(self._moves, LIVELY_MOVES)
 
     def stands_still(self, reading: int) -> bool:
-        """Whether a reading that is alive has not varied for too long."""
+        """Whether a varying reading has been constant for too long."""
         self._still_ticks = 0 if self._wide.left(reading, WIDE_BAND) else self._still_ticks + 1
         enough = self._still_ticks * self._liveliness >= self.still * LIVELY_MOVES
         return enough and self.alive != QUIET
@@ -398,7 +398,7 @@ class Plausibility:
         self, law: ControlLaw, output: int, integral: int, error: int, record: bool, reading: int,
         oldest: int,
     ) -> bool:  # fmt: skip
-        """Whether the output has pushed more than a reading that has not moved can bear."""
+        """Whether the output has moved too much for a reading that has not changed."""
         self._close_ticks += 1
         before = self._close.low
         if self._close.left(reading, CLOSE_BAND):

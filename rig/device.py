@@ -1,4 +1,4 @@
-"""The firmware in Python, byte for byte what its C core sends: a device without hardware."""
+"""The firmware in Python, byte for byte equal to its C core: a device without hardware."""
 
 import re
 import struct
@@ -63,7 +63,7 @@ def firmware_folder() -> Path:
 
 
 class Device:
-    r"""The device as the host sees it: bytes in, counts in, bytes and an output out.
+    r"""The device as the host sees it: bytes and counts in, bytes and an output out.
 
     It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, a
     tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
@@ -110,7 +110,7 @@ class Device:
         self.reset(POWER_ON)
 
     def reset(self, cause: int) -> None:
-        """Start again: output off, dump valve open, boot counter advanced; unsent bytes are lost."""
+        """Restart: output off, dump valve open, boot counter advanced; unsent bytes are lost."""
         self.boot = (self._memory.boot + 1) & 0xFFFF
         self._cause = cause
         fault = WATCHDOG if cause & WATCHDOG_RESET else 0
@@ -152,16 +152,16 @@ class Device:
 
     @property
     def fault(self) -> int:
-        """What made it leave `RUN` or `MANUAL`, a place in `rig.protocol.FAULTS`; 0 for nothing."""
+        """Why it left `RUN` or `MANUAL`, an index into `rig.protocol.FAULTS`; 0 for no fault."""
         return self._control.fault
 
     @property
     def board(self) -> int:
-        """The number that it was given, 0 for none."""
+        """The number of the board, 0 for none."""
         return self._control.latch.board
 
     def feed(self, data: bytes) -> None:
-        """Bytes that have arrived; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
+        """Receive bytes; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
         room = RECEIVE_LIMIT - len(self._received)
         self._received += data[:room]
         self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
@@ -318,7 +318,7 @@ class Device:
 
 
 class Memory:
-    """What outlives a reset: boot counter and latch; what does not fit into it lives as long as this."""
+    """Memory that survives a reset: boot counter and latch."""
 
     def __init__(self, eeprom: bytearray | None) -> None:
         self._eeprom = bytearray() if eeprom is None else eeprom
@@ -333,7 +333,7 @@ class Memory:
 
 
 def body_of(line: bytes, *, strict: bool) -> bytes | None:
-    """The line without its CRC, or None where it must be refused."""
+    """The line without its CRC, or None if it must be refused."""
     if len(line) > LINE_LIMIT or line.translate(None, _PRINTABLE):
         return None
     if len(line) > 4 and line[-5:-4] == b"*":
@@ -345,7 +345,7 @@ def body_of(line: bytes, *, strict: bool) -> bytes | None:
 
 
 def split_command(body: bytes) -> tuple[int, bytes, list[bytes]]:
-    """Id (0 where there is none), verb and words of a command."""
+    """Id (0 if there is none), verb and words of a command."""
     words = [word for word in body.split(b" ") if word]
     first = words[0] if words else b""
     numbered = 1 <= len(first) <= 5 and first.isdigit() and int(first) <= 0xFFFF
@@ -367,7 +367,7 @@ def read_number(word: bytes, unit: int, low: int, high: int) -> int | None:
 
 
 def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
-    """The numbers of a command, or None where one is missing, too many or out of range."""
+    """The numbers of a command, or None if one is missing, superfluous or out of range."""
     least, numbers = ARGUMENTS[verb]
     if not least <= len(words) <= len(numbers):
         return None

@@ -1,4 +1,4 @@
-"""A test carried out, recorded, and steered by who attends it; the pump stepped for its feed-forward."""
+"""Tests: carried out, recorded and steered by an attendant; steps of the pump for its feed-forward."""
 
 import contextlib
 import dataclasses
@@ -37,7 +37,7 @@ Phase = Literal["settling", "ready", "strokes", "paused"]
 
 
 class Situation(NamedTuple):
-    """A run at one look.
+    """State of a run at one look.
 
     Attributes:
         phase: what it waits for.
@@ -68,7 +68,7 @@ class Attendant:
     """An attendant that requests nothing; subclasses display and steer."""
 
     def tell(self, text: str) -> None:
-        """An instruction to the operator."""
+        """Tell the operator something."""
 
     def look(self, situation: Situation) -> Request:  # noqa: ARG002 -- for subclasses
         """Called about twenty times a second; returns a request."""
@@ -78,7 +78,7 @@ class Attendant:
 def prepare(
     test: PlanFile, folder: str | Path, *, resume: bool = False, camera: object = None
 ) -> tuple[Calibration, int]:
-    """All that can be refused before a port is opened; nothing is written.
+    """Check everything that can be refused before a port is opened; nothing is written.
 
     Args:
         test: from its file.
@@ -141,7 +141,7 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
 
 
 def rig_of(test: PlanFile, link: AbstractLink, calibration: Calibration, **more: Any) -> Rig:
-    """The rig of a test, still to be entered; `journal` and `camera` as for `Rig`."""
+    """The rig of a test, not yet entered; `journal` and `camera` as for `Rig`."""
     settings = test.settings
     names = (field.name for field in dataclasses.fields(settings))
     return Rig(link, calibration, **{name: getattr(settings, name) for name in names}, **more)
@@ -421,7 +421,7 @@ def calibrate_feed_forward(
     average: float = 1.0,
     tell: Callable[[int, float], None] | None = None,
 ) -> FeedForward:
-    """The feed-forward from steps of the pump or valve, the controller off.
+    """Measure the feed-forward by steps of the pump or valve, with the controller off.
 
     Args:
         rig: entered.

@@ -1,4 +1,4 @@
-"""The record of a test: written line by line, read back verified, checked against the control law.
+"""The record of a test: written line by line, verified on reading, checked against the control law.
 
 The file is append-only text: the device's own lines verbatim, and notes as JSON with the same CRC.
 
@@ -125,7 +125,7 @@ class Journal:
         self.close()
 
     def lines(self, data: bytes) -> None:
-        """Queue verified lines of the device, each with its end."""
+        """Queue verified lines of the device, with their line ends."""
         with self._lock:
             self._put(data)
 
@@ -143,7 +143,7 @@ class Journal:
         return self._queued - self._written
 
     def check(self) -> None:
-        """Nothing unless the recording has failed.
+        """Raise if the recording has failed.
 
         Raises:
             RigFault: it has; all that was written before stays.
@@ -289,7 +289,7 @@ class Record:
         return self.rows[:, COLUMNS.index(name)]
 
     def governing(self) -> NDArray[np.int64]:
-        """For each row, the index in `settings` of what governed it, -1 where that is not known."""
+        """For each row, the index of its settings in `settings`; -1 if not known."""
         index = np.full(len(self.rows), -1)
         order = sorted(range(len(self.settings)), key=lambda k: self.settings[k][1].since)
         for epoch in {epoch for epoch, _ in self.settings}:
@@ -301,12 +301,12 @@ class Record:
         return index
 
     def notes_of(self, kind: str) -> list[dict[str, Any]]:
-        """The notes of one kind, in their order."""
+        """The notes of one kind, in order."""
         return [note for note in self.notes if note["note"] == kind]
 
 
 def read_journal(path: str | Path) -> Record:
-    """The record in a journal, also in one that was torn, zeroed in places or cut short.
+    """Read the record of a journal, even one that was torn, zeroed in places or cut short.
 
     A line counts when its CRC is right, and a row when it also fits its neighbours.
 
@@ -342,7 +342,7 @@ def read_journal(path: str | Path) -> Record:
 
 
 def stored_calibration(record: Record) -> Calibration:
-    """The calibration with which a journal was recorded.
+    """The calibration stored in a journal.
 
     Raises:
         RigError: the journal has none.
@@ -354,7 +354,7 @@ def stored_calibration(record: Record) -> Calibration:
 
 
 def summary(record: Record) -> list[dict[str, Any]]:
-    """A row for each time that a pressure of the plan was set: what was held, and what was done.
+    """One row for each set pressure of the plan: what was held, and what was done.
 
     Returns:
         Rows of block, set pressure [Pa], mean and root-mean-square error of the pressure [Pa] during
@@ -402,7 +402,7 @@ def _held(
 
 
 def write_summary(journal: Path, unit: str) -> list[str]:
-    """Write the summary of a journal as CSV beside it; its lines for a person, pressures in a unit."""
+    """Write the summary of a journal as CSV beside it; returns lines for a person, in a pressure unit."""
     rows = summary(read_journal(journal))
     with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, SUMMARY)
@@ -586,7 +586,7 @@ def _missing(
 
 @dataclasses.dataclass(frozen=True)
 class Audit:
-    """What an audit found.
+    """Result of an audit.
 
     Attributes:
         records: rows in the journal.
@@ -616,12 +616,12 @@ class Audit:
 
     @property
     def sound(self) -> bool:
-        """Whether the file is whole and every recomputed record equal; losses on the line do not count."""
+        """Whether the file is complete and recomputed records agree; losses on the line do not count."""
         return not self.faults
 
     @property
     def faults(self) -> list[str]:
-        """Why the record is not sound, in words."""
+        """Why the record is not sound, in sentences."""
         wrong, (_, at) = self.checked - self.equal, self.first_wrong or (0, 0)
         found = {
             f"the file lost {self.torn} records": self.torn,
@@ -640,7 +640,7 @@ class Audit:
 
 
 def audit(record: Record) -> Audit:
-    """The control law recomputed from every recorded sample, and all that is missing.
+    """Recompute the control law from every recorded sample, and list everything missing.
 
     In RUN the integral must follow from the one before and the sum of the pressure counts, and the
     output from it and the last count; in every other state but MAN both must be zero.

@@ -1,4 +1,4 @@
-"""The connection to a device: the host's side of the protocol, and the bytes that carry it, recorded.
+"""The connection to a device: the host's side of the protocol, recorded.
 
 `Session` has no clock and no thread: bytes and times in, bytes and events out. Every record comes once:
 missing ones are requested, and a doubtful one needs a confirmation. A command is sent until it is
@@ -57,7 +57,7 @@ SLICE = 0.004  # s between two exchanges of bytes, the resolution of heartbeats 
 
 
 class Lost(NamedTuple):
-    """Records that will never come: first <= seq < first + records of that boot."""
+    """Records that are lost for good: first <= seq < first + records of that boot."""
 
     boot: int
     first: int
@@ -65,7 +65,7 @@ class Lost(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """The device restarted; boots modulo 16, `cause` as in `Hello`, None where no hello came."""
+    """The device restarted; boots modulo 16, `cause` as in `Hello`, None if no hello came."""
 
     old: int
     new: int
@@ -73,7 +73,7 @@ class Reset(NamedTuple):
 
 
 class Silent(NamedTuple):
-    """No verified line for that many seconds; one such event for each silence."""
+    """No verified line for that many seconds; one event for each silence."""
 
     seconds: float
 
@@ -93,7 +93,7 @@ Event = Message | Lost | Reset | Silent | Timing
 
 @dataclasses.dataclass(eq=False)
 class Command:
-    """A command under way.
+    """A command in progress.
 
     Attributes:
         id: its number; the device answers a repeated number without executing it twice.
@@ -171,7 +171,7 @@ class Session:
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """The events in `data`, received by host time `now` [s]; to be called without data, too."""
+        """The events in `data`, received by host time `now` [s]; call it without data, too."""
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
             if message is None:
@@ -217,13 +217,13 @@ class Session:
         return self.settings is not None and self._settings_due is None
 
     def idle(self, now: float) -> bool:
-        """Whether `feed` and `poll` have nothing to do at host time `now` [s] until a line comes."""
+        """Whether `feed` and `poll` have nothing to do at host time `now` [s] until a line arrives."""
         quiet = self._heard_at is not None and now - self._heard_at < SILENCE
         waits = self._settings_due is not None or self._queue or self.gaps
         return quiet and not waits and now < self._beat_at + HEARTBEAT
 
     def command(self, verb: str, *values: float | str) -> Command:
-        """Queue a command, which `poll` sends; one is under way at a time.
+        """Queue a command, which `poll` sends; one at a time is in progress.
 
         Raises:
             RigError: a number that is not finite.
@@ -541,12 +541,12 @@ class AbstractLink(abc.ABC):
         return self.session.newest
 
     def attach(self, journal: Journal | None) -> None:
-        """Record into a journal from now on; None detaches, which must come before closing it."""
+        """Record into a journal from now on; None detaches it, which must happen before it is closed."""
         with self._lock:
             self._journal = journal
 
     def check(self) -> None:
-        """Nothing unless the link or the recording has failed.
+        """Raise if the link or the recording has failed.
 
         Raises:
             RigFault: the link has ended, or as `Journal.check`.
@@ -587,7 +587,7 @@ class AbstractLink(abc.ABC):
         return command.answer
 
     def settle(self, seconds: float) -> None:
-        """Wait up to a time [s] for missing records; those that have not come by then are lost."""
+        """Wait up to a time [s] for missing records; after that they are lost."""
         until = self.now + seconds
         while self.running and self.session.gaps and self.now < until:
             self.sleep(SLICE)
@@ -689,7 +689,7 @@ class Link(AbstractLink):
 
     @property
     def running(self) -> bool:
-        """Whether the thread has neither been closed nor ended with an error."""
+        """Whether the thread is neither closed nor ended by an error."""
         return self._thread.is_alive()
 
     def sleep(self, seconds: float) -> None:
@@ -757,7 +757,7 @@ class VirtualLink(AbstractLink):
         return True
 
     def sleep(self, seconds: float) -> None:
-        """Advance the rig in slices of `SLICE`, exchanging bytes where there is a line or need."""
+        """Advance the rig in slices of `SLICE`, exchanging bytes if needed."""
         rig, idle = self.rig, self.session.idle
         end = rig.now + seconds
         while (left := end - rig.now) > 1e-9:
@@ -772,7 +772,7 @@ class VirtualLink(AbstractLink):
                 rig.write(out)
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
 
 def mean_counts(

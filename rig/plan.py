@@ -1,4 +1,4 @@
-"""What a test does: strokes of a test machine at constant pressures, and the file PLAN.toml."""
+"""The plan of a test: strokes of a test machine at constant pressures, and the file PLAN.toml."""
 
 import dataclasses
 import math
@@ -25,7 +25,7 @@ from .errors import RigError
 
 @dataclasses.dataclass(frozen=True)
 class Isobaric:
-    """Constant pressures, at each of them strokes of the test machine, neglecting its ramps.
+    """Strokes of the test machine at constant pressures, neglecting its ramps.
 
     At each pressure: set, settle, then `cycles` strokes there and back at `rate`.
 
@@ -53,11 +53,11 @@ class Isobaric:
 
     @property
     def stroke_seconds(self) -> float:
-        """How long the strokes at one pressure last [s]."""
+        """Duration of the strokes at one pressure [s]."""
         return self.cycles * 2 * self.stroke / self.rate
 
     def duration(self, first_block: int = 0) -> float:
-        """How long the plan lasts from a block on [s], neglecting the device's answers.
+        """Duration of the plan from a block on [s], neglecting the device's answers.
 
         >>> plan = Isobaric((1e5, 2e5), cycles=3, stroke=0.05, rate=0.001, settle=5.0)
         >>> round(plan.duration(), 6)
@@ -67,7 +67,7 @@ class Isobaric:
 
 
 def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
-    """The block with which a plan resumes, from the notes of its journal.
+    """The block at which a plan resumes, from the notes of its journal.
 
     >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
     1
@@ -77,7 +77,7 @@ def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class PlanFile:
-    """A test as its file describes it.
+    """A test as described by its file.
 
     Attributes:
         plan: what to do.
@@ -103,12 +103,12 @@ class PlanFile:
 
     @property
     def settings(self) -> RigSettings:
-        """What the device controls and trips with."""
+        """Settings of the device for control and trips."""
         return RigSettings(self.pressure_limit, self.control, unit=self.unit, **self.limits)
 
 
 def read_plan(path: str | Path) -> PlanFile:
-    """The test in a TOML file.
+    """Read the test in a TOML file.
 
     [plan]
     pressures_psi = [20, 40, 60]

@@ -211,7 +211,7 @@ class HydraulicCircuit:
         check_fields(self, RigError)
 
     def steady_output(self, pressure: float) -> float:
-        """Output [counts], not rounded, whose flow the needle passes at a gauge pressure [Pa]."""
+        """Output [counts], not rounded, that holds a gauge pressure [Pa] against the needle's flow."""
         full_flow = self.displacement * self.full_speed
         return FULL_OUTPUT * self.needle * math.sqrt(pressure) / full_flow
 
@@ -376,7 +376,7 @@ def mckibben(
     deadband_pressure: float = 3.3 * PSI,
     friction: float = 0.02,
 ) -> SimulatedMuscle:
-    """A muscle of an inelastic braid and a linear bladder, for a rig without a muscle model.
+    """A muscle with an inelastic braid and a linear bladder, for a rig without a muscle model.
 
     V = (B^2 L - L^3) / (4 pi N^2) - V_solid,  F = max(P - P_d, 0) (3 L^2 - B^2) / (4 pi N^2) - k (L0 - L)
 
@@ -434,12 +434,12 @@ class MachineClock:
         return self.offset + (1 + self.rate) * true_time
 
     def true_time(self, reading: float) -> float:
-        """The true time [s] at which it shows a reading [s]."""
+        """The true time [s] of a reading [s]."""
         return (reading - self.offset) / (1 + self.rate)
 
 
 class TestMachine:
-    """A screw-driven machine that shortens a muscle at constant rate and lets it out again.
+    """A screw-driven machine that shortens and lengthens a muscle at constant rate.
 
     A stroke begins at the rest length, turns where the load falls to `turn_load` (or after the
     given stroke), and ends at the rest length. Neglected: the frame's compliance and the time that
@@ -501,7 +501,7 @@ class TestMachine:
         stroke: float | None = None,
         turn_load: float = 0.0,
     ) -> None:
-        """Begin strokes from the rest length, or add more of the same to those under way.
+        """Begin strokes from the rest length, or add more to those under way.
 
         Args:
             cycles: number of strokes there and back.
@@ -524,7 +524,7 @@ class TestMachine:
         self.cycles_left += cycles
 
     def step(self, now: float, dt: float, load: float) -> None:
-        """Move by dt [s] up to the true time `now` [s], under the load [N] at its beginning."""
+        """Move for dt [s] up to the true time `now` [s], under the load [N] at the start."""
         velocity = self.velocity
         length = self.length + velocity * dt
         if velocity < 0:
@@ -551,7 +551,7 @@ class TestMachine:
         self._next_at = self.clock.true_time(self._next_row)
 
     def write_log(self, path: str | Path) -> Path:
-        """Write the log as a delimited file with units, as such machines do."""
+        """Write the log as a delimited file with units."""
         lines = ["Time,Extension,Load,Digital input", "(s),(mm),(N),(-)"]
         for time, displacement, force, sync in self.rows:
             lines.append(f"{time:.4f},{displacement * 1e3:.5f},{force:.4f},{sync:.0f}")

@@ -1,4 +1,4 @@
-"""What host and device exchange: lines with a CRC, messages, and the control law in integers.
+"""The protocol: lines with a CRC, messages, and the control law in integers.
 
 Every line of the device, and every line of a host under `strict 1`, ends in `*HHHH`, the CRC-16 of
 the text before the asterisk. `firmware/README.md` lists the lines and their fields.
@@ -202,7 +202,7 @@ class DeviceStatus(NamedTuple):
 
 
 class DeviceSettings(NamedTuple):
-    """What governs the records from `since` on.
+    """The settings that govern the records from `since` on.
 
     `P,boot,since,<law>,div,trip,jump,stall,silence,floor,ceiling,still,frozen,frozen_ticks`.
 
@@ -336,7 +336,7 @@ _LAW = len(ControlLaw._fields)
 
 
 def parse(line: bytes) -> Message | None:
-    """The message in a line of the device, or None where its CRC or its form is wrong.
+    """The message in a line of the device, or None if its CRC or form is wrong.
 
     Args:
         line: without the line feed.
@@ -377,7 +377,7 @@ def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
 
 
 class Splitter:
-    r"""Cuts a stream of bytes into lines; longer ones than `limit` bytes are discarded and counted.
+    r"""Split a stream of bytes into lines; lines longer than `limit` bytes are discarded and counted.
 
     Attributes:
         discarded: bytes discarded so far.

@@ -80,7 +80,7 @@ class SimulatedSensor:
         return self.low_volts * _STEPS / _REFERENCE_VOLTS - self.low * self.counts_per_unit
 
     def counts(self, reading: float, error: float = 0.0) -> int:
-        """Counts [0..1023] of a reading [SI] with an error [counts]; the range ends are the ADC's."""
+        """Counts [0..1023] of a reading [SI] with an error [counts], limited by the ADC."""
         counts = int(self.zero_counts + self.counts_per_unit * reading + error)
         return 0 if counts < 0 else counts if counts < FULL_COUNTS else FULL_COUNTS
 
@@ -130,7 +130,7 @@ def load_cell(high: float = 1500 * LBF, noise: float = 0.5 * LBF) -> SimulatedSe
 
 
 class ByteChannel:
-    """One direction of a serial line: bytes arrive one after the other, at its baud rate.
+    """One direction of a serial line: bytes arrive one by one, at its baud rate.
 
     Args:
         baud: bits a second; None delivers at once.
@@ -266,7 +266,7 @@ class SimulatedRig:
         return self.plant.force
 
     def write(self, data: bytes) -> None:
-        """Bytes from the host, now."""
+        """Receive bytes from the host now."""
         self.to_device.send(data, self.now)
 
     def read(self) -> bytes:
@@ -274,7 +274,7 @@ class SimulatedRig:
         return self.to_host.receive(self.now)
 
     def advance(self, seconds: float) -> None:
-        """Let time pass: the plant, then one tick of the device, every 2 ms of its clock."""
+        """Advance time: the plant, then one tick of the device, every 2 ms of its clock."""
         if not seconds >= 0:
             raise RigError(f"time passes forwards, got {seconds} s")
         end = self.now + seconds
@@ -314,7 +314,7 @@ class SimulatedRig:
 def machine_for(
     muscle: SimulatedMuscle, clock: MachineClock | None = None, seed: int = 0
 ) -> TestMachine:
-    """A test machine that holds a muscle at its rest length, and stops short of its table's end.
+    """A test machine that holds a muscle at its rest length and stops before the end of its table.
 
     Args:
         muscle: to be held.

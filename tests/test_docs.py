@@ -1,5 +1,6 @@
 """The documentation is run: fences, links, figures, glossary, and the build by both tools."""
 
+import ast
 import importlib.util
 import json
 import re
@@ -20,7 +21,7 @@ RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in
 HOW_TO = DOCS / "how-to"
 LAB = HOW_TO / "lab.md"
 LONG = [
-    *(DOCS / "first-result.md", DOCS / "control.md"),
+    *(DOCS / "first-result.md", DOCS / "control.md", DOCS / "check-before-you-publish.md"),
     *(DOCS / "concepts" / "bands.md", DOCS / "concepts" / "shape.md"),
     *(
         HOW_TO / f"{page}.md"
@@ -29,6 +30,7 @@ LONG = [
 ]
 """Pages whose examples take more than five seconds each."""
 WRITTEN = [DOCS / "comparison.md", DOCS / "reproduction.md"]
+TUTORIALS = DOCS / "tutorials.md"
 EXPORT = DOCS / "export.md"
 """Its C and MATLAB are run by a test of its own."""
 
@@ -38,7 +40,7 @@ EXPORT = DOCS / "export.md"
     [
         pytest.param(page, marks=[pytest.mark.slow] if page in LONG else [])
         for page in RUN
-        if page not in (LAB, EXPORT, *WRITTEN)
+        if page not in (LAB, EXPORT, TUTORIALS, *WRITTEN)
     ],
     ids=lambda page: page.relative_to(DOCS).as_posix(),
 )
@@ -75,6 +77,17 @@ def test_written_pages_are_what_the_commands_print(tmp_path: Path) -> None:
         assert run
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_tutorials_are_what_their_scripts_print(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    new = load("notebooks").write(tmp_path)
+    assert not not_printed(TUTORIALS.read_text(), new.read_text())
+    pictures = list((tmp_path / "figures").glob("*.svg"))
+    assert len(pictures) == 3
+    assert all(one.stat().st_size > 5000 for one in pictures)
+
+
 def test_what_a_page_says_is_printed_is_compared() -> None:
     printed = "pull 585.6 N\nother\nat 1.743 bar\n"
     assert not not_printed("pull 585.7 N\nat 1.74 bar\n", printed)
@@ -88,6 +101,23 @@ def test_links_lead_to_files(page: Path) -> None:
     for target in links(page):
         file = page.parent / target.partition("#")[0]
         assert file.exists(), f"{page}: {target}"
+
+
+def test_the_packages_call_nothing_that_windows_lacks() -> None:
+    lacking = {"fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty"} | {
+        "fork", "killpg", "sched_getaffinity", "SIGALRM", "SIGHUP", "SIGKILL",
+    }  # fmt: skip
+    for package in ("famjax", "fitting", "imaging", "rig"):
+        for file in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Import):
+                    assert not lacking & {one.name for one in node.names}, file
+                if isinstance(node, ast.Attribute):
+                    assert node.attr not in lacking, f"{file}, line {node.lineno}"
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                    said = node.func.attr not in {"read_text", "write_text"}
+                    said |= "encoding" in {one.arg for one in node.keywords}
+                    assert said, f"{file}, line {node.lineno}: which encoding?"
 
 
 def test_every_public_room_has_a_page() -> None:

@@ -11,13 +11,13 @@ FOLDER = Path(__file__).parents[1] / "examples"
 BEST = 7.52544  # N: the optimum of the cubic law in the bounds of a muscle that can be built
 
 
-def said(name: str, folder: Path = FOLDER) -> str:
+def said(name: str) -> str:
     done = subprocess.run(
         [sys.executable, str(FOLDER / f"{name}.py")],
         capture_output=True,
         text=True,
         check=False,
-        cwd=folder,
+        cwd=FOLDER,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -44,23 +44,6 @@ def test_a_joint_in_mujoco() -> None:
 
 
 @pytest.mark.slow
-def test_tutorial_of_a_bundled_muscle(tmp_path: Path) -> None:
-    length, lift = re.findall(r"([\d.]+) mm", said("first_muscle", tmp_path).splitlines()[-1])
-    assert 200 < float(length) < 300
-    assert 1 < float(lift) < 20
-    assert (tmp_path / "first_muscle.svg").stat().st_size > 5000
-
-
-@pytest.mark.slow
-def test_tutorial_of_a_force_map(tmp_path: Path) -> None:
-    told = said("fit_a_map", tmp_path)
-    assert "stable: True" in told
-    assert "95 % of readings" in told
-    assert (tmp_path / "fit" / "report.html").exists()
-    assert (tmp_path / "fit_a_map.svg").stat().st_size > 5000
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(200)
 def test_engines() -> None:
     told = said("engines")
@@ -79,4 +62,5 @@ def test_nuts() -> None:
 
 def test_examples_are_short() -> None:
     for file in FOLDER.glob("*.py"):
-        assert len(file.read_text().splitlines()) < 40, file
+        lines = len(file.read_text().splitlines())
+        assert lines < (90 if file.stem.endswith("_tutorial") else 40), file

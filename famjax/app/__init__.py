@@ -1,4 +1,4 @@
-"""The command line, and what joins the packages: tests, photographs and fits of one muscle.
+"""The command line, and work that joins the packages: tests, photographs and fits of one muscle.
 
 The only package that imports all others.
 """

@@ -1,4 +1,4 @@
-"""Cross-checks: what two sources say of one thing, and whether that holds; of records and specimen."""
+"""Cross-checks: whether two sources agree on one quantity; for records and specimen."""
 
 import dataclasses
 import json
@@ -94,7 +94,7 @@ class Check:
 
 
 def units_of(ratio: float) -> str:
-    """The two units whose ratio this is, or its inverse; empty where there are none.
+    """The two units whose ratio is this value or its inverse; empty if there are none.
 
     >>> units_of(0.0394)
     'inches and mm'
@@ -108,7 +108,7 @@ def units_of(ratio: float) -> str:
 
 
 def settle(checks: Sequence[Check], place: Path) -> None:
-    """Write the checks of a step into its folder, and stop where one contradicts.
+    """Write the checks of a step into its folder, and stop if one contradicts.
 
     Raises:
         InputError: what contradicts, and what to do.
@@ -125,7 +125,7 @@ def settle(checks: Sequence[Check], place: Path) -> None:
 
 
 def read_checks(place: Path) -> list[Check]:
-    """The checks of a step, none where it made none."""
+    """Read the checks of a step; empty if it made none."""
     path = place / CHECKS
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     return [Check(**row) for row in rows]
@@ -138,7 +138,7 @@ def doubts(places: Sequence[Path]) -> list[str]:
 
 
 def warnings_of(place: Path) -> list[str]:
-    """The same of one step, as they are printed."""
+    """The doubts of one step, as they are printed."""
     return [f"warning: {said}" for said in doubts([place])]
 
 
@@ -172,7 +172,7 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
 
 
 def specimen_checks(specimen: Specimen) -> list[Check]:
-    """Sizes that no muscle has: mostly a wrong unit. Nothing else in a folder tells them."""
+    """Check for sizes that no muscle has, usually a wrong unit, which nothing else in a folder reveals."""
     diameter = specimen.bladder_diameter or specimen.nominal_diameter
     if diameter is None:
         return []

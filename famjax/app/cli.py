@@ -1,4 +1,4 @@
-"""The command `famjax`: every command by its name and a sentence, imported when it is asked for."""
+"""The command `famjax`: every command by name and sentence, imported on demand."""
 
 import gc
 import importlib.util
@@ -117,7 +117,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def command_line(arguments: Sequence[str]) -> "App":
-    """The command line, for these arguments.
+    """Make the command line for these arguments.
 
     The help of the command that they ask for is its docstring; all others are known by a sentence
     and are not imported.
@@ -165,7 +165,7 @@ def _register(app: "App", commands: Sequence[str], asked: str) -> None:
 
 
 def sentence(path: str) -> str:
-    """The first sentence of a command's help, read in its file: nothing that it needs is imported."""
+    """The first sentence of a command's help, read from its file without an import."""
     module, _, name = _MOUNTED.get(path, path).partition(":")
     spec = importlib.util.find_spec(module)
     assert spec is not None
@@ -183,12 +183,12 @@ def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
 
 
 def farewell(arguments: Sequence[str]) -> str:
-    """What is said when the command of these arguments was stopped."""
+    """The message for an interrupted command."""
     return f"famjax: stopped; {_LEFT.get(''.join(arguments[:1]), _NOTHING)}"
 
 
 def end_at_interrupts(arguments: Sequence[str]) -> None:
-    """Let an interrupt end the process of the command of these arguments, whatever it does.
+    """Let an interrupt end the process of a command at any time.
 
     Raised as an exception it would be lost in the callbacks of JAX, and would abort the process in the
     import of a compiled module.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @functools.wraps(imaging.cli.measure)
 def measure(*photos: str, **options: Any) -> int:
-    """The command of `imaging`, with a reader of logs."""
+    """The command of `imaging`, with a reader for logs."""
 
     def read_log(path: Path, *, offset: float | None, **how: Any) -> "AddLog":
         from .photographs import add_log, read_log_of_pictures

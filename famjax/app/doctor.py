@@ -1,4 +1,4 @@
-"""Is all as it should be? `famjax doctor` of this installation, `famjax reproduce` of its figures."""
+"""Self-checks: `famjax doctor` of the installation, `famjax reproduce` of printed figures."""
 
 import importlib.metadata
 import os

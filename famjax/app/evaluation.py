@@ -1,4 +1,4 @@
-"""The steps from what lies in a folder to fitted muscles: force, pictures, shape, fits."""
+"""The steps from a folder to fitted muscles: force, pictures, shape, fits."""
 
 import dataclasses
 import functools
@@ -52,7 +52,7 @@ def evaluation_steps(
     origin: Origin,
     system: str,
 ) -> list[FolderStep]:
-    """The steps of a folder, in their order, but for its report.
+    """The steps of a folder in order, without its report.
 
     Args:
         sheet: of the folder.
@@ -235,7 +235,7 @@ def _shape(sheet: Sheet, place: Path) -> None:
 
 
 def measured_surface(sheet: Sheet) -> fitting.shapes.ShapeSurface:
-    """The surface through the pictures that were measured."""
+    """The surface through the measured pictures."""
     return fitting.shape_surface(_results(sheet) / PICTURES / "measurements.nc")
 
 
@@ -260,7 +260,7 @@ def fit_with(
     name: str,
     surface: fitting.shapes.ShapeSurface | None,
 ) -> fitting.Identification:
-    """The law identified with one of the geometries."""
+    """Identify the law with one of the geometries."""
     fit = sheet.fit
     options: dict[str, Any] = {
         "law": fit.law, "constraint": fit.constraint, "starts": fit.starts, "seed": fit.seed,

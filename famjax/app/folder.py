@@ -1,4 +1,4 @@
-"""An experiment's folder: characterisation.toml, units in every key, and the steps of its evaluation.
+"""The folder of an experiment: characterisation.toml with units in its keys, and the evaluation steps.
 
 A step is done once for the same inputs: stopped work resumes, and a change redoes little.
 """
@@ -58,7 +58,7 @@ class Records:
 
 @dataclasses.dataclass(frozen=True)
 class Photographs:
-    """The pictures of the test; options as those of `famjax measure`."""
+    """The pictures of the test, with the options of `famjax measure`."""
 
     pictures: Text
     ruler: Text | None = None
@@ -207,7 +207,7 @@ MARK = "step.json"
 
 @dataclasses.dataclass(frozen=True)
 class FolderStep:
-    """A step of a work.
+    """A step of an evaluation.
 
     Attributes:
         name: and of its folder.
@@ -236,7 +236,7 @@ def run_steps(
     force: Sequence[str] = (),
     tell: Callable[[str], None],
 ) -> None:
-    """Carry out the steps in their order, but for those that are done with the same inputs.
+    """Run the steps in order, except those already done with the same inputs.
 
     A step is done where its mark names the same content of the same files, the same options, and the
     same steps before it, and its files are as it left them.

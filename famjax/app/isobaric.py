@@ -75,7 +75,7 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
 
 
 def clocks(record: Record) -> dict[int, ClockMap]:
-    """The map from device to host time of each epoch that has two clock notes or more."""
+    """The map from device time to host time of each epoch with at least two clock notes."""
     found = {}
     pairs = _clock_pairs(record)
     for epoch in np.unique(record.epoch).tolist():
@@ -321,7 +321,7 @@ def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 
 def figures(found: Analysis) -> dict[str, Any]:
-    """The figures of an analysis for a JSON file, unit in each key; None for what was not measured."""
+    """The figures of an analysis for a JSON file, with units in the keys; None if not measured."""
     rows = [
         {key: finite_or_none(value) for key, value in row.items()}
         for row in found.characterisation.rows()
@@ -341,7 +341,7 @@ def figures(found: Analysis) -> dict[str, Any]:
 
 
 def branches_csv(muscle: Characterisation) -> str:
-    """Both branches of every isobar over the length as CSV, SI; empty for what was not measured."""
+    """Both branches of every isobar over length as CSV in SI; empty if not measured."""
     lines = ["set_pressure_Pa,length_m,shortening_N,lengthening_N"]
     for bar in muscle.isobars:
         for row in zip(bar.length, bar.shortening, bar.lengthening, strict=True):

@@ -1,4 +1,4 @@
-"""Photographs of a stroke joined with the machine's log, and whether they agree with what else is known."""
+"""Photographs of a stroke joined with the machine's log, and cross-checks with the other records."""
 
 import dataclasses
 import math
@@ -28,7 +28,7 @@ _NEAR = 10.0  # s, by which the offset of the clocks that was given may be wrong
 
 
 def read_log_of_pictures(path: str | Path, **how: Any) -> MachineLog:
-    """A log that gives pictures their force; of `read_machine_log`, which see.
+    """Read a log that gives pictures their force; see `read_machine_log`.
 
     Raises:
         InputError: as `read_machine_log`.
@@ -39,7 +39,7 @@ def read_log_of_pictures(path: str | Path, **how: Any) -> MachineLog:
 
 
 def add_log(machine: MachineLog, guess: float | None) -> AddLog:
-    """What gives a table the log, or a note why the clocks could not be brought together.
+    """A function that adds the log to a table, or a note on why the clocks could not be aligned.
 
     Args:
         machine: its log.
@@ -58,7 +58,7 @@ def add_log(machine: MachineLog, guess: float | None) -> AddLog:
 
 
 def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Synchronisation:
-    """The camera's clock against the machine's, by the motion that both have seen.
+    """The camera's clock against the machine's, from the motion that both recorded.
 
     Args:
         table: of the pictures.
@@ -77,7 +77,7 @@ def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Sync
 
 
 def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
-    """The table with what the machine read when each picture was taken.
+    """Add to the table the machine's readings at the time of each picture.
 
     The errors are those of interpolation: of the clocks, of the step of the time stamps, and of
     straight lines between the rows of the log. Outside the log there is nan.

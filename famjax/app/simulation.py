@@ -72,7 +72,7 @@ class Watcher(Attendant):
 
 
 def reference_muscle() -> famjax.Muscle:
-    """The 7/8 in muscle that a simulated rig has unless it is given one.
+    """The default muscle of a simulated rig, of 7/8 in.
 
     References:
         Chambers 2021, chapter 6: its latex.

@@ -1,4 +1,4 @@
-"""What stands between the packages and the world outside: units, files, errors of bad input.
+"""The boundary of the packages: units, files, and errors for bad input.
 
 No JAX and no physics: of famjax, this is the one room that `imaging` and `rig` import.
 """

@@ -12,11 +12,11 @@ from typing import Any
 
 
 class InputError(ValueError):
-    """What must hold, what was got, and what to do; the command line prints it and exits with 2."""
+    """Bad input: what must hold, what was given, what to do; commands print it and exit with 2."""
 
 
 def check_seed(seed: int) -> int:
-    """The seed of random numbers, if it can be one.
+    """Check a seed of random numbers.
 
     Raises:
         InputError: it is negative, or no whole number.
@@ -27,7 +27,7 @@ def check_seed(seed: int) -> int:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """A question for the end of a message, with the nearest known name, or "" where none is near.
+    """A "did you mean" with the nearest known name, or "" if none is near.
 
     >>> meant("rest_lenght_mm", ["rest_length_mm", "name"])
     '; did you mean rest_length_mm?'
@@ -40,7 +40,7 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> ModuleType:
-    """A package of an extra.
+    """Import a package of an extra.
 
     Args:
         name: of the package.
@@ -72,7 +72,7 @@ Own = Sequence[str | type]
 
 
 def class_path(cls: Any) -> str:
-    """`module:Class`, by which a class of a user's own is found again."""
+    """The name `module:Class` of a user-defined class."""
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
@@ -81,7 +81,7 @@ class NotTrustedError(InputError):
 
 
 def check_trusted(path: str, own: Own, what: str) -> None:
-    """Raise unless the user trusts a class that a file names: to import a module runs its code.
+    """Raise unless the user trusts a class that a file names, because importing a module runs its code.
 
     Args:
         path: `module:Class`, as the file has it.
@@ -100,7 +100,7 @@ def check_trusted(path: str, own: Own, what: str) -> None:
 
 
 def class_named(path: str, base: type, what: str) -> type:
-    """The class of `module:Class`, imported.
+    """Import the class of `module:Class`.
 
     Args:
         path: module and class.

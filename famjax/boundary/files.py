@@ -1,4 +1,4 @@
-"""Files of results: checked before the work, whole on the disk or not there."""
+"""Result files: checked before the work, and complete on disk or absent."""
 
 import base64
 import dataclasses
@@ -25,7 +25,7 @@ _COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a ten
 
 
 def csv_lines(path: str | Path) -> list[str]:
-    """The lines of a UTF-8 text file, with or without a byte order mark.
+    """Read the lines of a UTF-8 text file, with or without a byte order mark.
 
     Raises:
         InputError: there is no such file, or it is not text of that encoding.
@@ -63,7 +63,7 @@ def check_output(folder: Path) -> None:
 
 
 def as_png(figure: "Figure") -> bytes:
-    """The picture as a PNG file, which says in words what its title does."""
+    """The picture as a PNG file whose metadata include its title."""
     picture = io.BytesIO()
     figure.savefig(
         picture, format="png", dpi=150, metadata={"Title": figure.get_suptitle()},
@@ -86,7 +86,7 @@ def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> st
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write several files into a folder; none appears before all are complete on the disk.
+    """Write several files into a folder; none appears before all are complete on disk.
 
     Raises:
         InputError: the folder cannot be written.
@@ -104,7 +104,7 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 
 def write_whole(file: Path, content: bytes) -> None:
-    """Write a file that is whole on the disk when this returns, or not there: one there is replaced."""
+    """Write a file completely or not at all, replacing an existing one."""
     draft = file.with_name(file.name + UNFINISHED)
     with draft.open("wb") as open_draft:
         open_draft.write(content)
@@ -121,7 +121,7 @@ def write_whole(file: Path, content: bytes) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Origin:
-    """What a file says of its own making.
+    """Origin of a file: date and command.
 
     Attributes:
         date: of writing, ISO 8601 with the offset from UTC.
@@ -133,7 +133,7 @@ class Origin:
 
     @classmethod
     def of_this_command(cls) -> "Origin":
-        """That of the running `famjax` command: now, and its arguments."""
+        """The origin of the running `famjax` command: date and arguments."""
         now = datetime.datetime.now(datetime.UTC).astimezone()
         return cls(now.isoformat(timespec="seconds"), shlex.join(["famjax", *sys.argv[1:]]))
 
@@ -142,7 +142,7 @@ class Origin:
         return dataclasses.asdict(self)
 
     def comments(self) -> list[str]:
-        """Lines of a CSV file that every reader of force maps leaves out.
+        """Comment lines of a CSV file, which readers of force maps skip.
 
         >>> Origin("2026-01-31T12:00:00+00:00", "famjax ramps a.csv=83mm").comments()
         ['# date: 2026-01-31T12:00:00+00:00', '# command: famjax ramps a.csv=83mm']
@@ -151,7 +151,7 @@ class Origin:
 
 
 def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """What differs between settings of JSON, each as "name was a, now b".
+    """Differences between two JSON settings, each as "name was a, now b".
 
     >>> differing({"seed": 0, "settings": {"law": "ogden"}}, {"seed": 1, "settings": {}})
     ['seed was 0, now 1', 'law was ogden, now None']
@@ -165,7 +165,7 @@ def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def some_of(texts: Sequence[str], between: str = ", ") -> str:
-    """The first five of some texts, and how many more there are."""
+    """The first five of several texts, and the number of the others."""
     shown = [text if len(text) < 200 else text[:200] + " ..." for text in texts[:5]]
     more = f"{between}and {len(texts) - 5} more" if len(texts) > 5 else ""
     return between.join(shown) + more

@@ -1,4 +1,4 @@
-"""Long work: a function of many items on an executor, each result kept as soon as it is there.
+"""Long work: a function of many items on an executor; each result is stored as soon as it is ready.
 
 An executor is one of `concurrent.futures`, or has its interface, as those of loky, mpi4py and dask's
 `Client.get_executor()` have. No JAX and no physics.
@@ -39,7 +39,7 @@ _one_at_a_time = threading.RLock()
 
 
 class Store:
-    """Parts of a work by their index, 0 to `count` - 1, in memory and, with a path, in one JSONL file.
+    """Results by index, 0 to `count` - 1, in memory and, with a path, in one JSONL file.
 
     The first line of the file has the settings, each other one a part. It is on the disk when `keep`
     returns. A line that is damaged, as the last one is after a crash, is reported by a warning and
@@ -86,7 +86,7 @@ class Store:
         return (self._parts[index] for index in sorted(self._parts))
 
     def keep(self, index: int, part: Any) -> None:
-        """One more finished part; in a file arrays and plain values by name, where nan stays nan.
+        """Store one finished part: arrays and plain values by name; nan stays nan.
 
         Raises:
             InputError: it holds something else.
@@ -149,7 +149,7 @@ def run_tasks(
     progress: Callable[[int, int], None] | None = None,
     names: Sequence[str] | None = None,
 ) -> Store:
-    """The function of every item that is not done yet, each result kept as soon as it is there.
+    """Apply a function to every item that is not done yet; each result is stored as soon as it is ready.
 
     What ends the work early, an interrupt or an error of the function, leaves what is kept; of an
     error the name of the item is a note. Tasks in threads of one process take turns, as JAX may hang
@@ -255,7 +255,7 @@ def _exit_with_parent() -> None:
 
 
 def can_travel(thing: Any) -> bool:
-    """True if something can be sent to another process; a function of a module's own level can."""
+    """Whether something can be sent to another process, as a function at module level can."""
     try:
         pickle.dumps(thing)
     except (pickle.PicklingError, AttributeError, TypeError):

@@ -1,4 +1,4 @@
-"""TOML files as dataclasses: units in the keys, values checked, file and key in every message.
+"""TOML files as dataclasses: units in the keys, checked values, file and key in every message.
 
 A dataclass says by its annotations what its fields may be, and a `Form` how they are spelt. What a
 dataclass refuses when it is made is refused with the place in the file.
@@ -38,7 +38,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """How the fields of a dataclass, and of those within it, are spelt in a file.
+    """Spelling of the fields of a dataclass, and of nested ones, in a file.
 
     Attributes:
         kinds: kind of unit of each field that is a quantity. Its key is the field's name and a unit,
@@ -64,7 +64,7 @@ class Form:
         return ", ".join(_spelt(name, unit) for unit in UNITS[self.kinds[name]])
 
     def pattern(self, name: str) -> str:
-        """The key of a field, `<unit>` in the place of any unit."""
+        """The key of a field, with `<unit>` for any unit."""
         return f"{name}_<unit>" if name in self.kinds else self.key(name)
 
 
@@ -79,7 +79,7 @@ def read_toml(
     *,
     where: str | None = None,
 ) -> dict[str, Any]:
-    """The entries of a TOML file.
+    """Read the entries of a TOML file.
 
     Args:
         path: of the file or of a resource, UTF-8 with or without a byte order mark.
@@ -110,7 +110,7 @@ def from_entries(
     where: str = "",
     error: Refusal = InputError,
 ) -> T:
-    """A dataclass from the entries of a table, in SI.
+    """Make a dataclass from the entries of a table, in SI.
 
     A single number stands for a list of one; "none" for None.
 
@@ -139,7 +139,7 @@ def from_entries(
 
 
 def check_fields(part: Any, error: Refusal = InputError) -> None:
-    """Refuse a dataclass with a field that is not as annotated, `Positive` for example.
+    """Refuse a dataclass whose field violates its annotation, `Positive` for example.
 
     Args:
         part: the dataclass; to be called from its `__post_init__`.
@@ -170,7 +170,7 @@ def to_entries(part: Any, form: Form = PLAIN) -> dict[str, Any]:
 
 
 def toml_text(entries: Mapping[str, Any]) -> str:
-    """The text of entries and of one level of tables; numbers are read back to the same bits.
+    """TOML text of entries and one level of tables; numbers keep every bit.
 
     >>> print(toml_text({"name": "a", "rig": {"limits": [0.1, 1]}}), end="")
     name = "a"

@@ -81,7 +81,7 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za
 
 
 def factor(unit: str, kind: str) -> float:
-    """The multiplier that takes a value in `unit` to SI.
+    """The multiplier that converts a value in `unit` to SI.
 
     Args:
         unit: one of `UNITS[kind]`.
@@ -101,7 +101,7 @@ def factor(unit: str, kind: str) -> float:
 
 
 def to_si(value: float, unit: str, kind: str) -> float:
-    """A value in `unit`, in SI.
+    """Convert a value in `unit` to SI.
 
     >>> to_si(2.0, "bar", "pressure")
     200000.0
@@ -110,7 +110,7 @@ def to_si(value: float, unit: str, kind: str) -> float:
 
 
 def from_si(value: float, unit: str, kind: str) -> float:
-    """An SI value, in `unit`."""
+    """Convert an SI value to `unit`."""
     return value / factor(unit, kind)
 
 
@@ -138,7 +138,7 @@ def unit_system(name: str) -> _System:
 
 
 def entry(name: str, value: float, kind: str, system: str) -> Row:
-    """One key with its unit and the SI value in it; None for nan. A "number" has no unit.
+    """A key with its unit, and the SI value in that unit; None for nan. A "number" has no unit.
 
     >>> entry("length", 0.27, "length", "metric")
     {'length_mm': 270.0}
@@ -149,12 +149,12 @@ def entry(name: str, value: float, kind: str, system: str) -> Row:
 
 
 def finite_or_none(value: float) -> float | None:
-    """The value, or None (JSON null) where it is nan or infinite."""
+    """The value, or None (JSON null) if it is nan or infinite."""
     return float(value) if math.isfinite(value) else None
 
 
 def parse_quantity(text: str, kind: str) -> float:
-    """A number with its unit as one types it, in SI.
+    """Parse a number with its unit, such as "5bar", to SI.
 
     Raises:
         InputError: not a number, or no unit or one that is not known.
@@ -175,7 +175,7 @@ def parse_quantity(text: str, kind: str) -> float:
 
 
 def quantity_unit(text: str) -> str:
-    """The unit of a number as one types it, of the first of a list; "" where there is none.
+    """The unit typed after a number, or after the first of a list; "" if there is none.
 
     >>> quantity_unit("270mm,10in"), quantity_unit("5")
     ('mm', '')
@@ -185,7 +185,7 @@ def quantity_unit(text: str) -> str:
 
 
 def parse_quantities(texts: Iterable[str], kind: str) -> list[float]:
-    """All numbers of comma-separated lists."""
+    """Parse comma-separated numbers with units to SI."""
     return [parse_quantity(one, kind) for text in texts for one in text.split(",") if one.strip()]
 
 
@@ -206,7 +206,7 @@ _WITH_UNIT = re.compile(
 
 
 class Quantity(NamedTuple):
-    """A number of a sentence.
+    """A number in a sentence.
 
     Attributes:
         value: in SI.
@@ -225,7 +225,7 @@ class Quantity(NamedTuple):
 
 
 class Sentence(str):
-    """A text that knows its quantities; as it stands they are in mm, kPa, N and MPa.
+    """A text that keeps its quantities; as a string they are in mm, kPa, N and MPa.
 
     Args:
         *parts: texts, quantities and further sentences, in their order.
@@ -248,14 +248,14 @@ class Sentence(str):
 
 
 def sentence_in_units(sentence: str, system: str) -> str:
-    """A sentence in a unit system, si, metric or us; a text without quantities as it is."""
+    """A sentence in a unit system (si, metric or us); a text without quantities is unchanged."""
     if isinstance(sentence, Sentence):
         return "".join(_part_in_units(one, system) for one in sentence.parts)
     return sentence
 
 
 def text_in_units(text: str, system: str) -> str:
-    """A text that was read back from a file, its lengths, pressures and forces in a unit system.
+    """A text from a file, with its lengths, pressures and forces converted to a unit system.
 
     Numbers that a unit follows, and ranges such as `159 to 236 mm`; what is in units of the system
     already stays to the last digit, and so does every other number.

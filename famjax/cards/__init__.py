@@ -1,4 +1,4 @@
-"""A muscle as plain data with the unit in every key, and back; no fit is needed."""
+"""A muscle as plain data with units in its keys, and back; no fit is needed."""
 
 import lazy_loader
 

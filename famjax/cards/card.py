@@ -1,4 +1,4 @@
-"""The muscle card: all that a simulator, a controller or a colleague needs of a muscle, in one file.
+"""The muscle card: everything that a simulator, a controller or a colleague needs, in one file.
 
 `muscle_card.schema.json` beside this file is `schema()`, for readers in other languages.
 """
@@ -60,7 +60,7 @@ class _Entry(Struct, forbid_unknown_fields=True):
 
 
 class Member(_Entry):
-    """One model of the muscle: its weight in the pull, and what it was fitted between."""
+    """One model of the muscle: its weight in the pull, and the range of its fit."""
 
     muscle: Annotated[
         dict[str, Any], Meta(description="geometry and force terms, unit in each key")
@@ -89,7 +89,7 @@ class Ranges(_Entry):
 
 
 class Volume(_Entry):
-    """The fluid's volume at every pair of a length and a pressure, one row for each length."""
+    """Volume of the fluid on a grid of lengths and pressures, one row for each length."""
 
     length_m: list[float]
     pressure_Pa: list[float]
@@ -100,7 +100,7 @@ class Volume(_Entry):
 
 
 class Covariance(_Entry):
-    """Covariance of the identified parameters, each in parts of its scale."""
+    """Covariance of the identified parameters, relative to their scales."""
 
     parameters: list[str]
     units: list[str]
@@ -115,7 +115,7 @@ class Covariance(_Entry):
 
 
 class Sample(_Entry):
-    """Numbers of the first member's model in muscles drawn from the covariance, a row for each."""
+    """Numbers of the first member in muscles drawn from the covariance, one row for each."""
 
     seed: int
     numbers: list[str]
@@ -182,7 +182,7 @@ class Hysteresis(_Entry):
 
 
 class Provenance(_Entry):
-    """Where the card comes from."""
+    """Origin of the card."""
 
     verdict: str | None = None
     reasons: list[str] = []
@@ -200,7 +200,7 @@ class Provenance(_Entry):
 
 
 class CardDocument(_Entry):
-    """A muscle card. Every number is SI, and its key ends in the unit."""
+    """A muscle card as a document: numbers in SI, keys that end in the unit."""
 
     schema: Literal["famjax-card/1"]
     name: str
@@ -223,12 +223,12 @@ def schema() -> dict[str, Any]:
 
 
 def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
-    """Elements and reference cycle of a hysteresis as JSON-ready data in SI, to the last digit."""
+    """Elements and reference cycle of a hysteresis as JSON-ready data in SI, exactly."""
     return msgspec.to_builtins(Hysteresis.of(centred))
 
 
 def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
-    """The elements and their cycle back from `slip_as_dict`; further entries are left alone.
+    """Elements and cycle from the output of `slip_as_dict`; other entries are ignored.
 
     Raises:
         InputError: something is missing or is no number.
@@ -244,7 +244,7 @@ def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
 
 
 def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) -> str | None:
-    """What whoever uses a muscle must know where its fit has identified nothing, or None.
+    """A warning if the fit of a muscle identified nothing, else None.
 
     Args:
         name: of the file or the muscle.
@@ -261,7 +261,7 @@ def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class MuscleCard:
-    """A muscle with the region it was identified in, its errors, its history and its origin.
+    """A muscle with the region of its data, its errors, its hysteresis and its origin.
 
     Attributes:
         name: of the muscle.
@@ -312,7 +312,7 @@ class MuscleCard:
 
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
-        """The model as it was identified: what the rig of the fit measures. Not for a simulator."""
+        """The model as identified, with the rig of the fit. Not for a simulator."""
         return joined(self.members, self.weights, mounted=giving_way(self.members))
 
     @functools.cached_property
@@ -326,12 +326,12 @@ class MuscleCard:
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
     def safe(self) -> SafeMuscle:
-        """The muscle that may be taken anywhere, with its hysteresis: see `famjax.SafeMuscle`."""
+        """The muscle for simulators, valid at any state, with its hysteresis: see `famjax.SafeMuscle`."""
         return self._safe
 
     @property
     def region(self) -> Region:
-        """The part of the data's region in which the model is monotone, and taken as it is."""
+        """The part of the data's region in which the model is monotone and used unchanged."""
         return self._safe.region
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
@@ -358,7 +358,7 @@ class MuscleCard:
         )(as_real(np.array(self.draws.rows)))
 
     def cut(self, rest_length: float) -> "MuscleCard":
-        """The card of another muscle of the series: `famjax.cut_to_length`, the same contractions.
+        """The card of the same muscle at another rest length; see `famjax.cut_to_length`.
 
         Its region is that of the same contractions and pressures. Errors and sample are left out:
         one specimen does not tell how specimens differ.
@@ -402,7 +402,7 @@ def varied(
     *,
     mounted: Sequence[bool],
 ) -> AbstractMuscle:
-    """The muscle with other numbers of its first member; the others' pull moves along with it.
+    """The muscle with other numbers in its first member; the pull of the others shifts with it.
 
     So the spread of the pull is the first member's, whatever its weight: what a fit knows of the
     others' numbers is not said.
@@ -420,7 +420,7 @@ def joined(
     *,
     mounted: Sequence[bool],
 ) -> AbstractMuscle:
-    """One muscle of all members, each in its mounting where that gives way."""
+    """One muscle from all members, each in its mounting if that is compliant."""
     own = [one if loose else one.muscle for one, loose in zip(members, mounted, strict=True)]
     return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
 
@@ -434,7 +434,7 @@ def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
 
 
 def card_as_document(card: MuscleCard) -> CardDocument:
-    """What stands in the card's file.
+    """Content of the card's file.
 
     Raises:
         InputError: a part of the muscle has no card format, or the model rises nowhere.
@@ -481,7 +481,7 @@ def _volume(card: MuscleCard) -> Volume | None:
 
 
 def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
-    """The card of a file's content; `own` as for `read_card`.
+    """Make a card from the content of a file; `own` as for `read_card`.
 
     Raises:
         InputError: a muscle in it is none, or the sample is of other numbers.
@@ -513,7 +513,7 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
 
 
 def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
-    """The muscle card in a file.
+    """Read a muscle card from a file.
 
     Args:
         path: a file that `write_card` or `famjax card` has written; also one in a package.
@@ -545,7 +545,7 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
 
 
 def write_card(card: MuscleCard, path: str | Path) -> Path:
-    """Write a card's file, whole or not at all; its folder is created if missing.
+    """Write a card's file completely or not at all; the folder is created if missing.
 
     Raises:
         InputError: what cannot be written, and why.

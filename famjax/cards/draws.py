@@ -1,4 +1,4 @@
-"""Muscles drawn from what a fit leaves open: the numbers of one of its models, moved together."""
+"""Muscles drawn from the uncertainty of a fit: the numbers of one of its models, varied together."""
 
 import math
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def draw(
     seed: int = 0,
     count: int = 32,
 ) -> Sample:
-    """Muscles whose numbers vary as a fit's do, each of which can be made safe.
+    """Draw muscles from the covariance of a fit; each of them has a safe continuation.
 
     x = x0 + sum z_k d_k with z_k standard normal. What leaves the range that a parameter declares,
     has no force somewhere in the region, or rises in less than nine tenths of it, is drawn again:

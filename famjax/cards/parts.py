@@ -1,4 +1,4 @@
-"""A muscle as plain data with the unit in every key, and back.
+"""A muscle as plain data with units in its keys, and back.
 
 A number says its unit where it is declared (`famjax.parameter`, `famjax.parameters.number`), and a
 field that is a part says its class: there is no table of classes, and one of a modeller's own has a
@@ -39,7 +39,7 @@ _PLAIN = (bool, int, float, tuple[float, ...])
 
 
 class Form(NamedTuple):
-    """What the value of one entry must be.
+    """Required form of one entry.
 
     Attributes:
         field: name of the constructor's argument.
@@ -66,7 +66,7 @@ _TERMS = Form("terms", terms.AbstractForceTerm, is_part=True, many=True)
 
 
 def muscle_as_dict(muscle: Muscle) -> dict[str, Any]:
-    """The muscle as JSON-ready data in SI, exact to the last digit.
+    """The muscle as JSON-ready data in SI, exactly.
 
     Raises:
         InputError: a part of the muscle has no card format, or a number in it is not finite.
@@ -75,7 +75,7 @@ def muscle_as_dict(muscle: Muscle) -> dict[str, Any]:
 
 
 def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> Muscle:
-    """The muscle of a card. Numbers come in JAX's precision: enable float64 to have every digit.
+    """Make a muscle from a card's data, in JAX's precision: enable float64 to keep every digit.
 
     Args:
         card: from `muscle_as_dict`.
@@ -90,7 +90,7 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> Muscle:
 
 
 def own_modules(card: Any) -> list[str]:
-    """Modules of the classes in a card that are not famjax's, in order."""
+    """Modules of the classes in a card that are not part of famjax, in order."""
     found = set()
     for key, value in card.items() if isinstance(card, dict) else enumerate(card):
         if isinstance(value, dict | list):

@@ -1,4 +1,4 @@
-"""How long a muscle takes to fill and to vent through an orifice, by ISO 6358."""
+"""Time to fill and to vent a muscle through an orifice, by ISO 6358."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +24,7 @@ _PANELS = 8  # of the sonic part and of the subsonic part each
 
 
 class Passage(Answer):
-    """A time to fill or to vent, of the broadcast shape of what was asked.
+    """A time to fill or to vent, of the broadcast shape of the arguments.
 
     Attributes:
         time: [s]; nan where the end is not reached.
@@ -73,7 +73,7 @@ class AirLine(eqx.Module):
     atmosphere: Float[Given, ""] = eqx.field(converter=as_number, default=101325.0)
 
     def flow(self, upstream: Real, downstream: Real) -> RealArray:
-        """Volume flow at reference conditions Q [m3/s], broadcast shape; zero against the pressure.
+        """Volume flow at reference conditions Q [m3/s], broadcast shape; zero against a higher pressure.
 
         Args:
             upstream: gauge pressure [Pa].
@@ -88,7 +88,7 @@ class AirLine(eqx.Module):
         return self.conductance * thin * p_1 * jnp.where(ratio < 1, share, 0.0)
 
     def fill(self, volume: Volume, start: Real, end: Real) -> Passage:
-        """Time [s] in which the supply fills a muscle from a gauge pressure [Pa] to another.
+        """Time [s] to fill a muscle from one gauge pressure [Pa] to another.
 
         Args:
             volume: of the gas over the gauge pressure, see `HeldLength` and `HeldLoad`.
@@ -102,7 +102,7 @@ class AirLine(eqx.Module):
         return _passage(self, volume, as_real(start), as_real(end), True)
 
     def vent(self, volume: Volume, start: Real, end: Real) -> Passage:
-        """Time [s] in which a muscle vents to atmosphere from a gauge pressure [Pa] to another.
+        """Time [s] to vent a muscle to atmosphere from one gauge pressure [Pa] to another.
 
         As `fill`, with an end from 0 to the start.
         """
@@ -205,7 +205,7 @@ def _passage(
 
 
 def fluid_volume(muscle: Any, length: Real, pressure: Real) -> RealArray:
-    """Volume of fluid [m3] in a muscle: within the braid's outline, less the rubber.
+    """Volume of fluid [m3] in a muscle: the volume within the braid minus the rubber.
 
     Args:
         muscle: with a `volume` of its own, as a `famjax.SafeMuscle`, or with a geometry.
@@ -227,7 +227,7 @@ def fluid_volume(muscle: Any, length: Real, pressure: Real) -> RealArray:
 
 
 class HeldLength(eqx.Module):
-    """The volume of a muscle whose length is held: a function of the gauge pressure.
+    """Volume of a muscle at fixed length, as a function of the gauge pressure.
 
     Attributes:
         muscle: with a geometry.
@@ -243,7 +243,7 @@ class HeldLength(eqx.Module):
 
 
 class HeldLoad(eqx.Module):
-    """The volume of a muscle that moves a constant load: a function of the gauge pressure.
+    """Volume of a muscle under constant load, as a function of the gauge pressure.
 
     The muscle is at every moment at the length at which it carries the load; the load's inertia is
     neglected.

@@ -1,4 +1,4 @@
-"""The pressure for a force: at one state, and along a trajectory with its hysteresis."""
+"""The pressure for a force: at one state, and along a trajectory with hysteresis."""
 
 import enum
 from collections.abc import Callable
@@ -19,7 +19,7 @@ ROUNDED = 64  # times the precision, per largest value: a few sums and powers of
 
 
 class Outcome(enum.IntEnum):
-    """How an inverse map ended; `message` is a full sentence with a remedy.
+    """Outcome of an inverse map; `message` is a sentence with a remedy.
 
     Results carry it as an integer array `code`, so that one point of a batch that cannot be reached
     leaves the others as they are. `FEASIBLE` is 0. As text an outcome is its name, a colon and its
@@ -106,7 +106,7 @@ class Answer(eqx.Module):
 
 @runtime_checkable
 class HasForce(Protocol):
-    """Whatever pulls: a `Muscle`, a model of other authors, a muscle read from a file."""
+    """Any object with a force: a `Muscle`, a published model, a muscle from a file."""
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa]."""
@@ -117,7 +117,7 @@ class HasForce(Protocol):
 
 
 class Crossing(eqx.Module):
-    """Where a function takes a value, and what values it has at the stations.
+    """Where a function takes a value, and its values at the stations.
 
     Attributes:
         at: the first such place; where there is none, the station of the nearest value, nan where
@@ -219,7 +219,7 @@ def bracketed(
 
 
 class InversePressure(Answer):
-    """A pressure for a force, of the broadcast shape of what was asked.
+    """A pressure for a force, of the broadcast shape of the arguments.
 
     Attributes:
         pressure: P [Pa], within the limits. Where the force is not attained, that of the nearest
@@ -241,7 +241,7 @@ class InversePressure(Answer):
 def pressure_for_force(
     muscle: HasForce, force: Real, length: Real, pressures: tuple[Real, Real]
 ) -> InversePressure:
-    """The lowest pressure at which a muscle of a length pulls with a force.
+    """The lowest pressure at which a muscle pulls with a given force at a given length.
 
     F(L, P) = F: bracketed in 16 cells between the limits and bisected to the last digit, so that
     it is found where dF/dP > 0 throughout and also where the force turns round. A muscle only pulls:
@@ -304,18 +304,18 @@ def _inverse(
 
 @runtime_checkable
 class HasMemory(Protocol):
-    """Hysteresis along a history, as `famjax.slip.MaxwellSlip` or a `CentredSlip` of a fit."""
+    """Hysteresis along a history: a `famjax.slip.MaxwellSlip` or a `CentredSlip` of a fit."""
 
     def start(self, length: Real, pressure: Real) -> Any:
-        """The state at a length [m] and a gauge pressure [Pa] at which a history begins."""
+        """The state at the start of a history, at a length [m] and a gauge pressure [Pa]."""
         ...
 
     def moved(self, state: Any, length: Real, pressure: Real) -> Any:
-        """The state after a motion to a length and a pressure that does not turn round."""
+        """The state after a monotone motion to a length and a pressure."""
         ...
 
     def added(self, state: Any, length: Real, pressure: Real) -> RealArray:
-        """What the history adds to the static pull [N] in a state at that length and pressure."""
+        """Force [N] that the history adds to the static force at that length and pressure."""
         ...
 
 

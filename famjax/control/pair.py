@@ -25,7 +25,7 @@ _T = TypeVar("_T")
 
 
 class AbstractPath(eqx.Module):
-    """Length of a muscle over the angle of a joint.
+    """Length of a muscle as a function of the joint angle.
 
     A path of your own is a class with `length`. The moment arm follows by automatic differentiation:
     dL/dt = -r d(angle)/dt, so that the torque of a pull F is r F by virtual work.
@@ -33,10 +33,10 @@ class AbstractPath(eqx.Module):
 
     @abc.abstractmethod
     def length(self, angle: Real) -> RealArray:
-        """Active length L [m] of the muscle at an angle [rad] of the joint, of the angle's shape."""
+        """Active length L [m] of the muscle at a joint angle [rad], of the angle's shape."""
 
     def moment_arm(self, angle: Real) -> RealArray:
-        """Moment arm r = -dL/d(angle) [m], of the angle's shape; positive where a pull raises it."""
+        """Moment arm r = -dL/d(angle) [m], of the angle's shape; positive if a pull raises the angle."""
         angles = as_real(angle)
         return -jax.jvp(self.length, (angles,), (jnp.ones_like(angles),))[1]
 
@@ -78,7 +78,7 @@ class Lever(AbstractPath):
     dead_length: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
 
     def length(self, angle: Real) -> RealArray:
-        """Distance of the pins less the dead length [m], of the angle's shape."""
+        """Distance between the pins minus the dead length [m], of the angle's shape."""
         turned = as_real(angle)
         x, y = self.link_pin
         cos, sin = jnp.cos(turned), jnp.sin(turned)
@@ -91,7 +91,7 @@ class Lever(AbstractPath):
 
 
 class Range(Answer):
-    """What a joint can do at an angle, each leaf of the broadcast shape of what was asked.
+    """Range of a joint at an angle, each leaf of the broadcast shape of the arguments.
 
     Attributes:
         lowest, highest: bounds, both attained; nan where the code is not FEASIBLE.
@@ -104,7 +104,7 @@ class Range(Answer):
 
 
 class PairPressures(Answer):
-    """Pressures of an antagonistic pair, each leaf of the broadcast shape of what was asked.
+    """Pressures of an antagonistic pair, each leaf of the broadcast shape of the arguments.
 
     Attributes:
         flexor: gauge pressure [Pa] of the flexor.
@@ -123,7 +123,7 @@ class PairPressures(Answer):
 
 
 class JointEquilibrium(Answer):
-    """Where a joint comes to rest.
+    """Equilibrium of a joint.
 
     Attributes:
         angle: [rad]; nan where there is no equilibrium.
@@ -366,7 +366,7 @@ class HeldPair(eqx.Module):
     def torque(
         self, angle: RealArray, flexor: RealArray, extensor: RealArray, *, slack: bool
     ) -> RealArray:
-        """Torque [N m] at another angle [rad]; with `slack` a muscle that would push does not.
+        """Torque [N m] at another angle [rad]; with `slack` a muscle never pushes.
 
         Without, a muscle that has no state pulls with nothing.
         """

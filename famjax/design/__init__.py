@@ -1,4 +1,4 @@
-"""Design of a muscle: braids, bladders and tubes on offer, what they make, and the end-fittings.
+"""Design of a muscle from a catalogue: braids, bladders, swage tubes and end-fittings.
 
 Start with `load_catalogue` and `search`; `size_end_fittings` sizes the swaged ends.
 """

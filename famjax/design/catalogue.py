@@ -50,7 +50,7 @@ _Coefficients = Annotated[
 
 
 class CatalogueError(InputError):
-    """What is wrong with a catalogue file or an option, where, and what to write instead."""
+    """An error in a catalogue file or an option: what is wrong, where, and what to write instead."""
 
 
 def _check_wall(diameter: float, thickness: float) -> None:
@@ -138,7 +138,7 @@ class CatalogueBladder:
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueTube:
-    """A swage tube as it is sold, and what the die does to it.
+    """A swage tube as it is sold, and its reduction by the die.
 
     Attributes:
         name: unique in the catalogue.
@@ -160,7 +160,7 @@ class CatalogueTube:
 
 @dataclasses.dataclass(frozen=True)
 class Catalogue:
-    """Everything offered, each in the order of the files."""
+    """All parts on offer, in the order of the files."""
 
     braids: tuple[CatalogueBraid, ...]
     bladders: tuple[CatalogueBladder, ...]

@@ -125,7 +125,7 @@ def _narrow(rows: list[dict]) -> list[dict]:
 
 
 def parse_requirement(entries: Iterable[str]) -> "Requirement":
-    """The requirement of entries such as `force_lbf=900`, `stroke_mm=50` and `contraction=0.3`.
+    """Parse a requirement from entries such as `force_lbf=900`, `stroke_mm=50`, `contraction=0.3`.
 
     Args:
         entries: `key_unit=value`; the keys are the fields of `Requirement`, and pressure is needed.
@@ -150,7 +150,7 @@ class _Varied:
 
 
 def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[str, Range]":
-    """What a search varies: entries such as `rest_length_mm=100:600` and `pressure_psi=20:100`.
+    """Parse the ranges of a search, such as `rest_length_mm=100:600` and `pressure_psi=20:100`.
 
     Args:
         entries: `key_unit=least:greatest`; one number keeps it fixed. What is not given goes from a

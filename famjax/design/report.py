@@ -23,7 +23,7 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 
 
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
-    """Some candidates of a search, in their order; None where a number is not known.
+    """Some candidates of a search, in order; None if a number is not known.
 
     Each says what to buy, the numbers of its columns, and how long to cut and wind its threads.
 
@@ -52,7 +52,7 @@ def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
 
 
 def exclusion_rows(found: Search, *, system: str) -> list[Row]:
-    """How many candidates each constraint leaves out, the most first, and the best of all.
+    """Number of candidates that each constraint excludes, largest first, and the best value found.
 
     `alone` counts those that keep to everything else.
     """
@@ -74,7 +74,7 @@ def exclusion_rows(found: Search, *, system: str) -> list[Row]:
 
 
 def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict[str, Any]:
-    """Everything that a search found but the table of feasible designs, JSON-ready.
+    """The result of a search without the table of feasible designs, JSON-ready.
 
     Args:
         found: from `search`.
@@ -130,7 +130,7 @@ def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
 
 
 def feasible_table(found: Search, *, system: str) -> bytes:
-    """The feasible candidates of a search as CSV, an even choice of at most 100,000 of them."""
+    """The feasible candidates of a search as CSV, at most 100,000, evenly selected."""
     at = found.feasible
     at = at[:: max(1, -(-len(at) // _MOST_ROWS))]
     units = {name: unit_system(system)[kind] for name, kind in COLUMNS.items()}
@@ -150,7 +150,7 @@ _REASONS = {
 
 
 def summary(found: Search, *, system: str) -> list[str]:
-    """How many candidates meet everything and how many pairs are left out, and why: sentences.
+    """Sentences on how many candidates are feasible, how many pairs are excluded, and why.
 
     Where nothing is feasible also what each constraint leaves out.
 

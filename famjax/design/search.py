@@ -245,7 +245,7 @@ class Combination(eqx.Module):
     def usable_contraction(
         self, pressure: Real, material: AbstractMaterial | None = None
     ) -> RealArray:
-        """Contraction [-] at which the muscle runs out of force or its braid jams, if sooner.
+        """Contraction [-] at zero force, or at which the braid jams if that comes first.
 
         Bisected, with the derivative of the implicit function theorem; nan where the pressure does not
         move the bladder. Of the pressure's shape.
@@ -280,7 +280,7 @@ class Combination(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Requirement:
-    """What a muscle must do. Zero and infinity ask for nothing.
+    """Requirements of a muscle. Zero and infinity require nothing.
 
     Attributes:
         pressure: gauge pressure P [Pa], the greatest that there is, > 0.
@@ -335,7 +335,7 @@ class BuildablePair:
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """What a search found: candidates, in the order of pairs, pressures and rest lengths.
+    """Result of a search: candidates, in the order of pairs, pressures and rest lengths.
 
     Columns are (candidates,), in SI: `pair`, a position in `pairs`, `rest_length` L0 [m], `pressure`
     P [Pa], `braid_angle` theta0 [rad] from the circumference, `blocked_force` [N], `force` [N] where it
@@ -369,12 +369,12 @@ class Search:
 
     @property
     def feasible(self) -> NDArray[np.int64]:
-        """Positions of the candidates that keep to everything."""
+        """Indices of the feasible candidates."""
         return np.flatnonzero((self.margins >= 0).all(axis=-1))
 
     @property
     def nearest(self) -> NDArray[np.int64]:
-        """Position of the candidate that misses its worst limit by the least share, (1,) or (0,)."""
+        """Index of the candidate with the smallest worst shortfall, (1,) or (0,)."""
         missed = np.fmin(np.fmax(-self.margins, 0.0), 1.0)
         missed = np.where(np.isnan(self.margins), 1.0, missed)
         worst, together = (np.round(one, 6) for one in (missed.max(axis=-1), missed.sum(axis=-1)))
@@ -479,7 +479,7 @@ def buildable_pairs(
     *,
     end_fittings: bool,
 ) -> tuple[list[BuildablePair], dict[str, int]]:
-    """The pairs that can be built, and how many others are left out for which reason.
+    """The pairs that can be built, and how many others are excluded for which reason.
 
     Args:
         catalogue: from `load_catalogue`.
@@ -602,7 +602,7 @@ def _grid(
 
 
 def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
-    """Costs, the less the better: logarithms of the objectives, with a sign, (n, objectives).
+    """Costs to minimise: signed logarithms of the objectives, (n, objectives).
 
     That of zero is taken as -1000, beyond every number's.
     """
@@ -613,7 +613,7 @@ def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Float
 
 
 def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
-    """Which candidates make the front: a part of the Pareto front, a step apart at the least.
+    """Candidates on the front: a part of the Pareto front, at least a step apart.
 
     The costs are cut into boxes of log(1 + step). Of the boxes that no other is better than, each
     gives the candidate of the least sum of costs. None of them is dominated by any candidate, and for
@@ -645,7 +645,7 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
 
 
 def balance(costs: Floats) -> Floats:
-    """Weights of the costs, (objectives,): a front's sum of them is the least where it is balanced.
+    """Weights of the costs, (objectives,), whose weighted sum is smallest at the balanced design.
 
     Each cost counts by how far it is on the way from the front's least to its greatest.
     """

@@ -1,4 +1,4 @@
-"""A muscle where it is used: C, tables, MATLAB and Simulink, MuJoCo, MJX, StableHLO."""
+"""Export of muscles: C, tables, MATLAB and Simulink, MuJoCo, MJX, StableHLO."""
 
 import lazy_loader
 

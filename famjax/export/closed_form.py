@@ -82,7 +82,7 @@ _STRESSES: Mapping[type, Callable[[Any], Stress]] = {
 
 
 def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
-    """The equations of a muscle; None where it has none, so that only a table can be exported.
+    """The equations of a muscle; None if it has no closed form, so that only a table can be exported.
 
     Args:
         muscle: a cylinder, with rounded ends or without, of threads that stretch in proportion to

@@ -1,4 +1,4 @@
-"""MuJoCo and MJX: callbacks for muscles, a step with muscles inside, and a load that hangs on one."""
+"""MuJoCo and MJX: callbacks for muscles, a step with muscles, and a load that hangs on one."""
 
 import ctypes
 import importlib.resources
@@ -34,7 +34,7 @@ _SHARE = 0.5, 2 / 3  # load in the blocked force, and its pressure in the highes
 
 
 class CompiledPull:
-    """The pull by the exported C in a shared library: a callback of little more than Python's cost.
+    """The force from the exported C in a shared library: a callback at little more than Python's cost.
 
     Attributes:
         force: F [N] at a length [m] and a gauge pressure [Pa].
@@ -54,7 +54,7 @@ class CompiledPull:
 def install(
     model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
 ) -> None:
-    """Let MuJoCo ask muscles for the force of actuators; the control is the gauge pressure [Pa].
+    """Let MuJoCo take the force of actuators from muscles; the control is the gauge pressure [Pa].
 
     The length is the actuator's, that of its tendon. With `dyntype="filter"` the pressure is the
     actuator's state. MuJoCo has one such callback in a process: a later call replaces it, and
@@ -122,7 +122,7 @@ _LOADERS = (
 
 
 def uninstall() -> None:
-    """Take MuJoCo's callbacks away again."""
+    """Remove MuJoCo's callbacks."""
     mujoco: Any = import_module("mujoco")
     mujoco.set_mjcb_act_gain(None)
     mujoco.set_mjcb_act_bias(None)
@@ -139,7 +139,7 @@ def mjx_step(
     muscles: Mapping[int, tuple[AbstractMuscle, Real]],
     offsets: Mapping[int, Real] | None = None,
 ) -> "mjx.Data":
-    """One step of MJX with muscles, which pull at the lengths that their tendons have at its start.
+    """One step of MJX with muscles, which pull at the tendon lengths at its start.
 
     It can be jitted, scanned, mapped, and differentiated by every number of the muscles. MJX takes
     no user actuators: a muscle's is a motor of gain 1 on its tendon, without limits.

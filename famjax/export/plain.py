@@ -1,4 +1,4 @@
-"""The pull of a muscle from a table of it, in plain Python floats: nothing but this file is needed.
+"""The force of a muscle from a table, in plain Python floats; only this file is needed.
 
 Exported modules carry this file's text. The C source and the MATLAB functions are the same formulas.
 """
@@ -14,7 +14,7 @@ _CLOSE = 1e-15  # of the highest pressure
 
 
 class TabulatedPull:
-    """A muscle that pulls as its table says, and beyond it as a continued muscle does.
+    """A muscle whose force comes from its table, continued beyond.
 
         H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L held in the table
         G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P held in the table
@@ -53,7 +53,7 @@ class TabulatedPull:
         return _taut(self.model(length, pressure)[0], self.slack_width)[0]
 
     def model_force(self, length: float, pressure: float) -> float:
-        """G [N]: what the model says, not cut at zero, so below zero where the muscle is slack."""
+        """G [N], the force of the model, not cut at zero: negative where the muscle is slack."""
         return self.model(length, pressure)[0]
 
     def stiffness(self, length: float, pressure: float) -> float:
@@ -67,7 +67,7 @@ class TabulatedPull:
         return _taut(force, self.slack_width)[1] * area
 
     def pressure(self, length: float, force: float) -> float:
-        """Least gauge pressure [Pa] from 0 to the limit at which the muscle pulls with a force [N].
+        """Lowest gauge pressure [Pa], from 0 to the limit, at which the muscle pulls with a force [N].
 
         0 where it pulls more without pressure; the limit, twice the highest pressure of the table,
         where it cannot pull so much. For a force <= 0 the highest pressure at which it is slack.

@@ -1,4 +1,4 @@
-"""A muscle to be exported, as a table that small targets can hold, and how far that is from the model."""
+"""A muscle to be exported, as a table for small targets, and the error of that table."""
 
 import dataclasses
 import functools
@@ -81,12 +81,12 @@ class Subject:
 
     @functools.cached_property
     def errors(self) -> "TableErrors":
-        """How far the table is from the model."""
+        """Error of the table against the model."""
         return table_errors(self.muscle, self.pull)
 
     @property
     def about(self) -> list[str]:
-        """What stands at the head of every file: muscle, origin, region."""
+        """Head of every file: muscle, origin, region."""
         L, P = (np.asarray(getattr(self.muscle.region, of)) for of in ("length", "pressure"))
         lines = [
             f"{self.name}, exported by famjax {__version__} with jax "
@@ -106,7 +106,7 @@ class Subject:
 
     @property
     def about_table(self) -> list[str]:
-        """The head of a file that holds the table: also how far it is from the model."""
+        """Head of a file with the table, including its error against the model."""
         off = self.errors
         return [
             *self.about,
@@ -125,7 +125,7 @@ def read_subject(
     origin: Origin | None = None,
     own: Own = (),
 ) -> Subject:
-    """The muscle of a card's file, or a bundled one by its name.
+    """Read the muscle of a card's file, or a bundled one by name.
 
     Args:
         source: a file that `famjax card` has written, or the name of a bundled muscle.
@@ -148,7 +148,7 @@ def read_subject(
 
 
 def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[str, ...]:
-    """Lines on the file that a muscle comes from, and on the command that exports it."""
+    """Lines about the file that a muscle comes from and the command that exports it."""
     lines = [f"of {name}, sha256 {hashlib.sha256(content).hexdigest()}"]
     return tuple(lines if origin is None else [*lines, f"by `{origin.command}` on {origin.date}"])
 
@@ -206,7 +206,7 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
 
 
 def check_float64() -> None:
-    """Refuse to export what float32 has rounded.
+    """Refuse to export a muscle in float32.
 
     Raises:
         InputError: JAX is in float32.
@@ -260,7 +260,7 @@ _slopes_of_chunk = quick_jit(slopes)
 
 
 class TableErrors(NamedTuple):
-    """How far a table is from its model, at random states.
+    """Error of a table against its model, at random states.
 
     Attributes:
         largest_force: in the region [N]; forces are given in parts of it.
@@ -279,7 +279,7 @@ class TableErrors(NamedTuple):
 
 
 def table_errors(muscle: SafeMuscle, pull: TabulatedPull) -> TableErrors:
-    """How far the table of a safe muscle is from it; see `TableErrors`."""
+    """Measure the error of the table of a safe muscle; see `TableErrors`."""
     rng, half = np.random.default_rng(0), _STATES // 2
     L, P = (
         np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])

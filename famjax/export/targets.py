@@ -1,4 +1,4 @@
-"""What a muscle can be exported to: C, MATLAB, Python, tables, StableHLO, and what `mujoco.py` writes."""
+"""Export targets: C, MATLAB, Python, tables, StableHLO, and those of `mujoco.py`."""
 
 import importlib.util
 import io

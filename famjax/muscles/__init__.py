@@ -1,4 +1,4 @@
-"""Muscles that come with famjax, ready to be asked or simulated: no data, no fit."""
+"""Muscles that come with famjax, ready to use: no data, no fit."""
 
 import lazy_loader
 

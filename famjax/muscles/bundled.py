@@ -15,7 +15,7 @@ _MAPS = ("DMSP-10-250", "DMSP-20-300")
 
 
 def bundled_name(name: str) -> str | None:
-    """The name in `NAMES` of a bundled muscle in any common spelling, or None where it is none.
+    """The name in `NAMES` of a bundled muscle in any common spelling, or None.
 
     In any case, with hyphens or underscores, and with or without the length of the muscle that was
     measured, which the name of its force map has.
@@ -29,7 +29,7 @@ def bundled_name(name: str) -> str | None:
 
 
 def bundled_card(name: str) -> MuscleCard:
-    """The card of a bundled muscle, of the length that was measured.
+    """The card of a bundled muscle, at the measured rest length.
 
     Args:
         name: DMSP-10 or DMSP-20, or one that `bundled_name` takes.
@@ -44,7 +44,7 @@ def bundled_card(name: str) -> MuscleCard:
 
 
 def bundled_text(name: str) -> bytes:
-    """The file of a bundled card, to tell by its digest which card a result is of."""
+    """The file of a bundled card, whose digest identifies the card of a result."""
     return _file(name).read_bytes()
 
 
@@ -59,7 +59,7 @@ def _file(name: str) -> Traversable:
 
 
 def dmsp_10(length: float | None = None) -> SafeMuscle:
-    """A Festo DMSP-10, cut to a length, that any simulator may take anywhere.
+    """A Festo DMSP-10 cut to a length, safe at any state.
 
     Its model was chosen by what it predicts, and fitted to 85 readings of a muscle of 250 mm at up
     to 650 kPa and 21 % of contraction; RMSE 1.2 N of 542 N. Beyond them it is continued, see
@@ -83,7 +83,7 @@ def dmsp_10(length: float | None = None) -> SafeMuscle:
 
 
 def dmsp_20(length: float | None = None) -> SafeMuscle:
-    """A Festo DMSP-20, cut to a length, that any simulator may take anywhere.
+    """A Festo DMSP-20 cut to a length, safe at any state.
 
     As `dmsp_10`: 126 readings of a muscle of 296 mm at up to 675 kPa and 25 % of contraction; RMSE
     4.0 N of 1654 N.

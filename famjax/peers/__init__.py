@@ -1,4 +1,4 @@
-"""Static force models of other authors, in SI: to evaluate, to differentiate and to compare with.
+"""Published static force models in SI, to evaluate, differentiate and compare with.
 
 Each is a `PeerModel`, or a `famjax.Muscle` where it is one, with `force(length, pressure)`. Every
 docstring says whether its form was read or is general knowledge. Braid angles are measured from

@@ -1,4 +1,4 @@
-"""Published models that balance forces: the braid, with corrections, walls and laws of the bladder.
+"""Published models by force balance: the braid, with corrections, walls and bladder laws.
 
 A new one has its parameters as fields, `force(length, pressure)` and `length_range()`, where it holds.
 """
@@ -142,7 +142,7 @@ def falling_root(residual: Callable[[RealArray], RealArray], start: RealArray) -
 
 
 class Gaylord(PeerModel):
-    """The pull of a pressurised braid; the bladder is neglected but for a deadband and an offset.
+    """The pull of a pressurised braid; the bladder is neglected except for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
 
@@ -195,7 +195,7 @@ class Gaylord(PeerModel):
 
 
 class ChouHannaford(PeerModel):
-    """The braid about a wall of constant thickness that resists nothing.
+    """The braid around a wall of constant thickness that does not resist.
 
     F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
 
@@ -241,7 +241,7 @@ class ChouHannaford(PeerModel):
 
 
 class TonduLopez(PeerModel):
-    """The braid alone at a contraction multiplied by k, for ends that are no cylinder.
+    """The braid alone at a contraction multiplied by k, for ends that are not cylindrical.
 
     F = (P - P_d) pi R0^2 (a (1 - k eps)^2 - b), k = a_k exp(-P / bar) + b_k
 
@@ -501,7 +501,7 @@ class Hunt(PeerModel):
         )
 
     def pressure(self, length: Real, force: Real) -> RealArray:
-        """Gauge pressure P [Pa] that the force F [N] takes at the length L [m], broadcast shape."""
+        """Gauge pressure P [Pa] for the force F [N] at the length L [m], broadcast shape."""
         return self._pressure(1 - as_real(length) / self.rest_length, as_real(force))
 
     @where_it_holds

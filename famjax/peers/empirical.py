@@ -133,7 +133,7 @@ class PolynomialSurface(PeerModel):
         return jnp.stack(powers, axis=-1) @ self.coefficients
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """The names of the coefficients say their exponents: c_ij."""
+        """Names of the coefficients with their exponents: c_ij."""
         if field != "coefficients":
             return super().parameter_name(field, index)
         i, j = self.terms(self.degree)[index[0]]
@@ -256,7 +256,7 @@ class Bolen(PeerModel):
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float, largest_contraction: float) -> "Bolen":
-        """The published constants, with the blocked force that the rest length gives.
+        """The published constants, with the blocked force for the rest length.
 
         Args:
             muscle: "10 mm" or "20 mm".

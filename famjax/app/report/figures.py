@@ -76,7 +76,7 @@ def actuation(source: Source) -> Drawn:
 
 
 def photographs(source: Source) -> Drawn:
-    """Three photographs with what was measured, at the least, middle and most contraction."""
+    """Three photographs with the measured outlines, at the smallest, middle and largest contraction."""
     given, pictures = source.sheet.photographs, source.pictures
     if given is None or pictures is None:
         return None

@@ -1,4 +1,4 @@
-"""The report: a page with a summary and figures, its tables as CSV, the digests of its inputs."""
+"""The report: a page with summary and figures, tables as CSV, and digests of the inputs."""
 
 import importlib.metadata
 import json
@@ -29,7 +29,7 @@ _UNITS = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
 
 
 def tables(source: Source) -> dict[str, str]:
-    """The tables by their files' names, as CSV; empty is what is not known."""
+    """The tables by file name, as CSV; unknown values are empty."""
     found = {
         "states": pd.concat([_states(source, name) for name in source.fits]),
         "readings": _readings(source),
@@ -261,7 +261,7 @@ def _verdict(source: Source) -> str:
 
 
 def five_numbers(source: Source) -> PageTable:
-    """What one asks of a muscle first, each with its standard error."""
+    """The five main figures of a muscle, each with its standard error."""
     fit, pressure = source.best, float(source.pressures[-1])
     states, of = fit.states.isel(pressure=-1), fit.figures
     rest = float(source.sheet.specimen.rest_length)

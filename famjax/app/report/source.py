@@ -1,4 +1,4 @@
-"""What the report is made of, read from the files of the steps before it, and the models' states.
+"""Data of the report, read from the files of earlier steps, and the states of the models.
 
 No equilibrium is solved for the states: the free contraction is where a spline through the forces
 falls to zero.
@@ -172,7 +172,7 @@ class FittedGeometry:
 
     @property
     def short(self) -> str:
-        """The same in a word or two, for legends and headers."""
+        """Short title for legends and headers."""
         return self.name.replace("-", " ")
 
     @property
@@ -188,7 +188,7 @@ class FittedGeometry:
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """What lies in the folder and in its results.
+    """The contents of the folder and of its results.
 
     Attributes:
         sheet: of the folder.
@@ -228,12 +228,12 @@ class Source:
 
     @property
     def best(self) -> FittedGeometry:
-        """The fit that the report shows: of the measured shape, where there is one."""
+        """The fit that the report shows: the one with the measured shape, if there is one."""
         return self.fits[MEASURED if MEASURED in self.fits else CYLINDER]
 
     @property
     def middle(self) -> int:
-        """Number of the pressure at which what depends on contraction is shown."""
+        """Index of the pressure at which curves over contraction are shown."""
         return len(self.pressures) // 2
 
     def unit(self, kind: str) -> str:
@@ -246,7 +246,7 @@ class Source:
         return value / factor(self.unit(kind), kind)
 
     def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
-        """A number of the page; a dash for what is not known."""
+        """A number of the page; a dash if it is not known."""
         if value is None or not np.isfinite(value):
             return "\N{EN DASH}"
         return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
@@ -257,7 +257,7 @@ class Source:
 
 
 def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
-    """Everything for the report; the models are asked once each, for all of it."""
+    """Read everything for the report; each model is evaluated once."""
     results, data, shown = sheet.folder / RESULTS, read_map(sheet), SHAPE in names
     record = results / RECORDS / "characterisation.json"
     test = _read(record) if record.exists() else {}

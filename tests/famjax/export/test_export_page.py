@@ -58,10 +58,10 @@ def test_matlab(folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "needs"),
-    [(0, "pandas"), (1, "mujoco"), (2, "mujoco.mjx"), (3, "flatbuffers")],
+    [(0, "numpy"), (1, "pandas"), (2, "mujoco"), (3, "mujoco.mjx"), (4, "flatbuffers")],
 )
 def test_python(number: int, needs: str, folder: Path) -> None:
-    assert len(fences("python")) == 4
+    assert len(fences("python")) == 5
     pytest.importorskip(needs)
     printed = said([sys.executable, "-c", fences("python")[number]], folder)
     assert printed.strip()

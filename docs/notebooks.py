@@ -1,0 +1,84 @@
+"""The page `tutorials.md`: the tutorials of `examples/` run cell by cell, with what they print and draw.
+
+python docs/notebooks.py            # into docs, pictures into docs/figures
+python docs/notebooks.py FOLDER     # or elsewhere
+"""
+
+import contextlib
+import io
+import os
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+import matplotlib as mpl
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+TUTORIALS = ("lab_tutorial", "robot_tutorial", "jax_tutorial")
+_HEAD = """# Tutorials
+
+Three scripts to run and change. Editors that know `# %%` (VS Code, Spyder, PyCharm) run them cell
+by cell; `jupytext --to ipynb` makes notebooks of them. `python docs/notebooks.py` writes this page.
+"""
+_TAIL = """## More examples
+
+| file | shows |
+|---|---|
+| `examples/own_law.py` | a bladder law of your own, identified from readings |
+| `examples/fit_optimistix.py`, `examples/fit_optax.py` | the same fit by optimistix and by optax |
+| `examples/nuts_blackjax.py` | the posterior by NUTS |
+| `examples/mujoco_joint.py` | an antagonistic joint in MuJoCo |
+| `examples/engines.py` | one comparison of models in this process, in others and on a cluster |
+"""
+
+
+def cells(script: str) -> list[tuple[bool, str]]:
+    """Cells of a script with `# %%` lines: whether it is text, and its lines."""
+    kinds_and_bodies = re.split(r"^# %%(.*)\n", script, flags=re.MULTILINE)[1:]
+    pairs = zip(kinds_and_bodies[::2], kinds_and_bodies[1::2], strict=True)
+    return [("markdown" in kind, body.strip("\n")) for kind, body in pairs]
+
+
+def run(name: str, figures: Path) -> list[str]:
+    """Blocks of the page: text, code, what it prints, and pictures, which go into a folder."""
+    names: dict[str, object] = {"__name__": name}
+    blocks = []
+    for is_text, body in cells((EXAMPLES / f"{name}.py").read_text(encoding="utf-8")):
+        if is_text:
+            text = re.sub(r"^# ?", "", body, flags=re.MULTILINE)
+            blocks.append(re.sub(r"^(## .*)\n", rf"\1\n\n`examples/{name}.py`\n\n", text))
+            continue
+        printed, before = io.StringIO(), set(Path().glob("*.svg"))
+        with contextlib.redirect_stdout(printed):
+            exec(compile(body, name, "exec"), names)
+        blocks.append(f"```python\n{body}\n```")
+        if said := printed.getvalue().strip("\n"):
+            blocks.append(f"```text\n{said}\n```")
+        for picture in sorted(set(Path().glob("*.svg")) - before):
+            (figures / picture.name).write_bytes(picture.read_bytes())
+            label = picture.stem.replace("_", " ")
+            blocks.append(f"![{label}](figures/{picture.name})")
+    return blocks
+
+
+def write(folder: Path) -> Path:
+    """The page and its pictures, made anew."""
+    figures = (folder / "figures").resolve()
+    figures.mkdir(parents=True, exist_ok=True)
+    blocks, back = [_HEAD.strip()], Path.cwd()
+    page = folder.resolve() / "tutorials.md"
+    with tempfile.TemporaryDirectory() as place:
+        os.chdir(place)
+        try:
+            with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "famjax"}):
+                for name in TUTORIALS:
+                    blocks += run(name, figures)
+        finally:
+            os.chdir(back)
+    page.write_text("\n\n".join([*blocks, _TAIL]), encoding="utf-8")
+    return page
+
+
+if __name__ == "__main__":
+    print(write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent))
