@@ -392,8 +392,17 @@ def _print_and_export() -> Iterator[Row]:
             part="4000 states, up to twice the data's lengths and pressures", **card,
         )  # fmt: skip
     yield from rows(
+        "export, equations", "exported:in_equations",
+        ("NumPy, largest error in the largest force", "<=", 1e-9, "the same equations"),
+        ("Octave, largest error in the largest force", "<=", 1e-9, "the same equations"),
+        ("answers out of range that are no NaN", "<=", 0, "nobody asked there"),
+        ("lengths in cm that are no error", "<=", 0, "a unit is mistaken silently"),
+        command="famjax export dmsp-20 --to matlab --to python", part="10 000 states", seed=4, **card,
+    )  # fmt: skip
+    yield from rows(
         "export, MuJoCo", "exported:in_mujoco",
         ("equilibrium, difference from length_at_load [m]", "<=", 1e-6, "far below what a rig reads"),
+        ("force without the callback [N]", "<=", 0, "no callback, no muscle"),
         ("knee, driven past either end of the stroke [strokes]", ">=", 0.3, "finite beyond the data"),
         ("knee, largest speed of the last second [rad/s]", "<=", 0.1, "no energy is made"),
         ("step, C over a callback that returns a constant", "<=", 1.5, "the callback is what costs"),
@@ -422,6 +431,11 @@ def _shapes() -> Iterator[Row]:
         "shape from mechanics, one law", "shapes:one_law",
         ("RMSE [lbf]", "<=", 9, "one law for all pressures, where the work needed one for each"),
         command=f"{script} --fit", part="ten printed figures", **example,
+    )  # fmt: skip
+    yield from rows(
+        "shape from mechanics, work", "shapes:work",
+        ("left over, part of the fluid's work", "<=", 1e-8, "force and volume have one potential"),
+        command="famjax.work_budget", part="five strokes", **example,
     )  # fmt: skip
     yield from rows(
         "shape from mechanics, speed", "shapes:speed",

@@ -17,7 +17,7 @@ import csv
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,7 +32,6 @@ import fitting
 from fitting import Choice, ForceData
 from fitting.choice import NestedValidation, validate_choice
 from fitting.prediction import static_rows
-from fitting.saved import SavedFit
 from fitting.series import identify_series
 
 HALF_BANDS, PERCENT = 3.0, 10.0
@@ -73,7 +72,7 @@ class Examined:
         )
 
 
-def default_fit(file: Path | str) -> SavedFit:
+def default_fit(file: Path | str) -> fitting.Identification:
     """What bare `famjax fit` saves of a map, read back.
 
     Raises:
@@ -86,7 +85,9 @@ def default_fit(file: Path | str) -> SavedFit:
         return fitting.load_fit(Path(folder) / "fit.json")
 
 
-def answer(fit: SavedFit, length: np.ndarray, pressure: np.ndarray) -> dict[str, np.ndarray]:
+def answer(
+    fit: fitting.Identification, length: np.ndarray, pressure: np.ndarray
+) -> dict[str, np.ndarray]:
     """What `famjax predict` says at pairs of lengths [m] and pressures [Pa], shape (n,) each."""
     L, row_of = np.unique(length, return_inverse=True)
     rows = [
@@ -102,7 +103,7 @@ def answer(fit: SavedFit, length: np.ndarray, pressure: np.ndarray) -> dict[str,
 
 
 def compared(
-    one: TruthMap, truth: np.ndarray, found: dict[str, np.ndarray], saved: dict
+    one: TruthMap, truth: np.ndarray, found: dict[str, np.ndarray], saved: Mapping[str, Any]
 ) -> Examined:
     """An answer against the truth at the states of a map.
 
@@ -155,7 +156,7 @@ def examine(one: TruthMap) -> Examined:
 
 
 @functools.lru_cache
-def _whole(name: str) -> SavedFit:
+def _whole(name: str) -> fitting.Identification:
     """The fit of a whole bundled map with its lines."""
     return default_fit(name)
 

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import math
+import runpy
 import shutil
 import subprocess
 import tempfile
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from row import CannotRunError, Case
+from scipy.io import loadmat, savemat
 
 # isort: split
 from targets import (
@@ -26,7 +28,7 @@ from targets import (
 )
 
 import famjax
-from famjax.export import CompiledPull, Subject, export, install
+from famjax.export import CompiledPull, Subject, export, install, uninstall
 
 STATES, ROLLOUT = 4000, 50
 LOADS = (200.0, 2e5), (600.0, 4e5), (900.0, 6e5)  # N, Pa
@@ -45,6 +47,45 @@ def _mujoco() -> Any:
 
 def _subject(case: Case) -> Subject:
     return case.once("exported subject", lambda: famjax.export.read_subject("DMSP-20"))
+
+
+def in_equations(case: Case) -> dict[str, float]:
+    """The equations as they are written for NumPy and MATLAB."""
+    _needs("octave-cli")
+    subject = _subject(case)
+    rng, region = np.random.default_rng(4), subject.muscle.region
+    L, P = (rng.uniform(low, high, 10_000) for low, high in (region.length, region.pressure))
+    force = np.asarray(subject.muscle.force(L, P))
+    beyond = [(0.5 * L.min(), 3e5), (0.28, 2 * P.max()), (0.28, -1e4)]
+    with tempfile.TemporaryDirectory() as name:
+        export(subject, ["matlab", "python"], name)
+        module = runpy.run_path(str(Path(name) / f"{subject.identifier}.py"))
+        savemat(Path(name) / "states.mat", {"L": L, "P": P, "beyond": np.array(beyond)})
+        function = f"{subject.identifier}_force"
+        commands = (
+            f"load states.mat; F = {function}(L, P); N = {function}(beyond(:, 1), beyond(:, 2));"
+            f"E = 0; try, {function}(28, 3e5); catch, E = 1; end; save -v7 back.mat F N E"
+        )
+        subprocess.run(
+            ["octave-cli", "--norc", "--quiet", "--eval", commands], cwd=name, check=True
+        )
+        back = loadmat(Path(name) / "back.mat", squeeze_me=True)
+    answers = [module["force"](*at) for at in beyond]
+    try:
+        module["force"](28.0, 3e5)
+    except ValueError:
+        refused = True
+    else:
+        refused = False
+    return {
+        "NumPy, largest error in the largest force":
+            float(np.abs(module["force"](L, P) - force).max() / force.max()),
+        "Octave, largest error in the largest force":
+            float(np.abs(back["F"] - force).max() / force.max()),
+        "answers out of range that are no NaN":
+            float(np.isfinite(answers).sum() + np.isfinite(back["N"]).sum()),
+        "lengths in cm that are no error": float(not refused) + float(back["E"] == 0),
+    }  # fmt: skip
 
 
 def in_c(case: Case, real: str) -> dict[str, float]:
@@ -76,8 +117,11 @@ def in_mujoco(case: Case) -> dict[str, float]:
         folder = Path(name)
         xml, _ = export(subject, ["mujoco"], folder)
         model = mujoco.MjModel.from_xml_path(str(xml))
-        install(model, {subject.identifier: subject.pull})
         data, off = mujoco.MjData(model), []
+        data.ctrl[0] = LOADS[1][1]
+        mujoco.mj_forward(model, data)
+        alone = float(np.abs(data.actuator_force).max())
+        install(model, {subject.identifier: subject.pull})
         try:
             for load, pressure in LOADS:
                 mujoco.mj_resetData(model, data)
@@ -88,12 +132,12 @@ def in_mujoco(case: Case) -> dict[str, float]:
                 mujoco.mj_forward(model, data)
                 off.append(data.ten_length[0] - subject.muscle.length_at_load(load, pressure))
         finally:
-            mujoco.set_mjcb_act_bias(None)
-            mujoco.set_mjcb_act_gain(None)
+            uninstall()
         costs = step_costs(subject, folder)
     knee = driven_knee(subject.pull)
     return {
         "equilibrium, difference from length_at_load [m]": float(np.abs(off).max()),
+        "force without the callback [N]": alone,
         "knee, driven past either end of the stroke [strokes]": knee.overrun
         if knee.finite
         else math.nan,

@@ -12,6 +12,8 @@ import equilibrium_shape as example
 import shape_oracles as oracles
 from row import Case
 
+import famjax
+
 _PREDICTED = (980.0, 774.0, 568.0, 363.0, 157.0)
 """Blocked forces [lbf] at 100 to 20 psi of a first prototype, whose wall did not thin."""
 _IMPORT = "import time, jax; print(time.process_time())"
@@ -54,6 +56,18 @@ def printed(_: Case) -> dict[str, float]:
 def one_law(_: Case) -> dict[str, float]:
     """Error of one law, free of pressure, fitted to the ten printed figures."""
     return {"RMSE [lbf]": example.one_law_fit()["rmse_lbf"]}
+
+
+def work(_: Case) -> dict[str, float]:
+    """What is left over of the fluid's work in strokes of the printed specimen."""
+    muscle, pressures = example.muscle("uniaxial"), np.array([100.0, 80.0, 60.0, 40.0, 20.0])
+    ends = np.array([muscle.length_at_load(0.0, pressure) for pressure in pressures])
+    budget = famjax.work_budget(muscle, pressures, float(muscle.rest_length), ends)
+    return {
+        "left over, part of the fluid's work": float(
+            np.max(np.abs(budget.left_over / budget.fluid))
+        )
+    }
 
 
 def speed(case: Case) -> dict[str, float]:

@@ -51,12 +51,11 @@ class Rule(NamedTuple):
     slopes: np.ndarray
 
     def half(self) -> "Rule":
-        """The first half of the stations, for both, and the modes that are even about the middle."""
+        """The first half of the stations, which stand for both halves of a symmetric muscle."""
         count = (self.x.size + 1) // 2
         weights = 2 * self.weights[:count]
         weights[self.x.size // 2 :] /= 2  # the middle stands for itself
-        even = np.r_[0, 1, 2 : self.values.shape[1] : 2]
-        return Rule(self.x[:count], weights, self.values[:count, even], self.slopes[:count, even])
+        return Rule(self.x[:count], weights, self.values[:count], self.slopes[:count])
 
 
 @functools.cache
@@ -192,7 +191,7 @@ class Balance(eqx.Module):
         shares: of the sections in Z.
         order: of the polynomials in each.
         symmetric: whether both halves are alike, so that the shape is found in one of them.
-        halved: whether stations and modes are those of the first half of a symmetric muscle.
+        halved: whether the stations are those of the first half of a symmetric muscle.
     """
 
     parts: tuple[Part, ...]
@@ -224,12 +223,10 @@ class Balance(eqx.Module):
     def both_halves(self, y: "Unknowns") -> "Unknowns":
         """Unknowns of the whole muscle from those of its first half."""
         outer, (inner,) = y
-        whole = jnp.zeros(self.free.size + 1, outer.dtype)
-        whole = whole.at[: self.free.size : 2].set(outer[:-1]).at[-1].set(outer[-1])
-        odd = self.rules[0].x.size % 2  # the middle is a station
+        middle = self.rules[0].x.size % 2  # a station lies there
         # p is odd about the middle, the stretch of the threads even.
         sign = np.array([-1.0, 1.0])[: inner.shape[1]].astype(outer.dtype)
-        return whole, (jnp.concatenate([inner, sign * inner[::-1][odd:]]),)
+        return outer, (jnp.concatenate([inner, sign * inner[::-1][middle:]]),)
 
     @property
     def radius_scale(self) -> RealArray:
@@ -246,6 +243,12 @@ class Balance(eqx.Module):
         """Modes that do not change the radius at the fittings."""
         modes = np.arange(self.rules[0].values.shape[1])
         return np.delete(modes, [0, len(self.shares)])
+
+    @property
+    def odd(self) -> np.ndarray:
+        """Which unknowns, modes and pull, are odd about the middle: those that half a muscle lacks."""
+        degree = np.arange(2, self.free.size + 2)
+        return np.append((degree % 2 == 1) & self.halved, False)
 
     @property
     def scales(self) -> Float[Array, " unknowns"]:
@@ -310,7 +313,9 @@ class Balance(eqx.Module):
             pulls.append(gaylord)
         free = self.free
         right = right - matrix[:, np.array([0, len(self.shares)])] @ self.ends
-        radii = jnp.linalg.solve(matrix[np.ix_(free, free)], right[free]) / scale
+        odd = self.odd[:-1]
+        own = jnp.where(odd[:, None] == odd, matrix[np.ix_(free, free)], 0.0)
+        radii = jnp.linalg.solve(own, jnp.where(odd, 0.0, right[free])) / scale
         pull = sum(s * f for s, f in zip(self.shares, pulls, strict=True)) / self.force_scale
         pushed = self.pressure * jnp.pi * jnp.min(self.ends) ** 2 / self.force_scale
         outer = jnp.append(radii, jnp.maximum(pull, 1e-3 - 0.9 * pushed))
@@ -336,7 +341,7 @@ def residual(y: Unknowns, balance: Balance) -> Unknowns:
         w = rule.weights.astype(outer.dtype)[:, None]
         outer = outer + jnp.tensordot(w * g[:, :3], balance.columns(rule)[1], 2)
         inner.append(g[:, 3:] / balance.radius_scale)
-    outer = outer * balance.scales / balance.energy_scale
+    outer = jnp.where(balance.odd, y[0], outer * balance.scales / balance.energy_scale)
     if balance.load is not None:
         outer = outer.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
     return outer, tuple(inner)
@@ -358,9 +363,10 @@ def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
         curved = jnp.einsum("qab,qbj->qaj", w[:, :, None] * h[:, :3, :3], linear)
         matrix = matrix + jnp.tensordot(linear, curved, ((0, 1), (0, 1)))
         back.append((linear, eliminated))
-    scales = balance.scales
+    scales, odd = balance.scales, balance.odd
     matrix = matrix * scales * scales[:, None] / balance.energy_scale
-    right, system = right * scales / balance.energy_scale, matrix
+    matrix = jnp.where(odd[:, None] == odd, matrix, 0.0)  # over both halves odd and even do not mix
+    right, system = jnp.where(odd, y[0], right * scales / balance.energy_scale), matrix
     if balance.load is not None:
         right = right.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
         system = matrix.at[-1].set(np.eye(right.size)[-1])
@@ -394,12 +400,18 @@ class Point(eqx.Module):
         size: of the last step.
         part: of Newton's step that was taken.
         aim: pull to which a whole step would go, in the balance's scale.
+        matrix: of that step.
+        rooms: distances to the bounds before it; see `_room`.
+        kept: whether a bore was left and the law known.
         first: the first guess.
     """
 
     size: RealArray
     part: RealArray
     aim: RealArray
+    matrix: Matrix
+    rooms: Float[Array, "_ 3"]
+    kept: Bool[Array, ""]
     first: Unknowns
 
 
@@ -415,14 +427,16 @@ class GuardedNewton(optx.AbstractRootFinder):
     norm: Callable[[Any], RealArray] = eqx.field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> Point:
-        del fn, args, options, f_struct, aux_struct, tags
+        del fn, options, f_struct, aux_struct, tags
         far = jnp.full((), jnp.inf, y[0].dtype)
         one = jnp.ones_like(far)
-        return Point(far, one, one, y)
+        rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
+        matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
+        return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
 
     def step(self, fn, y, args, options, state, tags):
         del fn, options, tags
-        step, _ = newton(y, args)
+        step, matrix = newton(y, args)
 
         def moved(part: RealArray) -> Unknowns:
             return jax.tree.map(lambda a, b: a + part * b, y, step)
@@ -433,7 +447,7 @@ class GuardedNewton(optx.AbstractRootFinder):
         part = parts[jnp.argmax(allowed.at[-1].set(True))]  # the last part is 0
         size = self.norm(step[0])
         aim = y[0][-1] + step[0][-1]
-        return moved(part), Point(size, part, aim, state.first), None
+        return moved(part), Point(size, part, aim, matrix, rooms[-1], kept[-1], state.first), None
 
     def terminate(self, fn, y, args, options, state, tags):
         del fn, args, options, tags
@@ -448,7 +462,7 @@ class GuardedNewton(optx.AbstractRootFinder):
         del fn, args, options, tags
         found = result == optx.RESULTS.successful
         kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), y, state.first)
-        return kept, aux, {"last": y, "aim": state.aim}
+        return kept, aux, {"last": y, "point": state}
 
 
 class Solved(eqx.Module):
@@ -458,13 +472,13 @@ class Solved(eqx.Module):
         y: the unknowns, of the first guess where none balance.
         found: whether they balance.
         last: unknowns at which the solver stopped.
-        aim: pull to which its last whole step would go, in the balance's scale.
+        point: how it stood there; of the first half alone where the muscle is symmetric.
     """
 
     y: Unknowns
     found: Bool[Array, ""]
     last: Unknowns
-    aim: RealArray
+    point: Point
 
 
 def solve(balance: Balance) -> Solved:
@@ -482,4 +496,4 @@ def solve(balance: Balance) -> Solved:
     y, last = solution.value, solution.stats["last"]
     if balance.symmetric:
         y, last = balance.both_halves(y), balance.both_halves(last)
-    return Solved(y, solution.result == optx.RESULTS.successful, last, solution.stats["aim"])
+    return Solved(y, solution.result == optx.RESULTS.successful, last, solution.stats["point"])

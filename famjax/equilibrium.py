@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from ._arrays import Given, Real, RealArray, as_real, at_each
-from ._shape import Balance, Part, Solved, ahead, modes, newton, reduced_hessian, rules, solve
+from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
 from .boundary.errors import InputError
 from .braids import AbstractBraid
 from .compile_options import quick_jit
@@ -342,16 +342,17 @@ def _balance(
 
 def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
     """Code of the reason, from the last point of the solver."""
-    stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(_curvature(balance, solved))))
-    rooms, kept = ahead(balance, solved.last)
+    stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(reduced_hessian(solved.point.matrix))))
+    rooms, kept = solved.point.rooms, solved.point.kept
+    far = 0 if balance.symmetric else -1
     inner = solved.last[1]
     across = jnp.stack([inner[0][0, 0], inner[-1][-1, 0]])
-    along = jnp.stack([rooms[0, 1], rooms[-1, 1]])
+    along = jnp.stack([rooms[0, 1], rooms[far, 1]])
     pushed = balance.pressure * jnp.pi * jnp.mean(rooms[:, 0] ** 2)
     why = jnp.select(
         [
             ~kept,
-            pushed + solved.aim * balance.force_scale < _SLACK * pushed,
+            pushed + solved.point.aim * balance.force_scale < _SLACK * pushed,
             jnp.min(along / jnp.hypot(along, across)) < _TILTED,
             jnp.min(rooms[:, 2]) < _ROUND * jnp.max(rooms[:, 2]),
         ],
@@ -359,10 +360,6 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
         LOST,
     )
     return jnp.where(solved.found, jnp.where(stable, FOUND, UNSTABLE), why)
-
-
-def _curvature(balance: Balance, solved: Solved) -> Float[Array, "free free"]:
-    return reduced_hessian(newton(solved.y, balance)[1])
 
 
 @quick_jit
@@ -452,7 +449,7 @@ def _margin(balance: Balance, solved: Solved) -> RealArray:
         values = rule.values[:, free]
         mass = mass + (values.T * rule.weights) @ values
     root = np.linalg.inv(np.linalg.cholesky(mass)).astype(balance.ends.dtype)
-    least = jnp.linalg.eigvalsh(root @ _curvature(balance, solved) @ root.T)[0]
+    least = jnp.linalg.eigvalsh(root @ reduced_hessian(solved.point.matrix) @ root.T)[0]
     return least * balance.force_scale / balance.radius_scale
 
 

@@ -17,7 +17,6 @@ from . import (
     series as series,
     shapes as shapes,
     sweeps as sweeps,
-    uncertainty as uncertainty,
     validation as validation,
     verdict as verdict,
 )
@@ -47,7 +46,6 @@ from .saved import load_fit as load_fit
 from .series import identify_series as identify_series
 from .shapes import shape_surface as shape_surface
 from .sweeps import sweep as sweep
-from .uncertainty import bootstrap as bootstrap, profile as profile
-from .validation import validate as validate
+from .validation import bootstrap as bootstrap, profile as profile, validate as validate
 
 __famjax__: str

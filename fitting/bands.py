@@ -37,8 +37,7 @@ from .data import ForceData
 from .engine import report_of
 from .result import Identification
 from .shared_program import in_shared_program
-from .uncertainty import Bootstrap
-from .validation import LeftOut
+from .validation import Bootstrap, LeftOut
 
 PRIOR_SCALE = 0.08
 """Prior of what lengths add, in parts of the largest force: a law that fits a muscle to 1 % misses

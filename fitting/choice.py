@@ -1,5 +1,6 @@
 """`choose`: the family that predicts best what it has not seen, beside those that fit the data alike."""
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +34,7 @@ from .race import (
     preferred,
     ranked,
 )
-from .result import Identification
+from .result import Identification, Outlook
 from .search import check_objective
 from .series import OtherLengths, accounts, other_lengths
 from .tasks import run_fits
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
+_NO_FORCE = "no family of the ladder has a force at every reading: narrow the bounds"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,12 +54,10 @@ class Choice:
 
     Attributes:
         data: the map.
-        chosen: the identification of the chosen family, which makes the predictions.
+        chosen: the identification of the chosen family, which makes the predictions; its outlook has
+            the error of these, the families that fit the data alike, and muscles of other lengths.
         tried: all families, that of the choice first, the others by their held-out errors.
         dropped: what the map cannot carry, in sentences.
-        alike: by name, the muscles in their rigs of the other families that fit the data alike. What
-            they disagree about the data do not tell, so it is in the band.
-        error: of predictions, as the readings left out show it.
         other_lengths: what predictions of muscles of other lengths are made of, None where the map or
             what a user says leaves but one account of it.
         open_question: a sentence on where families that fit alike differ by more than the map can settle,
@@ -68,10 +68,20 @@ class Choice:
     chosen: Identification
     tried: tuple[Tried, ...]
     dropped: tuple[str, ...]
-    alike: Mapping[str, famjax.MountedMuscle]
-    error: ModelError
     other_lengths: OtherLengths | None = None
     open_question: str = ""
+
+    @property
+    def error(self) -> ModelError:
+        """Of predictions, as the readings left out show it."""
+        error = self.chosen.outlook.error
+        assert error is not None
+        return error
+
+    @property
+    def alike(self) -> Mapping[str, famjax.MountedMuscle]:
+        """By name, the muscles of the other families that fit the data alike: the data do not tell."""
+        return self.chosen.outlook.alike
 
     @property
     def name(self) -> str:
@@ -196,16 +206,10 @@ def choose(
     elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
     # Those whose rig is rigid come first: they wait for none that gives way.
     rigid_first = sorted([*candidates, *elsewhere], key=lambda one: one.rig)
-    outcomes = dict(
-        zip(
-            map(id, rigid_first),
-            fitted(
-                weighed, constraint, min(starts, _COMPARED), seed, rigid_first,
-                tell("fitting all families"),
-            ),
-            strict=True,
-        )
-    )  # fmt: skip
+    found = fitted(
+        weighed, constraint, min(starts, _COMPARED), seed, rigid_first, tell("fitting all families")
+    )
+    outcomes = dict(zip(map(id, rigid_first), found, strict=True))
     families, refused = [], {}
     for candidate in candidates:
         one = outcomes[id(candidate)]
@@ -216,12 +220,10 @@ def choose(
     dropped = (*dropped, *(f"Left out: {'; '.join(of)}. {why}" for why, of in refused.items()))
     if not families:
         solve(plainest, plainest.starts(starts, seed), seed=seed)
-        raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
+        raise InputError(_NO_FORCE)
     least = min(one.rmse for one in families)
-    judged = sorted(
-        (one for one in families if one.rmse <= _HOPELESS * least),
-        key=lambda one: one.candidate.rig,
-    )
+    judged = [one for one in families if one.rmse <= _HOPELESS * least]
+    judged.sort(key=lambda one: one.candidate.rig)
     errors = left_out_of(judged, seed, tell("leaving readings out"))
     left_out = dict(zip([one.candidate.name for one in judged], errors, strict=True))
     tried = ranked(
@@ -230,66 +232,62 @@ def choose(
     )
     order = preferred(tried)
 
-    def identified(place: int) -> Identification | None:
+    def identify(place: int) -> Identification:
         posed, near = families[place].posed, families[place].ends
         points = np.concatenate([near, posed.starts(starts, seed)])[:starts]
-        try:
-            (result,) = solve(
-                posed, points, objective=objective, seed=seed,
-                progress=tell(f"identifying: {tried[place].candidate.name}"),
-            )  # fmt: skip
-        except InputError:
-            return None
-        return dataclasses.replace(result, data=data)
+        told = tell(f"identifying: {tried[place].candidate.name}")
+        return solve(posed, points, objective=objective, seed=seed, progress=told)[0]
 
-    place, chosen = _first_converged(tried, order, identified)
-    if chosen is None:
-        raise InputError("no family of the ladder has a force at every reading: narrow the bounds")
+    place, chosen = _identified(tried, order, identify)
     passed = [tried[k].candidate.name for k in order[: order.index(place)]]
     dropped = (*dropped, *(f"{name} was not kept: its fit did not converge." for name in passed))
-    places = [place, *(k for k in order if k != place)]
     alike = {
         one.candidate.name: one.mounted
         for k, one in enumerate(families) if tried[k].alike and k != place
     }  # fmt: skip
-    error = model_error(
-        data, chosen.residuals, tried[place].left_out, tried[place].candidate.unknowns
+    others = other_lengths(
+        [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
+        data.max_force,
     )
+    winner = tried[place]
+    outlook = Outlook(
+        model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
+    )
+    if others is not None:
+        members = dict(zip(others.names, others.members, strict=True))
+        outlook = dataclasses.replace(outlook, other_lengths=members, between=others.between)
     return Choice(
         data=data,
-        chosen=chosen,
-        tried=tuple(tried[k] for k in places),
+        chosen=dataclasses.replace(chosen, data=data, outlook=outlook),
+        tried=(winner, *(tried[k] for k in order if k != place)),
         dropped=dropped,
-        alike=alike,
-        error=error,
-        other_lengths=other_lengths(
-            [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
-            data.max_force,
-        ),
+        other_lengths=others,
         open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )
 
 
-def _first_converged(
-    tried: Sequence[Tried],
-    order: Sequence[int],
-    identified: Callable[[int], Identification | None],
-) -> tuple[int, Identification | None]:
+def _identified(
+    tried: Sequence[Tried], order: Sequence[int], identify: Callable[[int], Identification]
+) -> tuple[int, Identification]:
     """The first family with a certified optimum, of those that err little more than the best.
 
     Its place and its fit; the first fit of any where none of them has an optimum.
+
+    Raises:
+        InputError: none has a fit.
     """
-    least = min(one.held_out for one in tried)
-    first: tuple[int, Identification | None] = (order[0], None)
+    near = LITTLE_MORE * min(one.held_out for one in tried)
+    fits: dict[int, Identification] = {}
     for place in order:
-        if tried[place].held_out > LITTLE_MORE * least:
+        if fits and tried[place].held_out > near:
             break
-        fit = identified(place)
-        if fit is not None and fit.converged:
-            return place, fit
-        if fit is not None and first[1] is None:
-            first = place, fit
-    return first
+        with contextlib.suppress(InputError):
+            fits[place] = identify(place)
+            if fits[place].converged:
+                return place, fits[place]
+    if not fits:
+        raise InputError(_NO_FORCE)
+    return next(iter(fits.items()))
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:
@@ -363,7 +361,7 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
         "family",
         "unknowns",
         "in sample",
-        *(_HEADER[kind] for kind in kinds),
+        *map(_HEADER.__getitem__, kinds),
         "held-out error",
         "",
     )

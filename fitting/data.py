@@ -7,7 +7,6 @@ pressure" and "at one length" mean for a map.
 import dataclasses
 import functools
 import hashlib
-import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -576,18 +575,3 @@ def data_set(
         InputError: xarray is not installed.
     """
     return import_extra("xarray", "tables").Dataset(variables, coordinates, dict(about))
-
-
-def html_table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table for notebooks; of long ones the beginning."""
-
-    def cells(values: Iterable[object], tag: str) -> str:
-        texts = (f"{one:.5g}" if isinstance(one, float) else str(one) for one in values)
-        return "".join(f"<{tag}>{html.escape(text)}</{tag}>" for text in texts)
-
-    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows[:_SHOWN])
-    more = f"<p>and {len(rows) - _SHOWN} more</p>" if len(rows) > _SHOWN else ""
-    return (
-        f"<table><caption>{html.escape(title)}</caption>"
-        f"<thead><tr>{cells(header, 'th')}</tr></thead><tbody>{body}</tbody></table>{more}"
-    )

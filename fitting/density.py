@@ -147,10 +147,7 @@ class Faces:
 
 
 def faces_of(
-    problem: Problem,
-    point: Point,
-    scale: Float[np.ndarray, "n n"],
-    spread: Float[np.ndarray, " m"],
+    problem: Problem, point: Point, scale: Float[np.ndarray, "n n"], spread: Float[np.ndarray, " m"]
 ) -> Faces:
     """The rows that cut off draws and differ in direction: the active ones, then the nearest.
 
@@ -429,10 +426,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, PureProbl
     H = J.T @ J + np.diag(np.repeat([_UNIFORM, 0.0], [p, len(scale)]))
     spread = np.sqrt(np.einsum("mi,ij,mj->m", slope, np.linalg.inv(H), slope))
     faces = faces_of(problem, point, scale, spread)
-    slope, slack = (
-        slope[faces.rows],
-        (point.G @ point.x - point.h)[faces.rows],
-    )
+    slope, slack = (slope[faces.rows], (point.G @ point.x - point.h)[faces.rows])
     size = np.linalg.norm(slope[:, p:], axis=1)
     slope, slack = slope / size[:, None], slack / size
     count, r = len(scale), len(faces.slacks)
@@ -476,10 +470,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, PureProbl
 
 
 def _along_ridge(
-    result: Identification,
-    box: BoxMap,
-    sigma: float,
-    on_x: Float[np.ndarray, "o n"],
+    result: Identification, box: BoxMap, sigma: float, on_x: Float[np.ndarray, "o n"]
 ) -> BoxMap:
     """The map with the ridge along its leading parameter, by the optima with this one held."""
     problem, end = result.problem, result.end

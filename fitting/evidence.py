@@ -24,21 +24,16 @@ import numpy as np
 from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.sentence import Quantity
 from famjax.boundary.toml_file import Form, NotNegative
-from famjax.boundary.units import finite_or_none, from_si, si_unit, unit_system
+from famjax.boundary.units import finite_or_none, si_unit
 
 from .bands import ModelError, model_error, numbers_by_parameters
 from .covariance import free_root
 from .data import ForceData, Specimen
 from .engine import Point, predict, report_of
 from .posing import Geometry, source_of
-from .posterior import (
-    Posterior,
-    posterior_as_dict,
-    posterior_table,
-    posterior_warnings,
-    sample,
-)
+from .posterior import Posterior, posterior_as_dict, posterior_table, posterior_warnings, sample
 from .problem import Part
 from .records.hysteresis import (
     HysteresisFit,
@@ -48,8 +43,17 @@ from .records.hysteresis import (
 )
 from .result import Identification
 from .summary import held_and_active, joint_derivatives
-from .uncertainty import LEVELS, Bootstrap, Profile, bootstrap, profile
-from .validation import LeftOut, groups_of, leave_out_each, validate
+from .validation import (
+    LEVELS,
+    Bootstrap,
+    LeftOut,
+    Profile,
+    bootstrap,
+    groups_of,
+    leave_out_each,
+    profile,
+    validate,
+)
 
 FORM = Form(
     kinds={
@@ -444,85 +448,64 @@ def _finite(values: Iterable[float]) -> list[float | None]:
 
 def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
     """The evidence as tables of text in a unit system."""
+
+    def text(value: float, kind: str, digits: int, none: str = "none") -> str:
+        known = math.isfinite(value)
+        return Quantity(value, kind, digits).in_units(system) if known else none
+
+    def interval(ends: tuple[float, float], kind: str) -> str:
+        return " to ".join(text(end, kind, 5, none="open") for end in ends)
+
     tables: list[Table] = []
     if evidence.validations:
-        rows = [("in sample", _text(result.errors.rmse, "force", system, 4), "")]
+        rows = [("in sample", result.errors.rmse, math.nan)]
         rows += [
-            (
-                f"leave one {one.groups} out",
-                _text(one.rmse, "force", system, 4),
-                _text(one.interior_rmse, "force", system, 4),
-            )
+            (f"leave one {one.groups} out", one.rmse, one.interior_rmse)
             for one in evidence.validations
         ]
-        unit = unit_system(system)["force"]
-        tables.append(("Validation", ("RMSE", unit, "without the extremes"), rows))
+        shown = [
+            (what, *(text(error, "force", 4, "") for error in errors)) for what, *errors in rows
+        ]
+        tables.append(("Validation", ("", "RMSE", "without the extremes"), shown))
     if evidence.profiles:
-        rows = [
-            (
-                one.name,
-                unit_system(system)[one.kind],
-                *(_interval(one.intervals[at], one.kind, system) for at in LEVELS),
-                one.verdict,
-            )
+        shown = [
+            (one.name, *(interval(one.intervals[at], one.kind) for at in LEVELS), one.verdict)
             for one in evidence.profiles
         ]
         levels = tuple(f"{100 * at:.0f} %" for at in LEVELS)
-        tables.append(("Profile likelihood", ("parameter", "unit", *levels, "verdict"), rows))
+        tables.append(("Profile likelihood", ("parameter", *levels, "verdict"), shown))
     if evidence.bootstrap is not None:
         drawn = evidence.bootstrap
-        rows = [
+        shown = [
             (
-                one.name,
-                unit_system(system)[one.kind],
-                _text(drawn.stderr[one.name], one.kind, system, 2),
-                _interval(drawn.interval(one.name), one.kind, system),
+                one.name, text(drawn.stderr[one.name], one.kind, 2),
+                interval(drawn.interval(one.name), one.kind),
             )
             for one in result.estimates
             if one.name in drawn.names
-        ]
+        ]  # fmt: skip
         failed = f", {drawn.failed} more did not converge" if drawn.failed else ""
         title = f"Bootstrap, {len(drawn.samples)} replicates{failed}"
-        tables.append((title, ("parameter", "unit", "std. error", "95 %"), rows))
+        tables.append((title, ("parameter", "std. error", "95 %"), shown))
     if evidence.hysteresis is not None:
         tables.append(hysteresis_table(evidence.hysteresis, system))
     if evidence.posterior is not None:
         tables.append(posterior_table(evidence.posterior, system))
     if evidence.shared is not None:
-        tables.append(_budget(evidence.shared, result, system))
+        scatter = np.sqrt(np.diag(result.covariance))
+        every = np.vstack([scatter, evidence.shared.effects])
+        every = np.vstack([every, np.sqrt(np.sum(every**2, axis=0))])
+        names, sources = evidence.shared.names, evidence.shared.sources
+        shown = []
+        for one in result.estimates:
+            errors = every[:, names.index(one.name)] if one.name in names else [math.nan]
+            if math.isfinite(errors[0]):
+                # What has no effect has one of rounding.
+                kept = [error if error > 1e-9 * errors[-1] else 0.0 for error in errors]
+                shown.append((one.name, *(text(error, one.kind, 2) for error in kept)))
+        header = "parameter", "scatter", *(s.replace("_", " ") for s in sources), "all together"
+        tables.append(("Standard errors by source", header, shown))
     return tables
-
-
-def _text(value: float, kind: str, system: str, digits: int, none: str = "none") -> str:
-    """A number in the unit of a system; another word where there is none."""
-    if not math.isfinite(value):
-        return none
-    return f"{from_si(value, unit_system(system)[kind], kind):.{digits}g}"
-
-
-def _interval(ends: tuple[float, float], kind: str, system: str) -> str:
-    return " to ".join(_text(end, kind, system, 5, none="open") for end in ends)
-
-
-def _budget(shared: Carried, result: Identification, system: str) -> Table:
-    """Standard errors of every parameter by source, and of all together."""
-    scatter = dict(zip(shared.names, np.sqrt(np.diag(result.covariance)), strict=True))
-    rows = []
-    for one in result.estimates:
-        if not math.isfinite(scatter.get(one.name, math.nan)):
-            continue
-        effects = shared.effects[:, shared.names.index(one.name)]
-        every = [float(scatter[one.name]), *effects.tolist()]
-        total = math.hypot(*every)
-        # What has no effect has one of rounding.
-        shown = (
-            _text(each, one.kind, system, 2) if each > 1e-9 * total else "0"
-            for each in (*every, total)
-        )
-        rows.append((one.name, unit_system(system)[one.kind], *shown))
-    sources = (source.replace("_", " ") for source in shared.sources)
-    header = ("parameter", "unit", "scatter", *sources, "all together")
-    return "Standard errors by source", header, rows
 
 
 def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ named. Faults of some readings only, a full load cell and outliers, are found by
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -43,7 +44,6 @@ _PROMISING = 0.08  # of a few readings, from which all of them are fitted
 
 _FAR_BETTER = 3.0  # factor by which a change of the data must lower the misfit to be named
 _AS_LIKELY = 2.0  # times the least misfit: the first of these changes
-_COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
 _AT_BOUND = 1e-6  # of the width of the interval
 
 _ABSOLUTE = 0.85  # of an atmosphere: no reading is below it where pressures are absolute
@@ -54,7 +54,7 @@ _APART = 1.3
 # Loss of force per contraction, in parts of it: a muscle's is 3 to 10.
 _STEEP, _DOUBTFULLY_STEEP = 40.0, 30.0
 _PUSH = 0.03  # of the largest force: no slack muscle pushes so hard
-_RESTS = (1.0, 0.98, 1.03)  # of the longest loaded length, at which most tests begin
+_RESTS = {1.0: 0.0, 0.98: 0.3, 1.03: 0.3}  # of the longest loaded length, and how unlikely
 _SAME_REST = 0.01
 
 _SHARED = 2e-3  # of the largest force: readings that stand at one limit, and its noise
@@ -78,13 +78,14 @@ _COMMON = {
                  ("MPa", "bar"), ("MPa", "psi")),
 }  # fmt: skip
 """Units that are taken for one another, either way round, before they are written into a file."""
-
 _BORES = {
     2.0: "the nominal diameter is a radius, or that of a smaller muscle",
     0.5: "the nominal diameter is that of a larger muscle",
     10.0: "the nominal diameter is in cm, not mm",
     0.1: "the nominal diameter is ten times too large",
 }
+_SWAPS = ((1e-3, 1e3), (1 / 1550.0, 1550.0), (1e-5, 1e5), (1e-6, 1e6))
+"""N in the place of kPa and the reverse, lbf and psi, N and bar, N and MPa."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,25 +103,6 @@ class Suspicion:
     sentence: str
     misfit: float
     grave: bool = True
-
-
-@dataclasses.dataclass(frozen=True)
-class Fault:
-    """A mistake that changed a whole column, or the specimen.
-
-    Attributes:
-        cause: what it is, a clause.
-        undone: the map without it; raises InputError where there is none.
-        below: misfit that the map must then have.
-        factor: by which its misfit must then fall.
-        unlikely: decades; only what is about as likely as the likeliest is named.
-    """
-
-    cause: str
-    undone: Callable[[], ForceData]
-    below: float = _TOLERATED
-    factor: float = 0.0
-    unlikely: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,11 +140,18 @@ class Trial:
         return float(np.sqrt(squares / data.loaded.sum())) / data.max_force
 
     def side(self, name: str) -> int:
-        """-1 where a parameter is at its lower bound, 1 at its upper one, 0 between."""
-        place = list(self.problem.names).index(name)
+        """-1 where a parameter is at its lower bound, 1 at its upper one, 0 between or without it."""
+        if name not in self.problem.names:
+            return 0
+        place = self.problem.names.index(name)
         low, high = float(self.problem.low[place]), float(self.problem.high[place])
         at = (float(self.end.point.parameters[place]) - low) / (high - low) if high > low else 0.5
         return int(at > 1 - _AT_BOUND) - int(at < _AT_BOUND)
+
+    @property
+    def late(self) -> bool:
+        """Whether the deadband is at its highest bound."""
+        return self.side("deadband_pressure") > 0
 
     @property
     def corner(self) -> int:
@@ -189,11 +178,6 @@ def attempt(
         return None
 
 
-def _misfit(data: ForceData, candidate: Candidate | None = None) -> float:
-    found = attempt(data, candidate)
-    return np.inf if found is None else found.misfit
-
-
 def richest(data: ForceData, law: str | None = None) -> Candidate | None:
     """The family of a law, the ladder's first unless given, with a deadband; None without one."""
     candidates, _ = ladder(data)
@@ -216,48 +200,24 @@ def _censored_misses(data: ForceData, force: Float[np.ndarray, " n"]) -> Float[n
     return np.where(data.slack, pull, np.where(data.saturated, lack, 0.0))
 
 
-def counted(result: Identification) -> Bool[np.ndarray, " readings"]:
-    """The loaded readings that are no outliers of Huber's objective; all of them without it."""
-    return result.weights >= _COUNTED
-
-
 def least_misfit(result: Identification) -> float:
     """RMSE in parts of the largest force, with what contradicts censored readings.
 
     Outliers of Huber's objective are not counted.
     """
-    data, kept = result.data, counted(result)
-    missed = _censored_misses(data, result.model_force())
+    kept, missed = result.counted, _censored_misses(result.data, result.model_force())
     squares = np.sum(result.residuals[kept] ** 2) + np.sum(missed**2)
     return float(np.sqrt(squares / kept.sum())) / result.errors.max_force
 
 
-def _sides(result: Identification) -> dict[str, int]:
-    """1 of a parameter at its upper bound, -1 at its lower one, 0 between."""
-    return {
-        e.name: 0 if not e.at_bound else 1 if e.max - e.value < e.value - e.min else -1
-        for e in result.estimates
-    }
-
-
-def _stopped_above(result: Identification) -> bool:
-    return _sides(result).get("deadband_pressure") == 1
-
-
-def _in_corner(result: Identification) -> bool:
-    """Whether braid diameter and angle are both at the bounds of more, or of less, force."""
-    sides = _sides(result)
-    return abs(sides.get("braid_diameter", 0) + sides.get("braid_angle", 0)) == 2
-
-
 def doubtful(result: Identification) -> bool:
     """Whether a fit is so poor, or so far at its bounds, that its data are to be questioned."""
-    data = result.data
+    data, trial = result.data, Trial(result.data, result.problem, result.end)
     return (
         not result.converged
         or not least_misfit(result) <= _DOUBTFUL
-        or _stopped_above(result)
-        or _in_corner(result)
+        or trial.late
+        or trial.corner != 0
         or bool(thick_wall(data))
         or float(data.force.min()) < -_DOUBTFUL * data.max_force
         or _steepness(data) > _DOUBTFULLY_STEEP
@@ -277,7 +237,9 @@ def suspect(
     Returns:
         At most three.
     """
-    data = _kept_only(result.data, counted(result))
+    data, asked = _kept_only(result.data, result.counted), Trial(
+        result.data, result.problem, result.end
+    )  # fmt: skip
     no_rise = _no_rise(data)
     plain = [*no_rise, *thick_wall(data)]
     if no_rise:
@@ -285,18 +247,19 @@ def suspect(
     candidate = richest(data)
     here = attempt(data, candidate)
     least = min(least_misfit(result), np.inf if here is None else here.misfit)
-    found = [] if plain else _wrong_signs(data, here, least, candidate)
-    found += absolute(data, here, least, candidate, stopped=_stopped_above(result))
-    found += _first_named(_fractions(data), least)
-    if not found and least > _DOUBTFUL:
-        found += _first_named(_rest_lengths(data), least, grave=least > _UNEXPLAINED)
-    if not found and least >= _TOLERATED:
-        found += _first_named(_swapped(data), least, candidate)
-    cornered = here is None or here.corner != 0 or (_in_corner(result) and least > _DOUBTFUL)
-    if not found and (least > GOOD or cornered):
-        found += _wrong_scales(data, least, candidate, progress, cornered=cornered)
+    cornered = here is None or here.corner != 0 or (asked.corner != 0 and least > _DOUBTFUL)
+    found = [] if plain else _explained(_signs(data, here), least, candidate)
+    found += absolute(data, here, least, candidate, stopped=asked.late)
+    found += _explained(_fractions(data), least)
+    for asked_for, faults, family, most in (
+        (least > _DOUBTFUL, _rest_lengths(data, grave=least > _UNEXPLAINED), None, 1),
+        (least >= _TOLERATED, _swapped(data), candidate, 1),
+        (least > GOOD or cornered, _scales(data, cornered=cornered), candidate, 3),
+    ):
+        if asked_for and not found:
+            found = _explained(faults, least, family, most, progress)
     if not found and not plain and least > _MIXED:
-        found += _of_some(data, least)
+        found = _of_some(data, least)
     if not found and not plain and least > _UNEXPLAINED:
         found.append(
             Suspicion(
@@ -310,40 +273,116 @@ def suspect(
     return tuple([*plain, *found][:3])
 
 
-def _named(cause: str, here: float, better: float, *, grave: bool = True) -> Suspicion:
-    """The suspicion of a cause, from the misfits with it and without it."""
-    sentence = Sentence(
-        "The data look wrong. It seems that ",
-        cause,
-        f": read so, the misfit is {100 * better:.2g} % of the largest force; as the file stands, it is "
-        f"{100 * here:.2g} %.",
-    )
-    return Suspicion(cause, sentence, better, grave)
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """A mistake that changed a whole column, or the specimen.
+
+    Attributes:
+        cause: what it is, a clause.
+        undone: the map without it; raises InputError where there is none.
+        explains: from the fit without it, and the misfit with it, whether it explains the misfit.
+        unlikely: decades; only what is about as likely as the likeliest is named.
+        grave: as of a `Suspicion`.
+        thin: whether a few readings are fitted first, and all where these promise something.
+    """
+
+    cause: str
+    undone: Callable[[], ForceData]
+    explains: Callable[[Trial, float], bool] = lambda trial, _: trial.misfit < _TOLERATED
+    unlikely: float = 0.0
+    grave: bool = True
+    thin: bool = False
 
 
-def _undone(
-    fault: Fault, candidate: Candidate | None, few: Callable[[ForceData], ForceData] | None = None
-) -> Trial | None:
-    """The fit of the map without a fault; of a few of its readings by two starts."""
+def _explained(
+    faults: Iterable[Fault],
+    least: float,
+    candidate: Candidate | None = None,
+    most: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Suspicion]:
+    """The faults that explain a misfit, the likeliest first.
+
+    Where the misfit does not separate them, how likely they are does.
+
+    Args:
+        faults: to be tried.
+        least: the least misfit of the map as it is.
+        candidate: the family; the richest that the map without the fault can carry unless given.
+        most: named, of those that are about as likely as the first.
+        progress: called with (changes tried, changes).
+    """
+    tried: list[tuple[float, float, Suspicion]] = []
+    faults = [*faults]
+    for done, fault in enumerate(faults):
+        if progress is not None:
+            progress(done, len(faults))
+        then = _without(fault, candidate)
+        if then is not None and fault.explains(then, least):
+            # Misfits of a hundredth and less say no more.
+            size = math.log10(max(then.misfit / _DOUBTFUL, 1.0))
+            score = fault.unlikely + size + _CORNERED * abs(then.corner)
+            named = _named(fault.cause, least, then.misfit, grave=fault.grave)
+            tried.append((score, then.misfit, named))
+    tried.sort(key=lambda one: one[:2])
+    return [one for score, _, one in tried if score < tried[0][0] + _ALIKE][:most]
+
+
+def _without(fault: Fault, candidate: Candidate | None) -> Trial | None:
+    """The fit of the map without a fault."""
     try:
         data = fault.undone()
     except InputError:
         return None
-    return attempt(data, candidate) if few is None else attempt(few(data), candidate, starts=2)
+    if fault.thin:
+        few = attempt(thinned(data), candidate, starts=2)
+        if few is None or few.misfit >= _PROMISING:
+            return few
+    return attempt(data, candidate)
 
 
-def _first_named(
-    faults: Iterable[Fault], least: float, candidate: Candidate | None = None, *, grave: bool = True
-) -> list[Suspicion]:
-    """The first fault that explains about as much as the one that explains most, if it is enough."""
-    tried = [(fault, _undone(fault, candidate)) for fault in faults]
-    misfits = [(fault, trial.misfit) for fault, trial in tried if trial is not None]
-    best = min((misfit for _, misfit in misfits), default=np.inf)
-    for fault, misfit in misfits:
-        if misfit <= _AS_LIKELY * best:
-            enough = misfit < fault.below and misfit * fault.factor < least
-            return [_named(fault.cause, least, misfit, grave=grave)] if enough else []
-    return []
+def _named(
+    cause: str, here: float, better: float, of: str = "", *, grave: bool = True
+) -> Suspicion:
+    """The suspicion of a cause, from the misfits with it and without it."""
+    sentence = Sentence(
+        *("The data look wrong. It seems that ", cause),
+        f": read so, the misfit{of} is {100 * better:.2g} % of the largest force; as the file stands, it "
+        f"is {100 * here:.2g} %.",
+    )
+    return Suspicion(cause, sentence, better, grave)
+
+
+def _changed(data: ForceData, **changes: Any) -> Callable[[], ForceData]:
+    return lambda: dataclasses.replace(data, **changes)
+
+
+def _with_specimen(data: ForceData, **sizes: float) -> Callable[[], ForceData]:
+    return lambda: dataclasses.replace(data, specimen=dataclasses.replace(data.specimen, **sizes))
+
+
+def _signs(data: ForceData, here: Trial | None) -> Iterator[Fault]:
+    """Readings of pulls that are negative.
+
+    A slack muscle that is held at both ends pushes against a load cell as its rubber does. Where the fit
+    has no pull either, the other sign has to fit as well as what stands in the file.
+    """
+    negative = data.force < -_PUSH * data.max_force
+    if not negative.any():
+        return
+    pull = np.inf if here is None else here.predict(data.length[negative], data.pressure[negative])
+    pulls, n = not np.all(np.asarray(pull) <= 0), int(negative.sum())
+    yield Fault(
+        Sentence(
+            f"forces have the wrong sign ({n} reading{' is' if n == 1 else 's are'} negative by up to ",
+            *(Quantity(-float(data.force.min()), "force"), ", and a muscle does not push)"),
+        ),
+        _changed(data, force=np.where(negative, -data.force, data.force)),
+        lambda then, least: (
+            then.misfit < _TOLERATED
+            and (then.misfit < 1.5 * least or (pulls and then.misfit < GOOD))
+        ),
+    )
 
 
 def _fractions(data: ForceData) -> Iterator[Fault]:
@@ -351,62 +390,73 @@ def _fractions(data: ForceData) -> Iterator[Fault]:
     rest = data.specimen.rest_length
     if _steepness(data) >= _STEEP:
         length = rest * (1 - 100 * (1 - data.length / rest))
-        yield Fault(
-            "the contractions are fractions, not percent",
-            lambda: dataclasses.replace(data, length=length, length_std=None),
-        )
+        changed = _changed(data, length=length, length_std=None)
+        yield Fault("the contractions are fractions, not percent", changed)
 
 
-def _rest_lengths(data: ForceData) -> Iterator[Fault]:
+def _rest_lengths(data: ForceData, *, grave: bool) -> Iterator[Fault]:
     """A rest length that is not the muscle's: it is beside the longest loaded length."""
-    given = data.specimen.rest_length
-    for rest in float(data.length[data.loaded].max()) * np.array(_RESTS):
+    given, longest = data.specimen.rest_length, float(data.length[data.loaded].max())
+    for part, unlikely in _RESTS.items():
+        rest = part * longest
         if abs(rest / given - 1) >= _SAME_REST:
+            ends = Quantity(rest, "length", 3), " or so, not ", Quantity(given, "length")
             yield Fault(
-                Sentence(
-                    *("the rest length is ", Quantity(rest, "length", 3)),
-                    *(" or so, not ", Quantity(given, "length")),
-                ),
-                lambda rest=float(rest): _with_specimen(data, rest_length=rest),
-                below=GOOD,
-                factor=_FAR_BETTER,
-            )
+                Sentence("the rest length is ", *ends),
+                _with_specimen(data, rest_length=rest),
+                lambda then, least: then.misfit < min(GOOD, least / _FAR_BETTER),
+                unlikely, grave,
+            )  # fmt: skip
 
 
 def _swapped(data: ForceData) -> Iterator[Fault]:
-    """Force and pressure in each other's column, N with kPa or lbf with psi."""
-    for to_force, to_pressure in ((1e-3, 1e3), (1 / 1550.0, 1550.0), (1e-5, 1e5), (1e-6, 1e6)):
+    """Force and pressure in each other's column."""
+    for to_force, to_pressure in _SWAPS:
         yield Fault(
             "the columns of force and pressure are swapped",
-            lambda to_force=to_force, to_pressure=to_pressure: dataclasses.replace(
+            _changed(
                 data, force=data.pressure * to_force,
                 pressure=np.maximum(data.force, 0.0) * to_pressure, force_std=None,
                 pressure_std=None, pressure_tolerance=None,
             ),
-            factor=5.0,
+            lambda then, least: then.misfit < min(_TOLERATED, least / 5),
         )  # fmt: skip
 
 
-def _scales(data: ForceData) -> Iterator[Fault]:
-    """Units of force and pressure, and the bore, all of which scale the force at a pressure."""
-    highest = float(data.pressure.max())
+def _scales(data: ForceData, *, cornered: bool) -> Iterator[Fault]:
+    """Units of force and pressure, and the bore, all of which scale the force at a pressure.
+
+    Where the misfit does not separate them, the pressure does, which is some bar in most tests.
+    `cornered` says that a fit of the map as it is has both braid diameter and angle at bounds of more, or
+    of less, force.
+    """
+    highest, most = float(data.pressure.max()), max(THICK, _wall_share(data))
+    if not highest > 0:
+        return
+
+    def explains(then: Trial, least: float) -> bool:
+        if _wall_share(then.data) > most:
+            return False  # one fault is not explained by another
+        far = then.misfit * _FAR_BETTER < least
+        good = then.misfit < (_SCALED if least > 5 * then.misfit else GOOD)
+        freed = cornered and then.corner == 0 and then.misfit < min(GOOD, 0.9 * least)
+        return (far and good) or freed
+
+    def unlikely(highest: float) -> float:
+        return abs(math.log10(highest / _USUAL))
+
     for what in _COMMON:
         for factor, (words, known) in _units_meant(data, what).items():
             then = highest * (factor if what == "pressure" else 1.0)
             yield Fault(
                 f"the {what}s are {' (or '.join(words)}{')' * (len(words) - 1)}",
-                lambda what=what, factor=factor: dataclasses.replace(
-                    data, **{what: getattr(data, what) * factor}
-                ),
-                unlikely=abs(math.log10(then / _USUAL)) + (0.0 if known else _NOT_SAID),
-            )
+                _changed(data, **{what: getattr(data, what) * factor}),
+                explains, unlikely(then) + (0.0 if known else _NOT_SAID), thin=True,
+            )  # fmt: skip
     bore = data.specimen.nominal_diameter or 0.0
     for factor, cause in _BORES.items() if bore else ():
-        yield Fault(
-            cause,
-            lambda factor=factor: _with_specimen(data, nominal_diameter=bore * factor),
-            unlikely=abs(math.log10(highest / _USUAL)),
-        )
+        undone = _with_specimen(data, nominal_diameter=bore * factor)
+        yield Fault(cause, undone, explains, unlikely(highest), thin=True)
 
 
 def _units_meant(data: ForceData, what: str) -> dict[float, tuple[list[str], bool]]:
@@ -427,56 +477,6 @@ def _units_meant(data: ForceData, what: str) -> dict[float, tuple[list[str], boo
     return found
 
 
-def _wrong_scales(
-    data: ForceData,
-    least: float,
-    candidate: Candidate | None,
-    progress: Callable[[int, int], None] | None,
-    *,
-    cornered: bool,
-) -> list[Suspicion]:
-    """Units and sizes of which another would explain the readings far better, the likeliest first.
-
-    Where the misfit does not separate them, the pressure does, which is some bar in most tests.
-
-    Args:
-        data: the map.
-        least: the least misfit of the map as it is.
-        candidate: the family.
-        progress: called with (changes tried, changes).
-        cornered: a fit of the map as it is has both braid diameter and angle at bounds of more, or
-            of less, force.
-    """
-    if not np.any(data.pressure > 0):
-        return []
-    tried: list[tuple[float, float, Suspicion]] = []
-    faults, most = [*_scales(data)], max(THICK, _wall_share(data))
-    for done, fault in enumerate(faults):
-        if progress is not None:
-            progress(done, len(faults))
-        then = _undone(fault, candidate, thinned)
-        if then is None or _wall_share(then.data) > most:
-            continue  # one fault is not explained by another
-        if then.misfit < _PROMISING:
-            then = _undone(fault, candidate)
-        if then is None:
-            continue
-        far = then.misfit * _FAR_BETTER < least
-        good = then.misfit < (_SCALED if least > 5 * then.misfit else GOOD)
-        freed = cornered and then.corner == 0 and then.misfit < min(GOOD, 0.9 * least)
-        if (far and good) or freed:
-            # Misfits of a hundredth and less say no more.
-            size = math.log10(max(then.misfit / _DOUBTFUL, 1.0))
-            score = fault.unlikely + size + _CORNERED * abs(then.corner)
-            tried.append((score, then.misfit, _named(fault.cause, least, then.misfit)))
-    tried.sort(key=lambda one: one[:2])
-    return [one for score, _, one in tried if score < tried[0][0] + _ALIKE][:3]
-
-
-def _with_specimen(data: ForceData, **sizes: float) -> ForceData:
-    return dataclasses.replace(data, specimen=dataclasses.replace(data.specimen, **sizes))
-
-
 def _wall_share(data: ForceData) -> float:
     """The wall in parts of the bore, or of the bladder's outer diameter where there is no bore."""
     bore = data.specimen.nominal_diameter or data.specimen.bladder_diameter
@@ -488,14 +488,15 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
     share, specimen = _wall_share(data), data.specimen
     if share <= THICK:
         return []
-    what, key = "the bore", "nominal_diameter"
-    if not specimen.nominal_diameter:
-        what, key = "the bladder", "bladder_diameter"
+    key = "nominal_diameter" if specimen.nominal_diameter else "bladder_diameter"
     sentence = Sentence(
-        *("The wall of ", Quantity(specimen.wall_thickness, "length")),
-        *(f" is {share:.0%} of {what} of ", Quantity(getattr(specimen, key), "length")),
-        ", and leaves no room for a bladder that strains: one of the two is wrong; check "
-        f"wall_thickness and {key}, and their units.",
+        *(
+            "The wall of ",
+            Quantity(specimen.wall_thickness, "length"),
+            f" is {share:.0%} of {key}, ",
+        ),
+        *(Quantity(getattr(specimen, key), "length"), ", and leaves no room for a bladder that "),
+        f"strains: one of the two is wrong; check wall_thickness and {key}, and their units.",
     )
     return [Suspicion("the wall is too thick, or the diameter too small", sentence, 0.0)]
 
@@ -530,33 +531,6 @@ def _steepness(data: ForceData) -> float:
     return 0.0
 
 
-def _wrong_signs(
-    data: ForceData, here: Trial | None, least: float, candidate: Candidate | None
-) -> list[Suspicion]:
-    """Readings of pulls that are negative.
-
-    A slack muscle that is held at both ends pushes against a load cell as its rubber does. Where the fit
-    has no pull either, the other sign has to fit as well as what stands in the file.
-    """
-    negative = data.force < -_PUSH * data.max_force
-    if not negative.any():
-        return []
-    n = int(negative.sum())
-    pull = np.inf if here is None else here.predict(data.length[negative], data.pressure[negative])
-    pulls = not np.all(np.asarray(pull) <= 0)
-    force = np.where(negative, -data.force, data.force)
-    better = _misfit(dataclasses.replace(data, force=force), candidate)
-    if not (better < _TOLERATED and (better < 1.5 * least or (pulls and better < GOOD))):
-        return []
-    sentence = Sentence(
-        f"{n} reading{' is' if n == 1 else 's are'} negative by up to ",
-        Quantity(-float(data.force.min()), "force"),
-        ", and a muscle does not push: with the sign of a pull they fit, with a misfit of "
-        f"{better:.2%} of the largest force in all. Check the sign of the force.",
-    )
-    return [Suspicion("forces have the wrong sign", sentence, better)]
-
-
 def _may_be_absolute(data: ForceData) -> bool:
     """Whether no pressure is below an atmosphere, and there are two: one alone tells no deadband."""
     several = np.unique(data.pressures.level[data.loaded]).size > 1
@@ -569,11 +543,10 @@ def pulls_late(data: ForceData) -> bool:
     A braid or a rig that gives way takes the place of a deadband in part, so that a fit with one of
     them need not be at a bound. With neither, the deadband alone makes a muscle pull late.
     """
-    return _may_be_absolute(data) and _late(attempt(data, plainest(data), starts=2))
-
-
-def _late(trial: Trial | None) -> bool:
-    return trial is not None and trial.side("deadband_pressure") > 0
+    if not _may_be_absolute(data):
+        return False
+    trial = attempt(data, plainest(data), starts=2)
+    return trial is not None and trial.late
 
 
 def absolute(
@@ -585,32 +558,26 @@ def absolute(
     """
     if not _may_be_absolute(data):
         return []
-    cause = "the pressures are absolute, not gauge"
-    gauge = dataclasses.replace(data, pressure=np.maximum(data.pressure - ATMOSPHERE, 0.0))
+    undone = _changed(data, pressure=np.maximum(data.pressure - ATMOSPHERE, 0.0))
 
-    def as_gauge(family: Candidate | None) -> float:
-        then = attempt(gauge, family)
-        return np.inf if then is None or _late(then) else then.misfit
+    def fault(most: float) -> Fault:
+        return Fault(
+            "the pressures are absolute, not gauge", undone,
+            lambda then, _: then.misfit < min(_TOLERATED, most) and not then.late,
+        )  # fmt: skip
 
-    if stopped or here is None or _late(here):
+    if stopped or here is None or here.late:
         for family in (candidate, richest(data, _RICH_LAW)):
-            better = as_gauge(family)
-            if better < _TOLERATED and better < max(_AS_GOOD * least, _DOUBTFUL):
-                return [_named(cause, least, better)]
+            found = _explained([fault(max(_AS_GOOD * least, _DOUBTFUL))], least, family)
+            if found:
+                return found
     rigid = plainest(data)
-    as_it_stands = attempt(data, rigid)
-    if rigid is None or as_it_stands is None or not _late(as_it_stands):
+    stands = attempt(data, rigid)
+    if stands is None or not stands.late:
         return []
-    better = as_gauge(rigid)
-    if not (better < _TOLERATED and better * _AS_GOOD < as_it_stands.misfit):
-        return []
-    sentence = (
-        f"The data look wrong. It seems that {cause}: none is below an atmosphere, and unless braid or "
-        "rig give way the muscle pulls later than any deadband has it. With them rigid, the misfit is "
-        f"{100 * better:.2g} % of the largest force if an atmosphere is taken off, and "
-        f"{100 * as_it_stands.misfit:.2g} % as the file stands."
-    )
-    return [Suspicion(cause, sentence, better)]
+    found = _explained([fault(stands.misfit / _AS_GOOD)], stands.misfit, rigid)
+    of = " of a muscle whose braid and rig do not give way"
+    return [_named(one.cause, stands.misfit, one.misfit, of) for one in found]
 
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from famjax.boundary.errors import InputError, check_seed
-from famjax.boundary.units import from_si, unit_system
+from famjax.boundary.sentence import Quantity
 from famjax.compile_options import quick_jit
 
 from .arguments import check_whole
@@ -438,19 +438,14 @@ def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, 
     """Title, header and rows of text in a unit system."""
     rows = []
     for (name, one), kind in zip(posterior.summary.items(), posterior.kinds, strict=True):
-        unit = unit_system(system)[kind]
-        mean, std, low, high = (
-            from_si(v, unit, kind) for v in (one.mean, one.std, one.low, one.high)
-        )
+        figures = (one.mean, 5), (one.std, 2), (one.low, 5), (one.high, 5)
+        mean, std, low, high = (Quantity(v, kind, n).in_units(system) for v, n in figures)
         size = min(one.effective_size, one.effective_size_of_tails)
-        rows.append(
-            (name, unit, f"{mean:.5g}", f"{std:.2g}", f"{low:.5g} to {high:.5g}", f"{one.r_hat:.4f}",
-             f"{size:.0f}")
-        )  # fmt: skip
+        rows.append((name, mean, std, f"{low} to {high}", f"{one.r_hat:.4f}", f"{size:.0f}"))
     chains, draws, _ = posterior.samples.shape
     how = "sampled" if posterior.joint else "integrated"
     title = f"Posterior, {chains} chains of {draws} draws, coefficients {how}"
-    return title, ("parameter", "unit", "mean", "std.", "95 %", "R-hat", "effective"), rows
+    return title, ("parameter", "mean", "std.", "95 %", "R-hat", "effective"), rows
 
 
 def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:

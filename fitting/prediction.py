@@ -1,4 +1,4 @@
-"""Predictions by a saved fit: forces with error bands, onsets, pressures, and forces along a history.
+"""Predictions by a fit: forces with error bands, onsets, pressures, and forces along a history.
 
 A model is smooth through zero, as roots and gradients need it. What a reading can be is not: a muscle
 buckles, and does not push. Below zero it is 0 N, and so are both ends of its band.
@@ -7,7 +7,7 @@ buckles, and does not push. Below zero it is 0 N, and so are both ends of its ba
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import equinox as eqx
@@ -20,10 +20,10 @@ from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import finite_or_none
 from famjax.control import Outcome, pressure_for_force
 
-from .arguments import check_numbers, shown
-from .bands import Pull, disagreement, pull
+from .arguments import check_numbers
+from .bands import Pull, disagreement, muscle_spread, pull
 from .records.hysteresis import History
-from .saved import SavedFit
+from .result import Identification, check_identified
 
 NORMAL_95 = 1.96
 """Standard deviations to either side of 95 % of a normal distribution."""
@@ -43,7 +43,7 @@ _MOST = 10.0
 
 
 def predict(
-    fit: SavedFit,
+    fit: Identification,
     length: Float[np.ndarray, " lengths"],
     pressure: Float[np.ndarray, " pressures"],
     *,
@@ -51,10 +51,10 @@ def predict(
     rest_length: float | None = None,
     length_std: float = 0.0,
 ) -> list[dict[str, Any]]:
-    """What a saved muscle does at every pair of a length and a pressure.
+    """What an identified muscle does at every pair of a length and a pressure.
 
     Args:
-        fit: from `load_fit`.
+        fit: from `load_fit` or `identify`.
         length: active lengths [m] as the rig of the fit measures them, > 0.
         pressure: gauge pressures [Pa], >= 0; none needed with `onset`.
         onset: also say at which pressure the force leaves zero at each length.
@@ -88,8 +88,7 @@ def predict(
     Raises:
         InputError: lengths or pressures that no muscle has.
     """
-    if not isinstance(fit, SavedFit):
-        raise InputError(f"a saved fit is needed, from fitting.load_fit(path), got {shown(fit)}")
+    check_identified(fit)
     length, pressure = (
         np.atleast_1d(check_numbers(name, given))
         for name, given in (("length", length), ("pressure", pressure))
@@ -134,7 +133,7 @@ def _check_cut(muscle: famjax.Muscle, rest_length: float) -> None:
 
 
 def static_rows(
-    fit: SavedFit,
+    fit: Identification,
     length: Float[np.ndarray, " n"],
     pressure: Float[np.ndarray, " n"],
     *,
@@ -146,15 +145,14 @@ def static_rows(
     seen = np.zeros(length.size, bool)
     if rest_length is None:
         seen = seen_slack(fit, length, pressure)
-    said = reported(found.force, found.half, seen, found.narrowest)
-    reach, rows = found.reach, []
-    for k, refused in enumerate(found.refused):
+    gives_way, reach = float(fit.mounted.compliance) > 0, _reach_of(fit, rest_length)
+    rows = []
+    for k, figures in enumerate(_figures(found, seen)):
         at = float(length[k]), float(pressure[k])
-        row: dict[str, Any] = {"length_m": at[0], "pressure_Pa": at[1]}
-        row |= _figures(said, found.force, found.std, found.band, k)
-        if fit.document.get("series_compliance_m_per_N"):
+        row = {"length_m": at[0], "pressure_Pa": at[1]} | figures
+        if gives_way:
             row["muscle_force_N"] = finite_or_none(np.maximum(found.muscle_force[k], 0.0))
-        rows.append(row | _outside(refused or reach.leaves(*at, row["force_N"])))
+        rows.append(row | _outside(found.refused[k] or reach.leaves(*at, row["force_N"])))
     return rows
 
 
@@ -164,7 +162,7 @@ def _outside(why: str | None) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class ModelForces:
-    """Forces of a saved fit, not clipped; nan where there is none.
+    """Forces of a fit, not clipped; nan where there is none.
 
     Attributes:
         force: what the rig of the fit would measure if the muscle could push [N].
@@ -173,7 +171,6 @@ class ModelForces:
         half: half of the 95 % band [N].
         narrowest: half of the band where the model is known best [N]; 0 where nothing was left out.
         band: what the band is made of, None where there is none.
-        reach: what the fit covers.
         refused: why nothing is said of a state of which the model has a force, see `Reach.refuses`.
     """
 
@@ -183,41 +180,41 @@ class ModelForces:
     half: Float[np.ndarray, " n"]
     narrowest: float
     band: str | None
-    reach: "Reach"
     refused: list[str | None]
 
 
 def model_forces(
-    fit: SavedFit,
+    fit: Identification,
     length: Float[np.ndarray, " n"],
     pressure: Float[np.ndarray, " n"],
     *,
     rest_length: float | None = None,
     length_std: float = 0.0,
 ) -> ModelForces:
-    """What the model of a saved fit says, before a muscle that cannot push is thought of.
+    """What the model of a fit says, before a muscle that cannot push is thought of.
 
     Args:
-        fit: from `load_fit`.
+        fit: from `load_fit` or `identify`.
         length: active lengths [m].
         pressure: gauge pressures [Pa], one for each length.
         rest_length: as for `predict`.
         length_std: as for `predict`.
     """
-    reach = _reach_of(fit, rest_length)
+    reach, error = _reach_of(fit, rest_length), fit.outlook.error
     found = _pull(fit, length, pressure, rest_length, length_std)
     std, factor, band = _band(fit, found, length, pressure, rest_length)
     refused = [reach.refuses(*at) for at in zip(length.tolist(), found.force.tolist(), strict=True)]
-    kept = np.array([why is None for why in refused])
+    unknown = np.array([why is not None for why in refused]) | ~np.isfinite(found.force)
     force, alone, std, half = (
-        np.where(kept, one, np.nan) for one in (found.force, found.muscle_force, std, factor * std)
+        np.where(unknown, np.nan, one)
+        for one in (found.force, found.muscle_force, std, factor * std)
     )
-    narrowest = 0.0 if fit.error is None else fit.error.narrowest
-    return ModelForces(force, alone, std, half, narrowest, band, reach, refused)
+    narrowest = 0.0 if error is None else error.narrowest
+    return ModelForces(force, alone, std, half, narrowest, band, refused)
 
 
 def _pull(
-    fit: SavedFit,
+    fit: Identification,
     length: Float[np.ndarray, " n"],
     pressure: Float[np.ndarray, " n"],
     rest_length: float | None,
@@ -229,82 +226,89 @@ def _pull(
     Of a muscle of another length than the one that was chosen it is their own.
     """
     of = functools.partial(pull, length=length, pressure=pressure, rest_length=rest_length)
-    if rest_length is not None and fit.other_lengths:
-        of_each = [of(one, None, length_std=length_std) for one in fit.other_lengths]
+    outlook, weights = fit.outlook, None
+    if rest_length is not None and outlook.other_lengths:
+        of_each = [of(one, None, length_std=length_std) for one in outlook.other_lengths.values()]
         reading = np.nan_to_num(of_each[0].std)  # by the error of the lengths alone
         std = np.hypot(np.std([one.force for one in of_each], axis=0), reading)
-        weights = None
     else:
-        own = [] if _by_what_was_left_out(fit) else fit.spread.get("directions", [])
-        directions = [*own, *fit.spread.get("shared_directions", [])]
-        varied = np.array(directions) if directions else None
-        first = of(fit.mounted, varied, length_std=length_std)
-        of_each, std = [first, *(of(one, None) for one in fit.others)], first.std
-        weights = fit.weights
-    return Pull(
-        force=np.average([one.force for one in of_each], axis=0, weights=weights),
-        muscle_force=np.average([one.muscle_force for one in of_each], axis=0, weights=weights),
-        std=std,
+        own = None if _by_what_was_left_out(fit) else _directions(fit)
+        varied = [one for one in (own, outlook.shared) if one is not None and len(one)]
+        first = of(fit.mounted, np.concatenate(varied) if varied else None, length_std=length_std)
+        of_each, std = [first, *(of(one, None) for one in outlook.others)], first.std
+        weights = outlook.weights
+    force, alone = (
+        np.average([getattr(one, name) for one in of_each], axis=0, weights=weights)
+        for name in ("force", "muscle_force")
     )
+    return Pull(force, alone, std)
+
+
+def _directions(fit: Identification) -> Float[np.ndarray, "directions numbers"]:
+    """In which the muscle's numbers vary; by linear theory where nothing else is known."""
+    known = fit.outlook.directions
+    return muscle_spread(fit) if known is None else known
 
 
 def _band(
-    fit: SavedFit,
+    fit: Identification,
     found: Pull,
     length: Float[np.ndarray, " n"],
     pressure: Float[np.ndarray, " n"],
     rest_length: float | None,
 ) -> tuple[np.ndarray, np.ndarray | float, str | None]:
     """Standard deviation of a reading, how many of them on either side are 95 %, and what it is of."""
-    theory = fit.spread.get("band")
+    outlook, error = fit.outlook, fit.outlook.error
+    theory = "bootstrap" if outlook.bootstrap else "linear"
     std, factor, band = np.full(length.size, np.nan), NORMAL_95, None
-    if "series" in fit.document:
+    if outlook.series is not None:
         # Leaving a specimen out leaves the error of the parameters in.
-        std = np.maximum(found.std, fit.document["series"]["between_N"])
-        band = f"{theory}, specimens"
+        std, band = np.maximum(found.std, outlook.series["between_N"]), f"{theory}, specimens"
     elif rest_length is not None:
         # One specimen does not tell how specimens differ, nor its braid from its rig.
-        if fit.other_lengths:
-            std = np.hypot(found.std, fit.document["other_lengths"]["between_N"])
-            band = "one specimen"
-    elif fit.error is not None:
-        differ = disagreement(found.force, fit.alike, length, pressure)
-        factor = fit.error.factor()
-        model = fit.error.half_band(length, pressure, differ) / factor
-        if _by_what_was_left_out(fit):
+        if outlook.other_lengths:
+            std, band = np.hypot(found.std, outlook.between), "one specimen"
+    elif error is not None:
+        differ = disagreement(found.force, outlook.alike.values(), length, pressure)
+        factor = error.factor()
+        model = error.half_band(length, pressure, differ) / factor
+        if outlook.bootstrap:
+            std, band = np.maximum(model, found.std), f"left out, {theory}"
+        else:
             std, band = np.hypot(model, found.std), "left out"
             # No reading left out shows an error that all share: it is stated, and normal.
             student, normal = factor * model, NORMAL_95 * found.std
             factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
-        else:
-            std, band = np.maximum(model, found.std), f"left out, {theory}"
-        if fit.spread.get("shared_directions"):
+        if outlook.shared is not None and len(outlook.shared):
             band += ", shared errors"
-    elif fit.spread.get("directions"):
+    elif len(_directions(fit)):
         std, band = found.std, theory
-    return np.where(np.isfinite(found.force), std, np.nan), factor, band
+    return std, factor, band
 
 
-def _by_what_was_left_out(fit: SavedFit) -> bool:
+def _by_what_was_left_out(fit: Identification) -> bool:
     """Whether the band is made of errors on readings left out, those of the parameters among them."""
-    return fit.error is not None and fit.spread.get("band") != "bootstrap"
+    return fit.outlook.error is not None and not fit.outlook.bootstrap
 
 
-@dataclasses.dataclass(frozen=True)
-class Reported:
-    """Forces at the fittings, nan where the model has none.
+def _figures(found: ModelForces, seen_slack: Bool[np.ndarray, " n"]) -> list[dict[str, Any]]:
+    """What rows say of forces that may be below zero, where a muscle only pulls.
 
-    Attributes:
-        force: [N], >= 0: that of the model, 0 where the muscle is slack.
-        slack: whether the model does not pull.
-        low: lower end of the 95 % band [N], >= 0; 0 wherever the muscle is or was slack.
-        high: upper end [N], > 0.
+    Args:
+        found: not clipped.
+        seen_slack: where a reading says that the muscle does not pull, see `seen_slack`.
     """
-
-    force: Float[np.ndarray, " n"]
-    slack: Bool[np.ndarray, " n"]
-    low: Float[np.ndarray, " n"]
-    high: Float[np.ndarray, " n"]
+    slack, low, high = reported(found.force, found.half, seen_slack, found.narrowest)
+    columns = np.where(slack, 0.0, found.force), found.force, found.std, low, high
+    names = "force_N", "model_force_N", "force_std_N", "low_95_N", "high_95_N"
+    return [
+        dict(zip(names, map(finite_or_none, figures), strict=True))
+        | {
+            "band": found.band if np.isfinite(figures[2]) else None,
+            "slack": bool(is_slack) if np.isfinite(figures[1]) else None,
+        }
+        for is_slack, *figures in zip(slack, *columns, strict=True)
+    ]
 
 
 def reported(
@@ -312,7 +316,7 @@ def reported(
     half: Float[np.ndarray, " n"],
     seen_slack: Bool[np.ndarray, " n"],
     narrowest: float = 0.0,
-) -> Reported:
+) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """What a reading would be by a model that may be below zero.
 
     Args:
@@ -321,38 +325,18 @@ def reported(
         seen_slack: where a reading says that the muscle does not pull, see `seen_slack`.
         narrowest: half of the band where the model is known best [N], see `ModelError.narrowest`: by so
             much a reading may be above 0 where the model is below.
+
+    Returns:
+        (whether the model does not pull; lower end of the 95 % band [N], >= 0, and 0 wherever the
+        muscle is or was slack; upper end [N], > 0).
     """
-    slack = model_force <= _ROUNDING
-    low = np.where(slack | seen_slack, np.minimum(model_force - half, 0.0), model_force - half)
-    return Reported(
-        force=np.where(slack, 0.0, model_force),
-        slack=slack,
-        low=np.maximum(low, 0.0),
-        high=np.maximum(model_force + half, narrowest),
-    )
-
-
-def _figures(
-    said: Reported,
-    model: Float[np.ndarray, " n"],
-    std: Float[np.ndarray, " n"],
-    band: str | None,
-    k: int,
-) -> dict[str, Any]:
-    """What a row says of a force."""
-    return {
-        "force_N": finite_or_none(said.force[k]),
-        "model_force_N": finite_or_none(model[k]),
-        "force_std_N": finite_or_none(std[k]),
-        "low_95_N": finite_or_none(said.low[k]),
-        "high_95_N": finite_or_none(said.high[k]),
-        "band": band if np.isfinite(std[k]) else None,
-        "slack": bool(said.slack[k]) if np.isfinite(model[k]) else None,
-    }
+    slack, low = model_force <= _ROUNDING, model_force - half
+    low = np.where(slack | seen_slack, np.minimum(low, 0.0), low)
+    return slack, np.maximum(low, 0.0), np.maximum(model_force + half, narrowest)
 
 
 def seen_slack(
-    fit: SavedFit, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
+    fit: Identification, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
     """Where a reading says that the muscle does not pull.
 
@@ -364,24 +348,24 @@ def seen_slack(
         length: active lengths [m] of the muscle that was measured.
         pressure: gauge pressures [Pa].
     """
-    L, P, force = fit.readings
-    pulls, slack = force > 0, force <= 0
-    contradicted = ((L[pulls] <= L[slack, None]) & (P[pulls] <= P[slack, None])).any(axis=1)
-    L, P = L[slack][~contradicted], P[slack][~contradicted]
+    L, P, pulls = fit.data.length, fit.data.pressure, fit.data.force > 0
+    contradicted = ((L[pulls] <= L[~pulls, None]) & (P[pulls] <= P[~pulls, None])).any(axis=1)
+    L, P = L[~pulls][~contradicted], P[~pulls][~contradicted]
     within = (length[:, None] <= (1 + _SAME) * L) & (pressure[:, None] <= (1 + _EXACT) * P)
     return np.asarray(within.any(axis=1))
 
 
 def _onset_row(
-    fit: SavedFit, reach: "Reach", length: float, rest_length: float | None
+    fit: Identification, reach: "Reach", length: float, rest_length: float | None
 ) -> dict[str, Any]:
     """The pressure at which the muscle begins to pull, between the readings where it was measured."""
 
     def force(pressure: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         return _pull(fit, np.full(pressure.shape, length), pressure, rest_length).muscle_force
 
-    gauge = onset_pressure(force, _ONSET_REACH * reach.pressures[1])
-    low, high = (None, None) if rest_length is not None else _measured_onset(fit, length)
+    gauge, (low, high) = onset_pressure(force, _ONSET_REACH * reach.pressures[1]), (None, None)
+    if rest_length is None:
+        low, high = _measured_onset(fit, length)
     if low is not None and high is not None and math.isfinite(gauge):
         gauge = min(max(gauge, low), high)
     begins = max(gauge, reach.pressures[0])  # below the measured pressures it is known, too
@@ -426,21 +410,18 @@ def onset_pressure(
             return float(lower)
 
 
-def _measured_onset(fit: SavedFit, length: float) -> tuple[float, float] | tuple[None, None]:
+def _measured_onset(fit: Identification, length: float) -> tuple[float | None, float | None]:
     """The pressures between which a muscle of that length was seen to begin to pull.
 
     Returns:
         (highest pressure [Pa] at which it was slack, 0 where it never was; lowest at which it
         pulled); None at a length that was not measured, or where readings contradict one another.
     """
-    at, pressure, force = fit.readings
-    here = np.abs(at - length) <= _SAME * length
-    pulls = here & (force > 0)
-    if not pulls.any():
-        return None, None
+    pressure, force = fit.data.pressure, fit.data.force
+    here = np.abs(fit.data.length - length) <= _SAME * length
     low = float(pressure[here & (force <= 0)].max(initial=0.0))
-    high = float(pressure[pulls].min())
-    return (low, high) if low <= high else (None, None)
+    high = float(pressure[here & (force > 0)].min(initial=math.inf))
+    return (low, high) if low <= high < math.inf else (None, None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -484,12 +465,10 @@ class Reach:
         if not np.isfinite(model_force) or low <= length <= high:
             return None
         if length < self.lock:
-            return self._below_lock
+            return _beyond("below the braid's lock at the neutral angle, ", self.lock)
         if length > high and length > self.closed:
-            return Sentence(
-                "the length is beyond that at which the braid closes the bladder's bore, ",
-                Quantity(self.closed, "length"),
-            )
+            words = "beyond that at which the braid closes the bladder's bore, "
+            return _beyond(words, self.closed)
         if model_force > _MOST * self.largest_force:
             return Sentence(
                 *("the length is so far beyond the measured ", *_range(low, high, "length")),
@@ -497,11 +476,6 @@ class Reach:
                 f", is over {_MOST:g} times the largest measured",
             )
         return None
-
-    @property
-    def _below_lock(self) -> Sentence:
-        lock = Quantity(self.lock, "length")
-        return Sentence("the length is below the braid's lock at the neutral angle, ", lock)
 
     def leaves(self, length: float, pressure: float, answer: float | None) -> str | None:
         """Why a state is beyond what was fitted, the gravest reason; None where it is not.
@@ -512,10 +486,9 @@ class Reach:
             answer: the force or onset there, None where there is none.
         """
         if answer is None and length >= self.thread_length:
-            thread = Quantity(self.thread_length, "length")
-            return Sentence("the length is beyond the thread's, ", thread)
+            return _beyond("beyond the thread's, ", self.thread_length)
         if length < self.lock:
-            return self._below_lock
+            return _beyond("below the braid's lock at the neutral angle, ", self.lock)
         for what, value, (low, high), kind in (
             ("length is beyond the measured", length, self.lengths, "length"),
             (f"rest length is beyond {self.whose}", self.rest_length, self.rest_lengths, "length"),
@@ -528,46 +501,51 @@ class Reach:
         return None
 
 
+def _beyond(what: str, length: float) -> Sentence:
+    return Sentence(f"the length is {what}", Quantity(length, "length"))
+
+
 def _range(low: float, high: float, kind: str) -> tuple[Quantity, str, Quantity]:
     return Quantity(low, kind), " to ", Quantity(high, kind)
 
 
-def _reach_of(fit: SavedFit, rest_length: float | None) -> Reach:
-    """What a saved fit covers, of the fitted muscle or of one of another rest length L0 [m]."""
-    fitted = float(fit.muscle.geometry.rest_length)
-    lengths, pressures, forces = fit.readings
-    series = fit.document.get("series")
+def _ends(values: Collection[float]) -> tuple[float, float]:
+    return float(min(values)), float(max(values))
+
+
+def _reach_of(fit: Identification, rest_length: float | None) -> Reach:
+    """What a fit covers, of the fitted muscle or of one of another rest length L0 [m]."""
+    fitted, series = float(fit.muscle.geometry.rest_length), fit.outlook.series
     asked = fitted if rest_length is None else rest_length
+    ratios, pressures = fit.data.length / fitted, fit.data.pressure
+    rest = fitted / _FARTHEST, fitted * _FARTHEST
+    whose = f"{_FARTHEST:g} times the specimen's either way, as far as was tried:"
     if series is not None:
         ratios, pressures = np.array(series["length_ratios"]), series["pressures_Pa"]
         rest, whose = series["rest_lengths_m"], "the specimens'"
-    else:
-        ratios = lengths / fitted
-        rest = (fitted / _FARTHEST, fitted * _FARTHEST)
-        whose = f"{_FARTHEST:g} times the specimen's either way, as far as was tried:"
     muscle = fit.muscle if rest_length is None else famjax.cut_to_length(fit.muscle, rest_length)
     lock, thread = (float(at) for at in muscle.geometry.braid_limits())
-    rounding = 1e-12 * asked
+    rounding, (low, high) = 1e-12 * asked, _ends(ratios)
     return Reach(
-        lengths=(float(ratios.min()) * asked - rounding, float(ratios.max()) * asked + rounding),
-        pressures=(float(min(pressures)), float(max(pressures))),
+        lengths=(low * asked - rounding, high * asked + rounding),
+        pressures=_ends(pressures),
         rest_length=asked,
-        rest_lengths=(min(rest), max(rest)),
+        rest_lengths=_ends(rest),
         whose=whose,
         lock=lock,
         thread_length=thread,
         closed=float(muscle.geometry.length_range()[1]),
-        largest_force=float(forces.max()),
+        largest_force=float(fit.data.force.max()),
     )
 
 
 def pressures_for(
-    fit: SavedFit, length: Float[np.ndarray, " lengths"], force: Float[np.ndarray, " forces"]
+    fit: Identification, length: Float[np.ndarray, " lengths"], force: Float[np.ndarray, " forces"]
 ) -> list[dict[str, Any]]:
-    """At which gauge pressure a saved muscle pulls with each force at each length.
+    """At which gauge pressure an identified muscle pulls with each force at each length.
 
     Args:
-        fit: from `load_fit`.
+        fit: from `load_fit` or `identify`.
         length: active lengths [m] as the rig of the fit measures them, > 0.
         force: [N], >= 0.
 
@@ -585,8 +563,8 @@ def pressures_for(
     _check_lengths(length)
     if not (np.isfinite(force).all() and (force >= 0).all()):
         raise InputError(f"forces must be >= 0, as a muscle only pulls, got {force.min():.6g} N")
-    muscle = famjax.muscle.MeanMuscle((fit.mounted, *fit.others), fit.weights)
-    reach = _reach_of(fit, None)
+    outlook, reach = fit.outlook, _reach_of(fit, None)
+    muscle = famjax.muscle.MeanMuscle((fit.mounted, *outlook.others), outlook.weights)
     found = pressure_for_force(muscle, force, length[:, None], (0.0, reach.pressures[1]))
     rows = []
     for (k, j), code in np.ndenumerate(np.asarray(found.code)):
@@ -604,8 +582,8 @@ def pressures_for(
     return rows
 
 
-def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
-    """What a saved muscle pulls at each point of a history, on whichever branch it is.
+def predict_history(fit: Identification, history: History) -> list[dict[str, Any]]:
+    """What an identified muscle pulls at each point of a history, on whichever branch it is.
 
     The history begins where the cycles of the fitted records do: relaxed, and vented at the first
     length; after strokes, at the longest length under the first pressure. It may turn round at any
@@ -619,40 +597,39 @@ def predict_history(fit: SavedFit, history: History) -> list[dict[str, Any]]:
         A row for each reading, as `predict` gives them, with `time_s` where there are times:
         `static_force_N` is that of the static map, `hysteresis_N` what the branch adds to it, and
         `force_N` their sum, 0 where the muscle is slack on that branch: `model_force_N` is the sum
-        of the unclipped ones. Its error band is that of the static map, widened by
-        `hysteresis_error`; `inside` is that of the static map.
+        of the unclipped ones. Its error band is that of the static map, widened by the error of the
+        branches; `inside` is that of the static map.
 
     Raises:
         InputError: the fit has no hysteresis.
     """
-    if fit.hysteresis is None:
+    outlook = fit.outlook
+    if outlook.hysteresis is None:
         raise InputError(
             "the fit has no hysteresis, so that a history does not matter: fit raw ramps with "
             "famjax assess --hysteresis, or ask for lengths and pressures"
         )
-    L, P = history.length, history.pressure
-    added = np.asarray(fit.hysteresis.along(L, P), float)
-    missed = hysteresis_error(fit)
+    L, P, missed = history.length, history.pressure, outlook.branches_error
+    added = np.asarray(outlook.hysteresis.along(L, P), float)
     static = model_forces(fit, L, P)
-    model, std = static.force + added, np.hypot(static.std, missed)
-    half = np.hypot(static.half, NORMAL_95 * missed)
     # A slack reading of the static map says nothing of the upper branch.
-    said = reported(model, half, np.zeros(L.size, bool), static.narrowest)
+    moving = dataclasses.replace(
+        static, force=static.force + added, std=np.hypot(static.std, missed),
+        half=np.hypot(static.half, NORMAL_95 * missed),
+    )  # fmt: skip
     found = []
-    for k, row in enumerate(static_rows(fit, L, P)):
-        figures = _figures(said, model, std, static.band, k)
+    both = zip(static_rows(fit, L, P), _figures(moving, np.zeros(L.size, bool)), strict=True)
+    for k, (row, figures) in enumerate(both):
         first = {} if history.time is None else {"time_s": float(history.time[k])}
-        for name in ("length_m", "pressure_Pa"):
-            first[name] = row[name]
+        first |= {name: row[name] for name in ("length_m", "pressure_Pa")}
         first |= {"force_N": figures["force_N"], "static_force_N": row["force_N"]}
         found.append(first | {"hysteresis_N": finite_or_none(added[k])} | row | figures)
     return found
 
 
-def hysteresis_error(fit: SavedFit) -> float:
+def hysteresis_error(fit: Identification) -> float:
     """RMS error [N] of what the branches add: the largest on what was left out, or in sample.
 
     The error of half the branches' difference is that of either branch, as their mean is the static map.
     """
-    entry = fit.document["hysteresis"]
-    return max((one["rms_N"] for one in entry["left_out"].values()), default=entry["rms_N"])
+    return fit.outlook.branches_error

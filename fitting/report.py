@@ -35,6 +35,7 @@ from famjax.compile_options import as_arrays, quick_jit
 from .arguments import check_path
 from .choice import Choice, choice_table
 from .evidence import Evidence, Table, evidence_tables, evidence_warnings
+from .prediction import static_rows
 from .result import Estimate, Identification, check_identified
 from .saved import correlations, fit_as_dict, versions
 from .validation import columns_of
@@ -577,6 +578,74 @@ def _quality_table(result: Identification, system: str) -> Table:
     return "Errors and certificate", ("quantity", "value"), rows
 
 
+_GRID = 41, 25
+"""Lengths and pressures between which the sliders of a page step."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Live:
+    """What the sliders of a page show: the model's own numbers at every place of them.
+
+    Attributes:
+        json: numbers as `famjax predict` prints them, and the outline, in units.
+        units: of length, pressure and force.
+    """
+
+    json: Markup
+    units: Mapping[str, str]
+
+    @classmethod
+    def of(cls, result: Identification, system: str) -> "Live":
+        """The states of an identified muscle over its readings."""
+        units, data = unit_system(system), result.data
+
+        def places(kind: str, low: float, high: float, count: int) -> list[str]:
+            ends = from_si(low, units[kind], kind), from_si(high, units[kind], kind)
+            between = [f"{one:.4g}" for one in np.linspace(*ends, count)[1:-1]]
+            return list(dict.fromkeys((f"{ends[0]:.5g}", *between, f"{ends[1]:.5g}")))
+
+        pulls, levels = data.loaded, np.unique(data.pressures.level[data.loaded])
+        shown = levels[:: max(1, levels.size // _CURVES)]
+        length = places("length", data.length.min(), data.length.max(), _GRID[0])
+        steps = places("pressure", levels.min(), levels.max(), _GRID[1])
+        read = [f"{from_si(one, units['pressure'], 'pressure'):.5g}" for one in shown]
+        pressure = sorted({*steps, *read}, key=float)
+        L, P = np.meshgrid(
+            *(np.array([float(one) for one in of]) * factor(units[kind], kind)
+              for kind, of in (("length", length), ("pressure", pressure))), indexing="ij",
+        )  # fmt: skip
+        rows = static_rows(result, L.ravel(), P.ravel())
+
+        def table(key: str) -> list[list[str | None]]:
+            text = [
+                None if row[key] is None else f"{from_si(row[key], units['force'], 'force'):.5g}"
+                for row in rows
+            ]
+            return np.reshape(np.array(text, object), L.shape).tolist()
+
+        at = result.muscle.geometry.dimensions(L, P)
+        used = {kind: units[kind] for kind in ("length", "pressure", "force")}
+        size, rest = factor(units["length"], "length"), data.specimen.rest_length
+        points = [getattr(data, kind)[pulls] / factor(unit, kind) for kind, unit in used.items()]
+        content = {
+            "length": length, "pressure": pressure, "units": used,
+            "force": table("force_N"), "low": table("low_95_N"), "high": table("high_95_N"),
+            "radius": _known(at.radius / size), "angle": _known(at.braid_angle),
+            "rest": rest / size,
+            "rest_radius": float(np.nanmin(at.radius)) / size,
+            "shown": [pressure.index(one) for one in read],
+            "points": np.stack(points, axis=1)[:_SINGLE].round(6).tolist(),
+        }  # fmt: skip
+        text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+        return cls(Markup(text), used)
+
+
+def _known(values: Array | np.ndarray) -> list[list[float | None]]:
+    """Four digits of each value; None where it is not known."""
+    rows = np.asarray(values, float)
+    return [[float(f"{one:.4g}") if math.isfinite(one) else None for one in row] for row in rows]
+
+
 def html_report(
     found: Findings,
     system: str = "metric",
@@ -596,6 +665,7 @@ def html_report(
         terms={type(one).__name__ for one in result.muscle.terms.terms},
         origin=origin,
         versions=versions(),
+        live=Live.of(result, system),
     )
 
 

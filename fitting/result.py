@@ -2,34 +2,32 @@
 
 import dataclasses
 import functools
-import hashlib
+import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import equinox as eqx
-import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.boundary.sentence import Quantity, Sentence
 from famjax.boundary.units import si_unit
+from famjax.slip import CentredSlip
 
 from .arguments import shown
 from .covariance import CONDITION_LIMIT
-from .data import ForceData, data_frame, data_set
+from .data import ForceData, data_frame
 from .descent import End
 from .engine import predict
 from .families import Law
 from .parameters import standard_table
 from .problem import Problem
 from .response import Constraint, PressureDependence
-from .search import rounding_of
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
     from matplotlib.axes import Axes
 
 
@@ -122,9 +120,53 @@ class Certificate:
     n_agreeing: int
 
 
+@dataclasses.dataclass(frozen=True)
+class Solved:
+    """The problem as it was posed, with its stations placed, and the end of the best descent."""
+
+    problem: Problem
+    end: End
+
+
+@dataclasses.dataclass(frozen=True)
+class Outlook:
+    """What predictions are made of beside the muscle; an identification alone has its standard errors.
+
+    Attributes:
+        error: of predictions, a `fitting.bands.ModelError`, or None where nothing was left out.
+        directions: in which the muscle's numbers vary, one standard deviation each, as
+            `muscle_spread` has them by linear theory; None where it is to be asked.
+        bootstrap: whether these are of bootstrap replicates.
+        shared: the same of errors that all readings share.
+        others: further muscles, in their rigs; a prediction is the weighted mean of the muscle and them.
+        weights: of the muscle and of them.
+        alike: by family, the muscles in their rigs that fit the readings alike; what they disagree about
+            is in the band.
+        other_lengths: by family, muscles in their rigs of whose forces the mean is that of a muscle of
+            another length; none where the fit cannot tell.
+        between: standard deviation [N] of a specimen of another length about that mean.
+        hysteresis: about the muscle's force, or None where it was not identified.
+        branches_error: RMS [N] of what the branches add: the largest on what was left out, or in sample.
+        series: of several specimens, what `fit.json` says of the series.
+    """
+
+    error: Any = None
+    directions: Float[np.ndarray, "directions numbers"] | None = None
+    bootstrap: bool = False
+    shared: Float[np.ndarray, "sources numbers"] | None = None
+    others: tuple[famjax.MountedMuscle, ...] = ()
+    weights: tuple[float, ...] = (1.0,)
+    alike: Mapping[str, famjax.MountedMuscle] = dataclasses.field(default_factory=dict)
+    other_lengths: Mapping[str, famjax.MountedMuscle] = dataclasses.field(default_factory=dict)
+    between: float = math.nan
+    hysteresis: CentredSlip | None = None
+    branches_error: float = math.nan
+    series: Mapping[str, Any] | None = None
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class Identification:
-    """An identified muscle.
+    """An identified muscle, from `identify`, or from `load_fit`, which reads one back.
 
     Attributes:
         data: the force map.
@@ -149,12 +191,14 @@ class Identification:
         converged: the best start is stationary, certified and feasible.
         degrees_of_freedom: readings and priors less the directions that stayed free, of all
             specimens together.
-        covariance: of the nonlinear parameters of the search and then the coefficients [SI], by
-            linear theory; nan for what is held, at a bound or not identifiable.
-        problem: as it was posed, for validation and uncertainty.
-        end: the end of the best descent; `end.u` are the free nonlinear parameters at the optimum,
-            in parts of their bounds.
+        names: of the nonlinear parameters of the search.
+        covariance: of these and then the coefficients [SI], by linear theory; nan for what is held, at a
+            bound or not identifiable.
         place: which of the problem's parts this specimen is.
+        solved: the problem and the end of the best descent; of a fit that was read back, what makes both
+            anew from its readings.
+        outlook: what predictions are made of.
+        document: the whole `fit.json` of a fit that was read back, as plain data in SI; empty otherwise.
     """
 
     data: ForceData
@@ -179,10 +223,12 @@ class Identification:
     weights: Float[np.ndarray, " readings"]
     converged: bool
     degrees_of_freedom: int
+    names: tuple[str, ...]
     covariance: Float[np.ndarray, "k k"]
-    problem: Problem
-    end: End
     place: int
+    solved: Solved | Callable[[], Solved]
+    outlook: Outlook = Outlook()
+    document: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __repr__(self) -> str:
         numbers = ", ".join(f"{one.name}={one.value:.5g}" for one in self.estimates)
@@ -196,7 +242,36 @@ class Identification:
     @functools.cached_property
     def warnings(self) -> tuple[str, ...]:
         """What a reader must know before using the numbers."""
-        return doubts(self)
+        return tuple(one.sentence for one in remarks(self))
+
+    @functools.cached_property
+    def _solved(self) -> Solved:
+        return self.solved if isinstance(self.solved, Solved) else self.solved()
+
+    @property
+    def problem(self) -> Problem:
+        """As it was posed, for validation and uncertainty."""
+        return self._solved.problem
+
+    @property
+    def end(self) -> End:
+        """Of the best descent; `end.u` are the free nonlinear parameters in parts of their bounds."""
+        return self._solved.end
+
+    @property
+    def counted(self) -> Bool[np.ndarray, " readings"]:
+        """The loaded readings that are no outliers of Huber's objective; all of them without it."""
+        return self.weights >= _COUNTED
+
+    @property
+    def counted_rmse(self) -> float:
+        """Root mean square error [N] of these."""
+        return math.sqrt(float(np.mean(self.residuals[self.counted] ** 2)))
+
+    @property
+    def stopped(self) -> tuple[str, ...]:
+        """Names of the parameters that are at a bound."""
+        return tuple(one.name for one in self.estimates if one.at_bound)
 
     @property
     def muscle(self) -> famjax.Muscle:
@@ -224,36 +299,12 @@ class Identification:
     @property
     def coefficient_names(self) -> tuple[str, ...]:
         """Of all coefficients of the problem; those of several nodes carry its number."""
-        names = self.problem.linear
-        if len(names) == self.order:
+        names, nodes = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
+        if nodes == len(names):
             return names
-        return tuple(f"{name}_at_node_{k // self.order + 1}" for k, name in enumerate(names))
-
-    @property
-    def fingerprint(self) -> dict[str, Any]:
-        """By what an unfinished work on it is known: readings, weights, bounds, priors, law."""
-        problem = self.problem
-        numbers = [problem.low, problem.high, problem.coefficient_min, problem.coefficient_max]
-        for part in problem.parts:
-            numbers += [part.force, part.weight, part.side]
-            numbers += [part.inputs.length, part.inputs.pressure]
-            numbers += filter(eqx.is_array_like, jax.tree.leaves(part.family))
-        # Not to the last digit: weights of a robust fit are results, not inputs.
-        text = " ".join(f"{value:.9e}" for one in numbers for value in np.ravel(one).tolist())
-        known = problem.priors, problem.coefficient_priors, f"{problem.noise:.9e}"
-        return {
-            "version": famjax.__version__,
-            "specimens": [part.name for part in problem.parts],
-            "parameters": [*problem.names, *problem.linear],
-            "law": self.law.name,
-            "constraint": self.constraint,
-            "numbers": hashlib.sha256(f"{text} {known}".encode()).hexdigest(),
-        }
-
-    @property
-    def readings_of_parts(self) -> list[int]:
-        """Number of loaded readings of each specimen that was identified together."""
-        return [part.force.size for part in self.problem.parts]
+        return tuple(
+            f"{name}_at_node_{k + 1}" for k in range(nodes // len(names)) for name in names
+        )
 
     @property
     def n_parameters(self) -> int:
@@ -279,33 +330,6 @@ class Identification:
             InputError: pandas is not installed.
         """
         return data_frame(self._parameter_rows(), "parameter")
-
-    def to_xarray(self) -> "xarray.Dataset":
-        """Parameters with their covariance, and the loaded readings with their residuals, in SI.
-
-        Raises:
-            InputError: xarray is not installed.
-        """
-        names = [*self.problem.names, *self.coefficient_names]
-        values = np.concatenate([self.end.point.parameters, self.end.point.x])
-        loaded, N = self.data.loaded, {"units": "N"}
-        along = ("parameter", "other_parameter")
-        return data_set(
-            {
-                "value": (("parameter",), values, {}),
-                "covariance": (along, self.covariance, {}),
-                "length_m": (("reading",), self.data.length[loaded], {"units": "m"}),
-                "pressure_Pa": (("reading",), self.data.pressure[loaded], {"units": "Pa"}),
-                "force_N": (("reading",), self.data.force[loaded], N),
-                "residual_N": (("reading",), self.residuals, N),
-            },
-            {name: ((name,), np.array(names), {}) for name in along},
-            {
-                "specimen": self.data.specimen.name, "sha256": self.data.sha256,
-                "law": self.law.name, "constraint": self.constraint, "dependence": self.dependence,
-                "rmse_N": self.errors.rmse, "converged": int(self.converged),
-            },
-        )  # fmt: skip
 
     def _parameter_rows(self) -> list[dict[str, Any]]:
         return [
@@ -359,118 +383,145 @@ class Identification:
 
 
 def check_identified(result: object) -> None:
-    """Refuse what is no result of `identify`, such as a force map or a saved fit.
+    """Refuse what is no result of `identify` or `load_fit`, such as a force map.
 
     Raises:
         InputError: it is none.
     """
     if not isinstance(result, Identification):
         raise InputError(
-            f"the result of fitting.identify is needed, got {shown(result)}: a force map is identified "
-            "first, and a choice has it as its attribute chosen"
+            f"the result of fitting.identify or fitting.load_fit is needed, got {shown(result)}: a force "
+            "map is identified first, and a choice has it as its attribute chosen"
         )
 
 
-_RIDGE = 0.98
-_OUTLYING = 0.5  # of the full weight of a reading
+_RIDGE, _NARROW_RIDGE = 0.98, 0.995  # correlations: a note, and a doubt where both are known badly
+_BADLY = 0.1  # standard error in parts of what the bounds leave
 _PULLED = 2.0  # standard deviations of a prior
 _UNEQUAL = 2.0  # between standard errors with and without the belief in equal noise
+_COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
+_MOST_OUTLIERS = 0.25  # of the readings
+_PULL = 0.1  # of the largest force, pulled where the readings are slack
+_TOLD = 0.01  # likewise: below, a model that is wrong by more than the noise is still a good one
+_GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
+_PLAIN_AT = {
+    "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
+    "series_compliance": "low", "series_exponent": "high",
+}  # fmt: skip
+"""Bounds at which a parameter says that something is not there, which is no doubt."""
 
 
-def doubts(result: "Identification") -> tuple[str, ...]:
-    """Full sentences, the assumptions on the data first."""
-    data, condition = result.data, result.certificate.condition
-    found = [*data.notes, *(of.note for of in (data.pressures, data.lengths) if of.note)]
-    usual = standard_table(data.specimen)
+class Remark(NamedTuple):
+    """A sentence on a fit, and whether it is a note (0), a doubt (1) or grave (2)."""
+
+    level: int
+    sentence: str
+
+
+def of_parameters(result: Identification) -> list[Remark]:
+    """Parameters that the data do not tell, and a law that is not stable."""
+    estimates, certificate = result.estimates, result.certificate
+    doubtful = any(one.at_bound and not _plain(one) for one in estimates)
+    usual = standard_table(result.data.specimen)
     beyond = [
-        e.name for e in result.estimates
+        e.name for e in estimates
         if e.name in ("braid_diameter", "braid_angle")
         and not usual[e.name].min <= e.value <= usual[e.name].max
     ]  # fmt: skip
-    if beyond:
-        found.append(
-            f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the rounded "
-            "ends and the wall. Do not take them for dimensions of the braid."
+    plain = dict(
+        zip(
+            result.names + result.coefficient_names,
+            np.sqrt(np.diag(result.covariance)),
+            strict=True,
         )
-    stopped = [e.name for e in result.estimates if e.at_bound]
-    if stopped:
-        found.append(
-            f"{', '.join(stopped)}: at the bound of the search. The data alone would go further, so "
-            "there is no standard error; the other errors hold with this value fixed."
-        )
-    if not np.isfinite(condition) or condition > CONDITION_LIMIT:
-        found.append(
-            "These data do not determine every parameter separately, so there are no standard "
-            "errors. Hold one of them by --bounds, or measure more lengths and pressures."
-        )
-    found += _pulled(result)
-    outliers = result.weights < _OUTLYING
-    if outliers.any():
-        found.append(
-            f"{outliers.sum()} of {outliers.size} readings lie so far off that each counts less than "
-            f"{_OUTLYING:g} of an ordinary one (Huber's objective). Look at them."
-        )
-    names = result.problem.names + result.problem.linear
-    plain = dict(zip(names, np.sqrt(np.diag(result.covariance)), strict=True))
+    )
     unequal = [
-        e.name for e in result.estimates
+        e.name for e in estimates
         if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / plain[e.name] < _UNEQUAL
     ]  # fmt: skip
-    if unequal:
-        found.append(
-            f"The noise differs between readings: robust (sandwich) standard errors of "
-            f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from the usual ones. "
-            "The larger are given."
-        )
-    found += _ridges(result)
-    if result.active_constraints:
-        found.append(
-            "A constraint on the coefficients is active: their standard errors hold along it only."
-        )
-    if not result.certificate.stability_margin >= -rounding_of(result.end.point):
-        found.append(
-            Sentence(
-                "The law is NOT Drucker-stable on the actuation path (margin ",
-                Quantity(result.certificate.stability_margin, "stress"),
-                "). Do not extrapolate or simulate with it; --constraint drucker finds the best stable "
-                "law.",
-            )
-        )
-    errors = result.errors
-    if errors.max_slack_force > 2 * errors.rmse:
-        found.append(
-            Sentence(
-                f"The model pulls at {errors.slack_violations} of {errors.n_slack} slack readings, by "
-                "up to ",
-                Quantity(errors.max_slack_force, "force", 3),
-                ".",
-            )
-        )
-    if result.certificate.n_agreeing < 2 < result.certificate.n_starts:
-        found.append("Only one start reached the best fit: give more (starts=, in Python).")
-    if not result.converged:
-        found.append("The fit did NOT converge. Do not use its numbers.")
-    return tuple(found)
+    found: tuple[tuple[Any, int, str], ...] = (
+        (beyond, 0, f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the "
+         "rounded ends and the wall. Do not take them for dimensions of the braid."),
+        (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at the bound of the search. The "
+         "data alone would go further, so there is no standard error; the other errors hold with this "
+         "value fixed."),
+        (not certificate.condition <= CONDITION_LIMIT, 1, "These data do not determine every parameter "
+         "separately, so there are no standard errors. Hold one of them by --bounds, or measure more "
+         "lengths and pressures."),
+        *((abs(e.value - e.prior[0]) > _PULLED * e.prior[1], 0,
+           f"{e.name} lies {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
+           "prior. Either the prior is too narrow, or the parameter makes up for a fault of the model.")
+          for e in estimates if e.prior is not None),
+        (unequal, 0, "The noise differs between readings: robust (sandwich) standard errors of "
+         f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from the usual ones. The "
+         "larger are given."),
+        *((True, level, ridge) for level, ridge in _ridges(result)),
+        (result.active_constraints, 0, "A constraint on the coefficients is active: their standard errors "
+         "hold along it only."),
+        (not certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max()), 1,
+         Sentence("The law is NOT Drucker-stable on the actuation path (margin ",
+                  Quantity(certificate.stability_margin, "stress"), "). Do not extrapolate or simulate "
+                  "with it; --constraint drucker finds the best stable law.")),
+    )  # fmt: skip
+    return [Remark(level, sentence) for applies, level, sentence in found if applies]
 
 
-def _pulled(result: "Identification") -> list[str]:
-    """Parameters that the data drag far from what was said to be known of them."""
+def _plain(one: Estimate) -> bool:
+    """Whether it is at a bound where a rigid rig, a cylinder or a vanishing coefficient lies."""
+    side = "low" if one.value - one.min < one.max - one.value else "high"
+    return side == _PLAIN_AT.get(one.name, "low" if one.kind == "stress" else "")
+
+
+def _ridges(result: Identification) -> list[Remark]:
+    """Pairs of nonlinear parameters that the data determine only together."""
+    names, std = result.names, np.sqrt(np.diag(result.covariance))
+    width = {one.name: one.max - one.min for one in result.estimates}
+    badly = [
+        name.partition("[")[0] in _GEOMETRY and own > _BADLY * width.get(name, math.inf)
+        for name, own in zip(names, std, strict=False)
+    ]
+    correlation = result.covariance / np.outer(std, std)
     return [
-        f"{e.name} lies {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
-        "prior. Either the prior is too narrow, or the parameter makes up for a fault of the model."
-        for e in result.estimates
-        if e.prior is not None and abs(e.value - e.prior[0]) > _PULLED * e.prior[1]
+        Remark(
+            int(badly[i] and badly[j] and abs(correlation[i, j]) > _NARROW_RIDGE),
+            f"Ridge: {names[i]} and {names[j]} have a correlation of {correlation[i, j]:.4f}. The data "
+            "tell a combination of the two, not each.",
+        )
+        for i, j in itertools.combinations(range(len(names)), 2)
+        if abs(correlation[i, j]) > _RIDGE
     ]
 
 
-def _ridges(result: "Identification") -> list[str]:
-    """Pairs of nonlinear parameters that the data determine only together."""
-    names, stderr = result.problem.names, np.sqrt(np.diag(result.covariance))
-    correlation = result.covariance / np.outer(stderr, stderr)
+def remarks(result: Identification) -> list[Remark]:
+    """What a reader must know before using the numbers, the assumptions on the data first."""
+    data, errors, certificate = result.data, result.errors, result.certificate
+    pull, largest = errors.max_slack_force, errors.max_force
+    said = (*data.notes, data.pressures.note, data.lengths.note)
+    slack = Sentence(
+        *(
+            "The model pulls with up to ",
+            Quantity(pull, "force", 3),
+            f" at {errors.slack_violations} ",
+        ),
+        f"of {errors.n_slack} readings that are slack.",
+    )
+    level = 2 if pull > _PULL * largest else int(pull > max(2 * errors.rmse, _TOLD * largest))
+    outlying, count = int((~result.counted).sum()), result.counted.size
+    off = Sentence(
+        f"{outlying} of {count} readings lie so far off that Huber's objective counts them for less than "
+        "a quarter; the RMSE of the others is ",
+        *(Quantity(result.counted_rmse, "force", 3), "."),
+    )
+    others: tuple[tuple[Any, int, str], ...] = (
+        (outlying, 1 + (outlying > _MOST_OUTLIERS * count), off),
+        (pull > 2 * errors.rmse or level, level, slack),
+        (certificate.n_agreeing < 2 < certificate.n_starts, 0,
+         "Only one start reached the best fit: give more (starts=, in Python)."),
+        (not result.converged, 2, "The fit did NOT converge: its numbers are not an optimum. Do not use "
+         "them; try a law of fewer coefficients (--law), or more starts (starts=, in Python)."),
+    )  # fmt: skip
     return [
-        f"Ridge: {first} and {names[j]} have a correlation of {correlation[i, j]:.4f}. The data tell a "
-        "combination of the two, not each."
-        for i, first in enumerate(names)
-        for j in range(i + 1, len(names))
-        if abs(correlation[i, j]) > _RIDGE
+        *(Remark(0, note) for note in said if note),
+        *of_parameters(result),
+        *(Remark(level, sentence) for applies, level, sentence in others if applies),
     ]

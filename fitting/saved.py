@@ -1,10 +1,12 @@
 """`fit.json`: everything about a fit in one self-describing file, and the way back; the card of a fit."""
 
 import dataclasses
+import functools
 import importlib.metadata
 import json
+import math
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,106 +16,65 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.class_path import NotTrustedError, Own
+from famjax.boundary.class_path import NotTrustedError, Own, check_trusted, class_path
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import Origin
-from famjax.boundary.sentence import in_units
-from famjax.boundary.units import finite_or_none, from_si, unit_system
+from famjax.boundary.sentence import Quantity, Sentence, in_units
+from famjax.boundary.units import finite_or_none, from_si, si_unit, unit_system
 from famjax.cards import (
     Covariance,
     MuscleCard,
     Provenance,
-    Sample,
     draw,
     muscle_as_dict,
     muscle_from_dict,
     slip_from_dict,
 )
 from famjax.continuation import Region
-from famjax.slip import CentredSlip
 
 from .arguments import check_path
 from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
-from .data import SPECIMEN_LENGTHS
+from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
+from .descent import descend
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
-from .result import Estimate, Identification
+from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
+from .parameters import Parameter
+from .posing import EXCHANGES, pose_one
+from .result import Certificate, Errors, Estimate, Identification, Outlook, Solved
+from .search import best_of, refine
 from .series import Series
 from .verdict import Judgement, judge, judge_series
 
-SCHEMA = "famjax-fit/1"
+SCHEMA = "famjax-fit/2"
 _WANTED = "give a fit.json that famjax fit has written"
 
-_ALONG = {"scale_N": (), "freedom": ()}
-_SHAPES: dict[str, dict[str, tuple[int | str, ...]]] = {
-    "model_error": {
-        **dict.fromkeys(("noise_N", "factor_95", "floor_N"), ()),
-        **{f"length.{name}": shape for name, shape in {"levels_m": ("n",), **_ALONG}.items()},
-        **{f"pressure.{name}": shape for name, shape in {"levels_Pa": ("n",), **_ALONG}.items()},
-    },
-    "hysteresis": {"rms_N": ()},
-    "other_lengths": {"between_N": ()},
-    "series": {
-        "between_N": (), "rest_lengths_m": ("n",), "length_ratios": (2,), "pressures_Pa": (2,),
-    },
+_ERRORS = {
+    "rmse": "rmse_N", "mae": "mae_N", "max": "max_error_N", "max_force": "max_force_N",
+    "n_points": "n_points", "n_slack": "n_slack", "slack_violations": "slack_violations",
+    "max_slack_force": "max_slack_force_N",
 }  # fmt: skip
-"""Shapes of numbers that predictions are made of; a word stands for any size but 0."""
+_CERTIFICATE = {
+    "stability_margin": "stability_margin_Pa", "slope_margin": "slope_margin_Pa",
+    "constraint_margin": "constraint_margin_Pa", "between_stations": "between_stations",
+    "kkt_residual": "kkt_residual", "duality_gap": "duality_gap",
+    "gradient_residual": "gradient_residual", "condition": "condition", "n_starts": "n_starts",
+    "n_agreeing": "n_starts_agreeing",
+}  # fmt: skip
+"""Where each figure is in the file."""
+_SAID = tuple(
+    one.name
+    for one in dataclasses.fields(ForceData)
+    if one.name not in {*COLUMNS, "specimen", "notes", "assumed"}
+)
+"""What is known of a map besides."""
+_KNOWN = "known"  # a geometry that is the muscle's own, such as a measured one
 
 
-@dataclasses.dataclass(frozen=True, repr=False)
-class SavedFit:
-    """A fit read back from `fit.json`.
+def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
+    """A saved fit: what `identify` returned, and what was found of it.
 
-    Attributes:
-        mounted: the identified muscle, bit for bit, in the rig of the fit.
-        document: the whole file as plain data, SI.
-        hysteresis: about the muscle's force, or None where it was not identified.
-        others: further muscles, in their rigs; a prediction is the weighted mean of the muscle and them.
-        weights: of the muscle and of them.
-        error: of predictions, or None where nothing was left out.
-        other_lengths: muscles, in their rigs, of whose forces the mean is that of a muscle of another
-            length; none where the fit cannot tell.
-        alike: muscles, in their rigs, of other families that fit the readings alike; what they disagree
-            about is in the band.
-    """
-
-    mounted: famjax.MountedMuscle
-    document: dict[str, Any]
-    hysteresis: CentredSlip | None = None
-    others: tuple[famjax.MountedMuscle, ...] = ()
-    weights: tuple[float, ...] = (1.0,)
-    error: ModelError | None = None
-    other_lengths: tuple[famjax.MountedMuscle, ...] = ()
-    alike: tuple[famjax.MountedMuscle, ...] = ()
-
-    @property
-    def muscle(self) -> famjax.Muscle:
-        """The identified muscle, bit for bit."""
-        muscle = self.mounted.muscle
-        assert isinstance(muscle, famjax.Muscle)
-        return muscle
-
-    @property
-    def readings(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Length [m], pressure [Pa] and force [N] of the map that was fitted."""
-        columns = self.document["data"]["readings"]
-        length, pressure, force = (
-            np.asarray(columns[name], float) for name in ("length_m", "pressure_Pa", "force_N")
-        )
-        return length, pressure, force
-
-    @property
-    def spread(self) -> dict[str, Any]:
-        """In which directions the muscle's numbers vary, by name; empty where it is not known."""
-        return self.document.get("spread") or {}
-
-    def __repr__(self) -> str:
-        name = self.document.get("data", {}).get("specimen", {}).get("name", "unnamed")
-        return f"SavedFit({name}: law {self.document.get('law')}, RMSE {self.document.get('rmse_N')} N)"
-
-
-def load_fit(path: str | Path, *, own: Own = ()) -> SavedFit:
-    """The muscle and the figures of a saved fit.
+    It opens as the problem that it was where something asks for that, as `validate` and `profile` do.
 
     Args:
         path: a `fit.json`.
@@ -125,7 +86,7 @@ def load_fit(path: str | Path, *, own: Own = ()) -> SavedFit:
 
     Raises:
         InputError: no such file, not a fit of this program, of a schema it does not know, one that
-            lacks what predictions are made of, or one with a class that is not trusted.
+            lacks what it must hold, or one with a class that is not trusted.
     """
     path = check_path("a saved fit", path)
     try:
@@ -138,99 +99,221 @@ def load_fit(path: str | Path, *, own: Own = ()) -> SavedFit:
     if schema != SCHEMA:
         raise InputError(f"{path} must be a fit of schema {SCHEMA!r}, got {schema!r}; {_WANTED}")
     try:
-        return _saved_fit(document, own)
+        return _identification(document, own)
     except NotTrustedError as error:
         raise NotTrustedError(f"{path}: {error}") from None
-    except InputError as error:
-        raise InputError(f"{path} is damaged: {error}") from None
+    except KeyError as error:
+        raise InputError(f"{path} is damaged: it has no entry {error}; {_WANTED}") from None
+    except (InputError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{path} is damaged: {error}; {_WANTED}") from None
 
 
-def _saved_fit(document: dict[str, Any], own: Own) -> SavedFit:
-    mounted = _mounted(document, own)
-    _check(document, mounted)
-    averaged = document.get("averaged_with") or ()
-    weights = [float(_entry(one, "weight")) for one in averaged]
-    elsewhere = (document.get("other_lengths") or {}).get("members", ())
-    slip, error = document.get("hysteresis"), document.get("model_error")
-    return SavedFit(
-        mounted,
-        document,
-        hysteresis=None if slip is None else slip_from_dict(slip),
+def _identification(document: Mapping[str, Any], own: Own) -> Identification:
+    data, mounted = _data(document["data"]), _mounted(document, own)
+    muscle, pressures = mounted.muscle, document["node_pressures_Pa"]
+    coefficients = np.atleast_2d(_array(document["coefficients_Pa"]))
+    estimates = tuple(_estimate(name, one) for name, one in document["parameters"].items())
+    nodes, count = (), coefficients.size
+    if pressures is not None:
+        at_nodes = [
+            dataclasses.replace(one, name=one.name.rpartition("_at_")[0])
+            for one in estimates[-count:]
+        ]
+        nodes = tuple(zip(*[iter(at_nodes)] * coefficients.shape[1], strict=True))
+    stderr = np.array([one.stderr for one in estimates[-count:]]).reshape(coefficients.shape)
+    assert isinstance(muscle, famjax.Muscle)
+    law = (
+        Law(muscle.material)
+        if pressures is None
+        else law_named("polynomial", coefficients.shape[1])
+    )
+    known = {
+        name: document[name]
+        for name in ("strain_range", "constraint", "dependence", "seed", "converged",
+                     "degrees_of_freedom")
+    }  # fmt: skip
+    return Identification(
+        data=data,
+        mounted=mounted,
+        estimates=estimates if pressures is None else estimates[:-count],
+        node_estimates=nodes,
+        derived=tuple(_estimate(name, one) for name, one in document["derived"].items()),
+        coefficients=coefficients,
+        coefficients_stderr=stderr,
+        node_pressures=None if pressures is None else _array(pressures),
+        residuals=_array(document["residuals_N"]),
+        errors=Errors(**_figures(document, _ERRORS)),
+        certificate=Certificate(**_figures(document, _CERTIFICATE)),
+        active_constraints=tuple(_sentence(one) for one in document["active_constraints"]),
+        starts=_array(document["start_objectives"]),
+        start_parameters=np.stack(
+            [_array(one) for one in document["start_parameters"].values()], 1
+        ),
+        law=law,
+        weights=_array(document["weights"]),
+        names=tuple(document["start_parameters"]),
+        covariance=_array(document["covariance"]),
+        place=0,
+        solved=functools.partial(_opened, document, own),
+        outlook=_outlook(document, mounted, own),
+        document=document,
+        **known,
+    )
+
+
+def _opened(document: Mapping[str, Any], own: Own) -> Solved:
+    """The problem of a file, and its optimum, from which one descent starts.
+
+    Raises:
+        InputError: specimens that were identified together, or parts that a file cannot name.
+    """
+    fit, asked = _identification(document, own), document["posed"]
+    if asked is None:
+        raise InputError(
+            "the file does not hold the problem of this fit: it is one of several specimens, or has a "
+            "geometry that is made by a function or of elastic threads. Identify it again"
+        )
+    geometry, terms = asked["geometry"], asked["terms"]
+    if geometry is not None and ":" in geometry:
+        check_trusted(geometry, own, "geometry")
+    own_terms = getattr(fit.muscle.terms, "terms", ())[-terms:] if terms else ()
+    entries = (*fit.estimates, *(fit.node_estimates[0] if fit.node_estimates else ()))
+    posed = pose_one(
+        dataclasses.replace(fit.data, force_std=None),
+        law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
+        parameters={one.name: _said(one) for one in entries}, censored=asked["censored"],
+        geometry=fit.muscle.geometry if geometry == _KNOWN else geometry,
+        terms=famjax.terms.SumOfTerms(own_terms) if terms else None,
+    )  # fmt: skip
+    (part,) = posed.problem.parts
+    problem = dataclasses.replace(
+        posed.problem, parts=(dataclasses.replace(part, weight=_array(asked["reading_weights"])),)
+    )
+    values = np.array([fit.estimate(name).value for name in problem.names])
+    low, high = problem.low[problem.free], problem.high[problem.free]
+    end = descend(problem, np.clip((values[problem.free] - low) / (high - low), 0.0, 1.0))
+    best, problem = refine(problem, best_of([end]), EXCHANGES)
+    return Solved(problem, best)
+
+
+def _said(one: Estimate) -> Parameter:
+    """What was said of a parameter, in SI."""
+    unit = si_unit(one.kind)
+    if one.fixed:
+        return Parameter(value=one.value, vary=False, unit=unit)
+    low, high = (end if math.isfinite(end) else None for end in (one.min, one.max))
+    return Parameter(min=low, max=high, prior=one.prior, unit=unit)
+
+
+def _posed(result: Identification) -> dict[str, Any] | None:
+    """What opens the problem again beside the estimates; None where a file cannot say it."""
+    problem = result.problem
+    family = problem.parts[result.place].family
+    if len(problem.parts) > 1 or not isinstance(family, MuscleFamily):
+        return None
+    source, geometry = family.source, None
+    if isinstance(source, WrappedSource) and isinstance(source.wrap, type):
+        geometry = class_path(source.wrap)
+    elif isinstance(source, KnownSource):
+        geometry = _KNOWN
+    elif not isinstance(source, EstimatedSource) or source.thread is not None:
+        return None
+    return {
+        "geometry": geometry,
+        "terms": 0 if family.terms is None else len(family.terms.terms),
+        "censored": bool((problem.side != 0).any()),
+        "noise": problem.noise,
+        "reading_weights": problem.weight.tolist(),
+    }
+
+
+def _array(values: Any) -> np.ndarray:
+    """Numbers, nan where there is none."""
+    return np.array(values, float)
+
+
+def _figures(document: Mapping[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+    found = {name: document[key] for name, key in keys.items()}
+    return {name: math.nan if value is None else value for name, value in found.items()}
+
+
+def _written(part: Errors | Certificate, keys: Mapping[str, str]) -> dict[str, Any]:
+    found = {key: getattr(part, name) for name, key in keys.items()}
+    return {k: v if isinstance(v, int) else finite_or_none(v) for k, v in found.items()}
+
+
+def _data(saved: Mapping[str, Any]) -> ForceData:
+    columns = {name.rpartition("_")[0]: _array(v) for name, v in saved["readings"].items()}
+    specimen = {name.removesuffix("_m"): value for name, value in saved["specimen"].items()}
+    said: dict[str, Any] = {name: saved[name] for name in _SAID}
+    said = {name: _array(one) if isinstance(one, list) else one for name, one in said.items()}
+    notes = tuple(map(_sentence, saved["notes"]))
+    return ForceData(
+        **columns,
+        **said,
+        specimen=Specimen(**specimen),
+        notes=notes,
+        assumed=tuple(saved["assumed"]),
+    )
+
+
+def _parts(sentence: str) -> Any:
+    """A sentence for JSON, which keeps the quantities in it."""
+    if isinstance(sentence, Sentence):
+        return [_parts(one) if isinstance(one, str) else one._asdict() for one in sentence.parts]
+    return sentence
+
+
+def _sentence(parts: Any) -> str:
+    if isinstance(parts, str):
+        return parts
+    return Sentence(
+        *(Quantity(**one) if isinstance(one, dict) else _sentence(one) for one in parts)
+    )
+
+
+def _mounted(entry: Mapping[str, Any], own: Own) -> famjax.MountedMuscle:
+    """A muscle in its rig, from its entry."""
+    exponent = entry.get("series_exponent")
+    return famjax.MountedMuscle(
+        muscle_from_dict(entry["muscle"], own=own),
+        float(entry["series_compliance_m_per_N"]),
+        None if exponent is None else float(exponent),
+    )
+
+
+def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Own) -> Outlook:
+    """What predictions are made of.
+
+    Raises:
+        ValueError: directions of a muscle of other numbers.
+    """
+    averaged, spread = document["averaged_with"], document["spread"]
+    weights = [float(one["weight"]) for one in averaged]
+    error, slip, elsewhere = (
+        document.get(name) for name in ("model_error", "hysteresis", "other_lengths")
+    )
+    count = sum(map(np.size, jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))))
+    directions, shared = (
+        _array(spread[name]).reshape(-1, count) for name in ("directions", "shared_directions")
+    )
+    missed = [] if slip is None else [one["rms_N"] for one in slip["left_out"].values()]
+    return Outlook(
+        error=None if error is None else ModelError.from_dict(error),
+        directions=directions,
+        bootstrap=spread["band"] == "bootstrap",
+        shared=shared,
         others=tuple(_mounted(one, own) for one in averaged),
         weights=(1.0 - sum(weights), *weights),
-        error=None if error is None else ModelError.from_dict(error),
-        other_lengths=tuple(_mounted(one, own) for one in elsewhere),
-        alike=tuple(_mounted(one, own) for one in document.get("alike") or ()),
+        alike={one["family"]: _mounted(one, own) for one in document["alike"]},
+        other_lengths={
+            one["family"]: _mounted(one, own) for one in (elsewhere or {}).get("members", ())
+        },
+        between=math.nan if elsewhere is None else elsewhere["between_N"],
+        hysteresis=None if slip is None else slip_from_dict(slip),
+        branches_error=math.nan if slip is None else max(missed, default=slip["rms_N"]),
+        series=document.get("series"),
     )
-
-
-def _mounted(entry: Any, own: Own) -> famjax.MountedMuscle:
-    """A muscle in its rig, from its entry."""
-    card = _entry(entry, "muscle")
-    if not isinstance(card, dict):
-        raise InputError(f"'muscle' must be an object in braces, got {card!r}")
-    for name in ("series_compliance_m_per_N", "series_exponent"):
-        if entry.get(name) is not None:
-            _numbers(entry, name, ())
-    return famjax.MountedMuscle(
-        muscle_from_dict(card, own=own),
-        _entry(entry, "series_compliance_m_per_N") or 0.0,
-        entry.get("series_exponent"),
-    )
-
-
-def _entry(document: Any, path: str) -> Any:
-    """What stands at dotted keys."""
-    found = document
-    for key in path.split("."):
-        if not isinstance(found, dict) or key not in found:
-            raise InputError(f"it has no entry {path!r}; write it anew with famjax fit")
-        found = found[key]
-    return found
-
-
-def _check(document: dict[str, Any], mounted: famjax.MountedMuscle) -> None:
-    """Raise unless what predictions are made of is there, finite and of its shape."""
-    for column in ("length_m", "pressure_Pa", "force_N"):
-        _numbers(document, f"data.readings.{column}", ("n",))
-    for part, shapes in _SHAPES.items():
-        if document.get(part) is not None:
-            for name, shape in shapes.items():
-                _numbers(document, f"{part}.{name}", shape)
-    if document.get("spread") is not None:
-        count = sum(map(np.size, jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))))
-        for name in ("directions", "shared_directions"):
-            if _entry(document, f"spread.{name}") != []:
-                _numbers(document, f"spread.{name}", ("directions", count))
-    if document.get("hysteresis") is not None:
-        for kind in _entry(document, "hysteresis.left_out"):
-            _numbers(document, f"hysteresis.left_out.{kind}.rms_N", ())
-    if document.get("other_lengths") is not None:
-        _entry(document, "other_lengths.members")
-
-
-def _numbers(document: dict[str, Any], path: str, shape: tuple[int | str, ...]) -> None:
-    """Raise unless finite numbers of a shape stand there; a word stands for any size but 0."""
-    found = _entry(document, path)
-    try:
-        numbers = np.asarray(found)
-    except ValueError:  # lists of unequal lengths
-        numbers = np.asarray(None)
-    sizes = zip(numbers.shape, shape, strict=False)
-    if (
-        numbers.dtype.kind not in "fi"
-        or numbers.ndim != len(shape)
-        or not all(size and (isinstance(want, str) or size == want) for size, want in sizes)
-        or not np.isfinite(numbers).all()
-    ):
-        wanted = ", ".join(map(str, shape))
-        raise InputError(
-            f"{path!r} must hold finite numbers of shape ({wanted}), got shape {numbers.shape}; "
-            "write it anew with famjax fit"
-        )
-
-
-_PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
 
 
 def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
@@ -240,17 +323,25 @@ def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
     def scaled(value: float) -> float | None:
         return finite_or_none(from_si(value, unit, estimate.kind))
 
+    numbers = {name: scaled(getattr(estimate, name)) for name in _NUMBERS}
+    prior = None if estimate.prior is None else [scaled(v) for v in estimate.prior]
     return {
-        "value": scaled(estimate.value),
-        "unit": unit,
-        "stderr": scaled(estimate.stderr),
-        "sandwich_stderr": scaled(estimate.sandwich_stderr),
-        "at_bound": estimate.at_bound,
-        "min": scaled(estimate.min),
-        "max": scaled(estimate.max),
-        "fixed": estimate.fixed,
-        "prior": None if estimate.prior is None else [scaled(v) for v in estimate.prior],
-    }
+        "unit": unit, "kind": estimate.kind, **numbers, "at_bound": estimate.at_bound,
+        "fixed": estimate.fixed, "prior": prior,
+    }  # fmt: skip
+
+
+_NUMBERS = {
+    "value": math.nan, "stderr": math.nan, "sandwich_stderr": math.nan, "min": -math.inf, "max": math.inf,
+}  # fmt: skip
+"""Of an estimate, and what stands for null."""
+
+
+def _estimate(name: str, saved: Mapping[str, Any]) -> Estimate:
+    numbers = {key: none if saved[key] is None else saved[key] for key, none in _NUMBERS.items()}
+    prior = None if saved["prior"] is None else tuple(saved["prior"])
+    said = {key: saved[key] for key in ("at_bound", "fixed", "kind")}
+    return Estimate(name, prior=prior, **numbers, **said)
 
 
 def summary_as_dict(
@@ -262,38 +353,23 @@ def summary_as_dict(
     judgement: Judgement | None = None,
 ) -> dict[str, Any]:
     """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
-    judged = judge(result) if judgement is None else judgement
-    errors, certificate = result.errors, result.certificate
+    judged, asked = judge(result) if judgement is None else judgement, evidence or Evidence()
     fixed = result.node_pressures is None
+    warnings = (*result.warnings, *evidence_warnings(asked, result))
     return {
         "verdict": judged.level,
         "reasons": [str(in_units(one, system)) for one in judged.reasons],
         "unchecked": str(in_units(judged.unchecked, system)) or None,
         "suspicions": [one.cause for one in judged.suspicions],
         "choice": None if choice is None else choice_as_dict(choice),
-        "rmse_N": finite_or_none(errors.rmse),
-        "mae_N": finite_or_none(errors.mae),
-        "max_error_N": finite_or_none(errors.max),
-        "max_force_N": errors.max_force,
-        "rmse_percent": finite_or_none(errors.rmse_percent),
-        "n_points": errors.n_points,
-        "n_slack": errors.n_slack,
-        "slack_violations": errors.slack_violations,
-        "max_slack_force_N": finite_or_none(errors.max_slack_force),
+        **_written(result.errors, _ERRORS),
+        "rmse_percent": finite_or_none(result.errors.rmse_percent),
         "parameters": {e.name: estimate_as_dict(e, system) for e in result.all_estimates},
         "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
         "coefficients_Pa": (result.coefficients[0] if fixed else result.coefficients).tolist(),
         "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),
         "strain_range": result.strain_range,
-        "stability_margin_Pa": finite_or_none(certificate.stability_margin),
-        "slope_margin_Pa": finite_or_none(certificate.slope_margin),
-        "constraint_margin_Pa": finite_or_none(certificate.constraint_margin),
-        "kkt_residual": finite_or_none(certificate.kkt_residual),
-        "duality_gap": finite_or_none(certificate.duality_gap),
-        "gradient_residual": finite_or_none(certificate.gradient_residual),
-        "condition": finite_or_none(certificate.condition),
-        "n_starts": certificate.n_starts,
-        "n_starts_agreeing": certificate.n_agreeing,
+        **_written(result.certificate, _CERTIFICATE),
         "law": result.law.name,
         "order": result.order,
         "n_parameters": result.n_parameters,
@@ -302,12 +378,12 @@ def summary_as_dict(
         "dependence": result.dependence,
         "active_constraints": list(result.active_constraints),
         "converged": result.converged,
-        "warnings": [
-            str(in_units(one, system))
-            for one in (*result.warnings, *evidence_warnings(evidence or Evidence(), result))
-        ],
-        **evidence_as_dict(evidence or Evidence()),
+        "warnings": [str(in_units(one, system)) for one in warnings],
+        **evidence_as_dict(asked),
     }
+
+
+_PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
 
 
 def versions() -> dict[str, str]:
@@ -316,14 +392,12 @@ def versions() -> dict[str, str]:
     return {"famjax": famjax.__version__, "python": platform.python_version(), **packages}
 
 
-def correlations(
-    result: Identification,
-) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
+def correlations(result: Identification) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
     """Names and correlations of what the data determine, by linear theory.
 
     What is held, at a bound or not identifiable has no standard error and is left out.
     """
-    names = result.problem.names + result.coefficient_names
+    names = result.names + result.coefficient_names
     variance = np.diag(result.covariance)
     known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
     scale = np.sqrt(variance[known])
@@ -349,48 +423,49 @@ def fit_as_dict(
         judgement: the verdict; found from the fit alone unless given.
     """
     names, matrix = correlations(result)
-    data, asked = result.data, evidence or Evidence()
-    specimen = {
-        f"{key}_m" if key in SPECIMEN_LENGTHS else key: value
-        for key, value in dataclasses.asdict(data.specimen).items()
-    }
-    others = None if choice is None else choice.other_lengths
+    data, asked, outlook = result.data, evidence or Evidence(), result.outlook
+    drawn, shared = asked.bootstrap, () if asked.shared is None else asked.shared.directions
+    others, known = outlook.other_lengths, dataclasses.asdict(data.specimen)
     return {
         "schema": SCHEMA,
         "versions": versions(),
         "origin": None if origin is None else origin.as_dict(),
         "data": {
-            "source": data.source,
             "sha256": data.sha256,
-            "specimen": specimen,
+            "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
             "readings": {name: values.tolist() for name, values in data.columns().items()},
+            "notes": [_parts(one) for one in data.notes],
+            "assumed": list(data.assumed),
+            **{n: v.tolist() if isinstance(v := getattr(data, n), np.ndarray) else v for n in _SAID},
         },
+        "posed": result.document.get("posed") or _posed(result),
         "seed": result.seed,
-        "spread": _spread(result, asked),
+        "spread": {
+            "band": "linear" if drawn is None else "bootstrap",
+            "directions": muscle_spread(result, drawn).tolist(),
+            # To six digits: there may be thousands of numbers in a measured shape.
+            "shared_directions": [[float(f"{value:.6g}") for value in row] for row in shared],
+        },
         **summary_as_dict(result, evidence=asked, choice=choice, judgement=judgement),
         "averaged_with": [],
-        "alike": (
-            [] if choice is None else _in_rigs(choice.alike.values(), family=list(choice.alike))
-        ),
-        "other_lengths": None
-        if others is None
-        else {
-            "between_N": others.between,
-            "members": _in_rigs(others.members, family=others.names),
-        },
-        "correlations": {
-            "parameters": list(names),
-            "matrix": [_finite(row) for row in matrix],
-        },
+        "alike": _in_rigs(outlook.alike.values(), family=list(outlook.alike)),
+        "other_lengths": {
+            "between_N": outlook.between,
+            "members": _in_rigs(others.values(), family=list(others)),
+        } if others else None,
+        "correlations": {"parameters": list(names), "matrix": [_finite(row) for row in matrix]},
+        "covariance": [_finite(row) for row in result.covariance],
+        "degrees_of_freedom": result.degrees_of_freedom,
+        "active_constraints": [_parts(one) for one in result.active_constraints],
         "residuals_N": result.residuals.tolist(),
         "weights": result.weights.tolist(),
         "start_objectives": _finite(result.starts),
         "start_parameters": {
-            name: _finite(result.start_parameters[:, k])
-            for k, name in enumerate(result.problem.names)
+            name: _finite(column)
+            for name, column in zip(result.names, result.start_parameters.T, strict=True)
         },
         "muscle": muscle_as_dict(result.muscle),
-    }
+    }  # fmt: skip
 
 
 def _finite(values: Iterable[float]) -> list[float | None]:
@@ -414,17 +489,6 @@ def _in_rigs(
         known = dict(zip(about, said, strict=True))
         found.append({**known, **_rig(one), "muscle": muscle_as_dict(one.muscle)})
     return found
-
-
-def _spread(result: Identification, evidence: Evidence) -> dict[str, Any]:
-    """What `predict` makes error bands of, see `muscle_spread`."""
-    shared = () if evidence.shared is None else evidence.shared.directions
-    return {
-        "band": "linear" if evidence.bootstrap is None else "bootstrap",
-        "directions": muscle_spread(result, evidence.bootstrap).tolist(),
-        # To six digits: there may be thousands of numbers in a measured shape.
-        "shared_directions": [[float(f"{value:.6g}") for value in row] for row in shared],
-    }
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
@@ -470,7 +534,7 @@ def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, An
 
 
 def card_of(
-    fit: SavedFit, *, name: str | None = None, count: int = 32, seed: int = 0,
+    fit: Identification, *, name: str | None = None, count: int = 32, seed: int = 0,
     origin: Origin | None = None,
 ) -> MuscleCard:  # fmt: skip
     """What a fit knows of a muscle, for those who use the muscle.
@@ -478,7 +542,7 @@ def card_of(
     The pull is what the rig of the fit measures; of a series, the weighted mean of both of its rigs.
 
     Args:
-        fit: from `load_fit`.
+        fit: from `load_fit` or `identify`.
         name: of the muscle; the specimen's unless given.
         count: of muscles in the sample; none of a fit that has no standard errors.
         seed: of the sample.
@@ -487,32 +551,28 @@ def card_of(
     Raises:
         InputError: the model is monotone nowhere, or hardly any muscle can be drawn.
     """
-    document = fit.document
+    document, outlook = fit.document or fit_as_dict(fit), fit.outlook
     if count < 0:
         raise InputError(f"the number of muscles in the sample must be >= 0, got {count}")
-    members = (fit.mounted, *fit.others)
-    readings = document["data"]["readings"]
+    data = fit.data
     card = MuscleCard(
-        name=name or document["data"]["specimen"].get("name") or "unnamed",
-        members=members,
-        weights=np.array(fit.weights),
-        data=Region.of(readings["length_m"], readings["pressure_Pa"]),
+        name=name or data.specimen.name or "unnamed",
+        members=(fit.mounted, *outlook.others),
+        weights=np.array(outlook.weights),
+        data=Region.of(data.length, data.pressure),
         covariance=_covariance(document),
         draws=None,
-        hysteresis=fit.hysteresis,
+        hysteresis=outlook.hysteresis,
         provenance=_provenance(document, origin),
     )
-    return dataclasses.replace(card, draws=_draws(card, document, count, seed))
-
-
-def _draws(card: MuscleCard, document: dict, count: int, seed: int) -> Sample | None:
-    directions = np.array((document.get("spread") or {}).get("directions") or [])
+    directions = np.array(document["spread"]["directions"])
     if not (directions.size and count):
-        return None
-    return draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
+        return card
+    drawn = draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
+    return dataclasses.replace(card, draws=drawn)
 
 
-def _covariance(document: dict) -> Covariance | None:
+def _covariance(document: Mapping[str, Any]) -> Covariance | None:
     """Of the parameters that have a standard error, in parts of their values."""
     known = document["correlations"]
     names = known["parameters"]
@@ -527,7 +587,7 @@ def _covariance(document: dict) -> Covariance | None:
     return Covariance(names, units, values.tolist(), scales.tolist(), matrix.tolist())
 
 
-def _provenance(document: dict, origin: Origin | None) -> Provenance:
+def _provenance(document: Mapping[str, Any], origin: Origin | None) -> Provenance:
     data, made = document["data"], document.get("origin") or {}
     here = {} if origin is None else origin.as_dict()
     commands = [one["command"] for one in (made, here) if one.get("command")]

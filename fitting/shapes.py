@@ -571,19 +571,14 @@ class FourierFit:
         mean: a0 [m].
         cosines, sines: a_n, b_n [m], shape (n_terms,).
         frequency: w [-].
-        stderr: standard errors of (a0, a_1, ..., b_1, ..., w), shape (2 n_terms + 2,), for residuals
-            that are independent over `correlation` points.
         rmse: root mean square of the residuals [m].
-        correlation: points over which residuals are correlated, 1 for white ones.
     """
 
     mean: float
     cosines: Array
     sines: Array
     frequency: float
-    stderr: Array
     rmse: float
-    correlation: float
 
     def diameter(self, x: ArrayLike) -> Array:
         """D [m] at x [-], of its shape."""
@@ -624,30 +619,12 @@ def fit_fourier(x: ArrayLike, diameter: ArrayLike, *, n_terms: int = 3) -> Fouri
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
         raise InputError("x and diameter must be finite")
     w = _best_wave(x, y, n_terms)
-    functions, solved, off = _series(x, y, w, n_terms)
+    _, solved, off = _series(x, y, w, n_terms)
     cosine, sine = solved[1 : n_terms + 1], solved[n_terms + 1 :]
-    n = np.arange(1, n_terms + 1)
-    c, s = np.cos(n * w / 2), np.sin(n * w / 2)
-    cosines, sines = cosine * c - sine * s, cosine * s + sine * c
-    reach = n * (x[:, None] - 0.5)
-    by_w = (reach * np.cos(w * reach)) @ sine - (reach * np.sin(w * reach)) @ cosine
-    jacobian = np.column_stack([functions, by_w])
-    # From (a0, A, B, w) about the middle to (a0, a, b, w) about the end.
-    turn = np.eye(2 * n_terms + 2)
-    turn[1:-1, 1:-1] = np.block([[np.diag(c), np.diag(-s)], [np.diag(s), np.diag(c)]])
-    turn[1:-1, -1] = np.concatenate([-(n / 2) * sines, (n / 2) * cosines])
-    inner = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
-    squares, correlation = float(off @ off), _correlated_points(off)
-    variance = squares / (x.size - jacobian.shape[1]) * correlation
-    return FourierFit(
-        float(solved[0]),
-        cosines,
-        sines,
-        w,
-        np.sqrt(np.diag(turn @ inner @ turn.T) * variance),
-        float(np.sqrt(squares / x.size)),
-        correlation,
-    )
+    # From the middle to the end, at which the series counts.
+    c, s = (of(np.arange(1, n_terms + 1) * w / 2) for of in (np.cos, np.sin))
+    rmse = float(np.sqrt(np.mean(off**2)))
+    return FourierFit(float(solved[0]), cosine * c - sine * s, cosine * s + sine * c, w, rmse)
 
 
 def _series(x: Array, y: Array, w: float, n_terms: int) -> tuple[Array, Array, Array]:
@@ -675,12 +652,3 @@ def _best_wave(x: Array, y: Array, n_terms: int) -> float:
         fit = least_squares(left_over, waves[[k]], bounds=_WAVES, xtol=1e-12, ftol=1e-12)
         found.append((fit.cost, float(fit.x[0])))
     return min(found)[1]
-
-
-def _correlated_points(off: Array) -> float:
-    """Points over which residuals are correlated, 1 + 2 sum of their autocorrelations while > 0."""
-    power = float(off @ off)
-    if power == 0:
-        return 1.0
-    lags = np.array([off[k:] @ off[: off.size - k] for k in range(1, off.size // 2)]) / power
-    return float(1 + 2 * lags[: np.argmax([*(lags <= 0), True])].sum())

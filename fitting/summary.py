@@ -22,7 +22,7 @@ from .parameters import Entry
 from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
-from .result import Certificate, Errors, Estimate, Identification
+from .result import Certificate, Errors, Estimate, Identification, Solved
 from .search import Weights, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
@@ -305,10 +305,10 @@ def summarise(
                     certified and feasible and stationary and math.isfinite(errors.rmse)
                 ),
                 degrees_of_freedom=found.spread.degrees_of_freedom,
+                names=problem.names,
                 covariance=found.spread.matrix,
-                problem=problem,
-                end=found.end,
                 place=k,
+                solved=Solved(problem, found.end),
             )
         )
     return tuple(results)

@@ -1,23 +1,25 @@
-"""Cross-validation: a fit is made again without some readings, and predicts them.
+"""What a fit says when it is made again: cross-validation, profile likelihood, bootstrap.
 
-Levels of pressure or length, or specimens, are left out one after another, all refits at once.
+Levels of pressure or length, or specimens, are left out one after another; a parameter is held beside
+its optimum; readings are drawn anew. All refits of a question run at once.
 """
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from famjax.boundary.errors import InputError
+from famjax.boundary.errors import InputError, check_seed
 
-from .arguments import check_whole
+from .arguments import check_names, check_whole
 from .data import groups_of_levels
 from .descent import End, descend_many
 from .problem import Problem
-from .result import Identification, check_identified
+from .result import Estimate, Identification, check_identified
 from .search import latin_hypercube
 
 GROUPS = ("pressure", "length", "specimen")
@@ -127,11 +129,11 @@ def validate(
     check_identified(result)
     check_whole("starts", starts, 1)
     check_groups(result, groups)
-    fits = [(result.problem, result.end.u)]
-    seed, kinds = result.seed + 1, {groups: (None, starts)}
-    return leave_out_each(fits, kinds, seed=seed, settled=True, least=2, progress=progress)[0][
-        groups
-    ]
+    fits, kinds = [(result.problem, result.end.u)], {groups: (None, starts)}
+    (found,) = leave_out_each(
+        fits, kinds, seed=result.seed + 1, settled=True, least=2, progress=progress
+    )
+    return found[groups]
 
 
 def check_groups(result: Identification, groups: str) -> None:
@@ -140,29 +142,19 @@ def check_groups(result: Identification, groups: str) -> None:
     Raises:
         InputError: as from `validate`.
     """
+    problem = result.problem
+    own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
     if groups not in GROUPS:
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
     if groups == "pressure" and result.dependence == "free":
         raise InputError("coefficients free in pressure say nothing of a pressure that is left out")
-    if groups == "specimen":
-        check_nothing_own(result)
-    if _group_of_each(result.problem, groups, None, 2) is None:
-        raise InputError(f"leaving one {groups} out needs two or more; there is 1")
-
-
-def check_nothing_own(result: Identification) -> None:
-    """A muscle that is left out must be known from the others alone.
-
-    Raises:
-        InputError: parameters or coefficients are its own.
-    """
-    problem = result.problem
-    own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
-    if own or len(problem.linear) > result.order:
+    if groups == "specimen" and (own or len(problem.linear) > result.order):
         raise InputError(
             f"{own[0] if own else 'the law'} is a specimen's own, so nothing is known of it without "
             "its readings: identify the specimens with own=() and own_law=False"
         )
+    if _group_of_each(problem, groups, None, 2) is None:
+        raise InputError(f"leaving one {groups} out needs two or more; there is 1")
 
 
 def leave_out_each(
@@ -272,3 +264,259 @@ def best_ends(
 def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
     """Model minus reading [N] at every reading, whatever its weight."""
     return end.point.force - problem.force
+
+
+Class = Literal["identified", "one-sided", "flat", "stopped by a bound", "stopped by a constraint"]
+
+LEVELS = {0.68: 0.9889, 0.95: 3.8415}
+"""Confidence levels and their quantiles of chi-squared with one degree of freedom."""
+
+_REACH = 3.0  # standard errors to either side
+_FALLBACK = 0.1  # of the box, or of the largest coefficient, where there is no standard error
+_EXTENSIONS = 4  # times that a side is doubled before it counts as open
+_CHUNK = 250  # replicates that are fitted in step
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """The profile of one parameter: how much worse the best fit becomes when it is held elsewhere.
+
+    Attributes:
+        name: of the parameter.
+        values: at which it was held [SI], ascending, the optimum among them.
+        excess: growth of the sum of squares over that at the optimum, in units of the noise
+            variance: chi-squared with one degree of freedom where the model is right; nan where no
+            fit was found, as beyond a constraint.
+        intervals: by confidence level, (low, high) [SI]; infinite on a side where the excess never
+            reaches the level within the values.
+        verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped
+            by a bound": the optimum is on one, and the data alone would go further, or "stopped by
+            a constraint": a side ends where no fit satisfies it before the data object.
+        kind: kind of unit.
+    """
+
+    name: str
+    values: Float[np.ndarray, " values"]
+    excess: Float[np.ndarray, " values"]
+    intervals: dict[float, tuple[float, float]]
+    verdict: Class
+    kind: str
+
+
+def profile(
+    result: Identification,
+    names: str | Sequence[str] | None = None,
+    *,
+    points: int = 9,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Profile, ...]:
+    """The profile likelihood of parameters, all refits of one parameter at once.
+
+    Args:
+        result: from `identify`.
+        names: a parameter, or several; all that were identified unless given.
+        points: values to either side of the optimum, to three standard errors or to a bound.
+        progress: called with (parameters done, parameters).
+
+    Returns:
+        One profile for each name.
+
+    Raises:
+        InputError: an unknown or held parameter, or coefficients that depend on pressure.
+    """
+    check_identified(result)
+    check_whole("points", points, 1)
+    problem = result.problem
+    several = len(problem.linear) > result.order  # one law of several cannot be held by itself
+    free = {
+        one.name: one
+        for one in result.estimates
+        if not one.fixed and not (several and one.name not in problem.names)
+    }
+    names = (names,) if isinstance(names, str) else names
+    chosen = list(free) if names is None else check_names("names", names)
+    for name in chosen:
+        if name not in free:
+            raise InputError(f"no identified parameter {name!r}; there are {', '.join(free)}")
+    profiles = []
+    for done, name in enumerate(chosen, 1):
+        profiles.append(_profile(result, free[name], points))
+        if progress is not None:
+            progress(done, len(chosen))
+    return tuple(profiles)
+
+
+def _profile(result: Identification, estimate: Estimate, points: int) -> Profile:
+    (optimum,) = _costs(result, estimate.name, np.array([estimate.value]))
+    variance = 2 * optimum / max(result.degrees_of_freedom, 1)
+    if not variance > 0:
+        raise InputError("a fit without any error has no likelihood to profile")
+
+    def excess_at(values: np.ndarray) -> Float[np.ndarray, " values"]:
+        return 2 * (_costs(result, estimate.name, values) - optimum) / variance
+
+    down, fall = _side(estimate, result, -1, points, excess_at)
+    up, rise = _side(estimate, result, 1, points, excess_at)
+    intervals = {
+        level: (_crossing(down, fall, quantile, -1), _crossing(up, rise, quantile, 1))
+        for level, quantile in LEVELS.items()
+    }
+    excess, closed = np.concatenate([fall[:0:-1], rise]), int(np.isfinite(intervals[0.95]).sum())
+    verdict: Class = ("flat", "one-sided", "identified")[closed]
+    if estimate.at_bound:
+        verdict = "stopped by a bound"
+    elif closed < 2 and np.isnan(excess).any():
+        verdict = "stopped by a constraint"
+    values = np.concatenate([down[:0:-1], up])
+    return Profile(estimate.name, values, excess, intervals, verdict, estimate.kind)
+
+
+def _side(
+    estimate: Estimate,
+    result: Identification,
+    sign: int,
+    points: int,
+    excess_at: Callable[[np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values from the optimum outwards and their excess, as far as the data object or a bound."""
+    reach = _REACH * estimate.stderr
+    if not np.isfinite(reach):
+        span = estimate.max - estimate.min
+        reach = _FALLBACK * (span if np.isfinite(span) else np.abs(result.coefficients).max())
+    values, excess = np.array([estimate.value]), np.zeros(1)
+    for times in 2.0 ** np.arange(_EXTENSIONS):
+        end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
+        if np.isclose(end, values[-1], rtol=1e-12, atol=0) or not excess[-1] <= max(
+            LEVELS.values()
+        ):
+            break
+        more = np.linspace(values[-1], end, points + 1)[1:]
+        values, excess = np.append(values, more), np.append(excess, excess_at(more))
+    return values, excess
+
+
+def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.ndarray, " values"]:
+    """Best cost with the parameter held at each value, from the optimum of all."""
+    problem, u = result.problem, result.end.u
+    if name in problem.names:
+        place = problem.names.index(name)
+        u, ends = u[problem.free != place], ("low", "high")
+    else:
+        place, ends = problem.linear.index(name), ("coefficient_min", "coefficient_max")
+    held = []
+    for value in values:
+        changed = {end: getattr(problem, end).copy() for end in ends}
+        for limits in changed.values():
+            limits[place] = value
+        held.append(dataclasses.replace(problem, **changed))
+    found = best_ends(held, [u[None]] * len(values))
+    return np.array([end.cost if end.converged else np.nan for end in found])
+
+
+def _crossing(values: np.ndarray, excess: np.ndarray, level: float, sign: int) -> float:
+    """Where the excess first rises through a level, by linear interpolation of its root.
+
+    Infinite, with the sign of the side, where it does not before the values or the fits end.
+    """
+    # Evidence ends with the first fit that was not found.
+    known = np.cumsum(np.isnan(excess)) == 0
+    above = np.flatnonzero(known & (excess > level))
+    if not above.size:
+        return sign * math.inf
+    k = above[0]
+    left, right = np.sqrt(np.maximum(excess[k - 1 : k + 1], 0))
+    share = (np.sqrt(level) - left) / (right - left)
+    return float(values[k - 1] + share * (values[k] - values[k - 1]))
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Bootstrap:
+    """Replicates of an identification.
+
+    Attributes:
+        names: of the identified nonlinear parameters, then of the coefficients.
+        samples: their values in every replicate [SI], shape (replicates, parameters).
+        failed: replicates that did not converge; they are left out of `samples`.
+        forces: of the model at every reading [N], shape (replicates, points).
+    """
+
+    names: tuple[str, ...]
+    samples: Float[np.ndarray, "replicates parameters"]
+    failed: int
+    forces: Float[np.ndarray, "replicates points"]
+
+    def __repr__(self) -> str:
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"Bootstrap({len(self.samples)} replicates{failed} of {', '.join(self.names)})"
+
+    @property
+    def stderr(self) -> dict[str, float]:
+        """Standard deviation of each parameter over the replicates [SI]; nan if it never moved."""
+        spread = self.samples.std(axis=0, ddof=1)
+        moved = np.ptp(self.samples, axis=0) > 0
+        return dict(zip(self.names, np.where(moved, spread, np.nan).tolist(), strict=True))
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Percentile interval [SI] of a parameter."""
+        ends = ((1 - level) / 2, (1 + level) / 2)
+        low, high = np.quantile(self.samples[:, self.names.index(name)], ends)
+        return float(low), float(high)
+
+    def band(self, level: float = 0.95) -> Float[np.ndarray, "2 points"]:
+        """Lower and upper end [N] of the model's force at every reading, shape (2, points)."""
+        return np.quantile(self.forces, ((1 - level) / 2, (1 + level) / 2), axis=0)
+
+
+def bootstrap(
+    result: Identification,
+    replicates: int = 200,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Bootstrap:
+    """Replicates of an identification, each a descent from the optimum, 250 at once.
+
+    Residuals, scaled for the parameters spent, are drawn anew and added to the model; priors are kept as
+    they are, so that a parameter known from its prior alone hardly moves. A replicate of a map of a hundred
+    readings takes about a millisecond. Memory holds 8 bytes for each reading of each replicate.
+
+    Args:
+        result: from `identify`.
+        replicates: number of them.
+        seed: of the draws; the same seed gives the same numbers.
+        progress: called with (replicates done, replicates).
+
+    Raises:
+        InputError: fewer than two replicates, or fewer that converge.
+    """
+    check_identified(result)
+    check_whole("replicates", replicates, 2)
+    problem, samples, forces, good = result.problem, [], [], []
+    residual, scale, read = force_error(problem, result.end), 1 / problem.weight, problem.side == 0
+    standard = (residual / scale)[read]
+    spent = np.sqrt(standard.size / max(result.degrees_of_freedom, 1))
+    standard = (standard - standard.mean()) * spent
+    for first in range(0, replicates, _CHUNK):
+        count = min(_CHUNK, replicates - first)
+        rng = np.random.default_rng((check_seed(seed), first))
+        noise = rng.choice(standard, (count, problem.force.size)) * scale
+        drawn = np.where(read, problem.force + residual + noise, problem.force)
+        problems = [problem.with_readings(force=force) for force in drawn]
+        for end in best_ends(problems, [result.end.u[None]] * count):
+            point = end.point
+            samples.append(np.concatenate([point.parameters[problem.free], point.x]))
+            forces.append(point.force)
+            good.append(end.converged and bool(np.isfinite(samples[-1]).all()))
+        if progress is not None:
+            progress(first + count, replicates)
+    if sum(good) < 2:
+        raise InputError(
+            f"{sum(good)} of {replicates} replicates converged: the readings drawn do not determine "
+            "the parameters; fix some"
+        )
+    return Bootstrap(
+        names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,
+        samples=np.array(samples)[good],
+        failed=good.count(False),
+        forces=np.array(forces)[good],
+    )

@@ -1,7 +1,6 @@
 """The verdict on a fit, or on a series: identified, identified with doubts, or not identified."""
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -10,9 +9,8 @@ from jaxtyping import Float
 
 from famjax.boundary.sentence import Quantity, Sentence
 
-from .covariance import CONDITION_LIMIT
-from .faults import Suspicion, counted
-from .result import Estimate, Identification
+from .faults import Suspicion
+from .result import Identification, Remark, of_parameters, remarks
 from .validation import LeftOut
 
 
@@ -48,27 +46,16 @@ def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
 
 
 Level = Literal["identified", "identified with doubts", "not identified"]
-
-_NOT_CONVERGED = (
-    "The fit did not converge: its numbers are not an optimum. Try more starts (starts=) or {}."
-)
+LEVELS: tuple[Level, ...] = ("identified", "identified with doubts", "not identified")
+"""By the gravest finding."""
 
 _MISFIT = 5.0  # % of the largest force: no muscle of rubber and threads is missed by so much
 POOR = 2.0
 """Misfit [%], likewise: a muscle may be, but a good fit is four times better."""
-_PULL = 0.1  # of the largest force, pulled where the readings are slack
 _NOISE = 3.0  # standard deviations of the readings
-_MOST_OUTLIERS = 0.25  # of the readings
 _RUNS = -3.0  # standard deviations below what chance gives
 _TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
-_RIDGE, _KNOWN = 0.995, 0.1  # correlation; standard error in parts of what the bounds leave
 _LEFT_OUT = 0.05  # RMSE of what is left out, of the largest force
-_GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
-_PLAIN_AT = {
-    "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
-    "series_compliance": "low", "series_exponent": "high",
-}  # fmt: skip
-"""Bounds at which a parameter says that something is not there, which is no doubt."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,17 +82,17 @@ class Judgement:
 
 
 def _judgement(
-    grave: Sequence[str],
-    doubts: Sequence[str],
+    said: Sequence[Remark],
     results: Sequence[Identification],
     suspicions: Sequence[Suspicion] = (),
 ) -> Judgement:
-    """The verdict that reasons make."""
-    unsure = doubts or any("rest_length" in one.data.assumed for one in results)
-    level: Level = "identified with doubts" if unsure else "identified"
-    if grave:
-        level = "not identified"
-    return Judgement(level, (*grave, *doubts), tuple(suspicions), _unchecked(results[0]))
+    """The verdict that remarks make."""
+    reasons = [one for one in sorted(said, key=lambda one: -one.level) if one.level]
+    worst = max((one.level for one in reasons), default=0)
+    unsure = any("rest_length" in one.data.assumed for one in results)
+    level = LEVELS[max(worst, int(unsure))]
+    sentences = tuple(one.sentence for one in reasons)
+    return Judgement(level, sentences, tuple(suspicions), _unchecked(results[0]))
 
 
 def judge(
@@ -122,46 +109,28 @@ def judge(
         left_out: errors on what was left out, by "pressure" and "length", where they are known.
         open_question: where models that fit the readings alike differ by more than they can settle.
     """
-    errors = result.errors
-    grave = [one.sentence for one in suspicions if one.grave]
-    doubts = [one.sentence for one in suspicions if not one.grave]
-    if not result.converged:
-        grave.append(_NOT_CONVERGED.format("a law of fewer coefficients (--law)"))
-    kept = counted(result)
-    rmse = math.sqrt(float(np.mean(result.residuals[kept] ** 2)))
-    misfit = 100 * rmse / errors.max_force
-    outlying = int((~kept).sum())
-    if outlying:
-        sentence = Sentence(
-            f"{outlying} of {kept.size} readings lie so far off that Huber's objective counts them for "
-            "less than a quarter; the RMSE of the others is ",
-            *(Quantity(rmse, "force", 3), "."),
+    largest = result.errors.max_force
+    misfit = 100 * result.counted_rmse / largest
+    found = [Remark(1 + one.grave, one.sentence) for one in suspicions]
+    if not misfit <= POOR:
+        sentence = f"The model misses the readings by {misfit:.3g} % of the largest force"
+        grave = not misfit <= _MISFIT
+        more = (
+            f"; no muscle of rubber and threads is missed by more than {_MISFIT:g} %. Check units, signs "
+            "and columns, and the specimen's rest length, bore and wall."
         )
-        (doubts if outlying <= _MOST_OUTLIERS * kept.size else grave).append(sentence)
-    if not misfit <= _MISFIT:
-        grave.append(
-            f"The model misses the readings by {misfit:.3g} % of the largest force; no muscle of "
-            f"rubber and threads is missed by more than {_MISFIT:g} %. Check units, signs and "
-            "columns, and the specimen's rest length, bore and wall."
+        found.append(Remark(1 + grave, sentence + (more if grave else ".")))
+    found += remarks(result)
+    found += [
+        Remark(1, sentence)
+        for sentence in (
+            *_of_one_pressure(result),
+            *_of_residuals(result, misfit),
+            *_of_left_out(left_out or {}, largest),
+            *filter(None, [open_question]),
         )
-    elif misfit > POOR:
-        doubts.append(f"The model misses the readings by {misfit:.3g} % of the largest force.")
-    pulled = Quantity(errors.max_slack_force, "force", 3)
-    if pulled.value > _PULL * errors.max_force:
-        where = f" at {errors.slack_violations} of {errors.n_slack} readings that are slack."
-        grave.append(Sentence("The model pulls with up to ", pulled, where))
-    elif pulled.value > max(2 * errors.rmse, _TOLD / 100 * errors.max_force):
-        where = " at slack readings, more than twice its error."
-        doubts.append(Sentence("The model pulls with up to ", pulled, where))
-    doubts += [
-        *_of_one_pressure(result),
-        *_of_bounds(result),
-        *_of_residuals(result, misfit),
-        *_of_ridges(result),
-        *_of_left_out(left_out or {}, errors.max_force),
     ]
-    doubts += [open_question] if open_question else []
-    return _judgement(grave, doubts, [result], suspicions)
+    return _judgement(found, [result], suspicions)
 
 
 def _of_one_pressure(result: Identification) -> list[str]:
@@ -218,32 +187,6 @@ def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]
     return found
 
 
-def _stopped(estimate: Estimate) -> bool:
-    """Whether a parameter is at a bound where no rigid rig, cylinder or vanishing coefficient lies."""
-    if not estimate.at_bound:
-        return False
-    low = estimate.value - estimate.min < estimate.max - estimate.value
-    plain = _PLAIN_AT.get(estimate.name, "low" if estimate.kind == "stress" else "")
-    return plain != ("low" if low else "high")
-
-
-def _of_bounds(result: Identification) -> list[str]:
-    """Parameters that are at a bound, and a law that is not stable."""
-    found = []
-    stopped = [e.name for e in result.estimates if _stopped(e)]
-    if stopped:
-        found.append(
-            f"{', '.join(stopped)} {'is' if len(stopped) == 1 else 'are'} at a bound: the data alone "
-            "would go further."
-        )
-    margin = result.certificate.stability_margin
-    if not margin >= -1e-9 * float(np.abs(result.coefficients).max()):
-        found.append(
-            "The law is not Drucker-stable on the actuation path: do not extrapolate with it."
-        )
-    return found
-
-
 def _of_residuals(result: Identification, misfit: float) -> list[str]:
     """Residuals that are no noise, where they are not small, either."""
     found = []
@@ -267,32 +210,6 @@ def _of_residuals(result: Identification, misfit: float) -> list[str]:
     return found
 
 
-def _of_ridges(result: Identification) -> list[str]:
-    """Parameters of the geometry of which only a combination is known."""
-    condition = result.certificate.condition
-    if not condition <= CONDITION_LIMIT:
-        return [
-            "The parameters cannot be told apart by these data: fix one of them, or add lengths and "
-            "pressures."
-        ]
-    problem = result.problem
-    places = [k for k, name in enumerate(problem.names) if name.partition("[")[0] in _GEOMETRY]
-    covariance = result.covariance[np.ix_(places, places)]
-    std = np.sqrt(np.diag(covariance))
-    wide = std > _KNOWN * (problem.high - problem.low)[places]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = np.abs(np.triu(covariance / np.outer(std, std), 1))
-    ridges = np.where(np.logical_or.outer(wide, wide), np.nan_to_num(correlation), 0.0)
-    if not (ridges > _RIDGE).any():
-        return []
-    i, j = np.unravel_index(int(np.argmax(ridges)), ridges.shape)
-    first, second = (problem.names[places[int(k)]] for k in (i, j))
-    return [
-        f"{first} and {second} are known only together (correlation {ridges[i, j]:.4f}), and each "
-        "alone badly."
-    ]
-
-
 _FOREIGN = 15.0  # % of its largest force: specimens of one series do not differ by so much
 
 
@@ -306,30 +223,26 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
         specimens: the identification of each, with shared parameters.
         left_out: errors on each specimen while it was left out.
     """
-    grave: list[str] = []
-    doubts: list[str] = []
     first = specimens[0]
-    if not first.converged:
-        grave.append(_NOT_CONVERGED.format("one plain law (--law linear)"))
     missed = [one.errors.rmse_percent for one in specimens]
     names = [one.data.specimen.name for one in specimens]
     worst = max(range(len(specimens)), key=missed.__getitem__)
     said = f"misses {names[worst]} by {missed[worst]:.3g} % of its largest force"
+    found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
     if not missed[worst] <= _FOREIGN:
-        grave.append(
+        sentence = (
             f"The model of all {said}; specimens of one series differ by less than {_FOREIGN:g} %. Its "
             "map is of another make of muscle, or wrong: see what famjax fit says of it alone, and "
             "leave it out."
         )
+        found.append(Remark(2, sentence))
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())
-        doubts.append(
-            Sentence(
-                f"The specimens differ: the model of all {said}; predicted from the others, "
-                f"{names[most]} is missed by ",
-                Quantity(float(left_out.group_rmse[most]), "force", 3),
-                ". A muscle never measured differs as much; the band of its prediction says so.",
-            )
+        sentence = Sentence(
+            f"The specimens differ: the model of all {said}; predicted from the others, "
+            f"{names[most]} is missed by ",
+            Quantity(float(left_out.group_rmse[most]), "force", 3),
+            ". A muscle never measured differs as much; the band of its prediction says so.",
         )
-    doubts += [*_of_bounds(first), *_of_ridges(first)]
-    return _judgement(grave, doubts, specimens)
+        found.append(Remark(1, sentence))
+    return _judgement([*found, *of_parameters(first)], specimens)

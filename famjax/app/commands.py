@@ -336,7 +336,7 @@ def _simulated_muscle(
             add_cwd_to_path()
         saved = load_fit(fit_json, own=own)
         muscle = saved.muscle
-        others = tuple(one.muscle for one in saved.others if isinstance(one.muscle, Muscle))
+        others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
         specimen = saved.document["data"]["specimen"]
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}

@@ -68,23 +68,27 @@ def install(
     """
     mujoco: Any = import_module("mujoco")  # an extra of the project, without types
 
-    wanted = {model.actuator(name).id: (name, pull) for name, pull in pulls.items()}
+    wanted = {model.actuator(name).id: pull.force for name, pull in pulls.items()}
+    called = {model.actuator(name).id: name for name in pulls}
     added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
-    states, names = model.actuator_actadr.tolist(), model.names
-    settled = set()  # actuators whose control was seen to be in pascal, or of which it was said
+    states, copies = model.actuator_actadr.tolist(), {model._address}
 
     def bias(asked: Any, data: Any, number: int) -> float:
-        if asked.names != names or number not in wanted:
+        if number not in wanted or (asked._address not in copies and not copied(asked)):
             return 0.0
-        name, pull = wanted[number]
         state, control = states[number], float(data.ctrl[number])
-        if control and name not in settled:
-            settled.add(name)
+        if control and number in called:  # the first one that is not 0
+            name = called.pop(number)
             if control < 1000:
                 warnings.warn(f"the control of {name} is {control:g} Pa: is it in Pa, above the "
                               "atmosphere? 1 bar is 1e5 Pa", stacklevel=2)  # fmt: skip
         length = float(data.actuator_length[number]) + added.get(number, 0.0)
-        return -pull.force(length, control if state < 0 else float(data.act[state]))
+        return -wanted[number](length, control if state < 0 else float(data.act[state]))
+
+    def copied(asked: Any) -> bool:
+        if asked.names == model.names:
+            copies.add(asked._address)
+        return asked.names == model.names
 
     uninstall()
     mujoco.set_mjcb_act_gain(lambda *_: 0.0)

@@ -23,7 +23,7 @@ from .fit import load_fitting
 if TYPE_CHECKING:
     from famjax.continuation import SafeMuscle
     from famjax.export import Subject
-    from fitting.saved import SavedFit
+    from fitting import Identification
 
 Target = Literal["c", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
@@ -157,12 +157,12 @@ def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
         raise InputError(message.format(", ".join(others)))
 
 
-def _notes(saved: "SavedFit", *, other: bool, forces: bool) -> list[str]:
+def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
     """What a reader must know of the answers: of another rest length, with forces among them."""
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
         notes.append("force is what the compliant rig measures; muscle force is the muscle's alone")
-    if other and saved.other_lengths:
+    if other and saved.outlook.other_lengths:
         names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
         notes.append(
             f"another rest length is predicted from one specimen, by the mean of all models that its map "
@@ -180,15 +180,15 @@ def _notes(saved: "SavedFit", *, other: bool, forces: bool) -> list[str]:
             f"this is {one['name']}, the first specimen of the series, of rest length "
             f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another"
         )
-    elif forces and saved.error is not None and not other:
-        notes.append(f"the 95 % bands are of {saved.error.covers}")
+    elif forces and saved.outlook.error is not None and not other:
+        notes.append(f"the 95 % bands are of {saved.outlook.error.covers}")
     elif forces and not (document.get("spread") or {}).get("directions"):
         notes.append("there is no error band, as the fit has no standard errors")
     return notes
 
 
 def _along(
-    saved: "SavedFit", path: Path, system: str
+    saved: "Identification", path: Path, system: str
 ) -> tuple[list[dict[str, Any]], list[str], list[str]]:
     """Rows along the history in a CSV file, quantities in its units, and notes."""
     from fitting.prediction import hysteresis_error, predict_history

@@ -221,8 +221,11 @@ def _fit_law(record: TensileRecord, branches: Sequence[Branch], order: int) -> T
             "errors: lower the order, or choose more cycles"
         )
     powers = np.arange(1, order + 1)
-    coefficients, covariance, inverse = _regression(strain[:, None] ** powers, stress)
-    residuals = strain[:, None] ** powers @ coefficients - stress
+    design = strain[:, None] ** powers
+    inverse = np.linalg.pinv(design)
+    coefficients = inverse @ stress
+    residuals = design @ coefficients - stress
+    covariance = inverse @ inverse.T * (residuals @ residuals / (strain.size - order))
     slope = strain[:, None] ** (powers - 1) @ (powers * coefficients)
     stop = 0
     for shift in shifts:
@@ -289,8 +292,8 @@ def _stress_at(record: TensileRecord, branch: Branch, places: Column) -> tuple[C
     found = []
     for at in places:
         near = np.argsort(np.abs(x - at), kind="stable")[:count]
-        value, covariance, _ = _regression(np.vander(x[near] - at, 3, increasing=True), y[near])
-        found.append((value[0], np.sqrt(covariance[0, 0])))
+        parabola, covariance = np.polyfit(x[near] - at, y[near], 2, cov=True)
+        found.append((parabola[-1], np.sqrt(covariance[-1, -1])))
     values, stderr = np.array(found).T
     return values, stderr
 
@@ -311,32 +314,13 @@ def _zero_force(record: TensileRecord, branch: Branch) -> tuple[float, float]:
     if smooth.max() <= 0 or not slack.size or stop - slack[-1] < 6:
         return np.nan, np.nan
     near = slice(int(slack[-1]) + 1, stop)
-    powers = np.vander(x[near] - x[near][0], 3, increasing=True)
-    (c0, c1, c2), covariance, _ = _regression(powers, y[near])
+    (c2, c1, c0), covariance = np.polyfit(x[near] - x[near][0], y[near], 2, cov=True)
     square = c1**2 - 4 * c0 * c2
     if c1 <= 0 or square <= 0:
         return np.nan, np.nan
     t = -2 * c0 / (c1 + np.sqrt(square))
-    row = np.array([1.0, t, t**2])
+    row = np.array([t**2, t, 1.0])
     return float(x[near][0] + t), float(np.sqrt(row @ covariance @ row / square))
-
-
-def _regression(
-    design: Float[np.ndarray, "n p"], y: Column
-) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], Float[np.ndarray, "p n"]]:
-    """Coefficients by least squares, their covariance, and the pseudo-inverse of the columns.
-
-    The covariance is that of independent residuals; infinite where nothing is left to tell it, or
-    where the columns do not tell the coefficients apart.
-    """
-    n, p = design.shape
-    scale = np.abs(design).max(axis=0)
-    inverse = np.linalg.pinv(design / scale) / scale[:, None]
-    coefficients = inverse @ y
-    residual = y - design @ coefficients
-    if n <= p or np.linalg.matrix_rank(design / scale) < p:
-        return coefficients, np.full((p, p), np.inf), inverse
-    return coefficients, inverse @ inverse.T * (residual @ residual / (n - p)), inverse
 
 
 @dataclasses.dataclass(frozen=True)
@@ -449,7 +433,9 @@ def thread_in_situ(
     stress = tension / area
     threshold = P.max() / 2 if high_pressure is None else high_pressure
     high = threshold <= P
-    slope, variance, _ = _regression(strain[:, None], stress)
+    slope = float(strain @ stress / (strain @ strain))
+    off = stress - slope * strain
+    error = float(np.sqrt(off @ off / (strain.size - 1) / (strain @ strain)))
     return InSitu(
         thread_length=B,
         braid_angle=np.arcsin(length / B),
@@ -458,9 +444,7 @@ def thread_in_situ(
         stress=stress,
         rest_thread_length=rest_thread_length,
         linear=_line(strain, stress, "at all pressures"),
-        proportional=ModulusFit(
-            float(slope[0]), float(np.sqrt(variance[0, 0])), 0.0, 0.0, strain.size
-        ),
+        proportional=ModulusFit(slope, error, 0.0, 0.0, strain.size),
         high_pressure=_line(strain[high], stress[high], f"at or above {threshold:.4g} Pa"),
     )
 
@@ -472,6 +456,10 @@ def _line(x: Column, y: Column, where: str) -> ModulusFit:
             f"a modulus needs readings at two different strains; {where} there are "
             f"{np.unique(x).size}: give more pressures, or another high_pressure"
         )
-    (modulus, intercept), covariance, _ = _regression(np.stack([x, np.ones_like(x)], 1), y)
-    errors = np.sqrt(np.diag(covariance))
-    return ModulusFit(float(modulus), float(errors[0]), float(intercept), float(errors[1]), x.size)
+    from scipy.stats import linregress  # noqa: PLC0415 -- SciPy's statistics take 0.5 s
+
+    found = linregress(x, y)
+    slope, intercept = float(found.slope), float(found.intercept)
+    if x.size == 2:  # which leave nothing to tell an error by
+        return ModulusFit(slope, np.inf, intercept, np.inf, 2)
+    return ModulusFit(slope, float(found.stderr), intercept, float(found.intercept_stderr), x.size)

@@ -96,7 +96,7 @@ def test_a_saved_choice_predicts_with_the_same_band(chosen: Choice, tmp_path: Pa
     evidence = Evidence(error=chosen.error, left_out=chosen.left_out)
     write_fit(chosen.chosen, tmp_path, evidence=evidence, choice=chosen)
     saved = load_fit(tmp_path / "fit.json")
-    assert len(saved.alike) == len(chosen.alike)
+    assert len(saved.outlook.alike) == len(chosen.alike)
     rows = predict(saved, at[0], at[1][:1])
     assert [row["force_N"] for row in rows] == pytest.approx(list(chosen.predict(*at)), rel=1e-9)
     half = [(row["high_95_N"] - row["low_95_N"]) / 2 for row in rows]

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -14,19 +13,9 @@ from scipy import optimize
 
 from famjax import peers
 from fitting import ForceData, InputError, Specimen, identify, validate
-from fitting.comparison import (
-    PeerFit,
-    comparable_models,
-    compare,
-    cross_validate,
-    cross_validate_peer,
-    fit_hocking_wereley,
-    fit_peer,
-    hocking_orders,
-    identified_row,
-    plot_comparison,
-)
+from fitting.comparison import PeerFit, comparable_models, compare, fit_peer, plot_comparison
 from fitting.model_families import peer_families
+from fitting.validation import LeftOut, leave_out_each
 
 pytestmark = pytest.mark.slow
 
@@ -47,6 +36,11 @@ def pillsbury(dmsp10: ForceData) -> PeerFit:
 
 def _error(fit: PeerFit, data: ForceData) -> np.ndarray:
     return fit.predicted - data.force[data.loaded]
+
+
+def _left_out(fit: PeerFit, kind: str) -> LeftOut:
+    fits, kinds = [(fit.problem, fit.end.u)], {kind: (None, 8)}
+    return leave_out_each(fits, kinds, seed=0, settled=True, least=2)[0][kind]
 
 
 def test_every_family_is_affine_in_what_it_says_is_linear(dmsp10: ForceData) -> None:
@@ -93,46 +87,29 @@ def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10: ForceData, sarosi: Pee
     np.testing.assert_allclose(
         sarosi.model.force(dmsp10.length[at], dmsp10.pressure[at]), sarosi.predicted, rtol=1e-9
     )
-    assert (sarosi.converged, sarosi.at_bound) == (True, ())
+    assert (sarosi.end.converged, sarosi.at_bound) == (True, ())
 
 
 def test_sarosi_6_has_the_errors_of_the_study(dmsp10: ForceData, sarosi: PeerFit) -> None:
     assert np.sqrt(np.mean(_error(sarosi, dmsp10) ** 2)) == pytest.approx(1.10, abs=STUDY)
-    by_pressure, ambiguous = cross_validate_peer(sarosi, dmsp10, "pressure")
-    by_length, _ = cross_validate_peer(sarosi, dmsp10, "length")
+    by_pressure, by_length = (_left_out(sarosi, kind) for kind in ("pressure", "length"))
     assert by_pressure.rmse == pytest.approx(1.36, abs=STUDY)
     assert by_length.interior_rmse == pytest.approx(8.1, abs=0.05)
     assert by_length.rmse == pytest.approx(81, abs=0.5)
-    assert ambiguous == ()
 
 
 def test_refits_by_weights_are_refits_of_subsets(dmsp10: ForceData) -> None:
     """One compiled call with weights, against fits of the smaller maps one by one."""
     fit = fit_peer("polynomial_3", dmsp10)
-    ours, _ = cross_validate_peer(fit, dmsp10, "pressure")
-    degree, rest = 3, dmsp10.specimen.rest_length
-
-    def refit(train: ForceData) -> Callable:
-        def columns(length: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-            eps, P = 1 - length / rest, pressure / 1e6
-            terms = peers.PolynomialSurface.terms(degree)
-            return np.stack([eps**i * P**j for i, j in terms], axis=1)
-
-        at = train.loaded
-        A = columns(train.length[at], train.pressure[at])
-        solved = np.linalg.lstsq(A, train.force[at], rcond=None)[0]
-        return lambda length, pressure: columns(length, pressure) @ solved
-
-    theirs = cross_validate(refit, dmsp10, "pressure")
-    force = dmsp10.force[dmsp10.loaded]
-    np.testing.assert_allclose(ours.error + force, theirs.error + force, rtol=1e-7)
-
-
-def test_what_a_fold_does_not_determine_is_reported(dmsp10: ForceData) -> None:
-    """A parabola and four terms of force over three lengths: one more than there are."""
-    fit = fit_peer("hildebrandt", dmsp10)
-    assert len(cross_validate_peer(fit, dmsp10, "length")[1]) == 4
-    assert not fit.determined
+    ours = _left_out(fit, "pressure")
+    at, rest, terms = dmsp10.loaded, dmsp10.specimen.rest_length, peers.PolynomialSurface.terms(3)
+    eps, P, force = 1 - dmsp10.length[at] / rest, dmsp10.pressure[at] / 1e6, dmsp10.force[at]
+    A = np.stack([eps**i * P**j for i, j in terms], axis=1)
+    level = dmsp10.pressures.level[at]
+    for one in np.unique(level):
+        out = level == one
+        solved = np.linalg.lstsq(A[~out], force[~out], rcond=None)[0]
+        np.testing.assert_allclose(ours.error[out] + force[out], A[out] @ solved, rtol=1e-7)
 
 
 def test_positive_coefficients_are_those_of_nonnegative_least_squares(
@@ -166,28 +143,9 @@ def test_known_parameters_are_recovered(dmsp10: ForceData) -> None:
         assert value == pytest.approx(float(getattr(truth, name)), rel=1e-6), name
 
 
-def test_hocking_and_wereley_fit_each_pressure_by_itself(dmsp20: ForceData) -> None:
-    """With no more coefficients than strained lengths each pressure is met away from rest."""
-    orders = hocking_orders(dmsp20)
-    assert 65e3 not in orders  # one loaded length, the rest length
-    assert orders[146250.0] == 1
-    assert max(orders.values()) == 4
-    predict = fit_hocking_wereley(dmsp20)
-    at = dmsp20.loaded & (dmsp20.length != dmsp20.specimen.rest_length)
-    np.testing.assert_allclose(
-        predict(dmsp20.length[at], dmsp20.pressure[at]), dmsp20.force[at], rtol=1e-7
-    )
-    with pytest.raises(InputError, match="give the specimen's nominal_diameter"):
-        fit_hocking_wereley(
-            dataclasses.replace(
-                dmsp20, specimen=dataclasses.replace(dmsp20.specimen, nominal_diameter=None)
-            )
-        )
-
-
 def test_a_muscle_of_ones_own_has_the_errors_of_its_validations(dmsp20: ForceData) -> None:
     options = {"law": "neo-hookean"}
-    row = identified_row("own", "own", options, dmsp20, 4, 0)
+    (row,) = compare(dmsp20, [], own=[("own", options)], starts=4).rows
     result = identify(dmsp20, starts=4, **options)
     pressure, length = (validate(result, kind) for kind in ("pressure", "length"))
     assert row.lopo_rmse == pytest.approx(pressure.rmse, rel=1e-9)
@@ -197,7 +155,8 @@ def test_a_muscle_of_ones_own_has_the_errors_of_its_validations(dmsp20: ForceDat
 
 def test_a_law_of_each_pressure_predicts_no_other(dmsp20: ForceData) -> None:
     high = dmsp20.part(dmsp20.pressures.level > 3e5)
-    row = identified_row("free", "free", {"order": 1, "dependence": "free"}, high, 2, 0)
+    options = {"order": 1, "dependence": "free"}
+    (row,) = compare(high, [], own=[("free", options)], starts=2).rows
     assert math.isnan(row.lopo_rmse)
     assert math.isfinite(row.lolo_rmse)
     assert row.note.startswith("without a pressure: coefficients free in pressure say nothing")
@@ -286,27 +245,21 @@ def test_the_picture_has_a_line_for_every_model(table) -> None:
 
 
 def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(
-        InputError, match="unknown model 'sarosi'; known for this map are famjax_choice"
-    ):
+    known = "unknown model 'sarosi'; known for this map are famjax_choice"
+    with pytest.raises(InputError, match=known):
         compare(dmsp10, ["sarosi"])
-    with pytest.raises(InputError, match="unknown peer 'hocking_wereley'"):
-        fit_peer("hocking_wereley", dmsp10)
+    with pytest.raises(InputError, match="unknown peer 'hocking'"):
+        fit_peer("hocking", dmsp10)
     with pytest.raises(InputError, match="starts must be a whole number >= 1, got 0"):
         fit_peer("polynomial_3", dmsp10, starts=0)
     inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
     with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):
         fit_peer("polynomial_3", inches)
-    at_rest = dmsp10.part(dmsp10.length == 0.25)
-    with pytest.raises(InputError, match="away from the rest length, 250 mm: there are none"):
-        fit_hocking_wereley(at_rest)
     few = dmsp10.part(dmsp10.pressure > 6.4e5)
     with pytest.raises(InputError, match="has 10 parameters and the map 4 loaded readings"):
         fit_peer("polynomial_3", few)
     with pytest.raises(InputError, match="to leave out a pressure there must be"):
         compare(few, ["polynomial_3"])
-    with pytest.raises(InputError, match="by pressure or length, got 'specimen'"):
-        cross_validate_peer(fit_peer("polynomial_3", dmsp10), dmsp10, "specimen")
     with monkeypatch.context() as patched:
         patched.setattr(jax.config, "read", lambda name: False)
         with pytest.raises(RuntimeError, match="fits need float64"):

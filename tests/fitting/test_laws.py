@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import ForceData, Specimen, bootstrap, identify
+from fitting import ForceData, Specimen, identify
 from fitting.families import known_laws
 from fitting.saved import summary_as_dict
 
@@ -95,19 +95,3 @@ def test_bounds_of_coefficients_at_each_pressure_are_kept() -> None:
     assert (high["max"], high["at_bound"]) == (3.5e6, False)
     assert saved["E_2_at_700kPa"]["max"] is None
     assert result.n_parameters == 4
-
-
-def test_whole_lengths_are_drawn() -> None:
-    """A bootstrap by lengths has the spread that errors common to a length give."""
-    data = readings(TRUTHS["polynomial"][1])
-    rng = np.random.default_rng(12)
-    common = dict(zip(np.unique(data.length), rng.normal(0, 3.0, 7), strict=True))
-    shifted = data.force + np.array([common[length] for length in data.length])
-    spoilt = ForceData(shifted, data.pressure, data.length, SPECIMEN)
-    result = identify(spoilt, order=2, bounds=HELD, starts=1)
-    by_length, by_residual = (
-        bootstrap(result, 100, resample=kind, seed=3).stderr["E_1"]
-        for kind in ("length", "residual")
-    )
-    # Four readings at each length share their error: as if there were four times fewer.
-    assert 1.2 < by_length / by_residual < 3.5

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import Choice, ForceData, choose, load_fit, predict, write_fit
-from fitting.saved import SavedFit
+from fitting import Choice, ForceData, Identification, choose, load_fit, predict, write_fit
 from fitting.series import FROM_ONE
 from tests.fitting.synthetic import muscle_map
 
@@ -28,7 +27,7 @@ def chosen(request: pytest.FixtureRequest) -> tuple[str, Choice]:
 
 
 @pytest.fixture
-def saved(chosen: tuple[str, Choice], tmp_path: Path) -> SavedFit:
+def saved(chosen: tuple[str, Choice], tmp_path: Path) -> Identification:
     _, choice = chosen
     write_fit(choice.chosen, tmp_path, choice=choice)
     return load_fit(tmp_path / "fit.json")
@@ -37,7 +36,7 @@ def saved(chosen: tuple[str, Choice], tmp_path: Path) -> SavedFit:
 @pytest.mark.slow
 @pytest.mark.parametrize("rest", [0.1, 0.5])
 def test_the_band_holds_what_a_muscle_of_that_length_pulls(
-    chosen: tuple[str, Choice], saved: SavedFit, rest: float
+    chosen: tuple[str, Choice], saved: Identification, rest: float
 ) -> None:
     data = one_of(chosen[0], rest, noise=0.0)
     held = []
@@ -54,11 +53,11 @@ def test_the_band_holds_what_a_muscle_of_that_length_pulls(
 
 @pytest.mark.slow
 def test_a_prediction_is_the_mean_of_the_accounts(
-    chosen: tuple[str, Choice], saved: SavedFit
+    chosen: tuple[str, Choice], saved: Identification
 ) -> None:
     known = chosen[1].other_lengths
     assert known is not None
-    assert len(saved.other_lengths) == len(known.members) == len(known.names) > 1
+    assert len(saved.outlook.other_lengths) == len(known.members) == len(known.names) > 1
     forces = [
         float(one.with_muscle(famjax.cut_to_length(one.muscle, 0.4)).force(0.36, 4e5))
         for one in known.members

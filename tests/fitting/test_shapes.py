@@ -181,19 +181,6 @@ def test_more_terms_fit_no_worse() -> None:
     assert errors[2] < 0.001 * INCH < errors[0]
 
 
-def test_the_standard_errors_of_a_series_are_those_of_repeated_fits() -> None:
-    true = 0.03 + 0.004 * np.cos(4.5 * Z) - 0.002 * np.sin(4.5 * Z)
-    random = np.random.default_rng(1)
-    fits = [
-        fit_fourier(Z[::2], true[::2] + 1e-5 * random.normal(size=Z[::2].size), n_terms=1)
-        for _ in range(60)
-    ]
-    found = np.array([[f.mean, f.cosines[0], f.sines[0], f.frequency] for f in fits])
-    ratio = found.std(axis=0, ddof=1) / np.median([f.stderr for f in fits], axis=0)
-    # 60 repeats know a spread to 9 %, and 800 residuals their correlation to about as much.
-    assert np.all((ratio > 0.7) & (ratio < 1.35))
-
-
 @pytest.mark.parametrize(
     ("x", "d", "match"),
     [

@@ -23,7 +23,6 @@ from famjax.compile_options import quick_jit
 from famjax.terms import BladderAxial, BladderHoop, BladderWall
 from famjax.work import WorkBudget
 from fitting.data import COLUMNS, ForceData
-from fitting.saved import SavedFit
 from fitting.shapes import Pictures, ShapeSurface
 
 from ..evaluation import (
@@ -160,7 +159,7 @@ class FittedGeometry:
     """
 
     name: str
-    saved: SavedFit
+    saved: fitting.Identification
     figures: dict[str, Any]
     data: ForceData
     states: xarray.Dataset
@@ -179,7 +178,7 @@ class FittedGeometry:
     @property
     def residuals(self) -> np.ndarray:
         """Model less measured [N] at the loaded readings."""
-        return np.array(self.saved.document["residuals_N"])
+        return self.saved.residuals
 
     @property
     def levels(self) -> np.ndarray:
@@ -284,7 +283,7 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
     )  # fmt: skip
 
 
-def _readings(data: ForceData, saved: SavedFit) -> ForceData:
+def _readings(data: ForceData, saved: fitting.Identification) -> ForceData:
     """The force map as a fit was given it: without lengths that its geometry does not know."""
     lengths = np.array(saved.document["data"]["readings"]["length_m"])
     if lengths.size == data.length.size:

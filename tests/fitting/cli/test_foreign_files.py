@@ -14,6 +14,7 @@ from famjax.__main__ import main
 from famjax.boundary.errors import InputError
 from famjax.cards import read_card
 from fitting.cli.problem import Problem
+from fitting.saved import fit_as_dict
 
 SPY = """
 import pathlib
@@ -34,26 +35,28 @@ class Law(famjax.materials.AbstractHyperelastic):
 """
 LAW = {"type": "spy:Law", "shear_modulus_Pa": 2e5}
 GOLDEN = Path(__file__).parents[2] / "famjax" / "cards" / "golden" / "card-1.json"
-READINGS = {"length_m": [0.25, 0.3], "pressure_Pa": [1e5, 5e5], "force_N": [10.0, 400.0]}
 SERIES = {
     "between_N": 1.0, "rest_lengths_m": [0.3, 0.2], "length_ratios": [0.8, 1.0],
     "pressures_Pa": [1e5, 5e5],
 }  # fmt: skip
 
 
-def files() -> dict[str, Any]:
+@pytest.fixture
+def files(fitted20: fitting.Identification) -> dict[str, Any]:
     card = json.loads(GOLDEN.read_text()) | {"sample": None}
     plain = card["members"][1]
-    foreign = copy.deepcopy(plain)
+    foreign = copy.deepcopy(plain) | {"family": "foreign", "weight": 0.5}
     foreign["muscle"]["material"] = LAW
-    fit = {"schema": "famjax-fit/1", "data": {"readings": READINGS}}
+    of_card = {key: value for key, value in foreign.items() if key != "family"} | {"weight": 0.0}
+    fit = json.loads(json.dumps(fit_as_dict(fitted20)))
+    fit["spread"]["directions"] = []
     return {
-        "card": card | {"members": [plain | {"weight": 1.0}, foreign | {"weight": 0.0}]},
+        "card": card | {"members": [plain | {"weight": 1.0}, of_card]},
         "fit": fit | foreign,
-        "series": fit | plain | {"series": SERIES, "averaged_with": [foreign]},
-        "alike": fit | plain | {"alike": [foreign]},
-        "lengths": fit | plain | {"other_lengths": {"between_N": 1.0, "members": [foreign]}},
-        "problem": {**fit, **plain, "problem": {"asked": {"law": "spy:Law"}}},
+        "series": fit | {"series": SERIES, "averaged_with": [foreign]},
+        "alike": fit | {"alike": [foreign]},
+        "lengths": fit | {"other_lengths": {"between_N": 1.0, "members": [foreign]}},
+        "problem": fit | {"problem": {"asked": {"law": "spy:Law"}}},
     }
 
 
@@ -67,12 +70,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("kind", files())
+@pytest.mark.parametrize("kind", ["card", "fit", "series", "alike", "lengths", "problem"])
 def test_a_file_imports_nothing_unless_the_module_is_named(
-    kind: str, here: Path, capsys: pytest.CaptureFixture
+    kind: str, files: dict[str, Any], here: Path, capsys: pytest.CaptureFixture
 ) -> None:
     path = here / f"{kind}.json"
-    path.write_text(json.dumps(files()[kind]))
+    path.write_text(json.dumps(files[kind]))
     predict = ["predict", str(path), "--length", "270mm", "--pressure", "5bar"]
     with pytest.raises(SystemExit) as stop:
         main(["assess", str(path), "--validate"] if kind == "problem" else predict)
@@ -84,8 +87,8 @@ def test_a_file_imports_nothing_unless_the_module_is_named(
     assert not (here / "imported").exists()
 
 
-def test_a_module_that_is_named_is_imported(here: Path) -> None:
-    for kind, document in files().items():
+def test_a_module_that_is_named_is_imported(files: dict[str, Any], here: Path) -> None:
+    for kind, document in files.items():
         (here / f"{kind}.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match="not famjax's"):
         read_card("card.json", own=("other", famjax.materials.YeohMaterial))
@@ -95,6 +98,6 @@ def test_a_module_that_is_named_is_imported(here: Path) -> None:
     assert (law.__module__, law.__name__) == ("spy", "Law")
     assert (here / "imported").exists()
     assert type(fitting.load_fit("fit.json", own=(law,)).muscle.material) is law
-    assert len(fitting.load_fit("series.json", own=("spy:Law",)).others) == 1
+    assert len(fitting.load_fit("series.json", own=("spy:Law",)).outlook.others) == 1
     with pytest.raises(InputError, match="the law is 'spy:Law'"):  # whoever was imported before
-        Problem.read(files()["problem"])
+        Problem.read(files["problem"])

@@ -1,10 +1,9 @@
 """Bootstrap: the same draws whatever their number, and what cannot be drawn."""
 
 import numpy as np
-import pytest
 
-from fitting import Identification, InputError
-from fitting.uncertainty import bootstrap
+from fitting import Identification
+from fitting.validation import bootstrap
 
 
 def test_more_replicates_begin_with_the_same(fitted20: Identification) -> None:
@@ -16,12 +15,3 @@ def test_more_replicates_begin_with_the_same(fitted20: Identification) -> None:
     np.testing.assert_array_equal(fewer.samples, more.samples[:250])
     np.testing.assert_array_equal(fewer.forces, more.forces[:250])
     assert told == [(250, 260), (260, 260)]
-
-
-def test_whole_lengths_are_drawn(fitted20: Identification) -> None:
-    found = bootstrap(fitted20, 20, resample="length")
-    assert found.samples.shape == (20 - found.failed, len(found.names))
-    with pytest.raises(InputError, match="resample is one of residual, length, specimen"):
-        bootstrap(fitted20, resample="colour")
-    with pytest.raises(InputError, match="needs three or more of them, got 1"):
-        bootstrap(fitted20, resample="specimen")

@@ -9,10 +9,11 @@ import pytest
 from slow_cases import slow_after
 
 import famjax
-from fitting import predict
+from fitting import Identification, predict
 from fitting.bands import ROWS, pull
 from fitting.prediction import onset_pressure, pressures_for
-from fitting.saved import SavedFit
+from fitting.result import Outlook
+from tests.fitting.bare import bare_fit
 
 LENGTHS = np.linspace(0.23, 0.29, 7)  # at rest the law has a kink
 
@@ -24,13 +25,9 @@ def muscle(deadband: float, coefficients: tuple[float, ...] = (5.9e6, -19.0e6, 2
     return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, deadband)
 
 
-def saved(one: famjax.Muscle, **more: object) -> SavedFit:
-    pressures = np.linspace(0.0, 6e5, LENGTHS.size)
-    readings = {
-        "length_m": LENGTHS.tolist(), "pressure_Pa": pressures.tolist(), "force_N": [0.0] * LENGTHS.size
-    }  # fmt: skip
-    mounted = famjax.MountedMuscle(one, 0.0)
-    return SavedFit(mounted, {"data": {"readings": readings}, **more})
+def saved(one: famjax.Muscle, outlook: Outlook | None = None) -> Identification:
+    force = np.append(np.zeros(LENGTHS.size - 1), 1.0)
+    return bare_fit(one, LENGTHS, np.linspace(0.0, 6e5, LENGTHS.size), force, outlook)
 
 
 @pytest.mark.parametrize("deadband", [0.0, 40e3])
@@ -110,7 +107,7 @@ def test_why_a_state_is_not_inside(factor: float) -> None:
         one = dataclasses.replace(one, geometry=ends)
     thread = 0.296 / np.sin(np.deg2rad(62.0))
     longest, lock = (0.296 + (at - 0.296) / factor for at in (thread, thread / np.sqrt(3)))
-    fit = saved(one, spread={"band": "linear", "directions": [[1e-3] * _numbers(one)]})
+    fit = saved(one, Outlook(directions=np.full((1, _numbers(one)), 1e-3)))
 
     def outside(length: float, pressure: float) -> tuple[str | None, object]:
         (row,) = predict(fit, np.array([length]), np.array([pressure]))

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 import famjax
-from fitting import predict
+from fitting import Identification, predict
 from fitting.prediction import pressures_for, reported, seen_slack
-from fitting.saved import SavedFit
+from fitting.result import Outlook
+from tests.fitting.bare import bare_fit
 
 REST = 0.296  # m
 FORCES = np.linspace(0.0, 900.0, 7)  # N, of the readings
@@ -20,49 +21,39 @@ def muscle(deadband: float) -> famjax.Muscle:
     return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, deadband)
 
 
-def measured(one: famjax.Muscle, std: float = 0.0) -> SavedFit:
-    """A saved fit whose largest reading is 900 N, its forces known to parts of their numbers."""
-    mounted = famjax.MountedMuscle(one, 0.0)
-    numbers = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(mounted)])
-    readings = {
-        "length_m": np.linspace(0.23, 0.29, FORCES.size).tolist(),
-        "pressure_Pa": np.linspace(0.0, 6e5, FORCES.size).tolist(),
-        "force_N": FORCES.tolist(),
-    }
-    directions = [(std * numbers).tolist()] if std else []
-    spread = {"band": "linear", "directions": directions}
-    return SavedFit(mounted, {"data": {"readings": readings}, "spread": spread})
+def measured(one: famjax.Muscle, std: float = 0.0) -> Identification:
+    """A fit whose largest reading is 900 N, its forces known to parts of their numbers."""
+    numbers = np.append(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(one)]), 0.0)
+    outlook = Outlook(directions=std * numbers[None] if std else np.zeros((0, numbers.size)))
+    at = np.linspace(0.23, 0.29, FORCES.size), np.linspace(0.0, 6e5, FORCES.size)
+    return bare_fit(one, *at, FORCES, outlook)
 
 
 @pytest.mark.parametrize(
     ("model", "half", "seen", "expected"),
     [
-        (100.0, 10.0, False, (100.0, False, 90.0, 110.0)),
-        (5.0, 10.0, False, (5.0, False, 0.0, 15.0)),
-        (-5.0, 10.0, False, (0.0, True, 0.0, 5.0)),
-        (-100.0, 10.0, False, (0.0, True, 0.0, 0.0)),
-        (11.0, 3.5, True, (11.0, False, 0.0, 14.5)),
-        (1e-13, 0.0, False, (0.0, True, 0.0, 1e-13)),
-        (-5.0, np.nan, False, (0.0, True, np.nan, np.nan)),
-        (np.nan, 1.0, False, (np.nan, False, np.nan, np.nan)),
+        (100.0, 10.0, False, (False, 90.0, 110.0)),
+        (5.0, 10.0, False, (False, 0.0, 15.0)),
+        (-5.0, 10.0, False, (True, 0.0, 5.0)),
+        (-100.0, 10.0, False, (True, 0.0, 0.0)),
+        (11.0, 3.5, True, (False, 0.0, 14.5)),
+        (1e-13, 0.0, False, (True, 0.0, 1e-13)),
+        (-5.0, np.nan, False, (True, np.nan, np.nan)),
+        (np.nan, 1.0, False, (False, np.nan, np.nan)),
     ],
 )
 def test_what_a_reading_can_be(
     model: float, half: float, seen: bool, expected: tuple[float, bool, float, float]
 ) -> None:
     found = reported(np.array([model]), np.array([half]), np.array([seen]))
-    got = (found.force[0], found.slack[0], found.low[0], found.high[0])
-    assert got == pytest.approx(expected, nan_ok=True)
+    assert [one[0] for one in found] == pytest.approx(expected, nan_ok=True)
 
 
 def test_a_slack_reading_speaks_of_shorter_lengths_and_lower_pressures_unless_contradicted() -> (
     None
 ):
-    readings = {
-        "length_m": [0.25, 0.25, 0.30, 0.20], "pressure_Pa": [1e5, 2e5, 5e5, 3e5],
-        "force_N": [0.0, 40.0, 0.0, 5.0],
-    }  # fmt: skip
-    fit = SavedFit(famjax.MountedMuscle(muscle(0.0), 0.0), {"data": {"readings": readings}})
+    length, pressure, force = [0.25, 0.25, 0.30, 0.20], [1e5, 2e5, 5e5, 3e5], [0.0, 40.0, 0.0, 5.0]
+    fit = bare_fit(muscle(0.0), *map(np.array, (length, pressure, force)))
     length = np.array([0.25, 0.24, 0.2501, 0.252, 0.25, 0.29])
     pressure = np.array([1e5, 5e4, 1e5, 1e5, 1.1e5, 4e5])
     said = seen_slack(fit, length, pressure)
