@@ -9,7 +9,6 @@ What a figure shows is also in `curves.json` beside them: the tests compute it a
 import dataclasses
 import json
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 

@@ -171,12 +171,18 @@ def print_json(document: object) -> None:
     print(json.dumps(document, allow_nan=False))
 
 
+_LOG = 100  # characters of a line of a log
+
+
 def print_lines(rows: Iterable[tuple[str, str]]) -> None:
     """Print labelled sentences, wrapped to the width of the terminal beside their labels."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for label, text in rows:
         table.add_row(Text(label, style="bold"), Text(text))
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = max(console.width, _LOG)
+    console.print(table)
 
 
 _WIDEST = 250  # characters of a table

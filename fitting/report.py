@@ -491,9 +491,8 @@ class Findings:
         return [
             *([] if self.choice is None else [choice_table(self.choice, system)]),
             _parameter_table(self.result, system),
-            _error_table(self.result, system),
             *evidence_tables(self.evidence, self.result, system),
-            _certificate_table(self.result, system),
+            _quality_table(self.result, system),
         ]
 
     def notes(self, system: str = "metric") -> tuple[str, ...]:
@@ -552,37 +551,34 @@ def _number(value: float) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.5g}"
 
 
-def _error_table(result: Identification, system: str) -> Table:
-    errors, unit = result.errors, unit_system(system)["force"]
-    rows = [
-        (name, f"{from_si(value, unit, 'force'):.4g}", f"{100 * value / errors.max_force:.3g} %")
-        for name, value in (("RMSE", errors.rmse), ("MAE", errors.mae), ("largest", errors.max))
-    ]
-    return (
-        f"Errors over {errors.n_points} loaded readings; {errors.n_slack} slack readings are censored",
-        ("error", unit, f"of {Quantity(errors.max_force, 'force', 5).in_units(system)}"),
-        rows,
-    )
+def _quality_table(result: Identification, system: str) -> Table:
+    errors, certificate = result.errors, result.certificate
 
+    def force(value: float) -> str:
+        shown = Quantity(value, "force").in_units(system)
+        return f"{shown}, {100 * value / errors.max_force:.3g} % of the largest force"
 
-def _certificate_table(result: Identification, system: str) -> Table:
-    certificate = result.certificate
+    moduli = {
+        "smallest modulus along the actuation path (Drucker >= 0)": certificate.stability_margin,
+        "smallest tangent modulus on the strain range": certificate.slope_margin,
+    }
+    active = "; ".join(sentence_in_units(one, system) for one in result.active_constraints)
     rows = [
-        ("smallest modulus along the actuation path (Drucker >= 0)",
-         Quantity(certificate.stability_margin, "stress").in_units(system)),
-        *([] if math.isnan(certificate.slope_margin) else [
-            ("smallest tangent modulus on the strain range",
-             Quantity(certificate.slope_margin, "stress").in_units(system))]),
+        ("readings", f"{errors.n_points} loaded; {errors.n_slack} slack, which are censored"),
+        ("RMSE", force(errors.rmse)),
+        ("MAE", force(errors.mae)),
+        ("largest error", force(errors.max)),
+        *((name, Quantity(value, "stress").in_units(system))
+          for name, value in moduli.items() if not math.isnan(value)),
         ("largest strain used", f"{result.strain_range:.4g}"),
-        ("active constraints",
-         "; ".join(sentence_in_units(one, system) for one in result.active_constraints) or "none"),
+        ("active constraints", active or "none"),
         ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
         ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
         ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),
         ("condition number of the parameters", f"{certificate.condition:.3g}"),
         ("starts that reached this optimum", f"{certificate.n_agreeing} of {certificate.n_starts}"),
     ]  # fmt: skip
-    return "Certificate", ("quantity", "value"), rows
+    return "Errors and certificate", ("quantity", "value"), rows
 
 
 _GRID = 41, 25

@@ -83,7 +83,7 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
         Findings(found, evidence).numbers("metric"),
         specimen_table(found, "metric"),
     ]
-    assert len(tables) == 9
+    assert len(tables) == 8
     assert not unexplained(labels_of(tables))
     cells = [cell for _, _, rows in tables for row in rows for cell in row[3:]]
     assert "identified" in TERMS

@@ -18,7 +18,7 @@ from famjax.boundary.units import (
     sentence_in_units,
     unit_system,
 )
-from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows
+from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows, progress
 
 from .fit import load_fitting
 
@@ -350,7 +350,8 @@ def card(
     if own:
         add_cwd_to_path()
     saved = load_fit(fit_json, own=own)
-    found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
+    with progress("drawing muscles"):
+        found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
     warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
     if json_:
@@ -417,7 +418,9 @@ def export(
     if subject.card is not None:
         made = subject.card.provenance
         warn_unidentified(muscle, made.verdict, made.reasons)
-    for path in export_to(subject, to, output):
+    with progress("exporting"):
+        paths = [*export_to(subject, to, output)]
+    for path in paths:
         print(f"written: {path}")
     return 0
 

@@ -305,13 +305,10 @@ def series(
     }
     with progress("identifying") as show:
         found = fitting.identify_series(
-            maps,
-            laws=law or DEFAULT_LAWS,
-            parameters=said | taking_part(declared, said),
-            constraint=constraint,
-            **parts,
+            maps, laws=law or DEFAULT_LAWS, parameters=said | taking_part(declared, said),
+            constraint=constraint, **parts,
             progress=lambda name, done, total: show(done, total, name),
-        )
+        )  # fmt: skip
     judgement = judge_series(found.specimens, found.left_out)
     document = fitting.saved.series_as_dict(found, Origin.of_this_command())
     paths = place.write({"fit.json": document})
@@ -410,18 +407,13 @@ def ramps(
     from fitting.records import parse_atmosphere, ramps_command
 
     place = Output(output)
-    summary, files = ramps_command(
-        records,
-        atmosphere=parse_atmosphere(atmosphere),
-        columns=columns,
-        specimen=parse_specimen(specimen),
-        period=period_s,
-        step=step_kPa * 1e3,
-        slack_below=slack_below_N,
-        branches=branches,
-        length_std=None if length_std_mm is None else length_std_mm / 1e3,
-        system=units,
-    )
+    with progress("reading ramps"):
+        summary, files = ramps_command(
+            records, atmosphere=parse_atmosphere(atmosphere), columns=columns,
+            specimen=parse_specimen(specimen), period=period_s, step=step_kPa * 1e3,
+            slack_below=slack_below_N, branches=branches, system=units,
+            length_std=None if length_std_mm is None else length_std_mm / 1e3,
+        )  # fmt: skip
     origin = Origin.of_this_command()
     summary["origin"] = origin.as_dict()
     files["map.csv"] = "\n".join(origin.comments()).encode() + b"\n" + files["map.csv"]

@@ -62,7 +62,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
     out = tmp_path / "out"
     ruler = lab.photos / "ruler.jpg"
     code = run(lab.photos, "--ruler", ruler, "--log", lab.folder / "log.csv", "--jobs", 1,
-               "--output", out, "--overlays", 3, "--json")  # fmt: skip
+               "--output", out, "--overlays", 3, "--units", "us", "--json")  # fmt: skip
     document = json.loads(capsys.readouterr().out)
     assert code == 0, document
     assert document["ok"] == document["pictures"] == 9

@@ -50,7 +50,7 @@ def test_table_for_people(run: Callable, force_map: Path, tmp_path: Path) -> Non
     assert [one for one in labels if f"\n{one}" in out] == [*labels]
     code, out, _ = run(*asked, "--verbose")
     assert code == 0
-    shown = ("Parameters", "braid_angle", "held", "RMSE", "Certificate", "note:", "written:")
+    shown = ("Parameters", "braid_angle", "held", "RMSE", "certificate", "note:", "written:")
     for needed in shown:
         assert needed in out
     fitted = json.loads((tmp_path / "o" / "fit.json").read_text())

@@ -17,8 +17,7 @@ ASKED = (
 def test_files_of_a_search(run: Callable, tmp_path: Path) -> None:
     code, out, _ = run(
         "design", *ASKED, "--units", "us", "--search", "2e3", "--vary", "pressure_psi=40:100", "--json",
-        "--output",
-        tmp_path,
+        "--output", tmp_path,
     )  # fmt: skip
     assert code == 0
     document = json.loads(out)
