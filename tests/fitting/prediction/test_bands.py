@@ -85,7 +85,7 @@ def test_three_lengths_are_fitted_and_bounded_by_a_prior(
     level = dmsp10.lengths.level
     lengths = np.unique(level[dmsp10.loaded])[-3:]
     path = write_csv(dmsp10.part(level >= lengths[0]), tmp_path / "three.csv", system="metric")
-    said = " ".join(command("fit", path, "--output", tmp_path).split())
+    said = " ".join(command("fit", path, "--output", tmp_path, "--verbose").split())
     assert "too few lengths to leave one out" in said
     assert "were left out" in said
 
