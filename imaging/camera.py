@@ -299,11 +299,12 @@ def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) ->
         muscle: linear light a, the same.
         look: weights of the colours, shape (3,).
     """
-    values, most = np.arange(256.0), _BRIGHTEST
-    falls = background - muscle
-    if float(muscle @ look) < float(background @ look):
+    values, falls, least, most = np.arange(256.0), background - muscle, _DARKEST, _BRIGHTEST
+    if float(falls @ look) > 0:
         most = float(np.min(background[falls > 0] / falls[falls > 0]))
-    q = np.linspace(_DARKEST, most, 1024)
+    else:  # no shadow is darker than black
+        least = max(least, float(background @ look) / min(float(falls @ look), -1e-9))
+    q = np.linspace(least, most, 1024)
     light = np.clip(background + q[:, None] * (muscle - background), 0, 1)
     seen = np.interp(light, tone.table, values) @ look
     if seen[-1] < seen[0]:

@@ -69,6 +69,7 @@ def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v
 _BRIGHTEST = 1.6
 _BRIGHTER = 1.15  # luma of the braid over the tape's, for an edge in it
 _OF_COLOUR = 1.6  # px^2
+_IN_COLOUR = 0.25  # px by which an edge that colour alone shows may be off
 
 
 _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
@@ -83,6 +84,7 @@ _LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside the
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _DARK_THREAD = 0.22  # of the braid's brightness
+_BEHIND = 7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12
@@ -176,7 +178,9 @@ class _Front:
 
     def _spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
         """The amount at picture positions u, v; beyond the patch that of its border."""
-        clipped = np.clip(np.asarray(amounts, float), -_BRIGHTEST, _BRIGHTEST)
+        amounts = np.asarray(amounts, float)
+        most = _BRIGHTEST * max(1.0, float(np.quantile(amounts, 0.9)))  # of the brighter side's
+        clipped = np.clip(amounts, -_BRIGHTEST, most)
         spline = spline_filter(clipped, 3, mode="mirror")
         u0, v0 = self.columns.start, self.rows.start
         return lambda u, v: map_coordinates(
@@ -235,11 +239,11 @@ def find_ring(
     front, px = _Front(photo, tone, coarse, body, blur, lower=lower), 1 / photo.camera.px_per_m
     y, left = front.y, 2 * _PASSES
     while True:
-        t, s = _window(blur), blur
+        t, s, slope = _window(blur), blur, 0.0
         shows = front.uncovered(y, s)
         grid, lateral, seen = front.unrolled(y, t, shows)
         for _ in range(_PASSES):
-            shift, s = _clear_step(grid.mean(axis=0), t, s)
+            shift, s, slope = _clear_step(grid.mean(axis=0), t, s)
             if abs(shift) < _SETTLED:
                 break
             y += shift * front.step
@@ -248,9 +252,9 @@ def find_ring(
                 shows = front.uncovered(y, s)
             grid, lateral, seen = front.unrolled(y, t, shows)
         radius = float(body.radius_at(y))
-        delta, where = _along(grid, lateral / px, t, s)
-        (_, slope, lean), (*_, error) = plane_through(where, delta, radius / px)
-        bent = float(np.ptp(_plane_model(where, radius / px)[:, 1:] @ (slope, lean)))
+        delta, where = _along(grid, lateral / px, t, s, slope)
+        (_, across, lean), (*_, error) = plane_through(where, delta, radius / px)
+        bent = float(np.ptp(_plane_model(where, radius / px)[:, 1:] @ (across, lean)))
         # A lean that the groups show by three standard errors takes the edge to where the muscle is
         # wider or narrower, which makes it another lean.
         level = abs(lean) < max(3 * error, _LEVEL_FRONT * px / radius)
@@ -258,22 +262,23 @@ def find_ring(
         if left == 0 or (level and bent < _STRAIGHT):
             break
         inward = front.step / px
-        front.plane = front.plane[0] + inward * slope, front.plane[1] + inward * lean
+        front.plane = front.plane[0] + inward * across, front.plane[1] + inward * lean
     if seen < _LEAST_SEEN:
         raise MissingFitting(
             f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; "
             "something covers it, or shines on it: clear it, or move the lamp",
             seen=seen,
         )  # fmt: skip
-    delta, where = _along(grid, lateral, t, s)
+    delta, where = _along(grid, lateral, t, s, slope)
     (offset, left_over), teeth = _line(where / px, delta), 0.0
     if _scatter(left_over) > _RAGGED:
         t, shows, teeth = _window(_DEEPEST / 3), front.uncovered(y, _DEEPEST / 2), _DEEPEST
         grid, lateral, _ = front.unrolled(y, t, shows, teeth)
         s, delta, where = _pieces(grid, lateral, t, s)
         offset, left_over = _line(where / px, delta)
-    if s > _SOFTER * max(blur, 1.0) and coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA):
-        s = _less_colour(front, y, shows, t, s, teeth)
+    seen_in_luma = coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA)
+    if s > _SOFTER * max(blur, 1.0):
+        s = _less_colour(front, y, shows, t, s, teeth) if seen_in_luma else _lens_alone(s)
     spread, radius = _scatter(left_over), float(body.radius_at(y))
     at = np.array([y + offset * front.step])
     u, v = on_cylinder(photo.camera, body, at, lateral, radius, front.plane)
@@ -282,7 +287,10 @@ def find_ring(
     return Ring(
         y=y + place,
         # Groups in the width of one thread are moved together.
-        stderr=spread * np.sqrt(correlated_points(left_over) / left_over.size) * px,
+        stderr=px * math.hypot(
+            spread * math.sqrt(correlated_points(left_over) / left_over.size),
+            0.0 if seen_in_luma else _IN_COLOUR,
+        ),
         spread=spread,
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
@@ -304,7 +312,11 @@ def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teet
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
         ragged = teeth and _pieces(grid[use], lateral[use], t, s)[0]
         in_luma = ragged or _step(grid[use].mean(axis=0), t, s)[1]
-    return min(s, max(in_luma, math.sqrt(max(s**2 - _OF_COLOUR, 0.0))))
+    return min(s, max(in_luma, _lens_alone(s)))
+
+
+def _lens_alone(s: float) -> float:
+    return math.sqrt(max(s**2 - _OF_COLOUR, 0.0))
 
 
 def _lit(grid: Array, t: Array) -> Flags:
@@ -313,11 +325,13 @@ def _lit(grid: Array, t: Array) -> Flags:
     return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
 
 
-def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Array]:
+def _along(grid: Array, lateral: Array, t: Array, s: float, slope: float) -> tuple[Array, Array]:
     """Shifts of those groups of neighbours along the edge [px] that agree, and where they lie."""
     groups, where = _means(grid, lateral, _GROUPS)
-    near = np.abs(t) <= max(8.0, 3 * s)
-    delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
+    inside = _inside(s)
+    near = (t >= -max(8.0, 3 * s)) & (t <= inside)
+    groups = (groups - slope * _relief(t, inside))[:, near]
+    delta = best_shift(groups, t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
     keep = _near_most(delta)
     return delta[keep], where[keep]
 
@@ -397,30 +411,53 @@ def _window(blur: float) -> Array:
     return np.arange(-half, half + 1.0)
 
 
-def _clear_step(profile: Array, t: Array, start: float) -> tuple[float, float]:
-    """Shift and blur of the step in the mean profile."""
-    shift, blur, height = _step(profile, t, start)
+def _clear_step(profile: Array, t: Array, start: float) -> tuple[float, float, float]:
+    """Shift, blur and slope of the step in the mean profile of an edge [px].
+
+    Raises:
+        MissingFitting: none, or one that is too faint.
+    """
+    shift, blur, height, slope = _step(profile, t, start)
     if not (height > _LEAST_HEIGHT and abs(shift) < t[-1]):
         raise MissingFitting(
             "a tape must end in an edge towards the braid; none is seen where its colour ends",
             step_height=height,
         )
-    return shift, blur
+    return shift, blur, slope
 
 
-def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float]:
-    """Shift, blur and height of the step that fits a profile best, whatever it is worth."""
+def _inside(s: float) -> float:
+    """How far inward of an edge of this blur its light is looked at [px]."""
+    return max(_BEHIND, 4 * s)
+
+
+def _relief(x: Array, inside: float) -> Array:
+    """The rise of the threads' light from the edge of a tape, in whose shade they dip below it [px]."""
+    return np.clip(x, 0, inside - 1)
+
+
+def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, float]:
+    """Shift, blur and height of the step with a slope behind it that fits a profile best, and the slope."""
+    inside = _inside(start)
+    profile, t = profile[t <= inside], t[t <= inside]
 
     def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
 
     def fitted(unknown: Array) -> tuple[Array, Array]:
-        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
+        # Of two regressors the one's factor is that of what the other leaves of it and of the samples.
+        x = t - unknown[..., :1]
+        relief = _relief(x, inside)
+        return height_and_rest(
+            height_and_rest(np.broadcast_to(profile, x.shape), relief)[1],
+            height_and_rest(step(x, blur_of(unknown)), relief)[1],
+        )
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
-    first = np.array([steepest, np.log(start)])
-    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
-    return float(best[0]), float(blur_of(best)[0]), float(fitted(best)[0][0])
+    best = least_squares(lambda unknown: fitted(unknown)[1], np.array([steepest, np.log(start)]), 1e-5)
+    height, x = float(fitted(best)[0][0]), t - best[0]
+    slope = height_and_rest(profile - height * step(x, blur_of(best)), _relief(x, inside))[0]
+    return float(best[0]), float(blur_of(best)[0]), height, float(slope[0])
 
 
 class Lean(NamedTuple):

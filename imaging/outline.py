@@ -319,6 +319,7 @@ def aligned_windows(
     rise, drop = after - before, here - after
     windows = 3 * drop + last - before
     windows = ((windows * (f - 1) - 2 * drop - rise) * f + rise) * (0.5 * f) + here
+    windows -= np.median(windows[:, t < t[0] / 2])  # of each side its own: one may lie in a shadow
     seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius / spacing)
     averaged = _AVERAGED_ROWS // spacing | 1
     weight = _along_edge(seen[:, None], averaged)[:, 0]

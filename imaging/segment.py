@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skimage.filters.thresholding import threshold_otsu
 
 from . import errors
-from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_look, amount_of_luma
+from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_look
 
 Mask = Image
 
@@ -285,6 +285,7 @@ _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was g
 _SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
 _LEAST_CHROMA = 0.01  # of chromaticity; rendered grey has 0.006 at most, tan on tan 0.018
 _COLOURS = 4000  # pixels that classes and median colours are found on
+_FEWEST = 50  # of a class
 
 
 def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[Mask, float]:
@@ -292,7 +293,8 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
 
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
     along its first principal axis gives two classes, and a second one along the line between
-    their means the answer. White braids, whose hue is noise, and red tapes, whose hue lies across
+    their means the answer. A fitting or a hose may have a third colour: where the tapes' class has two
+    that lie behind each other along the muscle, the outer one is none of the tapes'. White braids, whose hue is noise, and red tapes, whose hue lies across
     the seam, need no special case.
 
     Args:
@@ -305,10 +307,26 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
         mask: 255 on the tape, shape (h, w).
         eta: separability of the two colours, 0 to 1.
     """
-    nothing = np.zeros_like(muscle), 0.0
     sample = sampled(rgb, muscle, _COLOURS).astype(np.float32)
-    colour = sample / (sample @ np.ones((3, 1), np.float32) + 1)
-    along = np.linalg.eigh(np.cov(colour.T))[1][:, -1]
+    along, level, eta = _two_colours(sample)
+    upper = _chromaticity(sample) @ along > level
+    if eta == 0:
+        return np.zeros_like(muscle), 0.0
+    take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
+    if tape_hue is not None:
+        sides = (sample[upper], sample[~upper])
+        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
+        nearest = bool(away[0] <= away[1])
+        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
+            take_upper = nearest
+    mask = np.where((_beyond(rgb, muscle, along, level) == take_upper) & (muscle > 0), 255, 0)
+    return _without_fittings(rgb, mask.astype(np.uint8), muscle), eta
+
+
+def _two_colours(sample: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float]:
+    """Direction and level in chromaticity that separate two classes, and their separability."""
+    colour = _chromaticity(sample)
+    along, nothing = np.linalg.eigh(np.cov(colour.T))[1][:, -1], (np.ones(3), 1.0, 0.0)
     for last in (False, True):
         level, eta = _cut(colour @ along)
         upper = colour @ along > level
@@ -318,21 +336,52 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
             along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
             if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
                 return nothing
-    take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
-    if tape_hue is not None:
-        sides = (sample[upper], sample[~upper])
-        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
-        nearest = bool(away[0] <= away[1])
-        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
-            take_upper = nearest
+    return along, level, eta
+
+
+def _chromaticity(colours: NDArray[np.floating]) -> NDArray[np.floating]:
+    return colours / (colours @ np.ones((3, 1), np.float32) + 1)
+
+
+def _beyond(rgb: Image, inside: Mask, along: NDArray[np.floating], level: float) -> Flags:
+    """Where in the box of a mask the chromaticity is beyond a level, False elsewhere."""
     # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
     form = np.array([[*(along - level), -level]], np.float32)
-    u, v, width, height = cv2.boundingRect(muscle)
+    u, v, width, height = cv2.boundingRect(inside)
     box = slice(v, v + height), slice(u, u + width)
-    above = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
-    mask = np.zeros_like(muscle)
-    mask[box] = np.where((above == take_upper) & (muscle[box] > 0), 255, 0)
-    return mask, eta
+    found = np.zeros(inside.shape, bool)
+    found[box] = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
+    return found
+
+
+def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
+    """The tapes' class without colours that lie beyond the tapes, those of a fitting or a hose.
+
+    Of three colours, such as a tape's, that of its gloss and a grey fitting's, those are taken away that
+    begin along the muscle where the others end. At the braid a tape mixes with it to grey.
+    """
+    braid, at = (np.argwhere(each) for each in ((muscle > 0) & (mask == 0), mask > 0))
+    if min(len(braid), len(at)) < _FEWEST:
+        return mask
+    at = at[:: max(1, len(at) // _COLOURS)]
+    colours = _chromaticity(rgb[at[:, 0], at[:, 1]].astype(np.float32))
+    cv2.setRNGSeed(0)
+    _, label, centres = cv2.kmeans(colours, 3, np.empty(0), (3, 20, 1e-4), 2, cv2.KMEANS_PP_CENTERS)
+    axis = np.linalg.eigh(np.cov(braid.T))[1][:, -1]
+    far, label = np.abs((at - braid.mean(axis=0)) @ axis), np.ravel(label)
+    order = np.argsort([np.median(far[label == k]) for k in range(3)])
+    for kept in (order[:1], order[:2]):
+        inner = np.isin(label, kept)
+        if not 1 > inner.mean() > _LEAST_TAPE:
+            continue
+        if np.quantile(far[inner], 0.9) < np.quantile(far[~inner], 0.25):
+            v, u = np.nonzero(mask)
+            colour = _chromaticity(rgb[v, u].astype(np.float32))
+            nearest = np.linalg.norm(colour[:, None] - centres, axis=2).argmin(axis=1)
+            mask = mask.copy()
+            mask[v, u] = np.where(np.isin(nearest, kept), 255, 0)
+            return mask
+    return mask
 
 
 def hue_of(rgb: NDArray[np.floating]) -> float:
@@ -672,9 +721,12 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     Raises:
         NoMuscle: neither luma nor a colour has a contrast all along the outline.
     """
-    if not math.isnan(coarse.eta_value):
-        return rgb, amount_of_luma(tone, coarse.cloth, coarse.braid)
     inside, outside = _beside(rgb, coarse, tone)
+    if not math.isnan(coarse.eta_value):
+        dark, braid = (np.interp(c, np.arange(256), tone.table) for c in (coarse.cloth, coarse.braid))
+        sides = (np.median(side, axis=0) for side in np.array_split(inside, 2))
+        # Of one side in bright light the limb is brighter than most threads that glare elsewhere.
+        return rgb, amount_of_look(tone, dark, max(braid, *sides, key=lambda c: float(c @ LUMA)), LUMA)
     looks, contrasts = [LUMA, *np.eye(3)], []
     for look in looks:  # what nine rows in ten have, negative where the muscle is darker
         one, other = inside @ look, outside @ look
