@@ -170,6 +170,7 @@ def _numbers(found: Measurement) -> dict[str, float]:
             "braid_angle_deg_stderr": math.degrees(braid.mean_stderr),
             "braid_angle_resolved": braid.part,
             "yarns": braid.yarns,
+            "yarns_stderr": braid.yarns_stderr,
             "turns": braid.turns,
         }
     return {name: float(value) for name, value in numbers.items()}
