@@ -257,7 +257,7 @@ def edge_profile(
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
     def blur_and_disk(unknown: Array) -> tuple[Array, ...]:
-        s = np.minimum(np.maximum(np.exp(unknown[..., 2:3]), _BLURS[0]), _BLURS[1])
+        s = np.exp(np.clip(unknown[..., 2:3], *np.log(_BLURS)))
         return s, LARGEST_DISK * np.sin(unknown[..., 3:]) ** 2
 
     def left_over(unknown: Array) -> Array:

@@ -67,7 +67,7 @@ def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v
 
 
 _BRIGHTEST = 1.6
-_BRIGHTER = 1.15  # luma of the braid over the tape's, for an edge in it
+_BRIGHTER = 1.3  # luma of the braid over the tape's, for an edge in it
 _OF_COLOUR = 1.6  # px^2
 _IN_COLOUR = 0.25  # px by which an edge that colour alone shows may be off
 
@@ -77,6 +77,7 @@ _GROUPS = 16
 _BLURS = (0.4, 30.0)
 _PASSES = 4
 _PIECES = 64
+_CLEAR_LEAN = 0.08  # that the coarse edge shows, more than a tape wound by hand has
 _STRAIGHT = 1.5  # px between the ends of an edge, of which groups of 16 make nothing
 _LEVEL_FRONT = 0.3  # px by which the front of an edge that does not lean may lie beside its middle
 _RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
@@ -85,6 +86,8 @@ _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _DARK_THREAD = 0.22  # of the braid's brightness
 _BEHIND = 7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
+_DARK_BRAID = 100.0  # level of a colour
+_GREY, _METAL = 0.12, 1.3  # of the brightest colour; of the median level, which one pixel in 20 has
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12
@@ -149,13 +152,16 @@ class _Front:
         *, lower: bool,
     ) -> None:  # fmt: skip
         self.photo, self.tone, self.body = photo, tone, body
-        self.colours = coarse.tape, coarse.braid
+        self.coarse, self.colours = coarse, (coarse.tape, coarse.braid)
         camera, self.plane = photo.camera, (0.0, 0.0)
         self.step = (-1 if lower else 1) / camera.px_per_m  # inward [m]
         band = coarse.lower if lower else coarse.upper
         u = (band.left + band.right) / 2
         v, radius = float(np.polyval(band.inner, u)), float(body.radius[-1 if lower else 0])
         self.y = float(ring_position(camera, u, v, radius, body.x0, body.roll))
+        # The arc in the picture is that of perspective, y / d, and of a lean.
+        lean = -2 * float(band.inner[0]) * radius * camera.px_per_m - self.y / camera.distance
+        self.lean = lean if abs(lean) > _CLEAR_LEAN else 0.0
         radius, reach = float(body.radius_at(self.y)), 2 * len(_window(blur)) * self.step
         self.n = max(4 * _GROUPS, int(2 * _WIDTH * radius * camera.px_per_m))
         edges = on_cylinder(
@@ -243,10 +249,16 @@ def find_ring(
         shows = front.uncovered(y, s)
         grid, lateral, seen = front.unrolled(y, t, shows)
         for _ in range(_PASSES):
-            shift, s, slope = _clear_step(grid.mean(axis=0), t, s)
+            try:
+                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, coarse)
+            except MissingFitting:
+                if front.lean == 0:
+                    raise
+                y -= front.lean * float(body.radius_at(y))
+                front.plane, front.lean, shift = (0.0, front.lean), 0.0, math.inf
             if abs(shift) < _SETTLED:
                 break
-            y += shift * front.step
+            y += shift * front.step if math.isfinite(shift) else 0.0
             t = _window(s)
             if not shows.all():  # else the tape shows everywhere, here as some pixels beside
                 shows = front.uncovered(y, s)
@@ -274,7 +286,7 @@ def find_ring(
     if _scatter(left_over) > _RAGGED:
         t, shows, teeth = _window(_DEEPEST / 3), front.uncovered(y, _DEEPEST / 2), _DEEPEST
         grid, lateral, _ = front.unrolled(y, t, shows, teeth)
-        s, delta, where = _pieces(grid, lateral, t, s)
+        s, delta, where = _pieces(grid, lateral, t, s, coarse)
         offset, left_over = _line(where / px, delta)
     seen_in_luma = coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA)
     if s > _SOFTER * max(blur, 1.0):
@@ -289,6 +301,7 @@ def find_ring(
         # Groups in the width of one thread are moved together.
         stderr=px * math.hypot(
             spread * math.sqrt(correlated_points(left_over) / left_over.size),
+            slope * (_inside(s) - 1),  # the light behind the edge, of which a line is the simplest law
             0.0 if seen_in_luma else _IN_COLOUR,
         ),
         spread=spread,
@@ -310,7 +323,7 @@ def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teet
     grid = front.lumas()(u, v)
     use, in_luma = _lit(grid, t - teeth) & shows, s
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
-        ragged = teeth and _pieces(grid[use], lateral[use], t, s)[0]
+        ragged = teeth and _pieces(grid[use], lateral[use], t, s, front.coarse)[0]
         in_luma = ragged or _step(grid[use].mean(axis=0), t, s)[1]
     return min(s, max(in_luma, _lens_alone(s)))
 
@@ -377,7 +390,9 @@ def _scatter(left_over: Array) -> float:
     return math.sqrt(float(left_over @ left_over) / max(left_over.size - 2, 1))
 
 
-def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Array]:
+def _pieces(
+    grid: Array, lateral: Array, t: Array, s: float, coarse: Segmentation
+) -> tuple[float, Array, Array]:
     """Blur of a ragged edge [px], and shifts of small pieces as `_along` gives them of groups.
 
     The blur is that of the level pieces, each put in its place: a lens smears the flanks of teeth
@@ -393,7 +408,7 @@ def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Arr
         level = keep & (steep <= np.quantile(steep, _LEVEL))
         aligned = [np.interp(t + d, t, piece) for d, piece in zip(delta, pieces, strict=True)]
         near = np.abs(t) <= _DEEPEST
-        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s)[1]
+        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s, coarse)[1]
         if abs(own / s - 1) < _SAME:
             break
         s = own
@@ -411,24 +426,32 @@ def _window(blur: float) -> Array:
     return np.arange(-half, half + 1.0)
 
 
-def _clear_step(profile: Array, t: Array, start: float) -> tuple[float, float, float]:
+def _clear_step(
+    profile: Array, t: Array, start: float, coarse: Segmentation
+) -> tuple[float, float, float]:
     """Shift, blur and slope of the step in the mean profile of an edge [px].
 
     Raises:
-        MissingFitting: none, or one that is too faint.
+        MissingFitting: none, or one that is too faint, with the likely cause by the colours.
     """
     shift, blur, height, slope = _step(profile, t, start)
-    if not (height > _LEAST_HEIGHT and abs(shift) < t[-1]):
-        raise MissingFitting(
-            "a tape must end in an edge towards the braid; none is seen where its colour ends",
-            step_height=height,
-        )
-    return shift, blur, slope
+    if height > _LEAST_HEIGHT and abs(shift) < t[-1]:
+        return shift, blur, slope
+    braid = coarse.braid
+    if braid @ LUMA < coarse.tape @ LUMA and braid.max() < _DARK_BRAID:
+        why = "the braid is darker than its tapes: take darker tape, or whiten the braid with chalk"
+    elif np.ptp(braid) < _GREY * braid.max() and coarse.glare > _METAL:
+        why = "the braid shines as metal does: dull it with chalk, and light it from all sides"
+    else:
+        why = "none is seen where its colour ends"
+    raise MissingFitting(
+        f"a tape must end in an edge towards the braid; {why}", step_height=height
+    )
 
 
 def _inside(s: float) -> float:
     """How far inward of an edge of this blur its light is looked at [px]."""
-    return max(_BEHIND, 4 * s)
+    return max(_BEHIND, 6 * s)
 
 
 def _relief(x: Array, inside: float) -> Array:
@@ -444,6 +467,9 @@ def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, 
     def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
 
+    def plain(unknown: Array) -> Array:
+        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))[1]
+
     def fitted(unknown: Array) -> tuple[Array, Array]:
         # Of two regressors the one's factor is that of what the other leaves of it and of the samples.
         x = t - unknown[..., :1]
@@ -454,7 +480,8 @@ def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, 
         )
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
-    best = least_squares(lambda unknown: fitted(unknown)[1], np.array([steepest, np.log(start)]), 1e-5)
+    first = least_squares(plain, np.array([steepest, np.log(start)]), 1e-3)
+    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
     height, x = float(fitted(best)[0][0]), t - best[0]
     slope = height_and_rest(profile - height * step(x, blur_of(best)), _relief(x, inside))[0]
     return float(best[0]), float(blur_of(best)[0]), height, float(slope[0])

@@ -71,7 +71,7 @@ class MeasurementErrors(NamedTuple):
     A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
     that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
 
-    The length has the scatter of both edges along their tapes, and for each tape 0.035 px, the shade
+    The length has the scatter of both edges along their tapes, and for each tape 0.05 px, the shade
     of the threads there, and the same 16 m s.
 
     A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of
@@ -188,7 +188,7 @@ _OF_MISFIT = 16.0  # px per edge and px of blur
 _OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
 _WIDEST = 1.5  # px of blur, up to which it grows
 _HIDDEN = 0.03  # px per edge, where black threads hide some of it
-_RING_BIAS = 0.035  # px
+_RING_BIAS = 0.05  # px
 _OF_GLOSS = 0.13  # of the blur, per edge
 _OF_AXIS = ("distance", "distance_stderr", "tilt", "tilt_stderr", "bow")
 
@@ -317,6 +317,7 @@ def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: in
 _LEAST_WIDTH = 16  # px
 _RAGGED = 1.5  # px, scatter of a tape's edge from which its teeth may pass for blur
 _PASSES = 3  # towards the distance of the tapes' arcs, each linear in what is left
+_STEEP = 0.6  # slope of the radius beside a tape
 _SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
@@ -385,7 +386,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         photo = dataclasses.replace(photo, camera=camera)
         body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, seen, upper, lower, recipe)
-    _check(quality, recipe)
+    _check(quality, recipe, body)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
     stated = recipe.distance is not None
@@ -417,12 +418,16 @@ def _placed(
     return body, upper, lower
 
 
-def _check(quality: Quality, recipe: Recipe) -> None:
+def _check(quality: Quality, recipe: Recipe, body: Silhouette) -> None:
     """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
     try:
         quality.check(recipe.limits)
     except errors.MotionBlurred as error:
         smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
+        steep = float(np.abs(np.gradient(body.radius, body.y)[[0, -1]]).max())
+        if smear > 1 and steep > _STEEP:
+            error.message += "; or else a shoulder this steep shades the tapes: wind them further in"
+            error.figures["shoulder_slope"] = steep
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise
         raise errors.AmbiguousHue(

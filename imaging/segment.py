@@ -294,8 +294,8 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
     along its first principal axis gives two classes, and a second one along the line between
     their means the answer. A fitting or a hose may have a third colour: where the tapes' class has two
-    that lie behind each other along the muscle, the outer one is none of the tapes'. White braids, whose hue is noise, and red tapes, whose hue lies across
-    the seam, need no special case.
+    that lie behind each other along the muscle, the outer one is none of the tapes'. White braids, whose
+    hue is noise, and red tapes, whose hue lies across the seam, need no special case.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -539,6 +539,7 @@ class Segmentation:
         eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1; the first nan
             where the muscle was found by its border and not by its brightness.
         saturated: part of the muscle with a colour at 254 or more.
+        glare: level that one pixel of the braid in twenty exceeds, over the median.
     """
 
     rows: Indices
@@ -552,6 +553,7 @@ class Segmentation:
     eta_value: float
     eta_hue: float
     saturated: float
+    glare: float
 
 
 class _Look(NamedTuple):
@@ -678,6 +680,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         lower=lower.moved(step, v0, u0), cloth=np.median(cloth, axis=0),
         braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=look.muscle.eta,
         eta_hue=look.eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
+        glare=float(np.divide(*np.quantile(braid.max(axis=1), [0.95, 0.5]))),
     )  # fmt: skip
 
 
