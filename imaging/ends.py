@@ -67,7 +67,7 @@ def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v
 
 
 _BRIGHTEST = 1.6
-_BRIGHTER = 1.3  # luma of the braid over the tape's, for an edge in it
+_BRIGHTER = 1.15  # luma of the braid over the tape's, for an edge in it
 _OF_COLOUR = 1.6  # px^2
 _IN_COLOUR = 0.25  # px by which an edge that colour alone shows may be off
 
@@ -85,7 +85,9 @@ _LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside the
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _DARK_THREAD = 0.22  # of the braid's brightness
-_BEHIND = 7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
+_BEHIND = (
+    7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
+)
 _DARK_BRAID = 100.0  # level of a colour
 _GREY, _METAL = 0.12, 1.3  # of the brightest colour; of the median level, which one pixel in 20 has
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
@@ -250,9 +252,9 @@ def find_ring(
         grid, lateral, seen = front.unrolled(y, t, shows)
         for _ in range(_PASSES):
             try:
-                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, coarse)
+                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, coarse, seen)
             except MissingFitting:
-                if front.lean == 0:
+                if front.lean == 0 or seen < _LEAST_SEEN:
                     raise
                 y -= front.lean * float(body.radius_at(y))
                 front.plane, front.lean, shift = (0.0, front.lean), 0.0, math.inf
@@ -275,12 +277,12 @@ def find_ring(
             break
         inward = front.step / px
         front.plane = front.plane[0] + inward * across, front.plane[1] + inward * lean
-    if seen < _LEAST_SEEN:
-        raise MissingFitting(
-            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; "
-            "something covers it, or shines on it: clear it, or move the lamp",
-            seen=seen,
-        )  # fmt: skip
+    beside, beyond = (
+        tape_shows(photo.rgb, tone, front.colours, *front.around(y, at)[1:])
+        for at in (np.arange(2.0, 8.0), np.arange(14.0, 20.0))
+    )
+    # Tape beside the edge that was found, and braid beyond: the edge is that of what covers another part.
+    _check_seen(min(seen, 1 - float(np.mean(beside & ~beyond))), coarse)
     delta, where = _along(grid, lateral, t, s, slope)
     (offset, left_over), teeth = _line(where / px, delta), 0.0
     if _scatter(left_over) > _RAGGED:
@@ -299,9 +301,11 @@ def find_ring(
     return Ring(
         y=y + place,
         # Groups in the width of one thread are moved together.
-        stderr=px * math.hypot(
+        stderr=px
+        * math.hypot(
             spread * math.sqrt(correlated_points(left_over) / left_over.size),
-            slope * (_inside(s) - 1),  # the light behind the edge, of which a line is the simplest law
+            slope
+            * (_inside(s) - 1),  # the light behind the edge, of which a line is the simplest law
             0.0 if seen_in_luma else _IN_COLOUR,
         ),
         spread=spread,
@@ -324,7 +328,7 @@ def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teet
     use, in_luma = _lit(grid, t - teeth) & shows, s
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
         ragged = teeth and _pieces(grid[use], lateral[use], t, s, front.coarse)[0]
-        in_luma = ragged or _step(grid[use].mean(axis=0), t, s)[1]
+        in_luma = ragged or _step(grid[use].mean(axis=0), t, s, sloped=False)[1]
     return min(s, max(in_luma, _lens_alone(s)))
 
 
@@ -342,7 +346,7 @@ def _along(grid: Array, lateral: Array, t: Array, s: float, slope: float) -> tup
     """Shifts of those groups of neighbours along the edge [px] that agree, and where they lie."""
     groups, where = _means(grid, lateral, _GROUPS)
     inside = _inside(s)
-    near = (t >= -max(8.0, 3 * s)) & (t <= inside)
+    near = (t >= -max(8.0, 3 * s)) & (t <= (inside if slope else max(8.0, 3 * s)))
     groups = (groups - slope * _relief(t, inside))[:, near]
     delta = best_shift(groups, t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
     keep = _near_most(delta)
@@ -427,7 +431,7 @@ def _window(blur: float) -> Array:
 
 
 def _clear_step(
-    profile: Array, t: Array, start: float, coarse: Segmentation
+    profile: Array, t: Array, start: float, coarse: Segmentation, seen: float = 1.0
 ) -> tuple[float, float, float]:
     """Shift, blur and slope of the step in the mean profile of an edge [px].
 
@@ -437,16 +441,32 @@ def _clear_step(
     shift, blur, height, slope = _step(profile, t, start)
     if height > _LEAST_HEIGHT and abs(shift) < t[-1]:
         return shift, blur, slope
+    _check_seen(seen, coarse)
+    cause = _cause(coarse) or "none is seen where its colour ends"
+    raise MissingFitting(
+        f"a tape must end in an edge towards the braid; {cause}", step_height=height
+    )
+
+
+def _check_seen(seen: float, coarse: Segmentation) -> None:
+    if seen < _LEAST_SEEN:
+        cause = _cause(coarse) or "something covers it, or shines on it: clear it, or move the lamp"
+        raise MissingFitting(
+            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; {cause}",
+            seen=seen,
+        )
+
+
+def _cause(coarse: Segmentation) -> str:
+    """Why a tape's edge cannot be seen, by the colours; empty where they do not tell."""
     braid = coarse.braid
     if braid @ LUMA < coarse.tape @ LUMA and braid.max() < _DARK_BRAID:
-        why = "the braid is darker than its tapes: take darker tape, or whiten the braid with chalk"
-    elif np.ptp(braid) < _GREY * braid.max() and coarse.glare > _METAL:
-        why = "the braid shines as metal does: dull it with chalk, and light it from all sides"
-    else:
-        why = "none is seen where its colour ends"
-    raise MissingFitting(
-        f"a tape must end in an edge towards the braid; {why}", step_height=height
-    )
+        return (
+            "the braid is darker than its tapes: take darker tape, or whiten the braid with chalk"
+        )
+    if np.ptp(braid) < _GREY * braid.max() and coarse.glare > _METAL:
+        return "the braid shines as metal does: dull it with chalk, and light it from all sides"
+    return ""
 
 
 def _inside(s: float) -> float:
@@ -459,32 +479,41 @@ def _relief(x: Array, inside: float) -> Array:
     return np.clip(x, 0, inside - 1)
 
 
-def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, float]:
+def _step(
+    profile: Array, t: Array, start: float, *, sloped: bool = True
+) -> tuple[float, float, float, float]:
     """Shift, blur and height of the step with a slope behind it that fits a profile best, and the slope."""
     inside = _inside(start)
-    profile, t = profile[t <= inside], t[t <= inside]
 
     def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
 
-    def plain(unknown: Array) -> Array:
-        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))[1]
+    def plain(unknown: Array) -> tuple[Array, Array]:
+        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
 
     def fitted(unknown: Array) -> tuple[Array, Array]:
         # Of two regressors the one's factor is that of what the other leaves of it and of the samples.
-        x = t - unknown[..., :1]
+        x = t[near] - unknown[..., :1]
         relief = _relief(x, inside)
         return height_and_rest(
-            height_and_rest(np.broadcast_to(profile, x.shape), relief)[1],
+            height_and_rest(np.broadcast_to(profile[near], x.shape), relief)[1],
             height_and_rest(step(x, blur_of(unknown)), relief)[1],
         )
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
-    first = least_squares(plain, np.array([steepest, np.log(start)]), 1e-3)
-    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
-    height, x = float(fitted(best)[0][0]), t - best[0]
-    slope = height_and_rest(profile - height * step(x, blur_of(best)), _relief(x, inside))[0]
-    return float(best[0]), float(blur_of(best)[0]), height, float(slope[0])
+    near = t <= inside
+    best = least_squares(
+        lambda unknown: plain(unknown)[1], np.array([steepest, np.log(start)]), 1e-5
+    )
+    height, slope = float(plain(best)[0][0]), 0.0
+    if sloped:
+        risen = least_squares(lambda unknown: fitted(unknown)[1], best, 1e-5)
+        high, x = float(fitted(risen)[0][0]), t[near] - risen[0]
+        left = profile[near] - high * step(x, blur_of(risen))
+        rise = float(height_and_rest(left, _relief(x, inside))[0][0])
+        if rise > 0:  # light that falls inward is no relief's
+            best, height, slope = risen, high, rise
+    return float(best[0]), float(blur_of(best)[0]), height, slope
 
 
 class Lean(NamedTuple):

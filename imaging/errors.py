@@ -116,7 +116,3 @@ class DistanceContradiction(ImagingError):
 
 class ScaleContradiction(ImagingError):
     """The scale and a known diameter in the picture exclude each other."""
-
-
-class WorkerDied(ImagingError):
-    """The process that measured a picture ended abnormally, for lack of memory for example."""

@@ -118,6 +118,7 @@ class Measurement:
         tilt, tilt_stderr: of the axis in depth, its lower end away from the camera [rad].
         bow: largest deviation of the mid-line from a straight one [m].
         warnings: what the errors do not hold, or hold only in part, in words.
+        notes: what the errors take as it was stated, in words.
         trace: the edges in the picture.
         braid: the braid angle along it; None where the recipe does not ask for it.
     """
@@ -139,6 +140,7 @@ class Measurement:
     tilt_stderr: float = math.nan
     bow: float = 0.0
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     braid: BraidAngle | None = None
 
     @property
@@ -211,7 +213,7 @@ def measurement_of_body(
     diameter = 2 * body.radius_at(y) * np.interp(y, at, axis.cosine)
     edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
     stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
-    sides = outline.left.column, outline.right.column
+    sides, open_questions = (outline.left.column, outline.right.column), of_placement(recipe)
     return Measurement(
         path=photo.path, z=length * part, diameter=diameter, diameter_stderr=stderr, length=length,
         px_per_m=px_per_m, roll=body.roll, x0=body.x0,
@@ -222,7 +224,8 @@ def measurement_of_body(
             scale=relative,
         ),
         quality=quality, **{name: getattr(axis, name) for name in _OF_AXIS},
-        warnings=(*axis.warnings, *_of_recipe(recipe, length)),
+        warnings=(*axis.warnings, *open_questions.get("warnings", ())),
+        notes=open_questions.get("notes", ()),
         trace=Trace(outline.rows.astype(float), *sides, upper.arc, lower.arc, photo.turned),
     )  # fmt: skip
 
@@ -260,16 +263,23 @@ def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tup
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
 
 
-def _of_recipe(recipe: Recipe, length: float) -> tuple[str, ...]:
-    """What the recipe leaves open and no picture shows."""
-    scale = recipe.scale
-    if scale.source != "ruler" or scale.placement_stderr is not None:
-        return ()
-    off = 0.1 * length / recipe.camera_distance
-    return (
-        "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes the "
-        f"length wrong by {off:.3f} in; say how well it lay there, --ruler-placement 0.01in",
-    )
+def of_placement(recipe: Recipe) -> dict[str, tuple[str, ...]]:
+    """What the recipe leaves open and no picture shows, as a warning or as a note."""
+    scale, part = recipe.scale, 0.00254 / recipe.camera_distance
+    if scale.source != "ruler":
+        return {}
+    if scale.placement_stderr is None:
+        return {"warnings": (
+            "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes "
+            f"all lengths wrong by {part:.2%}; say how well it lay there, --ruler-placement 0.01in",
+        )}  # fmt: skip
+    if recipe.tape_diameter is not None:
+        return {}
+    return {"notes": (
+        f"that the axis was in the ruler's plane to {scale.placement_stderr * 1e3:.3g} mm is taken as "
+        f"stated: no picture shows it, and 0.1 in off makes all lengths wrong by {part:.2%}; a known size "
+        "checks it, --tape-diameter",
+    )}  # fmt: skip
 
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
@@ -426,7 +436,9 @@ def _check(quality: Quality, recipe: Recipe, body: Silhouette) -> None:
         smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
         steep = float(np.abs(np.gradient(body.radius, body.y)[[0, -1]]).max())
         if smear > 1 and steep > _STEEP:
-            error.message += "; or else a shoulder this steep shades the tapes: wind them further in"
+            error.message += (
+                "; or else a shoulder this steep shades the tapes: wind them further in"
+            )
             error.figures["shoulder_slope"] = steep
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise

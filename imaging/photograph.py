@@ -66,12 +66,15 @@ def read_image(path: str | PathLike[str]) -> Image:
     image, complaint = _decoded(data)
     if image is None:
         raise UnreadableImage(
-            "the file must hold a picture that OpenCV can decode",
+            "a JPEG file must be whole to its end marker FF D9; this one is not: copy it again"
+            if data[:2] == b"\xff\xd8" else "the file must hold a picture that OpenCV can decode",
             path=place, bytes=len(data), starts_with=data[:4].hex(" "),
         )  # fmt: skip
     if "premature end" in complaint.lower():
         raise UnreadableImage(
-            "the picture must be whole; this one is truncated: copy it again", path=place, bytes=len(data)
+            "the picture must be whole; this one is truncated: copy it again",
+            path=place,
+            bytes=len(data),
         )
     if complaint:
         raise DamagedImage(

@@ -726,10 +726,14 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     """
     inside, outside = _beside(rgb, coarse, tone)
     if not math.isnan(coarse.eta_value):
-        dark, braid = (np.interp(c, np.arange(256), tone.table) for c in (coarse.cloth, coarse.braid))
+        dark, braid = (
+            np.interp(c, np.arange(256), tone.table) for c in (coarse.cloth, coarse.braid)
+        )
         sides = (np.median(side, axis=0) for side in np.array_split(inside, 2))
         # Of one side in bright light the limb is brighter than most threads that glare elsewhere.
-        return rgb, amount_of_look(tone, dark, max(braid, *sides, key=lambda c: float(c @ LUMA)), LUMA)
+        return rgb, amount_of_look(
+            tone, dark, max(braid, *sides, key=lambda c: float(c @ LUMA)), LUMA
+        )
     looks, contrasts = [LUMA, *np.eye(3)], []
     for look in looks:  # what nine rows in ten have, negative where the muscle is darker
         one, other = inside @ look, outside @ look

@@ -224,7 +224,11 @@ _SPAN = 2.0  # widths of a window in the spectrum to either side: where a yarn's
 _FINER = 0.1  # of such a width
 _SIDES = 0.95, 0.28  # azimuth and width of the parts between which yarns are counted [rad]
 _SEEN = 0.3  # coherence of both parts from which a harmonic counts
-_NEAR_EVEN = 1.0, 0.6, 0.5  # yarns that the harmonics' numbers may be off an even one, and 2 n_2 - n_1
+_NEAR_EVEN = (
+    1.0,
+    0.6,
+    0.5,
+)  # yarns that the harmonics' numbers may be off an even one, and 2 n_2 - n_1
 _EXCESS, _UNSURE = 0.3, (0.5, 0.8)  # of a number not counted; its standard error by both, by one
 
 
@@ -490,7 +494,9 @@ def braid_angle(
     angle, half = families.mean(axis=0), np.diff(families, axis=0)[0] / 2
     good = (coherence.min(axis=0) >= _COHERENT) & (np.abs(half) < _ALIKE / 2)
     # d theta = -sin(theta) cos(theta) d(g R) / (g R)
-    of_rate = np.hypot(math.hypot(relative_stderr, uncounted / n), _TILT[1] * tilt / rate.mean(axis=0))
+    of_rate = np.hypot(
+        math.hypot(relative_stderr, uncounted / n), _TILT[1] * tilt / rate.mean(axis=0)
+    )
     shade = _SHADE * np.sin(angle) ** 2 / n
     place = _PLACE * waves.width * np.gradient(angle, waves.centres)
     systematic = np.sqrt(_LEAST**2 + shade**2 + place**2 + (of_rate * np.sin(2 * angle) / 2) ** 2)

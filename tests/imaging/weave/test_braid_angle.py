@@ -166,7 +166,7 @@ def test_a_twisted_muscle_has_two_angles():
     angle = np.array([np.nan, 1.0, np.nan])
     braid = BraidAngle(
         np.array([0.0, 0.1, 0.2]), angle, angle / 100, angle + 0.1, angle - 0.1,
-        ("nearer", "", "nearer"), 36.0, 1.0,
+        ("nearer", "", "nearer"), 36.0, 0.0, 1.0,
     )  # fmt: skip
     assert braid.mean == 1.0
     assert braid.part == 0.0
