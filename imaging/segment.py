@@ -702,6 +702,7 @@ def _tape(found: Patch, *, lower: bool) -> TapeBand:
 _BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it
 _ROWS = 400  # that are looked at, evenly thinned out
 _CONTRAST = 0.12  # of the brighter side: contrast that nine rows in ten must have
+_ONE_SIDED = 1.3  # of the braid's light
 _LUMA_FIRST = 0.5  # of the best colour's contrast with which luma, JPEG's sharpest, is preferred
 
 
@@ -729,11 +730,10 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
         dark, braid = (
             np.interp(c, np.arange(256), tone.table) for c in (coarse.cloth, coarse.braid)
         )
-        sides = (np.median(side, axis=0) for side in np.array_split(inside, 2))
-        # Of one side in bright light the limb is brighter than most threads that glare elsewhere.
-        return rgb, amount_of_look(
-            tone, dark, max(braid, *sides, key=lambda c: float(c @ LUMA)), LUMA
-        )
+        brighter = max((np.median(one, axis=0) for one in np.array_split(inside, 2)), key=LUMA.dot)
+        # Of one side in bright light the limb is brighter than threads that glare elsewhere.
+        braid = brighter if brighter @ LUMA > _ONE_SIDED * (braid @ LUMA) else braid
+        return rgb, amount_of_look(tone, dark, braid, LUMA)
     looks, contrasts = [LUMA, *np.eye(3)], []
     for look in looks:  # what nine rows in ten have, negative where the muscle is darker
         one, other = inside @ look, outside @ look
