@@ -11,7 +11,7 @@ from slow_cases import slow_after
 
 from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
 from imaging.campaign import Row, measured_row
-from imaging.weave import Unrolled, directions
+from imaging.weave import GLOSSY, Unrolled, Waves, count_yarns, directions
 from tests.imaging.photographs import photograph
 
 PX_PER_IN = (150.0, 170.0)
@@ -170,3 +170,39 @@ def test_a_twisted_muscle_has_two_angles():
     )  # fmt: skip
     assert braid.mean == 1.0
     assert braid.part == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "counted"),
+    [(24.3, 24.2, 24.0), (24.8, 24.4, 24.0), (23.6, 23.7, 24.0), (24.5, 24.6, None), (25.1, 25.0, None),
+     (25.0, None, None)],
+)  # fmt: skip
+def test_yarns_are_counted_where_no_other_number_is_near(first, second, counted):
+    class Seen(Waves):
+        def __init__(self):
+            pass
+
+        def twist_rates(self, n):
+            return np.zeros((2, 1)), np.zeros((2, 1))
+
+        def phase_across(self, n, rates, harmonic):
+            number = (first, second)[harmonic - 1]
+            return (0.0, 0.0) if number is None else ((number - n) * harmonic * 1.9, 0.9)
+
+    n, stderr = count_yarns(Seen(), 24.0)
+    if counted is not None:
+        assert (n, stderr) == (counted, 0.0)
+    else:
+        assert abs(n - 24) < 2 * stderr
+
+
+def test_a_braid_that_shines_in_stripes_shows_no_angle():
+    photo, found = measured(scene(1))
+    rgb = photo.rgb.astype(float)
+    middle = int((found.trace.left + found.trace.right).mean() / 2)
+    stripe = rgb[:, middle + 20 : middle + 32]
+    sparkle = np.random.default_rng(0).random((stripe.shape[0] // 4 + 1, 3)) > 0.5
+    stripe += 120 * np.kron(sparkle, np.ones((4, 4)))[: stripe.shape[0], :, None]
+    shiny = measure(np.clip(rgb, 0, 255).astype(np.uint8), recipe_of(scene(1)))
+    assert shiny.braid.refusal == GLOSSY
+    assert math.isnan(shiny.braid.yarns)
