@@ -474,9 +474,7 @@ def braid_angle(
     seen = directions(surface, 1 / photo.camera.px_per_m)
     if seen is None or not (seen.contrast > _CONTRAST and math.isfinite(seen.apparent)):
         return _nothing(last - first, NO_WEAVE)
-    across = np.var(surface.contrast[:, np.abs(surface.azimuth) < _FRONT], axis=0)
-    across = np.convolve(across, np.ones(_STRIPE) / _STRIPE, "valid")
-    if across.max() > _SHINY * np.median(across):
+    if shines(surface):
         return _nothing(last - first, GLOSSY)
     width = window_width(surface)
     if n_threads is None:
@@ -512,6 +510,13 @@ def braid_angle(
         np.array([0.0, *z, last - first]), angle, stderr, right, left, (AT_TAPE, *inside, AT_TAPE),
         n, uncounted, _turns(surface, seen, waves, np.where(good, rate.mean(axis=0), waves.model)),
     )  # fmt: skip
+
+
+def shines(surface: Unrolled) -> bool:
+    """Whether the contrast stands in stripes along the muscle, as that of gloss does."""
+    across = np.var(surface.contrast[:, np.abs(surface.azimuth) < _FRONT], axis=0)
+    across = np.convolve(across, np.ones(_STRIPE) / _STRIPE, "valid")
+    return bool(across.max() > _SHINY * np.median(across))
 
 
 def _nothing(length: float, reason: str) -> BraidAngle:

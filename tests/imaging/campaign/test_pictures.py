@@ -10,7 +10,8 @@ from imaging.campaign import POSITION, Row, measured_row
 from imaging.errors import ScaleContradiction
 from imaging.pictures import (
     by_contraction,
-    check_known_sizes, draw_overlays,
+    check_known_sizes,
+    draw_overlays,
     draw_profiles,
     expand,
     skipped,

@@ -11,7 +11,7 @@ from slow_cases import slow_after
 
 from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
 from imaging.campaign import Row, measured_row
-from imaging.weave import GLOSSY, Unrolled, Waves, count_yarns, directions
+from imaging.weave import Unrolled, Waves, count_yarns, directions, shines
 from tests.imaging.photographs import photograph
 
 PX_PER_IN = (150.0, 170.0)
@@ -196,13 +196,10 @@ def test_yarns_are_counted_where_no_other_number_is_near(first, second, counted)
         assert abs(n - 24) < 2 * stderr
 
 
-def test_a_braid_that_shines_in_stripes_shows_no_angle():
-    photo, found = measured(scene(1))
-    rgb = photo.rgb.astype(float)
-    middle = int((found.trace.left + found.trace.right).mean() / 2)
-    stripe = rgb[:, middle + 20 : middle + 32]
-    sparkle = np.random.default_rng(0).random((stripe.shape[0] // 4 + 1, 3)) > 0.5
-    stripe += 120 * np.kron(sparkle, np.ones((4, 4)))[: stripe.shape[0], :, None]
-    shiny = measure(np.clip(rgb, 0, 255).astype(np.uint8), recipe_of(scene(1)))
-    assert shiny.braid.refusal == GLOSSY
-    assert math.isnan(shiny.braid.yarns)
+@pytest.mark.parametrize(("stripe", "glossy"), [(0.07, False), (0.16, True)])
+def test_a_braid_that_shines_in_stripes_is_told(stripe, glossy):
+    azimuth = np.linspace(-1.3, 1.3, 261)
+    contrast = np.random.default_rng(0).normal(0, 0.08, (800, 261))
+    contrast[:, 150:170] = np.random.default_rng(1).choice([-stripe, stripe], (800, 20))
+    along = np.linspace(0, 0.1, 800)
+    assert shines(Unrolled(azimuth, along, along, np.full(800, 0.01), contrast)) is glossy
