@@ -242,7 +242,7 @@ _COARSE_MEDIAN = 15  # rows
 _DENT = 0.6  # of the radius, along the axis: the longest dent that dark threads make
 _DARK_THREAD = 0.22  # of the brightness around, below which a thread's edge is not seen
 _AROUND = 1.5  # of the radius, along the axis, over which that brightness is taken
-_SHADOW = 0.02  # of the limb's light, by which the cloth beside it is darker than most of it
+_SHADOW = 0.05  # of the limb's light, by which the cloth beside it is darker than most of it
 _LEAST_SEEN = 0.2  # of the averaged rows, below which they give no edge
 
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import io
 import os
 import tempfile
 import threading
@@ -80,7 +79,7 @@ def read_image(path: str | PathLike[str]) -> Image:
         raise DamagedImage(
             f"the decoder must not complain; it says: {complaint}", path=place, bytes=len(data)
         )
-    return shown(image, _orientation(io.BytesIO(data)))
+    return image
 
 
 def _read_heic(path: str) -> Image:
@@ -96,7 +95,7 @@ def _read_heic(path: str) -> Image:
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:
     """The picture, and what the decoder wrote to the standard error about it."""
-    flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = cv2.IMREAD_COLOR_RGB
     with _stderr_lock, tempfile.TemporaryFile() as sink:
         kept = os.dup(2)
         try:
@@ -112,22 +111,6 @@ def _decoded(data: bytes) -> tuple[Image | None, str]:
     if others:  # written by another thread meanwhile
         os.write(2, ("\n".join(others) + "\n").encode())
     return None if image is None else np.asarray(image, np.uint8), "; ".join(complaints)
-
-
-def shown(image: Image, orientation: int) -> Image:
-    """The picture as it is to be shown, from the file's rows.
-
-    Args:
-        image: shape (h, w, 3).
-        orientation: 1 to 8: 2, 4, 5 and 7 are mirrored, 3 stands on its head, 6 and 8 lie on a side.
-    """
-    if orientation in _ACROSS:
-        image = image.swapaxes(0, 1)
-    if orientation in {3, 4, 7, 8}:
-        image = image[::-1]
-    if orientation in {2, 3, 6, 7}:
-        image = image[:, ::-1]
-    return np.ascontiguousarray(image)
 
 
 def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
@@ -156,11 +139,6 @@ def _opened(file: Any) -> "Iterator[Picture | None]":
         return
     with picture:
         yield picture
-
-
-def _orientation(file: Any) -> int:
-    with _opened(file) as picture:
-        return 1 if picture is None else _tag(picture)
 
 
 def _tag(picture: "Picture") -> int:
