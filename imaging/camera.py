@@ -299,17 +299,18 @@ def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) ->
         muscle: linear light a, the same.
         look: weights of the colours, shape (3,).
     """
-    values, most = np.arange(256.0), _BRIGHTEST
-    falls = background - muscle
-    if float(muscle @ look) < float(background @ look):
+    values, falls, least, most = np.arange(256.0), background - muscle, -np.inf, _BRIGHTEST
+    if float(falls @ look) > 0:
         most = float(np.min(background[falls > 0] / falls[falls > 0]))
+    else:  # no shadow is darker than black
+        least = max(_DARKEST, float(background @ look) / min(float(falls @ look), -1e-9))
     q = np.linspace(_DARKEST, most, 1024)
     light = np.clip(background + q[:, None] * (muscle - background), 0, 1)
     seen = np.interp(light, tone.table, values) @ look
     if seen[-1] < seen[0]:
         seen, q = seen[::-1], q[::-1] / most
     rising = np.flatnonzero(np.diff(np.maximum.accumulate(seen), prepend=-1.0) > 0)
-    return np.interp(values, seen[rising], q[rising]).astype(np.float32)
+    return np.maximum(np.interp(values, seen[rising], q[rising]), least).astype(np.float32)
 
 
 _END_ROWS = 24

@@ -9,12 +9,10 @@ import importlib.metadata
 import io
 import json
 import math
-import multiprocessing
 import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,11 +21,12 @@ from numpy.typing import ArrayLike
 
 from famjax.boundary.errors import import_extra
 from famjax.boundary.files import some_of
+from famjax.boundary.tasks import Store, run_tasks
 from famjax.boundary.units import factor, unit_system
 
 from .camera import Array
-from .errors import ImagingError, MixedSizes, WorkerDied
-from .measurement import Measurement
+from .errors import ImagingError, MixedSizes
+from .measurement import Measurement, of_placement
 from .photograph import Timestamp, read_timestamp, sizes_of
 from .recipe import Recipe, recipe_text
 
@@ -136,10 +135,14 @@ def measured_row(path: str, recipe: Recipe, reader: Callable[..., Any] | None = 
     from . import measurement  # noqa: PLC0415
 
     facts, options = _file_facts(path), {} if reader is None else {"reader": reader}
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
     try:
         found = measurement.measure(path, recipe, **options)
     except (ValueError, OSError, ArithmeticError, cv2.error) as error:
         return Row(path, error=_error_text(error), **facts)
+    finally:
+        cv2.setNumThreads(threads)
     z = found.z / found.length
     profiles: dict[str, Any] = {
         name: np.interp(POSITION, z, getattr(found, name)).tolist() for name in _PROFILES[:2]
@@ -170,6 +173,7 @@ def _numbers(found: Measurement) -> dict[str, float]:
             "braid_angle_deg_stderr": math.degrees(braid.mean_stderr),
             "braid_angle_resolved": braid.part,
             "yarns": braid.yarns,
+            "yarns_stderr": braid.yarns_stderr,
             "turns": braid.turns,
         }
     return {name: float(value) for name, value in numbers.items()}
@@ -414,44 +418,47 @@ def _notes(rows: Sequence[Row], resolution: float) -> Iterator[str]:
         )
 
 
-class _Kept:
-    """The rows of a campaign on the disk, one line of JSON each, added as soon as it is measured.
+class _Kept(Store):
+    """The rows of a campaign, in `rows.jsonl` as soon as each is measured; a store of `run_tasks`.
+
+    A row is known by the content of its picture and by the settings, so that pictures may be added.
 
     Args:
         folder: created if missing; None keeps nothing.
         settings: what a row depends on besides its picture.
+        paths: of the pictures.
 
     Raises:
         ImagingError: the folder cannot be read or written.
     """
 
-    def __init__(self, folder: Path | None, settings: str) -> None:
-        self.file = None if folder is None else folder / "rows.jsonl"
+    def __init__(self, folder: Path | None, settings: str, paths: Sequence[str]) -> None:
+        super().__init__(None, "campaign", {}, len(paths))
+        self.path = None if folder is None else folder / "rows.jsonl"
         self.settings = hashlib.sha256(settings.encode()).hexdigest()
-        self.rows: dict[str, Row] = {}
-        if folder is None or self.file is None:
+        if folder is None or self.path is None:
             return
         with _on_disk(folder, "the finished part of the campaign cannot be used"):
             folder.mkdir(parents=True, exist_ok=True)
-            lines = self.file.read_bytes().splitlines() if self.file.exists() else []
+            lines = self.path.read_bytes().splitlines() if self.path.exists() else []
+        known = {}
         for line in lines:
             with contextlib.suppress(ValueError):  # a line that a stop cut short
                 entry = json.loads(line)
                 if entry.pop("settings") == self.settings:
-                    self.rows[entry["sha256"]] = Row(**entry)
+                    known[entry["sha256"]] = Row(**entry)
+        for k, path in enumerate(paths if known else ()):
+            if row := known.get(_sha256(path)):
+                self._parts[k] = dataclasses.replace(row, path=path)
 
-    def rows_of(self, paths: Sequence[str]) -> dict[str, Row]:
-        """The rows of those pictures that need not be measured again, by path as given here."""
-        known = {path: self.rows.get(_sha256(path)) for path in paths if self.rows}
-        return {path: dataclasses.replace(row, path=path) for path, row in known.items() if row}
-
-    def add(self, row: Row) -> None:
+    def keep(self, index: int, part: Row) -> None:
         """Keep a finished row; it is on the disk when this returns."""
-        if self.file is None or not row.sha256:
+        self._parts[index] = part
+        if self.path is None or not part.sha256:
             return
-        line = json.dumps(vars(row) | {"settings": self.settings}).encode()
+        line = json.dumps(vars(part) | {"settings": self.settings}).encode()
         what = "the finished part of the campaign cannot be written"
-        with _on_disk(self.file.parent, what), self.file.open("ab") as file:
+        with _on_disk(self.path.parent, what), self.path.open("ab") as file:
             file.write(b"\n" + line)  # ahead of it, so that it is apart from one cut short
             file.flush()
             os.fsync(file.fileno())
@@ -467,16 +474,15 @@ def process(
 
     Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
     extended goes on with the pictures that are not there yet, or were measured otherwise: a row is known
-    by the content of its picture and the recipe. A picture with which a process of this
-    function dies costs that picture: it is a row with the reason.
+    by the content of its picture and the recipe.
 
     Args:
         paths: of the pictures, all of one size; one named twice is measured once.
         recipe: how to measure, the same for all.
         output: folder for the finished rows, created if missing; None keeps them in memory only.
-        executor: a number of processes, None for this one, or an object with `map` as that of
-            `concurrent.futures.Executor`, whose workers must see the files. "auto" measures the first
-            picture here, and takes a process for each core where these then save more than their start.
+        executor: a number of processes, None for this one, or an executor as of `run_tasks`, whose
+            workers must see the files. "auto" measures the first picture here, and takes a process for
+            each core where these then save more than their start.
         progress: called with (pictures done, pictures) whenever some are done.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         reader: see `measure`; must be picklable.
@@ -488,7 +494,7 @@ def process(
     Raises:
         ImagingError: no paths, or a folder that cannot be used.
         MixedSizes: the pictures differ in size; nothing has been measured.
-        WorkerDied: the executor that was given is gone; the finished rows are kept.
+        InputError: the executor cannot be used, or a worker died; the finished rows are kept.
     """
     unique: dict[str, str] = {}
     for path in paths:
@@ -496,8 +502,6 @@ def process(
     names = list(unique.values())
     if not names:
         raise ImagingError("there are no pictures to measure")
-    if isinstance(executor, int) and executor < 1:
-        raise ImagingError(f"there must be at least one worker, got {executor}")
     if (size := common_size(names)) is not None:
         try:
             recipe.camera(*size)
@@ -505,76 +509,27 @@ def process(
             raise ImagingError(f"the recipe does not fit the pictures: {error}") from None
     version = importlib.metadata.version("famjax")
     told = {"famjax_version": version, "recipe": recipe_text(recipe)}
-    kept = _Kept(None if output is None else Path(output) / PARTS, json.dumps(told))
-    rows = kept.rows_of(names)
-    if progress is not None:
-        progress(len(rows), len(names))
+    kept = _Kept(None if output is None else Path(output) / PARTS, json.dumps(told), names)
     work = functools.partial(measured_row, recipe=recipe, reader=reader)
-    for row in _measured_by(executor, work, [name for name in names if name not in rows]):
-        kept.add(row)
-        rows[row.path] = row
-        if progress is not None:
-            progress(len(rows), len(names))
-    return Table.from_rows(
-        [rows[name] for name in names], scale_relative_stderr=recipe.scale.relative_stderr,
+    run_tasks(work, names, executor=_paying(executor, work, names, kept), store=kept,
+              progress=progress, names=names)  # fmt: skip
+    table = Table.from_rows(
+        list(kept), scale_relative_stderr=recipe.scale.relative_stderr,
         rest_length=rest_length, provenance={**told, **(provenance or {})},
     )  # fmt: skip
+    notes = (f"{note[0].upper()}{note[1:]}." for note in of_placement(recipe).get("notes", ()))
+    return dataclasses.replace(table, notes=(*table.notes, *notes))
 
 
-def _measured_by(executor: Any, work: Callable[[str], Row], paths: list[str]) -> Iterator[Row]:
-    """The rows of some pictures in their order, by this process, some processes, or an executor."""
-    if executor is None:
-        yield from _measured_here(work, paths)
-    elif executor == "auto":
-        began = time.perf_counter()
-        yield from _measured_here(work, paths[:1])
-        each, left, cores = time.perf_counter() - began, paths[1:], os.cpu_count() or 1
-        pays = each * len(left) * (1 - 1 / cores) > _START
-        yield from _measured_by(cores if pays else None, work, left)
-    elif isinstance(executor, int):
-        yield from _measured_by_processes(executor, work, paths)
-    else:
-        try:
-            yield from executor.map(work, paths)
-        except BrokenExecutor as error:
-            raise WorkerDied(
-                "the executor broke; what was measured is kept: run again to go on"
-            ) from error
-
-
-def _measured_here(work: Callable[[str], Row], paths: list[str]) -> Iterator[Row]:
-    import cv2  # noqa: PLC0415
-
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # as a worker has
-    try:
-        yield from map(work, paths)
-    finally:
-        cv2.setNumThreads(threads)
-
-
-def _measured_by_processes(
-    number: int, work: Callable[[str], Row], paths: list[str]
-) -> Iterator[Row]:
-    import cv2  # noqa: PLC0415
-
-    context, done = multiprocessing.get_context("spawn"), 0
-    while done < len(paths):
-        workers = min(number, len(paths) - done)
-        pool = ProcessPoolExecutor(workers, context, cv2.setNumThreads, (1,))
-        try:
-            for row in pool.map(work, paths[done:]):
-                yield row
-                done += 1
-        except BrokenExecutor:
-            if number == 1:  # then it is known with which picture the process died
-                path = paths[done]
-                error = WorkerDied("the process that measured it ended, for lack of memory perhaps")
-                yield Row(path, error=_error_text(error), **_file_facts(path))
-                done += 1
-            number = 1
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+def _paying(executor: Any, work: Callable[[str], Row], names: Sequence[str], kept: _Kept) -> Any:
+    """The executor; for "auto" a process for each core where these save more than their start."""
+    left = [k for k in range(len(names)) if k not in kept]
+    if executor != "auto" or not left:
+        return None if executor == "auto" else executor
+    began, cores = time.perf_counter(), os.cpu_count() or 1
+    kept.keep(left[0], work(names[left[0]]))
+    each = time.perf_counter() - began
+    return cores if each * (len(left) - 1) * (1 - 1 / cores) > _START else None
 
 
 def common_size(paths: Sequence[str]) -> tuple[int, int] | None:

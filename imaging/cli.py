@@ -104,6 +104,7 @@ def measure(
     log_units: tuple[str, ...] = (),
     log_decimal: Literal[".", ","] | None = None,
     rest_length: str | None = None,
+    diameter: str | None = None,
     jobs: Jobs = None,
     units: Units = "metric",
     output: Path = Path("famjax-measure"),
@@ -139,7 +140,10 @@ def measure(
     log_decimal
         The log's decimal sign where the numbers do not tell.
     rest_length
-        Against which contraction is counted, `9.28in`; the longest measured picture unless given.
+        Against which contraction is counted, `9.28in`; the longest measured picture unless given. A scale
+        with which no picture could show that muscle is refused.
+    diameter
+        Nominal diameter of the braid at rest, `0.875in`, against which the scale is checked.
     jobs
         Number of processes; unless given one for each core, where that saves time.
     units
@@ -180,12 +184,14 @@ def measure(
                     columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
                     units=parse_entries(log_units, "log-units", "force=kN"), decimal=log_decimal,
                 )  # fmt: skip
-            rest = None if rest_length is None else parse_quantity(rest_length, "length")
+            rest, nominal = (
+                None if one is None else parse_quantity(one, "length")
+                for one in (rest_length, diameter)
+            )
             outcome = measure_pictures(
                 photos, recipe=recipe, provenance=provenance, add_log=add_log, rest_length=rest,
                 executor="auto" if jobs is None else jobs, system=units, output=output,
-                overlays=overlays,
-                rescaled=rescaled, progress=count,
+                overlays=overlays, rescaled=rescaled, diameter=nominal, progress=count,
             )  # fmt: skip
     except InputError as error:
         # What a picture was refused for has a name, which the documentation explains.

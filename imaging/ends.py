@@ -69,6 +69,7 @@ def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v
 _BRIGHTEST = 1.6
 _BRIGHTER = 1.15  # luma of the braid over the tape's, for an edge in it
 _OF_COLOUR = 1.6  # px^2
+_IN_COLOUR = 0.25  # px by which an edge that colour alone shows may be off
 
 
 _WIDTH = 0.85  # part of the diameter that is used: at the limb a ring lies along the ray
@@ -76,6 +77,7 @@ _GROUPS = 16
 _BLURS = (0.4, 30.0)
 _PASSES = 4
 _PIECES = 64
+_CLEAR_LEAN = 0.08  # that the coarse edge shows, more than a tape wound by hand has
 _STRAIGHT = 1.5  # px between the ends of an edge, of which groups of 16 make nothing
 _LEVEL_FRONT = 0.3  # px by which the front of an edge that does not lean may lie beside its middle
 _RAGGED = 0.6  # px, the scatter from which an edge's blur is that of its pieces
@@ -83,6 +85,11 @@ _LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside the
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _DARK_THREAD = 0.22  # of the braid's brightness
+_BEHIND = (
+    7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
+)
+_DARK_BRAID = 100.0  # level of a colour
+_GREY, _METAL = 0.12, 1.3  # of the brightest colour; of the median level, which one pixel in 20 has
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12
@@ -147,13 +154,16 @@ class _Front:
         *, lower: bool,
     ) -> None:  # fmt: skip
         self.photo, self.tone, self.body = photo, tone, body
-        self.colours = coarse.tape, coarse.braid
+        self.coarse, self.colours = coarse, (coarse.tape, coarse.braid)
         camera, self.plane = photo.camera, (0.0, 0.0)
         self.step = (-1 if lower else 1) / camera.px_per_m  # inward [m]
         band = coarse.lower if lower else coarse.upper
         u = (band.left + band.right) / 2
         v, radius = float(np.polyval(band.inner, u)), float(body.radius[-1 if lower else 0])
         self.y = float(ring_position(camera, u, v, radius, body.x0, body.roll))
+        # The arc in the picture is that of perspective, y / d, and of a lean.
+        lean = -2 * float(band.inner[0]) * radius * camera.px_per_m - self.y / camera.distance
+        self.lean = lean if abs(lean) > _CLEAR_LEAN else 0.0
         radius, reach = float(body.radius_at(self.y)), 2 * len(_window(blur)) * self.step
         self.n = max(4 * _GROUPS, int(2 * _WIDTH * radius * camera.px_per_m))
         edges = on_cylinder(
@@ -176,7 +186,9 @@ class _Front:
 
     def _spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
         """The amount at picture positions u, v; beyond the patch that of its border."""
-        clipped = np.clip(np.asarray(amounts, float), -_BRIGHTEST, _BRIGHTEST)
+        amounts = np.asarray(amounts, float)
+        most = _BRIGHTEST * max(1.0, float(np.quantile(amounts, 0.9)))  # of the brighter side's
+        clipped = np.clip(amounts, -_BRIGHTEST, most)
         spline = spline_filter(clipped, 3, mode="mirror")
         u0, v0 = self.columns.start, self.rows.start
         return lambda u, v: map_coordinates(
@@ -235,22 +247,28 @@ def find_ring(
     front, px = _Front(photo, tone, coarse, body, blur, lower=lower), 1 / photo.camera.px_per_m
     y, left = front.y, 2 * _PASSES
     while True:
-        t, s = _window(blur), blur
+        t, s, slope = _window(blur), blur, 0.0
         shows = front.uncovered(y, s)
         grid, lateral, seen = front.unrolled(y, t, shows)
         for _ in range(_PASSES):
-            shift, s = _clear_step(grid.mean(axis=0), t, s)
+            try:
+                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, coarse, seen)
+            except MissingFitting:
+                if front.lean == 0 or seen < _LEAST_SEEN:
+                    raise
+                y -= front.lean * float(body.radius_at(y))
+                front.plane, front.lean, shift = (0.0, front.lean), 0.0, math.inf
             if abs(shift) < _SETTLED:
                 break
-            y += shift * front.step
+            y += shift * front.step if math.isfinite(shift) else 0.0
             t = _window(s)
             if not shows.all():  # else the tape shows everywhere, here as some pixels beside
                 shows = front.uncovered(y, s)
             grid, lateral, seen = front.unrolled(y, t, shows)
         radius = float(body.radius_at(y))
-        delta, where = _along(grid, lateral / px, t, s)
-        (_, slope, lean), (*_, error) = plane_through(where, delta, radius / px)
-        bent = float(np.ptp(_plane_model(where, radius / px)[:, 1:] @ (slope, lean)))
+        delta, where = _along(grid, lateral / px, t, s, slope)
+        (_, across, lean), (*_, error) = plane_through(where, delta, radius / px)
+        bent = float(np.ptp(_plane_model(where, radius / px)[:, 1:] @ (across, lean)))
         # A lean that the groups show by three standard errors takes the edge to where the muscle is
         # wider or narrower, which makes it another lean.
         level = abs(lean) < max(3 * error, _LEVEL_FRONT * px / radius)
@@ -258,22 +276,23 @@ def find_ring(
         if left == 0 or (level and bent < _STRAIGHT):
             break
         inward = front.step / px
-        front.plane = front.plane[0] + inward * slope, front.plane[1] + inward * lean
-    if seen < _LEAST_SEEN:
-        raise MissingFitting(
-            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; "
-            "something covers it, or shines on it: clear it, or move the lamp",
-            seen=seen,
-        )  # fmt: skip
-    delta, where = _along(grid, lateral, t, s)
+        front.plane = front.plane[0] + inward * across, front.plane[1] + inward * lean
+    beside, beyond = (
+        tape_shows(photo.rgb, tone, front.colours, *front.around(y, at)[1:])
+        for at in (np.arange(2.0, 8.0), np.arange(14.0, 20.0))
+    )
+    # Tape beside the edge that was found, and braid beyond: the edge is that of what covers another part.
+    _check_seen(min(seen, 1 - float(np.mean(beside & ~beyond))), coarse)
+    delta, where = _along(grid, lateral, t, s, slope)
     (offset, left_over), teeth = _line(where / px, delta), 0.0
     if _scatter(left_over) > _RAGGED:
         t, shows, teeth = _window(_DEEPEST / 3), front.uncovered(y, _DEEPEST / 2), _DEEPEST
         grid, lateral, _ = front.unrolled(y, t, shows, teeth)
-        s, delta, where = _pieces(grid, lateral, t, s)
+        s, delta, where = _pieces(grid, lateral, t, s, coarse)
         offset, left_over = _line(where / px, delta)
-    if s > _SOFTER * max(blur, 1.0) and coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA):
-        s = _less_colour(front, y, shows, t, s, teeth)
+    seen_in_luma = coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA)
+    if s > _SOFTER * max(blur, 1.0):
+        s = _less_colour(front, y, shows, t, s, teeth) if seen_in_luma else _lens_alone(s)
     spread, radius = _scatter(left_over), float(body.radius_at(y))
     at = np.array([y + offset * front.step])
     u, v = on_cylinder(photo.camera, body, at, lateral, radius, front.plane)
@@ -282,7 +301,13 @@ def find_ring(
     return Ring(
         y=y + place,
         # Groups in the width of one thread are moved together.
-        stderr=spread * np.sqrt(correlated_points(left_over) / left_over.size) * px,
+        stderr=px
+        * math.hypot(
+            spread * math.sqrt(correlated_points(left_over) / left_over.size),
+            slope
+            * (_inside(s) - 1),  # the light behind the edge, of which a line is the simplest law
+            0.0 if seen_in_luma else _IN_COLOUR,
+        ),
         spread=spread,
         blur=s,
         arc=np.stack([u[:, 0], v[:, 0]]),
@@ -302,9 +327,13 @@ def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teet
     grid = front.lumas()(u, v)
     use, in_luma = _lit(grid, t - teeth) & shows, s
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
-        ragged = teeth and _pieces(grid[use], lateral[use], t, s)[0]
-        in_luma = ragged or _step(grid[use].mean(axis=0), t, s)[1]
-    return min(s, max(in_luma, math.sqrt(max(s**2 - _OF_COLOUR, 0.0))))
+        ragged = teeth and _pieces(grid[use], lateral[use], t, s, front.coarse)[0]
+        in_luma = ragged or _step(grid[use].mean(axis=0), t, s, sloped=False)[1]
+    return min(s, max(in_luma, _lens_alone(s)))
+
+
+def _lens_alone(s: float) -> float:
+    return math.sqrt(max(s**2 - _OF_COLOUR, 0.0))
 
 
 def _lit(grid: Array, t: Array) -> Flags:
@@ -313,11 +342,13 @@ def _lit(grid: Array, t: Array) -> Flags:
     return height > _DARK_THREAD * np.sort(height)[int(0.7 * height.size)]
 
 
-def _along(grid: Array, lateral: Array, t: Array, s: float) -> tuple[Array, Array]:
+def _along(grid: Array, lateral: Array, t: Array, s: float, slope: float) -> tuple[Array, Array]:
     """Shifts of those groups of neighbours along the edge [px] that agree, and where they lie."""
     groups, where = _means(grid, lateral, _GROUPS)
-    near = np.abs(t) <= max(8.0, 3 * s)
-    delta = best_shift(groups[:, near], t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
+    inside = _inside(s)
+    near = (t >= -max(8.0, 3 * s)) & (t <= (inside if slope else max(8.0, 3 * s)))
+    groups = (groups - slope * _relief(t, inside))[:, near]
+    delta = best_shift(groups, t[near], lambda x: step(x, s), max(3.0, 1.5 * s), 0.1)
     keep = _near_most(delta)
     return delta[keep], where[keep]
 
@@ -363,7 +394,9 @@ def _scatter(left_over: Array) -> float:
     return math.sqrt(float(left_over @ left_over) / max(left_over.size - 2, 1))
 
 
-def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Array]:
+def _pieces(
+    grid: Array, lateral: Array, t: Array, s: float, coarse: Segmentation
+) -> tuple[float, Array, Array]:
     """Blur of a ragged edge [px], and shifts of small pieces as `_along` gives them of groups.
 
     The blur is that of the level pieces, each put in its place: a lens smears the flanks of teeth
@@ -379,7 +412,7 @@ def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Arr
         level = keep & (steep <= np.quantile(steep, _LEVEL))
         aligned = [np.interp(t + d, t, piece) for d, piece in zip(delta, pieces, strict=True)]
         near = np.abs(t) <= _DEEPEST
-        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s)[1]
+        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s, coarse)[1]
         if abs(own / s - 1) < _SAME:
             break
         s = own
@@ -397,30 +430,90 @@ def _window(blur: float) -> Array:
     return np.arange(-half, half + 1.0)
 
 
-def _clear_step(profile: Array, t: Array, start: float) -> tuple[float, float]:
-    """Shift and blur of the step in the mean profile."""
-    shift, blur, height = _step(profile, t, start)
-    if not (height > _LEAST_HEIGHT and abs(shift) < t[-1]):
+def _clear_step(
+    profile: Array, t: Array, start: float, coarse: Segmentation, seen: float = 1.0
+) -> tuple[float, float, float]:
+    """Shift, blur and slope of the step in the mean profile of an edge [px].
+
+    Raises:
+        MissingFitting: none, or one that is too faint, with the likely cause by the colours.
+    """
+    shift, blur, height, slope = _step(profile, t, start)
+    if height > _LEAST_HEIGHT and abs(shift) < t[-1]:
+        return shift, blur, slope
+    _check_seen(seen, coarse)
+    cause = _cause(coarse) or "none is seen where its colour ends"
+    raise MissingFitting(
+        f"a tape must end in an edge towards the braid; {cause}", step_height=height
+    )
+
+
+def _check_seen(seen: float, coarse: Segmentation) -> None:
+    if seen < _LEAST_SEEN:
+        cause = _cause(coarse) or "something covers it, or shines on it: clear it, or move the lamp"
         raise MissingFitting(
-            "a tape must end in an edge towards the braid; none is seen where its colour ends",
-            step_height=height,
+            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; {cause}",
+            seen=seen,
         )
-    return shift, blur
 
 
-def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float]:
-    """Shift, blur and height of the step that fits a profile best, whatever it is worth."""
+def _cause(coarse: Segmentation) -> str:
+    """Why a tape's edge cannot be seen, by the colours; empty where they do not tell."""
+    braid = coarse.braid
+    if braid @ LUMA < coarse.tape @ LUMA and braid.max() < _DARK_BRAID:
+        return (
+            "the braid is darker than its tapes: take darker tape, or whiten the braid with chalk"
+        )
+    if np.ptp(braid) < _GREY * braid.max() and coarse.glare > _METAL:
+        return "the braid shines as metal does: dull it with chalk, and light it from all sides"
+    return ""
+
+
+def _inside(s: float) -> float:
+    """How far inward of an edge of this blur its light is looked at [px]."""
+    return max(_BEHIND, 6 * s)
+
+
+def _relief(x: Array, inside: float) -> Array:
+    """The rise of the threads' light from the edge of a tape, in whose shade they dip below it [px]."""
+    return np.clip(x, 0, inside - 1)
+
+
+def _step(
+    profile: Array, t: Array, start: float, *, sloped: bool = True
+) -> tuple[float, float, float, float]:
+    """Shift, blur and height of the step with a slope behind it that fits a profile best, and the slope."""
+    inside = _inside(start)
 
     def blur_of(unknown: Array) -> Array:
         return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
 
-    def fitted(unknown: Array) -> tuple[Array, Array]:
+    def plain(unknown: Array) -> tuple[Array, Array]:
         return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
 
+    def fitted(unknown: Array) -> tuple[Array, Array]:
+        # Of two regressors the one's factor is that of what the other leaves of it and of the samples.
+        x = t[near] - unknown[..., :1]
+        relief = _relief(x, inside)
+        return height_and_rest(
+            height_and_rest(np.broadcast_to(profile[near], x.shape), relief)[1],
+            height_and_rest(step(x, blur_of(unknown)), relief)[1],
+        )
+
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
-    first = np.array([steepest, np.log(start)])
-    best = least_squares(lambda unknown: fitted(unknown)[1], first, 1e-5)
-    return float(best[0]), float(blur_of(best)[0]), float(fitted(best)[0][0])
+    near = t <= inside
+    best = least_squares(
+        lambda unknown: plain(unknown)[1], np.array([steepest, np.log(start)]), 1e-5
+    )
+    height, slope = float(plain(best)[0][0]), 0.0
+    if sloped:
+        risen = least_squares(lambda unknown: fitted(unknown)[1], best, 1e-5)
+        high, x = float(fitted(risen)[0][0]), t[near] - risen[0]
+        left = profile[near] - high * step(x, blur_of(risen))
+        rise = float(height_and_rest(left, _relief(x, inside))[0][0])
+        if rise > 0:  # light that falls inward is no relief's
+            best, height, slope = risen, high, rise
+    return float(best[0]), float(blur_of(best)[0]), height, slope
 
 
 class Lean(NamedTuple):

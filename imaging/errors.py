@@ -115,8 +115,4 @@ class DistanceContradiction(ImagingError):
 
 
 class ScaleContradiction(ImagingError):
-    """The scale and a known diameter in the picture contradict each other."""
-
-
-class WorkerDied(ImagingError):
-    """The process that measured a picture ended abnormally, for lack of memory for example."""
+    """The scale and a known diameter in the picture exclude each other."""

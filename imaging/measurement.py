@@ -71,7 +71,7 @@ class MeasurementErrors(NamedTuple):
     A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
     that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
 
-    The length has the scatter of both edges along their tapes, and for each tape 0.035 px, the shade
+    The length has the scatter of both edges along their tapes, and for each tape 0.05 px, the shade
     of the threads there, and the same 16 m s.
 
     A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of
@@ -118,6 +118,7 @@ class Measurement:
         tilt, tilt_stderr: of the axis in depth, its lower end away from the camera [rad].
         bow: largest deviation of the mid-line from a straight one [m].
         warnings: what the errors do not hold, or hold only in part, in words.
+        notes: what the errors take as it was stated, in words.
         trace: the edges in the picture.
         braid: the braid angle along it; None where the recipe does not ask for it.
     """
@@ -139,6 +140,7 @@ class Measurement:
     tilt_stderr: float = math.nan
     bow: float = 0.0
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     braid: BraidAngle | None = None
 
     @property
@@ -188,7 +190,7 @@ _OF_MISFIT = 16.0  # px per edge and px of blur
 _OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
 _WIDEST = 1.5  # px of blur, up to which it grows
 _HIDDEN = 0.03  # px per edge, where black threads hide some of it
-_RING_BIAS = 0.035  # px
+_RING_BIAS = 0.05  # px
 _OF_GLOSS = 0.13  # of the blur, per edge
 _OF_AXIS = ("distance", "distance_stderr", "tilt", "tilt_stderr", "bow")
 
@@ -211,7 +213,7 @@ def measurement_of_body(
     diameter = 2 * body.radius_at(y) * np.interp(y, at, axis.cosine)
     edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
     stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
-    sides = outline.left.column, outline.right.column
+    sides, open_questions = (outline.left.column, outline.right.column), of_placement(recipe)
     return Measurement(
         path=photo.path, z=length * part, diameter=diameter, diameter_stderr=stderr, length=length,
         px_per_m=px_per_m, roll=body.roll, x0=body.x0,
@@ -222,7 +224,8 @@ def measurement_of_body(
             scale=relative,
         ),
         quality=quality, **{name: getattr(axis, name) for name in _OF_AXIS},
-        warnings=(*axis.warnings, *_of_recipe(recipe, length)),
+        warnings=(*axis.warnings, *open_questions.get("warnings", ())),
+        notes=open_questions.get("notes", ()),
         trace=Trace(outline.rows.astype(float), *sides, upper.arc, lower.arc, photo.turned),
     )  # fmt: skip
 
@@ -260,16 +263,23 @@ def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tup
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
 
 
-def _of_recipe(recipe: Recipe, length: float) -> tuple[str, ...]:
-    """What the recipe leaves open and no picture shows."""
-    scale = recipe.scale
-    if scale.source != "ruler" or scale.placement_stderr is not None:
-        return ()
-    off = 0.1 * length / recipe.camera_distance
-    return (
-        "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes the "
-        f"length wrong by {off:.3f} in; say how well it lay there, --ruler-placement 0.01in",
-    )
+def of_placement(recipe: Recipe) -> dict[str, tuple[str, ...]]:
+    """What the recipe leaves open and no picture shows, as a warning or as a note."""
+    scale, part = recipe.scale, 0.00254 / recipe.camera_distance
+    if scale.source != "ruler":
+        return {}
+    if scale.placement_stderr is None:
+        return {"warnings": (
+            "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes "
+            f"all lengths wrong by {part:.2%}; say how well it lay there, --ruler-placement 0.01in",
+        )}  # fmt: skip
+    if recipe.tape_diameter is not None:
+        return {}
+    return {"notes": (
+        f"that the axis was in the ruler's plane to {scale.placement_stderr * 1e3:.3g} mm is taken as "
+        f"stated: no picture shows it, and 0.1 in off makes all lengths wrong by {part:.2%}; a known size "
+        "checks it, --tape-diameter",
+    )}  # fmt: skip
 
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
@@ -317,6 +327,7 @@ def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: in
 _LEAST_WIDTH = 16  # px
 _RAGGED = 1.5  # px, scatter of a tape's edge from which its teeth may pass for blur
 _PASSES = 3  # towards the distance of the tapes' arcs, each linear in what is left
+_STEEP = 0.6  # slope of the radius beside a tape
 _SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
@@ -385,7 +396,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         photo = dataclasses.replace(photo, camera=camera)
         body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, seen, upper, lower, recipe)
-    _check(quality, recipe)
+    _check(quality, recipe, body)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
     stated = recipe.distance is not None
@@ -417,12 +428,18 @@ def _placed(
     return body, upper, lower
 
 
-def _check(quality: Quality, recipe: Recipe) -> None:
+def _check(quality: Quality, recipe: Recipe, body: Silhouette) -> None:
     """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
     try:
         quality.check(recipe.limits)
     except errors.MotionBlurred as error:
         smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
+        steep = float(np.abs(np.gradient(body.radius, body.y)[[0, -1]]).max())
+        if smear > 1 and steep > _STEEP:
+            error.message += (
+                "; or else a shoulder this steep shades the tapes: wind them further in"
+            )
+            error.figures["shoulder_slope"] = steep
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise
         raise errors.AmbiguousHue(

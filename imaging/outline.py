@@ -242,6 +242,7 @@ _COARSE_MEDIAN = 15  # rows
 _DENT = 0.6  # of the radius, along the axis: the longest dent that dark threads make
 _DARK_THREAD = 0.22  # of the brightness around, below which a thread's edge is not seen
 _AROUND = 1.5  # of the radius, along the axis, over which that brightness is taken
+_SHADOW = 0.05  # of the limb's light, by which the cloth beside it is darker than most of it
 _LEAST_SEEN = 0.2  # of the averaged rows, below which they give no edge
 
 
@@ -319,6 +320,9 @@ def aligned_windows(
     rise, drop = after - before, here - after
     windows = 3 * drop + last - before
     windows = ((windows * (f - 1) - 2 * drop - rise) * f + rise) * (0.5 * f) + here
+    beside = float(np.mean(windows[:, t < t[0] / 2]))
+    if -beside > _SHADOW * float(np.median(windows[:, (t > 1) & (t < 5)])):
+        windows -= beside  # one side may lie in a shadow
     seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius / spacing)
     averaged = _AVERAGED_ROWS // spacing | 1
     weight = _along_edge(seen[:, None], averaged)[:, 0]

@@ -17,13 +17,13 @@ from famjax.boundary.units import factor, finite_or_none, parse_quantity, unit_s
 
 from .camera import Indices, Scale
 from .campaign import Table, column_name, process
-from .errors import ImagingError, MixedSizes
+from .errors import ImagingError, MixedSizes, ScaleContradiction
 from .measurement import draw_overlay, measure
-from .photograph import read_image, sizes_of
+from .photograph import HEIC, read_image, sizes_of
 from .recipe import Recipe, read_recipe, write_recipe
 from .ruler import calibrate_ruler
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", *HEIC)
 """Files of a folder that are taken for pictures."""
 
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
@@ -181,6 +181,35 @@ def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
             )  # fmt: skip
 
 
+def check_known_sizes(table: Table, rest_length: float | None, diameter: float | None) -> None:
+    """Refuse a scale with which no muscle could have the sizes that are known of it.
+
+    A muscle contracts by less than half of its rest length, and is hardly ever longer; it swells to twice
+    its nominal diameter at most.
+
+    Args:
+        table: of the pictures.
+        rest_length: L0 [m]; None where it is not known.
+        diameter: nominal, of the braid at rest [m]; None where it is not known.
+
+    Raises:
+        ScaleContradiction: names the size that the pictures contradict.
+    """
+    for name, known, column, least, most in (
+        ("rest length", rest_length, "length", 0.5, 1.05),
+        ("nominal diameter", diameter, "mean_diameter", 0.85, 2.2),
+    ):
+        if known is None or not table.ok.any():
+            continue
+        low, high = np.nanmin(table[column]) / known, np.nanmax(table[column]) / known
+        if not least <= low <= high <= most:
+            raise ScaleContradiction(
+                f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm, and "
+                f"a muscle has {least} to {most} times: correct the {name}, or the scale; is the pitch of "
+                "the ruler right, and were all pictures taken and kept at one size?"
+            )
+
+
 class CampaignOutcome(NamedTuple):
     """The result of a campaign.
 
@@ -200,7 +229,8 @@ def measure_pictures(
     add_log: Callable[[Table], Table] | None = None, rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto", system: str = "us",
     output: Path = Path("famjax-measure"), overlays: int = 12,
-    rescaled: bool = False, progress: Callable[[int, int], None] | None = None,
+    rescaled: bool = False, diameter: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> CampaignOutcome:  # fmt: skip
     """Measure the pictures; write table, recipe and check pictures.
 
@@ -215,6 +245,7 @@ def measure_pictures(
         output: folder, created if missing; what was measured there in the same way is taken from it.
         overlays: number of pictures drawn with what was found in them.
         rescaled: that the ruler's picture has another size than the others is meant.
+        diameter: nominal one of the braid at rest, against which the scale is checked [m].
         progress: called with (pictures done, pictures).
 
     Raises:
@@ -228,6 +259,7 @@ def measure_pictures(
         paths, recipe, output, executor, progress, rest_length=rest_length,
         provenance=provenance,
     )  # fmt: skip
+    check_known_sizes(table, rest_length, diameter)
     if others := skipped(photos):
         note = f"{len(others)} files are no pictures by their names and were skipped, {others[0]} first."
         table = dataclasses.replace(table, notes=(*table.notes, note))

@@ -141,14 +141,14 @@ _CHECKS: tuple[tuple[str, type[errors.ImagingError], str], ...] = (
     ("eta_hue", errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or give "
      "its hue"),
     ("tape_hue_error_deg", errors.AmbiguousHue, "the tapes found have another hue than the recipe's"),
+    ("kappa", errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; if "
+     "it is lit, it moved: expose shorter, and take the picture again"),
     ("blur_ratio", errors.MotionBlurred, _SMEARED),
     ("blur_px", errors.Defocused, "focus on the muscle's limb, and take the picture again"),
     ("tape_blur_px", errors.MotionBlurred, _SMEARED),
     ("flank", errors.MotionBlurred, _SMEARED),
     ("outlier_fraction", errors.DamagedImage, _ALIKE),
     ("residual_rms", errors.DamagedImage, _ALIKE),
-    ("kappa", errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; if "
-     "it is lit, it moved: expose shorter, and take the picture again"),
     ("axis_deviation", errors.NoMuscle, _ALIKE),
     ("axis_kink", errors.DamagedImage, _ALIKE),
     ("misfit", errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: is "

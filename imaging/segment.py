@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skimage.filters.thresholding import threshold_otsu
 
 from . import errors
-from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_look, amount_of_luma
+from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_look
 
 Mask = Image
 
@@ -285,6 +285,7 @@ _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was g
 _SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
 _LEAST_CHROMA = 0.01  # of chromaticity; rendered grey has 0.006 at most, tan on tan 0.018
 _COLOURS = 4000  # pixels that classes and median colours are found on
+_FEWEST = 50  # of a class
 
 
 def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[Mask, float]:
@@ -292,8 +293,9 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
 
     Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
     along its first principal axis gives two classes, and a second one along the line between
-    their means the answer. White braids, whose hue is noise, and red tapes, whose hue lies across
-    the seam, need no special case.
+    their means the answer. A fitting or a hose may have a third colour: where the tapes' class has two
+    that lie behind each other along the muscle, the outer one is none of the tapes'. White braids, whose
+    hue is noise, and red tapes, whose hue lies across the seam, need no special case.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -305,10 +307,26 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
         mask: 255 on the tape, shape (h, w).
         eta: separability of the two colours, 0 to 1.
     """
-    nothing = np.zeros_like(muscle), 0.0
     sample = sampled(rgb, muscle, _COLOURS).astype(np.float32)
-    colour = sample / (sample @ np.ones((3, 1), np.float32) + 1)
-    along = np.linalg.eigh(np.cov(colour.T))[1][:, -1]
+    along, level, eta = _two_colours(sample)
+    upper = _chromaticity(sample) @ along > level
+    if eta == 0:
+        return np.zeros_like(muscle), 0.0
+    take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
+    if tape_hue is not None:
+        sides = (sample[upper], sample[~upper])
+        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
+        nearest = bool(away[0] <= away[1])
+        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
+            take_upper = nearest
+    mask = np.where((_beyond(rgb, muscle, along, level) == take_upper) & (muscle > 0), 255, 0)
+    return _without_fittings(rgb, mask.astype(np.uint8), muscle), eta
+
+
+def _two_colours(sample: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float]:
+    """Direction and level in chromaticity that separate two classes, and their separability."""
+    colour = _chromaticity(sample)
+    along, nothing = np.linalg.eigh(np.cov(colour.T))[1][:, -1], (np.ones(3), 1.0, 0.0)
     for last in (False, True):
         level, eta = _cut(colour @ along)
         upper = colour @ along > level
@@ -318,21 +336,52 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
             along = colour[upper].mean(axis=0) - colour[~upper].mean(axis=0)
             if np.linalg.norm(along - along.mean()) < _LEAST_CHROMA:
                 return nothing
-    take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
-    if tape_hue is not None:
-        sides = (sample[upper], sample[~upper])
-        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
-        nearest = bool(away[0] <= away[1])
-        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
-            take_upper = nearest
+    return along, level, eta
+
+
+def _chromaticity(colours: NDArray[np.floating]) -> NDArray[np.floating]:
+    return colours / (colours @ np.ones((3, 1), np.float32) + 1)
+
+
+def _beyond(rgb: Image, inside: Mask, along: NDArray[np.floating], level: float) -> Flags:
+    """Where in the box of a mask the chromaticity is beyond a level, False elsewhere."""
     # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
     form = np.array([[*(along - level), -level]], np.float32)
-    u, v, width, height = cv2.boundingRect(muscle)
+    u, v, width, height = cv2.boundingRect(inside)
     box = slice(v, v + height), slice(u, u + width)
-    above = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
-    mask = np.zeros_like(muscle)
-    mask[box] = np.where((above == take_upper) & (muscle[box] > 0), 255, 0)
-    return mask, eta
+    found = np.zeros(inside.shape, bool)
+    found[box] = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
+    return found
+
+
+def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
+    """The tapes' class without colours that lie beyond the tapes, those of a fitting or a hose.
+
+    Of three colours, such as a tape's, that of its gloss and a grey fitting's, those are taken away that
+    begin along the muscle where the others end. At the braid a tape mixes with it to grey.
+    """
+    braid, at = (np.argwhere(each) for each in ((muscle > 0) & (mask == 0), mask > 0))
+    if min(len(braid), len(at)) < _FEWEST:
+        return mask
+    at = at[:: max(1, len(at) // _COLOURS)]
+    colours = _chromaticity(rgb[at[:, 0], at[:, 1]].astype(np.float32))
+    cv2.setRNGSeed(0)
+    _, label, centres = cv2.kmeans(colours, 3, np.empty(0), (3, 20, 1e-4), 2, cv2.KMEANS_PP_CENTERS)
+    axis = np.linalg.eigh(np.cov(braid.T))[1][:, -1]
+    far, label = np.abs((at - braid.mean(axis=0)) @ axis), np.ravel(label)
+    order = np.argsort([np.median(far[label == k]) for k in range(3)])
+    for kept in (order[:1], order[:2]):
+        inner = np.isin(label, kept)
+        if not 1 > inner.mean() > _LEAST_TAPE:
+            continue
+        if np.quantile(far[inner], 0.9) < np.quantile(far[~inner], 0.25):
+            v, u = np.nonzero(mask)
+            colour = _chromaticity(rgb[v, u].astype(np.float32))
+            nearest = np.linalg.norm(colour[:, None] - centres, axis=2).argmin(axis=1)
+            mask = mask.copy()
+            mask[v, u] = np.where(np.isin(nearest, kept), 255, 0)
+            return mask
+    return mask
 
 
 def hue_of(rgb: NDArray[np.floating]) -> float:
@@ -490,6 +539,7 @@ class Segmentation:
         eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1; the first nan
             where the muscle was found by its border and not by its brightness.
         saturated: part of the muscle with a colour at 254 or more.
+        glare: level that one pixel of the braid in twenty exceeds, over the median.
     """
 
     rows: Indices
@@ -503,6 +553,7 @@ class Segmentation:
     eta_value: float
     eta_hue: float
     saturated: float
+    glare: float
 
 
 class _Look(NamedTuple):
@@ -629,6 +680,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         lower=lower.moved(step, v0, u0), cloth=np.median(cloth, axis=0),
         braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=look.muscle.eta,
         eta_hue=look.eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
+        glare=float(np.divide(*np.quantile(braid.max(axis=1), [0.95, 0.5]))),
     )  # fmt: skip
 
 
@@ -650,6 +702,7 @@ def _tape(found: Patch, *, lower: bool) -> TapeBand:
 _BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it
 _ROWS = 400  # that are looked at, evenly thinned out
 _CONTRAST = 0.12  # of the brighter side: contrast that nine rows in ten must have
+_ONE_SIDED = 1.3  # of the braid's light
 _LUMA_FIRST = 0.5  # of the best colour's contrast with which luma, JPEG's sharpest, is preferred
 
 
@@ -672,9 +725,15 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     Raises:
         NoMuscle: neither luma nor a colour has a contrast all along the outline.
     """
-    if not math.isnan(coarse.eta_value):
-        return rgb, amount_of_luma(tone, coarse.cloth, coarse.braid)
     inside, outside = _beside(rgb, coarse, tone)
+    if not math.isnan(coarse.eta_value):
+        dark, braid = (
+            np.interp(c, np.arange(256), tone.table) for c in (coarse.cloth, coarse.braid)
+        )
+        brighter = max((np.median(one, axis=0) for one in np.array_split(inside, 2)), key=LUMA.dot)
+        # Of one side in bright light the limb is brighter than threads that glare elsewhere.
+        braid = brighter if brighter @ LUMA > _ONE_SIDED * (braid @ LUMA) else braid
+        return rgb, amount_of_look(tone, dark, braid, LUMA)
     looks, contrasts = [LUMA, *np.eye(3)], []
     for look in looks:  # what nine rows in ten have, negative where the muscle is darker
         one, other = inside @ look, outside @ look

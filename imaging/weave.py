@@ -224,8 +224,12 @@ _SPAN = 2.0  # widths of a window in the spectrum to either side: where a yarn's
 _FINER = 0.1  # of such a width
 _SIDES = 0.95, 0.28  # azimuth and width of the parts between which yarns are counted [rad]
 _SEEN = 0.3  # coherence of both parts from which a harmonic counts
-_BY_ONE = 0.45, 0.0, 0.8  # by the first harmonic: off an even number, off an odd one, stderr
-_BY_BOTH = 0.6, 0.25, 0.3  # the same by both
+_NEAR_EVEN = (
+    1.0,
+    0.6,
+    0.5,
+)  # yarns that the harmonics' numbers may be off an even one, and 2 n_2 - n_1
+_EXCESS, _UNSURE = 0.3, (0.5, 0.8)  # of a number not counted; its standard error by both, by one
 
 
 class Waves:
@@ -311,40 +315,39 @@ class Waves:
 
 
 def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
-    """Number of yarns around in each direction, whole if they can be counted.
+    """Yarns around in each direction, whole where they can be counted, and the standard error.
 
     Shade moves the crests that the first harmonic sees by so much of a pitch between the left and
-    the right, and those of the second by half of it: 2 n_2 - n_1 is free of it. In a braid
-    of two over two n is even.
+    the right, and those of the second by half of it, more or less: 2 n_2 - n_1 is free of it where it is
+    half. Lamps near the camera make one yarn more of 24, so that only an even number, as a braider's
+    carriers make, to which all three are near is counted; else n_2 less its usual excess is about right.
 
     Args:
         waves: of the muscle.
         apparent: n by the spectrum, to within one and a half.
 
     Returns:
-        n, and its relative standard error, 0 where it is whole.
+        n, and its standard error, 0 where it is whole.
     """
     rates, _ = waves.twist_rates(apparent)
-    numbers = [apparent]
+    numbers = []
     for harmonic in _HARMONICS:
         phase, agreed = waves.phase_across(apparent, rates, harmonic)
         if agreed < _SEEN:
             break
         numbers.append(apparent + phase / harmonic / (2 * _SIDES[0]))
-    both = len(numbers) > len(_HARMONICS)
-    best = 2 * numbers[2] - numbers[1] if both else numbers[-1]
-    even, odd, stderr = _BY_BOTH if both else _BY_ONE
-    nearest = 2 * round(best / 2)
-    if abs(best - nearest) < even:
-        return float(nearest), 0.0
-    if abs(best - round(best)) < odd:
-        return float(round(best)), 0.0
-    return best, stderr / best
+    if len(numbers) < len(_HARMONICS):
+        return (numbers or [apparent])[0] - _EXCESS, _UNSURE[1]
+    first, second = numbers
+    even = 2.0 * round((2 * second - first) / 2)
+    off = np.abs(np.array([first, second, 2 * second - first]) - even)
+    return (even, 0.0) if (off < _NEAR_EVEN).all() else (second - _EXCESS, _UNSURE[0])
 
 
 _SPACING = 0.5  # of windows, over their standard deviation
 _FEW = 28  # yarns around; windows are the longer the fewer there are
 _OTHER = 0.06  # relative, from the number of yarns that seems to be: another number is meant
+_FRONT, _STRIPE, _SHINY = 1.0, 9, 2.5  # rad; columns; variance of a stripe over the middle one's
 _CONTRAST = 0.5  # of the rays in the mean, in powers of e, from which there is a weave
 _COHERENT = 0.06  # part of the rows' power that is one family's wave, from which it is believed
 _ALIKE = math.radians(4.0)  # that the two families may differ by
@@ -360,6 +363,7 @@ RESOLVED = ""
 AT_TAPE = "nearer to a tape than a window reaches"
 NO_WEAVE = "no two families of yarns are seen"
 BLURRED = "the yarns are not resolved here"
+GLOSSY = "the braid shines in stripes, which hide the yarns: move the lamps, or make it matt"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -375,6 +379,7 @@ class BraidAngle:
         reason: why there is no angle, empty where there is one, n of them.
         yarns: around the circumference in each direction; whole where they could be counted, else
             as many as there seem to be; nan where none are seen.
+        yarns_stderr: its standard error, 0 where they were counted or given; nan where none are seen.
         turns: N of a thread over the length, by threads of one length where nothing is resolved.
     """
 
@@ -385,6 +390,7 @@ class BraidAngle:
     left: Array
     reason: tuple[str, ...]
     yarns: float
+    yarns_stderr: float
     turns: float
 
     @property
@@ -468,6 +474,8 @@ def braid_angle(
     seen = directions(surface, 1 / photo.camera.px_per_m)
     if seen is None or not (seen.contrast > _CONTRAST and math.isfinite(seen.apparent)):
         return _nothing(last - first, NO_WEAVE)
+    if shines(surface):
+        return _nothing(last - first, GLOSSY)
     width = window_width(surface)
     if n_threads is None:
         n, uncounted = count_yarns(Waves(surface, seen, width, 1.0), seen.apparent)
@@ -484,7 +492,9 @@ def braid_angle(
     angle, half = families.mean(axis=0), np.diff(families, axis=0)[0] / 2
     good = (coherence.min(axis=0) >= _COHERENT) & (np.abs(half) < _ALIKE / 2)
     # d theta = -sin(theta) cos(theta) d(g R) / (g R)
-    of_rate = np.hypot(math.hypot(relative_stderr, uncounted), _TILT[1] * tilt / rate.mean(axis=0))
+    of_rate = np.hypot(
+        math.hypot(relative_stderr, uncounted / n), _TILT[1] * tilt / rate.mean(axis=0)
+    )
     shade = _SHADE * np.sin(angle) ** 2 / n
     place = _PLACE * waves.width * np.gradient(angle, waves.centres)
     systematic = np.sqrt(_LEAST**2 + shade**2 + place**2 + (of_rate * np.sin(2 * angle) / 2) ** 2)
@@ -498,14 +508,21 @@ def braid_angle(
     )
     return BraidAngle(
         np.array([0.0, *z, last - first]), angle, stderr, right, left, (AT_TAPE, *inside, AT_TAPE),
-        n, _turns(surface, seen, waves, np.where(good, rate.mean(axis=0), waves.model)),
+        n, uncounted, _turns(surface, seen, waves, np.where(good, rate.mean(axis=0), waves.model)),
     )  # fmt: skip
+
+
+def shines(surface: Unrolled) -> bool:
+    """Whether the contrast stands in stripes along the muscle, as that of gloss does."""
+    across = np.var(surface.contrast[:, np.abs(surface.azimuth) < _FRONT], axis=0)
+    across = np.convolve(across, np.ones(_STRIPE) / _STRIPE, "valid")
+    return bool(across.max() > _SHINY * np.median(across))
 
 
 def _nothing(length: float, reason: str) -> BraidAngle:
     none = np.full(2, np.nan)
     at = np.array([0.0, length])
-    return BraidAngle(at, none, none, none, none, (reason, reason), math.nan, math.nan)
+    return BraidAngle(at, none, none, none, none, (reason, reason), *3 * (math.nan,))
 
 
 def _tilt(surface: Unrolled, seen: Directions, waves: Waves) -> Array:

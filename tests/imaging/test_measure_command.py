@@ -165,7 +165,7 @@ def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imaging.campaign, "_measured_by", stopped)
+    monkeypatch.setattr(imaging.campaign, "run_tasks", stopped)
     code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
     assert code == 130
     assert "Run the same command again to go on" in capsys.readouterr().err

@@ -7,7 +7,15 @@ from rendering import published_scene
 
 from imaging import ImagingError, Recipe, Scale, Table
 from imaging.campaign import POSITION, Row, measured_row
-from imaging.pictures import by_contraction, draw_overlays, draw_profiles, expand, skipped
+from imaging.errors import ScaleContradiction
+from imaging.pictures import (
+    by_contraction,
+    check_known_sizes,
+    draw_overlays,
+    draw_profiles,
+    expand,
+    skipped,
+)
 from tests.imaging.photographs import photograph
 
 
@@ -60,3 +68,17 @@ def test_overlays_are_of_the_pictures_that_were_measured_and_are_still_there(tmp
 @pytest.mark.parametrize("parts", [(30, 3), (0, 3), (1, 0)])
 def test_profiles_are_drawn_of_any_campaign(tmp_path, parts):
     assert draw_profiles(table(*parts), tmp_path / "profiles.png", "metric").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("rest", "diameter", "refused"),
+    [(0.2, 0.028, ""), (None, None, ""), (0.38, None, ""), (0.45, None, "rest length of 450 mm"),
+     (0.185, None, "rest length of 185 mm"), (0.2, 0.012, "nominal diameter of 12 mm"),
+     (0.2, 0.06, "nominal diameter of 60 mm")],
+)  # fmt: skip
+def test_a_scale_that_a_known_size_contradicts_is_refused_by_its_name(rest, diameter, refused):
+    if not refused:
+        check_known_sizes(table(3, 1), rest, diameter)
+        return
+    with pytest.raises(ScaleContradiction, match=refused):
+        check_known_sizes(table(3, 1), rest, diameter)

@@ -1,14 +1,18 @@
 """Pictures that a laboratory takes and that were refused for a wrong reason: measured, or named rightly."""
 
 import dataclasses
+import functools
 import math
 
+import numpy as np
 import pytest
 from rendering import BLUE_HUE, TAN, Jpeg, Lens, Tape, random_scene, render
 from slow_cases import slow_after
 
-from imaging import Recipe, Scale, measure
+from imaging import Recipe, Scale, ends, measure
+from imaging.edge import step
 from imaging.errors import MotionBlurred, NoMuscle
+from imaging.segment import segment
 
 PX_PER_IN = (120.0, 150.0)
 SIGMAS = 3.0
@@ -112,3 +116,42 @@ def test_the_softness_of_colour_does_not_hide_motion():
     made = a_yellow_tape(4, motion=6.0)
     with pytest.raises(MotionBlurred):
         measure(render(made, 4).rgb, recipe_of(made))
+
+
+@functools.cache
+def plain():
+    """A picture as rendered, its recipe and its measurement."""
+    made = scene(1)
+    photo = render(made, 1)
+    return photo.rgb, recipe_of(made), measure(photo.rgb, recipe_of(made))
+
+
+@pytest.mark.parametrize("colour", [(110, 110, 112), (90, 55, 40)])
+def test_a_fitting_that_runs_out_of_the_picture_is_no_tape(colour):
+    """Of another colour than braid and tapes, as wide as two thirds of the tapes."""
+    rgb, recipe, bare = plain()
+    rgb, tapes = rgb.copy(), segment(rgb)
+    u, rows = bare.trace.upper[0], np.arange(rgb.shape[0])[:, None]
+    beyond = (rows < tapes.upper.top - 2) | (rows > tapes.lower.bottom + 2)
+    at = beyond & (np.abs(np.arange(rgb.shape[1]) - u.mean()) < np.ptp(u) / 3)
+    rgb[at] = np.random.default_rng(0).normal(colour, 3, (int(at.sum()), 3))
+    found = measure(rgb, recipe)
+    assert abs(found.length - bare.length) < 0.2 * bare.length_stderr
+
+
+def test_a_shadow_beside_the_muscle_moves_no_edge():
+    """The cloth on the left as black as in the shadow of a flash."""
+    rgb, recipe, bare = plain()
+    rgb = rgb.copy()
+    for row, column in zip(bare.trace.rows.astype(int), bare.trace.left, strict=True):
+        rgb[row, : int(column) - 3] = np.minimum(rgb[row, : int(column) - 3], 1)
+    found = measure(rgb, recipe)
+    assert abs(found.mean_diameter - bare.mean_diameter) < bare.mean_diameter_stderr
+
+
+def test_light_that_rises_behind_a_tape_is_a_slope_and_no_blur():
+    t = np.arange(-12.0, 13.0)
+    profile = step(t - 0.4, 1.0) * (0.8 + 0.04 * np.clip(t - 0.4, 0, 6))
+    shift, blur, _height, slope = ends._step(profile, t, 1.3)
+    assert (shift, blur) == (pytest.approx(0.4, abs=0.1), pytest.approx(1.0, abs=0.15))
+    assert slope == pytest.approx(0.04, abs=0.01)

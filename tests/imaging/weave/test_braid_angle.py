@@ -11,7 +11,7 @@ from slow_cases import slow_after
 
 from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
 from imaging.campaign import Row, measured_row
-from imaging.weave import Unrolled, directions
+from imaging.weave import Unrolled, Waves, count_yarns, directions, shines
 from tests.imaging.photographs import photograph
 
 PX_PER_IN = (150.0, 170.0)
@@ -166,7 +166,40 @@ def test_a_twisted_muscle_has_two_angles():
     angle = np.array([np.nan, 1.0, np.nan])
     braid = BraidAngle(
         np.array([0.0, 0.1, 0.2]), angle, angle / 100, angle + 0.1, angle - 0.1,
-        ("nearer", "", "nearer"), 36.0, 1.0,
+        ("nearer", "", "nearer"), 36.0, 0.0, 1.0,
     )  # fmt: skip
     assert braid.mean == 1.0
     assert braid.part == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "counted"),
+    [(24.3, 24.2, 24.0), (24.8, 24.4, 24.0), (23.6, 23.7, 24.0), (24.5, 24.6, None), (25.1, 25.0, None),
+     (25.0, None, None)],
+)  # fmt: skip
+def test_yarns_are_counted_where_no_other_number_is_near(first, second, counted):
+    class Seen(Waves):
+        def __init__(self):
+            pass
+
+        def twist_rates(self, n):
+            return np.zeros((2, 1)), np.zeros((2, 1))
+
+        def phase_across(self, n, rates, harmonic):
+            number = (first, second)[harmonic - 1]
+            return (0.0, 0.0) if number is None else ((number - n) * harmonic * 1.9, 0.9)
+
+    n, stderr = count_yarns(Seen(), 24.0)
+    if counted is not None:
+        assert (n, stderr) == (counted, 0.0)
+    else:
+        assert abs(n - 24) < 2 * stderr
+
+
+@pytest.mark.parametrize(("stripe", "glossy"), [(0.07, False), (0.16, True)])
+def test_a_braid_that_shines_in_stripes_is_told(stripe, glossy):
+    azimuth = np.linspace(-1.3, 1.3, 261)
+    contrast = np.random.default_rng(0).normal(0, 0.08, (800, 261))
+    contrast[:, 150:170] = np.random.default_rng(1).choice([-stripe, stripe], (800, 20))
+    along = np.linspace(0, 0.1, 800)
+    assert shines(Unrolled(azimuth, along, along, np.full(800, 0.01), contrast)) is glossy
