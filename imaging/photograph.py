@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cv2
 import numpy as np
 
-from famjax.boundary.extras import import_extra
+from famjax.boundary.errors import import_extra
 
 from .camera import Camera, Image
 from .errors import DamagedImage, UnreadableImage
