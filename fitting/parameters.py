@@ -11,7 +11,7 @@ from famjax.boundary.units import UNITS, to_si
 
 from .arguments import check_pair, is_number, shown
 from .data import Specimen
-from .plausible import check_bounds, check_prior
+from .specimen import check_bounds, check_prior
 
 KINDS = {
     "braid_diameter": "length",

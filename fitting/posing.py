@@ -420,6 +420,8 @@ def _part(
         stations=np.tile(stations, (path_end.size, 1)),
     )
     weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
+    if data.count is not None and data.force_std is None:
+        weight = np.sqrt(data.count[rows])
     coefficients = range(first, first + len(family.linear))
     levels = {kind: data.levels(kind)[rows] for kind in ("pressure", "length")}
     return Part(

@@ -5,6 +5,7 @@ import io
 import os
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from os import PathLike
@@ -101,6 +102,8 @@ def read_image(path: str | PathLike[str]) -> Image:
         raise UnreadableImage(f"the file must be readable; {error.strerror}", path=place) from error
     if not data:
         raise UnreadableImage("the file must hold a picture; it is empty", path=place, bytes=0)
+    if _too_large(data):
+        raise UnreadableImage("a picture has 178 Mpx at most; this one states more", path=place)
     header = read_header(data)
     if not header.ended:
         raise UnreadableImage(
@@ -125,6 +128,21 @@ def read_image(path: str | PathLike[str]) -> Image:
             path=place, row=seam[0], jump_levels=seam[1],
         )  # fmt: skip
     return shown(image, header.orientation)
+
+
+def _too_large(data: bytes) -> bool:
+    """Whether the header states more pixels than Pillow believes, before anything is decoded."""
+    from PIL import Image as Pictures, UnidentifiedImageError  # noqa: PLC0415
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+            Pictures.open(io.BytesIO(data)).close()
+    except Pictures.DecompressionBombError:
+        return True
+    except (OSError, UnidentifiedImageError, SyntaxError, ValueError):
+        pass
+    return False
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:
@@ -175,7 +193,7 @@ def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
             across = _tag(picture) in _ACROSS
             entries = picture.getexif().get_ifd(_EXIF_IFD) if picture.format == "JPEG" else {}
             sizes = [picture.size, tuple(entries.get(tag, 0) for tag in _DIMENSIONS)]
-    except (OSError, UnidentifiedImageError, SyntaxError):
+    except (OSError, UnidentifiedImageError, SyntaxError, Image.DecompressionBombError):
         return []
     return [(h, w) if across else (w, h) for w, h in sizes if w and h]
 
@@ -287,7 +305,9 @@ def read_timestamp(path: str | Path) -> Timestamp | None:
             entries = picture.getexif().get_ifd(_EXIF_IFD)
         taken, fraction = (_text(entries.get(tag)) for tag in (_TAKEN, _FRACTION))
         whole = datetime.strptime(taken, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC).timestamp()
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError):
+    except (
+        OSError, UnidentifiedImageError, SyntaxError, ValueError, Image.DecompressionBombError
+    ):  # fmt: skip
         return None
     if not (fraction.isascii() and fraction.isdigit()):
         return Timestamp(whole, 1.0)

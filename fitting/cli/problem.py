@@ -16,7 +16,6 @@ from famjax.boundary.toml_file import from_entries
 from famjax.boundary.units import UNITS, si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
-from fitting.data import Specimen
 from fitting.evidence import (
     FORM,
     Evidence,
@@ -32,6 +31,7 @@ from fitting.faults import doubtful, suspect
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
+from fitting.specimen import Specimen
 from fitting.verdict import Judgement, judge
 
 from .fit import Asked
@@ -257,6 +257,7 @@ class Problem:
             notes=tuple(_sentence(one) for one in held["notes"]),
             assumed=tuple(held["assumed"]), units=held["units"],
             **{name: held[name] for name in _SAVED},
+            count=None if held["count"] is None else np.array(held["count"]),
         )  # fmt: skip
         return cls.of(data, Asked(**asked))
 
@@ -269,6 +270,7 @@ class Problem:
             "assumed": list(data.assumed),
             "units": dict(data.units),
             **{name: getattr(data, name) for name in _SAVED},
+            "count": None if data.count is None else data.count.tolist(),
         }
 
     def solve(self, progress: Tell) -> tuple[fitting.Identification, Choice | None]:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import io
+import zlib
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from slow_cases import slow_after
 
 from imaging import ImagingError, read_image
 from imaging.errors import UnreadableImage
-from imaging.photograph import Header, find_seam, read_header
+from imaging.photograph import Header, find_seam, read_header, sizes_of
 from tests.imaging.photographs import photograph
 
 SIZE = (1060, 440)
@@ -152,3 +153,19 @@ def test_what_a_camera_adds_after_the_end_is_no_damage(tmp_path):
     path = tmp_path / "trailer.jpg"
     path.write_bytes(photo().jpeg() + bytes(9000))
     np.testing.assert_array_equal(read_image(path), photo().rgb)
+
+
+def test_a_header_of_more_pixels_than_a_picture_has_is_refused_before_decoding(tmp_path):
+    size = (60_000).to_bytes(4, "big")
+    path = tmp_path / "bomb.png"
+    chunks = b"IHDR" + size + size + b"\x08\x02\0\0\0", b"IDAT" + zlib.compress(bytes(99)), b"IEND"
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+            for chunk in chunks
+        )
+    )
+    with pytest.raises(UnreadableImage, match="178 Mpx at most"):
+        read_image(path)
+    assert sizes_of(path) == []
