@@ -321,10 +321,10 @@ def _decoded(data: bytes) -> str:
 
 def _of_workbook(data: bytes, asked: _Asked) -> Table:
     """The one sheet of a workbook that holds the table."""
-    pandas = import_extra("pandas", "tables")
-    import_extra("openpyxl", "tables")
     try:
         _check_workbook(data)
+        pandas = import_extra("pandas", "tables")
+        import_extra("openpyxl", "tables")
         how = {"header": None, "dtype": object, "engine": "openpyxl", "keep_default_na": False}
         sheets = pandas.read_excel(io.BytesIO(data), sheet_name=None, **how)
     except InputError:

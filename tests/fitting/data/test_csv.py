@@ -82,7 +82,7 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
             "torque_Nm",
             "no column for force; the table has pressure_kPa, length_mm, torque_Nm",
         ),
-        ("length_mm,", "", "row 2 has 3 cells|no column for length"),
+        ("length_mm,", "", "line 2 has 3 numbers under 2 names"),
         (
             "length_mm",
             "force_kN",
@@ -98,7 +98,7 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
             "pressure .gauge pressure, not absolute. must be >= 0; reading 1 has -5000 ",
         ),
         ("100,300,", "100,0,", "length must be > 0; reading 1 has 0 "),
-        ("100,290,", "100,290,1,", "row 3 has 4 cells, the header has 3"),
+        ("100,290,", "100,290,1,", "line 3 has 4 numbers under 3 names"),
         ("100,300,", f"100,{'x' * 900},", "row 2: length is 'x{40}[.]{3}', not a number$"),
         (
             "length_mm",
