@@ -27,7 +27,7 @@ from famjax import Muscle
 from famjax.geometries import AbstractGeometry
 from famjax.materials import PressurePolynomialMaterial
 from fitting import ForceData, Specimen
-from fitting.arguments import any_units
+from fitting.specimen import any_units
 
 CHAPTERS = Path(__file__).resolve().parents[1] / "examples" / "chambers2021"
 if str(CHAPTERS) not in sys.path:

@@ -26,7 +26,7 @@ from beside_print import Row, Table
 from notes import NOT_COMPUTED, NOTES
 from row import Case
 
-from fitting.arguments import any_units
+from fitting.specimen import any_units
 
 Progress = Callable[[int, int, str], None]
 """Called before each table with the number of those done, of all, and its name, and once at the end."""

@@ -21,7 +21,7 @@ from scipy import optimize
 
 import famjax
 import fitting
-from fitting.arguments import any_units
+from fitting.specimen import any_units
 
 BATCH, SAMPLE = 10_000, 200
 

@@ -80,6 +80,28 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
     return found
 
 
+Signed = Parameter(allow_leading_hyphen=True)
+"""An option whose value may begin with a minus sign."""
+
+Columns = Annotated[tuple[str, ...], Parameter(name="--column")]
+"""Which column of a table is which quantity."""
+
+
+def parse_columns(given: Iterable[str]) -> dict[str, str]:
+    """Columns by quantity, of entries such as `force="Kraft [N]"`.
+
+    Raises:
+        InputError: an entry that is not of this form, or a quantity twice.
+    """
+    return parse_entries(given, "--column", 'force="Kraft [N]"')
+
+
+def tell_columns(taken: str) -> None:
+    """Say on standard error what the columns of a file were taken as."""
+    if taken:
+        print(taken, file=sys.stderr)
+
+
 def add_cwd_to_path() -> None:
     """Find classes in modules of the current folder."""
     here = str(Path.cwd())

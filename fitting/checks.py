@@ -1,12 +1,14 @@
 """What a force map must hold for an identification to make sense, asked before any work is done."""
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 import famjax
 from famjax.boundary.errors import InputError
+from famjax.boundary.units import UNITS
 
 from .arguments import is_number
 from .convex import Status
@@ -15,9 +17,13 @@ from .engine import Batch, solve
 from .families import AbstractGeometrySource, Law
 from .parameters import KINDS, Entry, standard_table
 from .problem import Problem
-from .reading import likely_length_fault
 from .response import CONSTRAINTS
 
+_REACH = (0.55, 1.07)  # of the rest length: what muscles of rubber and threads come to
+_LONGEST_AT_LEAST = 0.85  # of the rest length: the longest length of most tests is above it
+_WORDS = {"in": "inches"}
+_USUAL = 0.25  # m: rest length of a usual muscle
+_ALIKE = 0.5  # decades: taken as equal
 _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
 
 
@@ -104,8 +110,8 @@ def check_specimen(
     if priors and noise is None and data.force_std is None:
         raise InputError(
             f"the prior of {', '.join(priors)} is weighed against the noise of the force, which is "
-            "not known: give noise (the standard deviation of one reading in N), or a column "
-            "force_std in the data"
+            "not known: give noise, the standard deviation of one reading in N (--error noise_N=1.5), or a "
+            "column force_std in the data"
         )
 
 
@@ -129,7 +135,7 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
         )
     else:
         return
-    likely = likely_length_fault(data)
+    likely = _likely_length_fault(data)
     raise InputError(
         f"reading {reading + 1} has the length {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
         f"{rest * 1e3:.5g} mm, braid angle at most {math.degrees(steepest):.4g} deg). Check the unit of "
@@ -237,3 +243,37 @@ def check_solvable(problem: Problem) -> None:
         )
     if point.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
         raise InputError(point.status.message)
+
+
+def _likely_length_fault(data: ForceData) -> str:
+    """The likeliest fault of a map whose lengths cannot be reached, a sentence, or ""."""
+    rest, length = data.specimen.rest_length, data.length[data.loaded]
+    low, high = float(length.min()) / rest, float(length.max()) / rest
+    # Either change brings the two together; they differ in the muscle that is left.
+    found = sorted(
+        (
+            abs(math.log10(then / _USUAL)),
+            f"{what} in {_WORDS.get(true, true)}, not {_WORDS.get(said, said)}",
+        )
+        for scale, then, what, true, said in _unit_slips(data)
+        if _LONGEST_AT_LEAST <= high * scale <= _REACH[1] and low * scale >= _REACH[0]
+    )
+    likely = [sentence for away, sentence in found if away < found[0][0] + _ALIKE][:2]
+    return f"It looks as if {', or '.join(likely)}." if likely else ""
+
+
+def _unit_slips(data: ForceData) -> Iterator[tuple[float, float, str, str, str]]:
+    """Units of lengths or of the rest length that may be meant.
+
+    Yields:
+        By how much lengths grow against the rest length, the rest length then, what is wrong, and both
+        units.
+    """
+    rest, said = data.specimen.rest_length, data.units.get("length", "mm")
+    known = UNITS["length"]
+    for true in known:
+        if true != said:
+            yield known[true] / known[said], rest, "the lengths were", true, said
+    for typed, true in itertools.permutations(("mm", "cm", "m", "in"), 2):
+        scale = known[true] / known[typed]
+        yield 1 / scale, rest * scale, "the rest length was", true, typed

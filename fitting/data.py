@@ -1,4 +1,4 @@
-"""A measured static force map: force, pressure and length, with the specimen they belong to.
+"""A measured static force map: force, pressure and length, with the specimen they belong to, and its file.
 
 Measured pressures and lengths scatter about nominal ones. `levels_of` finds the levels: what "at one
 pressure" and "at one length" mean for a map.
@@ -7,6 +7,8 @@ pressure" and "at one length" mean for a map.
 import dataclasses
 import functools
 import hashlib
+import importlib.resources
+import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,9 +18,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, import_extra
-from famjax.boundary.units import Quantity, Sentence, factor, unit_system
+from famjax.boundary.units import Quantity, Sentence, factor, to_si, unit_system
+from famjax.tables import Table, read_table
 
-from .arguments import QUANTITIES, check_mapping, check_numbers, check_plausible, is_number, shown
+from .arguments import check_mapping, check_numbers, check_path, is_number, shown
+from .specimen import (
+    SPECIMEN_LENGTHS,
+    Specimen,
+    check_plausible,
+    describe,
+    parse_specimen,
+    said_number,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -34,12 +45,18 @@ COLUMNS = {
 }
 """The columns of a force map and the kind of unit of each."""
 
+_STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
+
 MAY_BE_ZERO = frozenset({"pressure", "pressure_std", "length_std"})
 """Columns that may be zero; the force alone may be negative, and the others must be positive."""
 
 MOST_APART = 40
 """Levels at most that are left out one by one; more are left out in as many groups of neighbours."""
 
+_HINTS = {
+    "pressure": ": subtract what the gauge reads when it is vented",
+    "length": ": contractions stand in a column contraction, as fractions, or contraction_%, in percent",
+}
 _PUSHES = 3.0  # times the largest pull: nothing that pulls pushes so hard
 _CLEAR = 8.0  # times wider is the narrowest gap between levels than the widest one within
 _WITHIN = 0.02  # of the whole range: the widest gap within a level that is taken without asking
@@ -189,72 +206,6 @@ def groups_of_levels(
     return np.where(np.isin(level, values), group, -1)
 
 
-@dataclasses.dataclass(frozen=True)
-class Specimen:
-    """What is known of the muscle besides the force map.
-
-    Attributes:
-        name: for reports.
-        rest_length: active length L0 [m] of zero contraction.
-        wall_thickness: bladder wall t0 [m] at rest.
-        nominal_diameter: bore [m] by which the muscle is sold, or None; it bounds the braid
-            diameter of a fit.
-        bladder_diameter: outer diameter [m] of the bladder at rest, or None where it fills the
-            braid.
-        braid_thickness: [m].
-        embedded: True where the threads run inside the rubber (Festo DMSP).
-    """
-
-    name: str
-    rest_length: float
-    wall_thickness: float
-    nominal_diameter: float | None = None
-    bladder_diameter: float | None = None
-    braid_thickness: float = 0.0
-    embedded: bool = False
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise InputError(f"the specimen's name must be a text, got {shown(self.name)}")
-        if not isinstance(self.embedded, bool | np.bool_):
-            raise InputError(
-                f"the specimen's embedded must be True or False, got {shown(self.embedded)}"
-            )
-        for name in SPECIMEN_LENGTHS:
-            size = getattr(self, name)
-            if size is None and name in {"nominal_diameter", "bladder_diameter"}:
-                continue
-            positive = name != "braid_thickness"
-            known = size is not None and is_number(size)
-            if size is None or not (known and 0 <= size < math.inf and (size > 0 or not positive)):
-                must = "a positive length" if positive else "a length >= 0"
-                raise InputError(f"{name} must be {must} in m, got {size!r}")
-            check_plausible(name, size, QUANTITIES[name])
-        wall, bore = self.wall_thickness, self.nominal_diameter or math.inf
-        widest = self.bladder_diameter or bore + 2 * wall
-        if 2 * wall >= widest:
-            raise InputError(
-                f"a wall of {wall * 1e3:.4g} mm does not fit twice into a bladder of "
-                f"{widest * 1e3:.4g} mm: one of the two is wrong; check wall_thickness and "
-                "nominal_diameter or bladder_diameter, and their units"
-            )
-        if self.embedded and self.bladder_diameter is not None:
-            raise InputError(
-                "an embedded braid runs inside the wall, so the bladder has no diameter of its "
-                "own: leave bladder_diameter out, or set embedded = false"
-            )
-
-
-SPECIMEN_LENGTHS = (
-    "rest_length",
-    "wall_thickness",
-    "nominal_diameter",
-    "bladder_diameter",
-    "braid_thickness",
-)
-"""Fields of `Specimen` that are lengths."""
-
-
 @dataclasses.dataclass(frozen=True, repr=False)
 class ForceData:
     """A static force map in SI, one row per reading.
@@ -277,6 +228,9 @@ class ForceData:
         assumed: fields of the specimen that were not given but assumed, for the verdict.
         units: of the columns of the file by quantity, where there was one; the numbers are SI.
         force_limit: largest force [N] that the load cell reads, or None where it never was at it.
+        count: how many readings were the same to the last digit, shape (n,), or None where none was: they
+            are averaged here, and weigh by their number.
+        taken: what the columns of a file were taken as, for the command that read it.
         pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
             or length, see `levels_of`; None to find it from the gaps between them.
     """
@@ -295,6 +249,8 @@ class ForceData:
     pressure_tolerance: float | None = None
     length_tolerance: float | None = None
     force_limit: float | None = None
+    count: np.ndarray | None = None
+    taken: str = dataclasses.field(default="", compare=False)
 
     def __post_init__(self) -> None:
         self._check_arguments()
@@ -305,7 +261,10 @@ class ForceData:
         for name in ("force", "pressure", "length"):
             largest = float(getattr(self, name).max())
             check_plausible(f"the largest {name}", largest, name, self.units.get(name, ""))
-        self._check_copies()
+        if self.count is None:
+            self._average_copies()
+        elif np.shape(self.count) != np.shape(self.force):
+            raise InputError("count must be as long as force: leave it out, and it is counted anew")
 
     def _check_arguments(self) -> None:
         """What is no column must be of its kind."""
@@ -341,7 +300,7 @@ class ForceData:
             for k in np.flatnonzero((values < 0) | ((values == 0) & (not zero))):
                 raise InputError(
                     f"{name}{gauge} must be {'>=' if zero else '>'} 0; reading {k + 1} has "
-                    f"{values[k]:.6g} in SI units"
+                    f"{values[k]:.6g} in SI units{_HINTS.get(name, '')}"
                 )
         return values
 
@@ -363,20 +322,34 @@ class ForceData:
                 f"the forces reach down to {low:.4g} N and up to {high:.4g} N only. {sign}"
             )
 
-    def _check_copies(self) -> None:
-        """No loaded reading may be there twice: a copy would count twice and understate the error."""
+    def _average_copies(self) -> None:
+        """Readings that are the same to the last digit become one, which weighs by their number."""
         rows = np.stack([self.force, self.pressure, self.length], axis=1)
-        order = np.lexsort(rows.T)
-        same = (np.diff(rows[order], axis=0) == 0).all(axis=1) & self.loaded[order[1:]]
-        if same.any():
-            first = int(np.flatnonzero(same)[0])
-            one, other = sorted(order[first : first + 2] + 1)
-            raise InputError(
-                f"readings {one} and {other} are the same to the last digit ({rows[one - 1, 0]:.6g} N, "
-                f"{rows[one - 1, 1] / 1e3:.6g} kPa, {rows[one - 1, 2] * 1e3:.6g} mm), one of {same.sum()} "
-                "such pairs: remove the copies; if they were truly measured twice, give "
-                "their mean"
-            )
+        order = np.lexsort(rows.T[::-1])
+        new = np.concatenate([[True], (np.diff(rows[order], axis=0) != 0).any(axis=1)])
+        if new.all():
+            return
+        starts = np.flatnonzero(new)
+        count = np.diff(np.append(starts, order.size))
+        first = np.minimum.reduceat(order, starts)
+        there = np.argsort(first)
+        first, count = first[there], count[there]
+        n = order.size
+        for name in COLUMNS:
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, values[first])
+        if self.force_std is not None:
+            object.__setattr__(self, "force_std", self.force_std / np.sqrt(count))
+        object.__setattr__(self, "count", count.astype(float))
+        k = int(np.argmax(count))
+        note = Sentence(
+            f"{n - count.size} of {n} readings repeat another to the last digit, such as ",
+            Quantity(self.force[k], "force"), " at ", Quantity(self.pressure[k], "pressure"), " and ",
+            Quantity(self.length[k], "length"),
+            f" ({count[k]} times): they are averaged, and weigh by their number. If they are copies, "
+            "remove them.",
+        )  # fmt: skip
+        object.__setattr__(self, "notes", (*self.notes, note))
 
     def __repr__(self) -> str:
         length, pressure = self.length * 1e3, self.pressure / 1e3
@@ -392,18 +365,37 @@ class ForceData:
         Raises:
             InputError: pandas is not installed.
         """
-        return import_extra("pandas", "tables").DataFrame({**self.columns(), "loaded": self.loaded})
+        held = {**self.columns(), "loaded": self.loaded}
+        return import_extra("pandas", "tables").DataFrame(self._repeated(held))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The same as a data set over the dimension `reading`, the specimen in its attributes.
+
+        Raises:
+            InputError: xarray is not installed.
+        """
+        held = self._repeated({**self.columns(), "loaded": self.loaded})
+        frame = {name: (("reading",), values, {}) for name, values in held.items()}
+        known = {
+            key: one for key, one in dataclasses.asdict(self.specimen).items() if one is not None
+        }
+        about = {key: int(one) if isinstance(one, bool) else one for key, one in known.items()}
+        return data_set(frame, {}, about)
 
     @classmethod
     def from_pandas(
-        cls, frame: "pandas.DataFrame", specimen: "Specimen | Mapping[str, Any] | None" = None
+        cls,
+        frame: "pandas.DataFrame",
+        specimen: "Specimen | Mapping[str, Any] | None" = None,
+        columns: Mapping[str, str] | None = None,
     ) -> "ForceData":
         """The force map in a table of pandas, the unit in the name of each column as in a CSV file.
 
         Args:
-            frame: with columns such as `force_N`, `pressure_kPa` and `length_mm`; a column `loaded`, as
-                `to_pandas` writes, is left out.
+            frame: with columns such as `force_N`, `pressure_kPa` and `length_mm`; others, such as the
+                `loaded` of `to_pandas`, are left out.
             specimen: the muscle, or fields of it in SI. What is not said is assumed, as by `read_csv`.
+            columns: which column is which quantity, as of `read_csv`.
 
         Raises:
             InputError: what is wrong with the columns, as `read_csv` says it.
@@ -415,12 +407,43 @@ class ForceData:
         >>> ForceData.from_pandas(frame, {"nominal_diameter": 10e-3}).pressure
         array([300000., 300000.])
         """
-        from .reading import map_of_columns  # noqa: PLC0415 -- which makes maps itself
-
-        if not callable(getattr(frame, "to_numpy", None)) or not hasattr(frame, "columns"):
+        if not callable(getattr(frame, "to_csv", None)) or not hasattr(frame, "columns"):
             raise InputError(f"frame must be a pandas.DataFrame, got {shown(frame)}")
-        columns = {str(name): frame[name].to_numpy() for name in frame.columns if name != "loaded"}
-        return map_of_columns(columns, specimen or {}, "data frame")
+        text = io.StringIO(f"sep=,\n{frame.to_csv(index=False)}")
+        text.name = "data frame"  # type: ignore[attr-defined]
+        return read_csv(text, specimen, columns)
+
+    @classmethod
+    def from_xarray(
+        cls,
+        dataset: "xarray.Dataset",
+        specimen: "Specimen | Mapping[str, Any] | None" = None,
+        columns: Mapping[str, str] | None = None,
+    ) -> "ForceData":
+        """The force map in a data set of xarray; see `from_pandas`.
+
+        Variables over several dimensions, such as length and pressure, become one reading for each of
+        their combinations. Without a specimen that in the attributes counts, as `to_xarray` writes it.
+
+        Raises:
+            InputError: what is wrong with the variables.
+        """
+        if not hasattr(dataset, "data_vars") or not hasattr(dataset, "to_dataframe"):
+            raise InputError(f"dataset must be an xarray.Dataset, got {shown(dataset)}")
+        frame = (
+            dataset.to_dataframe().dropna().reset_index().drop(columns="reading", errors="ignore")
+        )
+        fields = {field.name for field in dataclasses.fields(Specimen)}
+        known = {key: one for key, one in dataset.attrs.items() if key in fields}
+        known |= {"embedded": bool(known["embedded"])} if "embedded" in known else {}
+        return cls.from_pandas(frame, known if specimen is None else specimen, columns)
+
+    def _repeated(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Columns in which readings that were averaged stand as often as they were read."""
+        if self.count is None or self.force_std is not None:
+            return dict(columns)
+        times = self.count.astype(int)
+        return {name: np.repeat(values, times) for name, values in columns.items()}
 
     def columns(self, system: str = "si") -> dict[str, np.ndarray]:
         """The columns there are in a unit system, by name and unit."""
@@ -494,7 +517,7 @@ class ForceData:
         Raises:
             InputError: none of them is loaded.
         """
-        columns = {name: getattr(self, name) for name in COLUMNS}
+        columns = {name: getattr(self, name) for name in (*COLUMNS, "count")}
         kept = {name: None if values is None else values[rows] for name, values in columns.items()}
         return dataclasses.replace(
             self,
@@ -513,9 +536,271 @@ class ForceData:
             if values is not None:
                 digest.update(np.ascontiguousarray(values, "<f8").tobytes())
         digest.update(repr(dataclasses.astuple(self.specimen)).encode())
+        if self.count is not None:
+            digest.update(self.count.tobytes())
         if self.force_limit is not None:
             digest.update(f"force_limit {self.force_limit!r}".encode())
         return digest.hexdigest()
+
+
+_NOT_ASSUMED = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedded"}
+"""Field of a specimen that an assumption has filled in, by what was not said."""
+
+
+def bundled_names() -> list[str]:
+    """Names of the measured maps that come with famjax.
+
+    >>> bundled_names()
+    ['DMSP-10-250', 'DMSP-20-300']
+    """
+    folder = importlib.resources.files("fitting") / "maps"
+    return sorted(f.name.removesuffix(".csv").upper() for f in folder.iterdir() if ".csv" in f.name)
+
+
+def bundled_map_name(name: str) -> str | None:
+    """The name of a bundled map as people write it, or None where it is none.
+
+    In any case, with hyphens or underscores, and with or without the muscle's length, which the name
+    of its card lacks.
+
+    >>> [bundled_map_name(one) for one in ("dmsp_20_300", "DMSP-20", "DMSP-2", "map.csv")]
+    ['DMSP-20-300', 'DMSP-20-300', None, None]
+    """
+    asked = name.upper().replace("_", "-")
+    found = [one for one in bundled_names() if asked in (one, one.rpartition("-")[0])]
+    return found[0] if len(found) == 1 else None
+
+
+def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
+    """A measured force map that comes with famjax.
+
+    Args:
+        name: one of `bundled_names()`, or one that `bundled_map_name` takes.
+        specimen: fields of `Specimen` in SI that override those in the file.
+
+    Raises:
+        InputError: no such map.
+
+    References:
+        Martens & Boblan 2017, Actuators 6(4), tables A1 (DMSP-20-300) and A2 (DMSP-10-250).
+
+    >>> data = load_bundled("DMSP-20-300")
+    >>> data.force.size, int(data.loaded.sum()), data.max_force
+    (126, 60, 1653.5)
+    """
+    known = bundled_map_name(name) if isinstance(name, str) else None
+    if known is None:
+        raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
+    with importlib.resources.as_file(
+        importlib.resources.files("fitting") / "maps" / f"{known.lower()}.csv"
+    ) as path:
+        return dataclasses.replace(
+            read_csv(path, specimen), source=f"bundled map {known}", taken=""
+        )
+
+
+def read_csv(
+    path: Any,
+    specimen: Specimen | Mapping[str, Any] | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> ForceData:
+    """A force map from a file: text in any usual form, or a workbook (.xlsx).
+
+    The columns are found by their names, each with its unit, as in `force_lbf`, `Pressure (psi)` or a row
+    of units below; `force_std_N` and the like are optional. In the place of the length there may be a
+    `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that start with # are comments;
+    `# specimen: rest_length_mm = 296` describes the muscle.
+
+    Args:
+        path: the file, an open text such as standard input, or a table of pandas.
+        specimen: the muscle, or fields of `Specimen` in SI that override those in the file.
+        columns: which column is which quantity where the names do not say it, `{"force": "Kraft [N]"}`;
+            also `decimal` and `atmosphere`, see `famjax.tables.read_table`.
+
+    Returns:
+        The map in SI. What had to be assumed about columns and specimen stands in its `notes`.
+
+    Raises:
+        InputError: what is wrong with the file, with the number of the row.
+    """
+    given = specimen if isinstance(specimen, Specimen) else None
+    if given is None:
+        check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
+    check_mapping("columns", columns, "from quantities to names of columns")
+    if hasattr(path, "columns") and hasattr(path, "to_csv"):
+        return ForceData.from_pandas(path, specimen, columns)
+    if not isinstance(path, str | Path) and not callable(getattr(path, "read", None)):
+        raise InputError(f"a force map is read from a path or an open text file, got {shown(path)}")
+    table = read_table(path, _NEEDED, optional=_STDS, columns=columns, strict=True)
+    known = parse_specimen(_entries(table.comments, "specimen"))
+    if isinstance(specimen, Mapping):
+        known |= {key: value for key, value in specimen.items() if value is not None}
+    try:
+        tolerances: dict[str, Any] = dict(map(_tolerance, _entries(table.comments, "level")))
+        return _map(table, given, known, tolerances)
+    except InputError as error:
+        where = path if isinstance(path, str | Path) else table.source
+        raise InputError(f"{where}: {error}") from None
+
+
+_NEEDED = ("force", "pressure", "length")
+_LEAST_CONTRACTION = 0.006  # of a map: no muscle is measured over less
+_NEAR_ZERO = 0.01  # of the largest pressure: what a vented gauge may read below zero
+
+
+def _map(
+    table: Table, given: Specimen | None, known: dict[str, Any], tolerances: Mapping[str, Any]
+) -> ForceData:
+    """The map of a table: of the specimen that is given, or of what is known of it."""
+    arrays = dict(table.columns)
+    for unknown in sorted(known.keys() - {one.name for one in dataclasses.fields(Specimen)}):
+        if unknown != "force_limit":
+            raise InputError(f"unknown entry of the specimen {unknown!r}")
+    notes = [*_told(table), *_near_zero(arrays)]
+    _lengths_of_contractions(arrays, given.rest_length if given else known.get("rest_length"))
+    limit = known.pop("force_limit", None)
+    muscle: dict[str, Any] = {"specimen": given}
+    if given is None:
+        longest = float(arrays["length"].max())
+        muscle = describe({"name": Path(table.source).stem, **known}, longest)._asdict()
+        notes = [*muscle.pop("notes"), *notes]
+    return ForceData(
+        **arrays, **muscle, **tolerances, notes=tuple(notes), source=table.source, units=table.units,
+        force_limit=limit, taken=table.said(),
+    )  # fmt: skip
+
+
+def _told(table: Table) -> Iterable[str]:
+    """Notes on what the user said of columns, and on what was left aside."""
+    if named := [(quantity, one) for quantity, one in table.taken.items() if one.named]:
+        said = ", ".join(
+            f"{quantity} is {one.name!r} in {one.unit or '-'}" for quantity, one in named
+        )
+        yield f"As was said, {said}."
+    if table.others:
+        yield f"Columns left aside: {', '.join(table.others)}."
+
+
+def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
+    """Read a vented gauge's small negative pressures as 0, with a note."""
+    pressure = arrays["pressure"]
+    below = pressure < 0
+    if below.any() and pressure.min() >= -_NEAR_ZERO * pressure.max():
+        arrays["pressure"] = np.where(below, 0.0, pressure)
+        least = Quantity(float(pressure.min()), "pressure", 3)
+        yield Sentence(
+            f"{below.sum()} pressures below zero, ", least, " at the least, are read as 0."
+        )
+
+
+def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None:
+    """Put lengths in the place of contractions."""
+    if "contraction" not in arrays:
+        return
+    if rest is None:
+        raise InputError(
+            "contractions need the rest length: write '# specimen: rest_length_mm = 296' into the "
+            "file, or give --specimen rest_length_mm=296"
+        )
+    largest = float(arrays["contraction"].max())
+    if largest < _LEAST_CONTRACTION:
+        raise InputError(
+            f"the largest contraction is {largest:.2%}, as of fractions that are called percent: if they "
+            'are fractions, --column contraction="NAME [-]"'
+        )
+    if largest >= 1:
+        raise InputError(
+            f"contraction is {largest:.6g}; (L0 - L)/L0 lies below 1: write percent in a column "
+            "contraction_%, lengths in a column such as length_mm"
+        )
+    arrays["length"] = rest * (1 - arrays.pop("contraction"))
+    if "contraction_std" in arrays:
+        arrays["length_std"] = rest * arrays.pop("contraction_std")
+
+
+def _entries(comments: Iterable[str], wanted: str) -> list[str]:
+    """The entries of lines such as `# specimen: rest_length_mm = 296`, by what stands before the colon."""
+    parts = [line.lstrip("# \t").partition(":") for line in comments]
+    return [entry.strip() for label, _, entry in parts if label.strip() == wanted]
+
+
+def _tolerance(entry: str) -> tuple[str, float]:
+    """Field of `ForceData` and SI value of `pressure_tolerance_kPa = 5`."""
+    key, _, value = (part.strip() for part in entry.partition("="))
+    name, _, unit = key.rpartition("_")
+    if name not in {"pressure_tolerance", "length_tolerance"}:
+        raise InputError(
+            f"level {entry!r} must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1"
+        )
+    return name, to_si(
+        said_number(value, f"the level's {key}"), unit, name.removesuffix("_tolerance")
+    )
+
+
+def csv_text(data: ForceData, system: str = "si") -> str:
+    """The text of a CSV file: specimen and notes in comment lines, then one row per reading.
+
+    Wall and place of the braid are left out where they were assumed: who reads the file assumes them too.
+
+    Args:
+        data: the map.
+        system: "si", which reads back to the same bits, "metric" or "us".
+
+    >>> lines = csv_text(load_bundled("DMSP-10-250")).splitlines()
+    >>> next(line for line in lines if not line.startswith("#"))
+    'force_N,pressure_Pa,length_m'
+    """
+    units = unit_system(system)
+    lines = [f"# note: {note}" for note in data.notes]
+
+    def add(label: str, name: str, value: float, kind: str) -> None:
+        scaled = float(value) / factor(units[kind], kind)
+        lines.append(f"# {label}: {name}_{units[kind]} = {scaled!r}")
+
+    assumed = {_NOT_ASSUMED[name] for name in data.assumed if name in _NOT_ASSUMED}
+    for key, value in dataclasses.asdict(data.specimen).items():
+        if key in assumed or value is None:
+            continue
+        if key in SPECIMEN_LENGTHS:
+            add("specimen", key, value, "length")
+        else:
+            lines.append(f"# specimen: {key} = {value if key == 'name' else str(value).lower()}")
+    if data.force_limit is not None:
+        add("specimen", "force_limit", data.force_limit, "force")
+    for kind, tolerance in (
+        ("pressure", data.pressure_tolerance),
+        ("length", data.length_tolerance),
+    ):
+        if tolerance is not None:
+            add("level", f"{kind}_tolerance", tolerance, kind)
+    columns = data._repeated(data.columns(system))
+    lines.append(",".join(columns))
+    rows = np.stack(list(columns.values()), axis=1).tolist()
+    lines += [",".join(map(repr, row)) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
+    """Write a force map, with its specimen and notes.
+
+    Args:
+        data: the map.
+        path: the file; one that is there is replaced.
+        system: "si", which `read_csv` reads back to the same bits, "metric" or "us".
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: an unknown unit system, or a file that cannot be written.
+    """
+    check_maps(data)
+    path, text = check_path("path", path), csv_text(data, system)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    return path
 
 
 def check_maps(*data: object) -> None:

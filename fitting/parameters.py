@@ -9,8 +9,9 @@ import numpy as np
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import UNITS, to_si
 
-from .arguments import check_bounds, check_pair, check_prior, is_number, shown
+from .arguments import check_pair, is_number, shown
 from .data import Specimen
+from .specimen import check_bounds, check_prior
 
 KINDS = {
     "braid_diameter": "length",

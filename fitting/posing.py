@@ -287,6 +287,8 @@ def _part(
     limit = 0.0 if data.force_limit is None else data.force_limit
     force = np.where(side == 0, data.force[rows], np.where(side > 0, 0.0, limit))
     weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
+    if data.count is not None and data.force_std is None:
+        weight = np.sqrt(data.count[rows])
     count = len(family.linear)
     return Part(
         data.specimen.name, family,

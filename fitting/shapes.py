@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import famjax
 from famjax.boundary.errors import InputError
+from famjax.tables import check_size
 
 from .arguments import shown
 from .data import Specimen
@@ -158,13 +159,22 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
     """Names, whether they were measured, columns, and the scale's relative error, of a NetCDF file."""
     from scipy.io import netcdf_file  # noqa: PLC0415 -- 0.1 s, for these files alone
 
+    check_size(path)
     try:
         with netcdf_file(path, "r", mmap=False) as file:
             held = {name: one[:].copy() for name, one in file.variables.items()}
             scale = float(getattr(file, _SCALE_STDERR, b"0").decode())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (TypeError, ValueError):
+    except (
+        TypeError,
+        ValueError,
+        IndexError,
+        KeyError,
+        MemoryError,
+        OverflowError,
+        AttributeError,
+    ):
         raise InputError(
             f"{path} is not the NetCDF file of `famjax measure`, measurements.nc"
         ) from None

@@ -16,7 +16,16 @@ from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import factor, parse_quantity
-from famjax.console import Jobs, Units, parse_entries, print_json, print_rows, progress
+from famjax.console import (
+    Columns,
+    Jobs,
+    Signed,
+    Units,
+    parse_columns,
+    print_json,
+    print_rows,
+    progress,
+)
 
 from .errors import ImagingError
 
@@ -82,7 +91,7 @@ class RecipeOptions:
     crop_offset: str | None = None
     frame_size: str | None = None
     scale: str | None = None
-    k1: float | None = None
+    k1: Annotated[float | None, Signed] = None
     tone: Literal["srgb"] | None = None
     tape_diameter: str | None = None
     tape_hue: str | None = None
@@ -99,10 +108,8 @@ def measure(
     *photos: str,
     how: RecipeOptions = _UNSAID,
     log: Path | None = None,
-    log_offset: str | None = None,
-    log_columns: tuple[str, ...] = (),
-    log_units: tuple[str, ...] = (),
-    log_decimal: Literal[".", ","] | None = None,
+    log_offset: Annotated[str | None, Signed] = None,
+    column: Columns = (),
     rest_length: str | None = None,
     diameter: str | None = None,
     jobs: Jobs = None,
@@ -132,13 +139,10 @@ def measure(
     log_offset
         What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
         motion repeats itself.
-    log_columns
-        Column of the log where its names do not tell, by its name or its number from 1,
-        `force="Load 2"`, repeatable: time, displacement, force, pressure.
-    log_units
-        Unit of a column in place of the log's, `force=kN`, repeatable.
-    log_decimal
-        The log's decimal sign where the numbers do not tell.
+    column
+        Which column of the log is which where the names do not say it, `force="Kraft [N]"`, by name or
+        number, with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
+        pressures, `atmosphere=101.3kPa`.
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given. A scale
         with which no picture could show that muscle is refused.
@@ -157,7 +161,7 @@ def measure(
     json_
         Print one JSON object to standard output and nothing else there.
     read_log
-        Reads the log by its path, `offset`, `columns`, `units` and `decimal`; returns an `AddLog`.
+        Reads the log by its path, `offset` and `columns`; returns an `AddLog`.
     """
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -181,8 +185,7 @@ def measure(
             if log is not None and read_log is not None:
                 add_log = read_log(
                     log, offset=None if log_offset is None else parse_quantity(log_offset, "time"),
-                    columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
-                    units=parse_entries(log_units, "log-units", "force=kN"), decimal=log_decimal,
+                    columns=parse_columns(column),
                 )  # fmt: skip
             rest, nominal = (
                 None if one is None else parse_quantity(one, "length")

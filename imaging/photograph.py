@@ -2,9 +2,11 @@
 
 import contextlib
 import dataclasses
+import io
 import os
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from os import PathLike
@@ -60,6 +62,8 @@ def read_image(path: str | PathLike[str]) -> Image:
         raise UnreadableImage(f"the file must be readable; {error.strerror}", path=place) from error
     if not data:
         raise UnreadableImage("the file must hold a picture; it is empty", path=place, bytes=0)
+    if _too_large(data):
+        raise UnreadableImage("a picture has 178 Mpx at most; this one states more", path=place)
     if place.lower().endswith(HEIC):
         return _read_heic(place)
     image, complaint = _decoded(data)
@@ -91,6 +95,21 @@ def _read_heic(path: str) -> Image:
             return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
     except (OSError, ValueError, UnidentifiedImageError) as error:
         raise UnreadableImage(f"the file must hold a picture; {error}", path=path) from None
+
+
+def _too_large(data: bytes) -> bool:
+    """Whether the header states more pixels than Pillow believes, before anything is decoded."""
+    from PIL import Image as Pictures, UnidentifiedImageError  # noqa: PLC0415
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+            Pictures.open(io.BytesIO(data)).close()
+    except Pictures.DecompressionBombError:
+        return True
+    except (OSError, UnidentifiedImageError, SyntaxError, ValueError):
+        pass
+    return False
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:
@@ -134,7 +153,9 @@ def _opened(file: Any) -> "Iterator[Picture | None]":
 
     try:
         picture = Image.open(file)
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError):
+    except (
+        OSError, UnidentifiedImageError, SyntaxError, ValueError, Image.DecompressionBombError
+    ):  # fmt: skip
         yield None
         return
     with picture:

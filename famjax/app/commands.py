@@ -5,21 +5,25 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import imaging.cli
 from famjax.boundary.units import parse_quantity
 from famjax.compilation_cache import start_jax
 from famjax.console import (
+    Columns,
     Jobs,
     Seed,
+    Signed,
     Units,
     add_cwd_to_path,
     in_units,
+    parse_columns,
     parse_entries,
     print_json,
     print_rows,
     progress,
+    tell_columns,
 )
 from rig.cli import ended_in_words
 
@@ -37,7 +41,9 @@ def measure(*photos: str, **options: Any) -> int:
     def read_log(path: Path, *, offset: float | None, **how: Any) -> "AddLog":
         from .photographs import add_log, read_log_of_pictures
 
-        return add_log(read_log_of_pictures(path, **how), offset)
+        machine = read_log_of_pictures(path, **how)
+        tell_columns(machine.taken)
+        return add_log(machine, offset)
 
     return imaging.cli.measure(*photos, **options, read_log=read_log)
 
@@ -187,16 +193,14 @@ def rig_characterise(
     log: Path,
     *,
     rest_length: str,
-    log_columns: tuple[str, ...] = (),
-    log_units: tuple[str, ...] = (),
-    log_decimal: Literal[".", ","] | None = None,
+    column: Columns = (),
     sync_column: str | None = None,
-    near: str | None = None,
+    near: Annotated[str | None, Signed] = None,
     near_within: str = "5s",
     skip_cycles: int = 0,
     shortening_positive: bool = False,
     pushing_positive: bool = False,
-    zero_displacement: str = "0mm",
+    zero_displacement: Annotated[str, Signed] = "0mm",
     specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-rig"),
     units: Units = "metric",
@@ -214,13 +218,10 @@ def rig_characterise(
         The machine's log: any delimited text with time, displacement and force with their units.
     rest_length
         Active length at zero contraction with its unit, `9.28125in`.
-    log_columns
-        Column of the log where its names do not tell, by its name or its number from 1,
-        `force="Load 2"`, repeatable: time, displacement, force.
-    log_units
-        Unit of a column in place of the log's, `force=kN`, repeatable.
-    log_decimal
-        The log's decimal sign where the numbers do not tell.
+    column
+        Which column of the log is which where the names do not say it, `force="Kraft [N]"`, by name or
+        number, with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
+        pressures, `atmosphere=101.3kPa`.
     sync_column
         Column of the log with the rig's sync pulses (`run` raises pin D7 at each pressure's first
         stroke); without it the load aligns the clocks.
@@ -258,14 +259,11 @@ def rig_characterise(
             parse_quantity(zero_displacement, "length"),
         )
         roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
+        machine = read_machine_log(log, columns=parse_columns(column))
+        tell_columns(machine.taken)
         found = analyse(
             read_journal(journal),
-            read_machine_log(
-                log,
-                columns=parse_entries(log_columns, "log-columns", 'force="Load 2"'),
-                units=parse_entries(log_units, "log-units", "force=kN"),
-                decimal=log_decimal,
-            ),
+            machine,
             rest_length=rest,
             sync_column=sync_column,
             near=roughly or None,

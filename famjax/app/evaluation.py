@@ -15,6 +15,7 @@ import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import Origin
 from famjax.boundary.tasks import AnyExecutor
+from famjax.console import parse_columns
 from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
 from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
@@ -115,7 +116,9 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     records = sheet.records
     if records.force_map is not None:
         known = dataclasses.asdict(sheet.specimen)
-        data = fitting.read_csv(sheet.path(records.force_map), known)
+        data = fitting.read_csv(
+            sheet.path(records.force_map), known, parse_columns(records.columns)
+        )
         fitting.write_csv(data, place / FORCE_MAP)
         settle(specimen_checks(data.specimen), place)
         return
@@ -123,8 +126,10 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     assert records.machine_log is not None
     rest = sheet.specimen.rest_length
     journal = read_journal(sheet.path(records.journal))
+    named = parse_columns(records.columns)
+    named.pop("pressure", None)  # the journal has it
     analysed = functools.partial(
-        analyse, journal, read_machine_log(sheet.path(records.machine_log)),
+        analyse, journal, read_machine_log(sheet.path(records.machine_log), columns=named),
         rest_length=rest,
         sync_column=records.sync_column,
         near=None if records.near is None else (records.near, 5.0),
@@ -192,7 +197,11 @@ def _measure(
     from imaging.pictures import measure_pictures
 
     path = sheet.records.machine_log
-    log = None if path is None else read_log_of_pictures(sheet.path(path))
+    log = (
+        None
+        if path is None
+        else read_log_of_pictures(sheet.path(path), columns=parse_columns(sheet.records.columns))
+    )
 
     outcome = measure_pictures(
         [str(sheet.folder / photographs.pictures)],

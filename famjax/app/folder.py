@@ -14,9 +14,8 @@ from typing import Any, Literal
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
-from fitting.data import Specimen
 from fitting.evidence import FORM as SHARED_ERRORS, SharedErrors
-from fitting.reading import parse_specimen
+from fitting.specimen import Specimen, parse_specimen
 
 SHEET = "characterisation.toml"
 """Name of the file."""
@@ -43,6 +42,7 @@ class Records:
     zero_displacement: float = 0.0
     shortening_positive: bool = False
     pushing_positive: bool = False
+    columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         both = (self.journal is None, self.machine_log is None)

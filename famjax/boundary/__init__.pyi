@@ -3,7 +3,6 @@ from .files import (
     Origin as Origin,
     as_png as as_png,
     check_output as check_output,
-    csv_lines as csv_lines,
     write_all as write_all,
 )
 from .units import (

@@ -24,27 +24,6 @@ UNFINISHED = ".unfinished"
 _COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a tenth larger
 
 
-def csv_lines(path: str | Path) -> list[str]:
-    """Read the lines of a UTF-8 text file, with or without a byte order mark.
-
-    Raises:
-        InputError: there is no such file, or it is not text of that encoding.
-    """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a UTF-8 text file; save it as CSV, UTF-8") from None
-    if "\0" in text:
-        raise InputError(
-            f"{path} is not a UTF-8 text file, {text.count(chr(0))} of its bytes are zero (UTF-16, "
-            "or a damaged file); save it as CSV, UTF-8"
-        )
-    return text.splitlines()
-
-
 def check_output(folder: Path) -> None:
     """Refuse an output folder that cannot be written, before any work is done.
 

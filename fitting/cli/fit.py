@@ -12,14 +12,17 @@ from cyclopts import Group, Parameter
 
 from famjax.boundary.errors import InputError, meant
 from famjax.console import (
+    Columns,
     Jobs,
     Output,
     Units,
     add_cwd_to_path,
+    parse_columns,
     print_json,
     print_lines,
     print_table,
     progress,
+    tell_columns,
     whole,
 )
 
@@ -56,21 +59,28 @@ def load_fitting() -> ModuleType:
     return fitting
 
 
-def load_map(data: str, specimen: Mapping[str, Any]) -> "ForceData":
-    """A force map: a bundled one by its name, a CSV file, or standard input; specimen in SI."""
+def load_map(data: str, specimen: Mapping[str, Any], column: tuple[str, ...] = ()) -> "ForceData":
+    """A force map: a bundled one by its name, a file, or standard input, whose columns are told.
+
+    Args:
+        data: the name, the path, or `-` for standard input.
+        specimen: fields of `Specimen` in SI.
+        column: which column is which quantity, as `--column` has it.
+    """
     from fitting import load_bundled, read_csv
-    from fitting.reading import bundled_map_name, bundled_names
+    from fitting.data import bundled_map_name, bundled_names
 
     if bundled_map_name(data) is not None and not Path(data).exists():
         return load_bundled(data, specimen)
-    if data == _STANDARD_INPUT:
-        return read_csv(sys.stdin, specimen)
-    if not Path(data).exists():
+    given = data == _STANDARD_INPUT
+    if not given and not Path(data).exists():
         known = bundled_names()
         raise InputError(
             f"no such file: {data}; bundled maps are {' and '.join(known)}{meant(data, known)}"
         )
-    return read_csv(data, specimen)
+    found = read_csv(sys.stdin if given else data, specimen, parse_columns(column))
+    tell_columns(found.taken)
+    return found
 
 
 @Parameter(name="*")
@@ -144,6 +154,7 @@ def fit(
     data: Annotated[tuple[str, ...], _DATA] = ("DMSP-20-300",),
     *,
     specimen: Annotated[tuple[str, ...], _DATA] = (),
+    column: Annotated[Columns, _DATA] = (),
     asked: Asked = Asked(),
     output: Annotated[Path, _OUTPUT] = Path("famjax-fit"),
     units: Annotated[Units, _OUTPUT] = "metric",
@@ -161,13 +172,17 @@ def fit(
     Parameters
     ----------
     data
-        Read this CSV file, with columns such as `pressure_kPa,length_mm,force_N`; a bundled map
+        Read this CSV or .xlsx file, with columns such as `pressure_kPa,length_mm,force_N`; a bundled map
         (DMSP-20-300, DMSP-10-250); or standard input, -. Lines `# specimen: rest_length_mm = 296`
         describe the muscle.
     specimen
         Describe the muscle, key_unit=value, repeatable: `--specimen rest_length_mm=296`. Keys:
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness,
         force_limit (of the load cell), embedded (true if the threads run inside the wall), name.
+    column
+        Say which column is which quantity, if the names do not: `force="Kraft [N]"`, by name or number,
+        with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
+        pressures, `atmosphere=101.3kPa`.
     output
         Write the files to this folder; it is created if missing.
     units
@@ -178,7 +193,7 @@ def fit(
         Print one JSON object and nothing else.
     """
     fitting = load_fitting()
-    from fitting.reading import parse_specimen
+    from fitting.specimen import parse_specimen
 
     from .problem import Problem
 
@@ -191,7 +206,7 @@ def fit(
         )
     if asked.shape is not None:
         asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
-    problem = Problem.of(load_map(data[0], parse_specimen(specimen)), asked)
+    problem = Problem.of(load_map(data[0], parse_specimen(specimen), column), asked)
     with _telling("identifying") as tell:
         return _finish(problem, place, units, tell, verbose=verbose, as_json=json_)
 

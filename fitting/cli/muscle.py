@@ -18,7 +18,16 @@ from famjax.boundary.units import (
     sentence_in_units,
     unit_system,
 )
-from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows, progress
+from famjax.console import (
+    Columns,
+    Units,
+    add_cwd_to_path,
+    in_units,
+    parse_columns,
+    print_json,
+    print_rows,
+    progress,
+)
 
 from .fit import load_fitting
 
@@ -59,6 +68,7 @@ def predict(
     rest_length: str | None = None,
     length_std: str | None = None,
     history: Path | None = None,
+    column: Columns = (),
     own: tuple[str, ...] = (),
     units: Units | None = None,
     json_: bool = False,
@@ -88,6 +98,8 @@ def predict(
     history
         Predict the force on either branch along a CSV file of lengths and pressures in time, such as
         `time_s,length_mm,pressure_kPa`. The fit needs `famjax assess --hysteresis`.
+    column
+        Say which column of the history is which, if the names do not: `length="Weg [mm]"`, repeatable.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     units
@@ -122,7 +134,7 @@ def predict(
             _only(
                 given, ("--history",), "--history gives lengths and pressures itself: leave out {}"
             )
-            rows, typed, notes = _along(saved, history, units or "metric")
+            rows, typed, notes = _along(saved, history, parse_columns(column), units or "metric")
         elif force:
             _only(
                 given,
@@ -190,13 +202,13 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
 
 
 def _along(
-    saved: "Identification", path: Path, system: str
+    saved: "Identification", path: Path, columns: Mapping[str, str], system: str
 ) -> tuple[list[dict[str, Any]], list[str], list[str]]:
     """Rows along the history in a CSV file, quantities in its units, and notes."""
     from fitting.prediction import hysteresis_error, predict_history
     from fitting.records import read_history
 
-    moves, notes = read_history(path), []
+    moves, notes = read_history(path, columns), []
     rows = predict_history(saved, moves)
     if any(row["force_std_N"] is not None for row in rows):
         error = Quantity(hysteresis_error(saved), "force", 2).in_units(system)

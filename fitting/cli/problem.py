@@ -14,7 +14,6 @@ from famjax.boundary.toml_file import from_entries
 from famjax.boundary.units import UNITS, Quantity, Sentence, si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
-from fitting.data import Specimen
 from fitting.evidence import (
     FORM,
     Evidence,
@@ -30,6 +29,7 @@ from fitting.faults import doubtful, suspect
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
+from fitting.specimen import Specimen
 from fitting.verdict import Judgement, judge
 
 from .fit import Asked
@@ -255,6 +255,7 @@ class Problem:
             notes=tuple(_sentence(one) for one in held["notes"]),
             assumed=tuple(held["assumed"]), units=held["units"],
             **{name: held[name] for name in _SAVED},
+            count=None if held["count"] is None else np.array(held["count"]),
         )  # fmt: skip
         return cls.of(data, Asked(**asked))
 
@@ -267,6 +268,7 @@ class Problem:
             "assumed": list(data.assumed),
             "units": dict(data.units),
             **{name: getattr(data, name) for name in _SAVED},
+            "count": None if data.count is None else data.count.tolist(),
         }
 
     def solve(self, progress: Tell) -> tuple[fitting.Identification, Choice | None]:

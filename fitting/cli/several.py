@@ -7,15 +7,19 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter, validators
 
 from famjax.console import (
+    Columns,
     Jobs,
     Output,
+    Signed,
     Units,
     add_cwd_to_path,
     in_units,
+    parse_columns,
     print_json,
     print_lines,
     print_rows,
     progress,
+    tell_columns,
     whole,
 )
 
@@ -48,6 +52,7 @@ def sweep(
     constraint: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker"),
     objective: Literal["sum_of_squares", "mean_rmse"] = "sum_of_squares",
     specimen: tuple[str, ...] = (),
+    column: Columns = (),
     output: Path = Path("famjax-sweep"),
     units: Units = "metric",
     json_: bool = False,
@@ -77,6 +82,8 @@ def sweep(
         Choose what is minimised. mean_rmse: the mean over pressures of the RMSE, as in the reference work.
     specimen
         Describe the muscle, key_unit=value, repeatable.
+    column
+        Say which column is which quantity, as for `famjax fit`, repeatable.
     output
         Write the files to this folder; it is created if missing.
     units
@@ -88,11 +95,11 @@ def sweep(
 
     from famjax.boundary.files import as_png
     from famjax.boundary.units import parse_quantity, unit_system
-    from fitting.reading import parse_specimen
+    from fitting.specimen import parse_specimen
     from fitting.sweeps import plot_curves, plot_errors
 
     place = Output(output)
-    measured = load_map(data, parse_specimen(specimen))
+    measured = load_map(data, parse_specimen(specimen), column)
     given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
     missing = [name for name, text in given.items() if text is None]
     if 0 < len(missing) < len(given):
@@ -171,6 +178,7 @@ def compare(
     models: tuple[str, ...] = (),
     own: tuple[str, ...] = (),
     specimen: tuple[str, ...] = (),
+    column: Columns = (),
     output: Path = Path("famjax-compare"),
     jobs: Jobs = None,
     json_: bool = False,
@@ -195,6 +203,8 @@ def compare(
         term that is identified with the rest of a muscle: `--own my_model:Gent`.
     specimen
         Describe the muscle, key_unit=value, repeatable.
+    column
+        Say which column is which quantity, as for `famjax fit`, repeatable.
     output
         Write the files to this folder; it is created if missing.
     jobs
@@ -205,11 +215,11 @@ def compare(
     fitting = load_fitting()
     from famjax.boundary.files import Origin, as_png, check_output
     from fitting.comparison import plot_comparison
-    from fitting.reading import parse_specimen
+    from fitting.specimen import parse_specimen
 
     place = Output(output)
     add_cwd_to_path()
-    measured = load_map(data, parse_specimen(specimen))
+    measured = load_map(data, parse_specimen(specimen), column)
     check_output(output)
     output.mkdir(parents=True, exist_ok=True)
     kept = output / "rows.jsonl"
@@ -237,6 +247,7 @@ def compare(
 
 def series(
     *data: str,
+    column: Columns = (),
     law: tuple[str, ...] = (),
     free: tuple[str, ...] = (),
     bounds: tuple[str, ...] = (),
@@ -261,6 +272,8 @@ def series(
     data
         Read these CSV files, one for each specimen, with the lines `# specimen: name = ...` and
         `# specimen: rest_length_mm = ...`.
+    column
+        Say which column is which quantity, as for `famjax fit`, repeatable.
     law
         Try these laws, repeatable; default: linear, mooney-rivlin and ogden. linear and cubic are
         polynomials; other names, and module:Class, are as for `famjax fit`.
@@ -295,7 +308,7 @@ def series(
 
     place = Output(output)
     add_cwd_to_path()
-    maps = [load_map(one, {}) for one in data]
+    maps = [load_map(one, {}, column) for one in data]
     parts, declared = own_parts(maps, geometry, term)
     kinds = parameter_kinds(*(one for one in law if ":" in one))
     kinds |= {name: one.kind for name, one in declared.items()}
@@ -355,9 +368,9 @@ def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system
 
 def ramps(
     *records: str,
-    atmosphere: str,
+    atmosphere: Annotated[str, Signed],
     specimen: tuple[str, ...] = (),
-    columns: str | None = None,
+    column: Columns = (),
     branches: Literal["both", "fill", "vent"] = "both",
     period_s: float | None = None,
     step_kPa: Annotated[float, Parameter(name="--step-kPa")] = 25.0,
@@ -382,8 +395,10 @@ def ramps(
         which the muscle is vented, `0s:0.5s`.
     specimen
         Describe the muscle, key_unit=value, repeatable; rest_length is needed.
-    columns
-        Name the columns, with units, of records without a header.
+    column
+        Say which column is which quantity, if the names do not: `force="Kraft [N]"`, by name or number,
+        with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
+        pressures, `atmosphere=101.3kPa`.
     branches
         Choose the branch of the map: the mean of both, fill or vent.
     period_s
@@ -403,15 +418,15 @@ def ramps(
     """
     load_fitting()
     from famjax.boundary.files import Origin
-    from fitting.reading import parse_specimen
     from fitting.records import parse_atmosphere, ramps_command
+    from fitting.specimen import parse_specimen
 
     place = Output(output)
     with progress("reading ramps"):
         summary, files = ramps_command(
-            records, atmosphere=parse_atmosphere(atmosphere), columns=columns,
+            records, atmosphere=parse_atmosphere(atmosphere), columns=parse_columns(column),
             specimen=parse_specimen(specimen), period=period_s, step=step_kPa * 1e3,
-            slack_below=slack_below_N, branches=branches, system=units,
+            slack_below=slack_below_N, branches=branches, system=units, tell=tell_columns,
             length_std=None if length_std_mm is None else length_std_mm / 1e3,
         )  # fmt: skip
     origin = Origin.of_this_command()

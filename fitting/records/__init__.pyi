@@ -39,7 +39,6 @@ from .isobar import (
     strokes as strokes,
     write_dataset as write_dataset,
 )
-from .log import MachineLog as MachineLog, read_machine_log as read_machine_log
 from .motion import (
     OtherMotion as OtherMotion,
     SyncError as SyncError,
@@ -53,6 +52,7 @@ from .ramp import (
     quasi_static as quasi_static,
     read_ramp as read_ramp,
 )
+from .record import MachineLog as MachineLog, read_machine_log as read_machine_log
 from .tensile import (
     BladderCharacterisation as BladderCharacterisation,
     InSitu as InSitu,

@@ -5,7 +5,7 @@ import csv
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.files import as_png, csv_lines
+from famjax.boundary.files import as_png
 from famjax.boundary.units import (
     UNITS,
     factor,
@@ -22,9 +22,10 @@ from famjax.boundary.units import (
     sentence_in_units,
     unit_system,
 )
+from famjax.tables import text_lines
 
-from ..data import ForceData, Specimen
-from ..reading import csv_text, describe
+from ..data import ForceData, csv_text
+from ..specimen import Specimen, describe
 from .hysteresis import BranchPairs
 from .ramp import FILL, LEAST_READINGS, VENT, Mask, QuasiStatic, RampRecord, quasi_static, read_ramp
 from .record import Column
@@ -41,6 +42,7 @@ _SHOWN = {
     "vent": "that of the vent branch",
 }
 _MERGE = 0.01  # of the pressure range: points closer than this are one
+_LEAST_RANGE = 0.2  # of the highest pressure: what a ramp goes over
 _LEAST_STD = 1e-9  # of the largest force: a standard deviation below is rounding
 _PAIRS = ("record", "rest_length_m", "length_m", "pressure_Pa", "half_difference_N",
           "turn_pressure_Pa")  # fmt: skip
@@ -207,10 +209,16 @@ def _at_length(
         force, pull = forces[side], pulls[side]
     known = np.isfinite(force).any(axis=0)
     if not known.any():
+        there = [
+            side
+            for side, curves in zip(("fill", "vent"), forces, strict=True)
+            if np.isfinite(curves).any()
+        ]
         lacking = "both branches" if branches == "both" else f"a {branches} branch"
+        other = f"show the {there[0]} branch (--branches {there[0]}), or " if there else ""
         raise InputError(
-            f"no record at {length * 1e3:.6g} mm has {lacking} at a common pressure: vent the muscle "
-            'too, show one branch (branches="fill"), or use smaller steps'
+            f"no record at {length * 1e3:.6g} mm has {lacking} at a common pressure: record it, {other}use "
+            "smaller steps (--step-kPa)"
         )
     pulling = np.asarray(pull.any(axis=0))
     used = np.where(pulling, pull, np.isfinite(force))[:, known]
@@ -393,7 +401,7 @@ def read_branches(path: Path) -> BranchPairs:
     Raises:
         InputError: no such file, or what is wrong with it.
     """
-    header, *rows = csv_lines(path) or [""]
+    header, *rows = text_lines(path) or [""]
     cells = [row.split(",") for row in rows]
     try:
         numbers = np.array([row[1:] for row in cells], float)
@@ -413,13 +421,15 @@ def read_branches(path: Path) -> BranchPairs:
     return BranchPairs.joined(parts)
 
 
-def read_ramps(entries: Iterable[str], *, columns: str | None = None) -> list[RampRecord]:
+def read_ramps(
+    entries: Iterable[str], *, columns: Mapping[str, str] | None = None
+) -> list[RampRecord]:
     """The records that entries such as `test8.csv=73.25mm` name.
 
     Args:
         entries: `FILE=LENGTH` with the length's unit; or a list of files, a CSV file with the
             columns `file` and `length_mm` (or another unit), names relative to its folder.
-        columns: names of the records' columns where their header has none, see `read_ramp`.
+        columns: which column of the records is which quantity, see `read_ramp`.
 
     Raises:
         InputError: no entry, one that cannot be read, or a file twice.
@@ -445,7 +455,7 @@ def read_ramps(entries: Iterable[str], *, columns: str | None = None) -> list[Ra
 
 def _listed(path: Path) -> list[tuple[Path, float]]:
     """Files and lengths [m] of a list."""
-    rows = list(csv.DictReader(csv_lines(path)))
+    rows = list(csv.DictReader(text_lines(path)))
     units = [unit for unit in UNITS["length"] if rows and f"length_{unit}" in rows[0]]
     if not rows or "file" not in rows[0] or len(units) != 1:
         raise InputError(
@@ -481,7 +491,7 @@ def ramps_command(
     entries: Sequence[str],
     *,
     atmosphere: float | tuple[float, float],
-    columns: str | None = None,
+    columns: Mapping[str, str] | None = None,
     specimen: Mapping[str, Any] | None = None,
     period: float | None = None,
     step: float = 25e3,
@@ -489,13 +499,14 @@ def ramps_command(
     branches: Branches = "both",
     length_std: float | None = None,
     system: str = "metric",
+    tell: Callable[[str], object] = str,
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
     """The static force map of raw records: a summary, and the files to write.
 
     Args:
         entries: see `read_ramps`.
         atmosphere: what the pressure sensor reads at atmosphere [Pa], or the vented interval [s].
-        columns: of the records, where their header has none.
+        columns: which column of the records is which quantity, see `read_ramp`.
         specimen: fields of `Specimen` in SI. The rest length must be among them.
         period: between valve pulses [s]; None finds it.
         step: of the map's pressures [Pa].
@@ -503,6 +514,7 @@ def ramps_command(
         branches: "both", "fill" or "vent".
         length_std: standard deviation of the lengths [m], where it is known.
         system: units of summary, picture and map: "si", "metric" or "us".
+        tell: called once with what the columns of the records were taken as.
 
     Returns:
         The summary, JSON-ready, with the unit in each key, null where there is no value; and the
@@ -520,6 +532,9 @@ def ramps_command(
         )
     muscle = describe({"name": "ramps", **specimen}, specimen["rest_length"])
     records = read_ramps(entries, columns=columns)
+    _check_ranges(records)
+    for taken in dict.fromkeys(record.taken for record in records):
+        tell(taken)
     points = quasi_static(records, atmosphere=atmosphere, period=period, slack_below=slack_below)
     static = static_map(points, step=step, branches=branches)
     data = static.force_data(muscle.specimen, length_std=length_std)
@@ -537,6 +552,18 @@ def ramps_command(
         pairs = ramp_pairs(points, rest_length=data.specimen.rest_length, step=step)
         files["branches.csv"] = branches_csv(pairs).encode()
     return summary, files
+
+
+def _check_ranges(records: Iterable[RampRecord]) -> None:
+    """Refuse records whose pressure is held: a ramp goes over a range of it."""
+    for record in records:
+        low, high = np.quantile(record.pressure, [0.01, 0.99]).tolist()
+        if high - low < _LEAST_RANGE * abs(high):
+            raise InputError(
+                f"{record.source}: the pressure only goes from {low / 1e3:.4g} to {high / 1e3:.4g} kPa, "
+                "and a ramp goes over a range of it at one length: check its column (--column pressure=); "
+                "strokes at held pressures are turned into a map by famjax rig characterise"
+            )
 
 
 def _summary(static: StaticMap, system: str) -> dict[str, Any]:

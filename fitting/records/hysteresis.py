@@ -21,9 +21,10 @@ from famjax.slip import (
     slip_shares,
     there_and_back,
 )
+from famjax.tables import read_table
 
 from ..convex import Status, solve_qp
-from .record import Column, check_positive, read_columns, set_columns
+from .record import Column, check_positive, set_columns
 
 MODULUS = 1e6
 """E [Pa] of the coordinates, the order of rubber's: see `famjax.slip.MaxwellSlip`."""
@@ -69,13 +70,14 @@ class History:
             )
 
 
-def read_history(path: str | Path) -> History:
-    """The history in a CSV file.
+def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> History:
+    """The history in a file.
 
     Args:
-        path: UTF-8, separated by comma, semicolon or tab, with the columns length and pressure and,
-            where they are known, times; each with its unit, as in `time_s,length_mm,pressure_kPa`.
-            Without times the rows are in order. Lines that start with `#` are comments.
+        path: with the columns length and pressure and, where they are known, times; each with its unit,
+            as in `time_s,length_mm,pressure_kPa`, see `famjax.tables.read_table`. Without times the rows
+            are in order.
+        columns: which column is which quantity, where the names do not say it.
 
     Returns:
         The history in SI.
@@ -83,9 +85,11 @@ def read_history(path: str | Path) -> History:
     Raises:
         InputError: what is wrong with the file, with the number of the row.
     """
-    columns, units = read_columns(path, ("length", "pressure"), optional=("time",))
+    table = read_table(
+        path, ("length", "pressure"), optional=("time",), columns=columns, strict=True
+    )
     try:
-        return History(**columns, units=units)
+        return History(**table.columns, units=table.units)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -12,8 +12,7 @@ from numpy.polynomial import Polynomial
 from famjax.boundary.errors import InputError
 
 from .clock import Alignment
-from .log import MachineLog
-from .record import check_positive, set_columns, split_branches
+from .record import MachineLog, check_positive, set_columns, split_branches
 
 GRID = 100
 """Lengths at which the branches are compared."""

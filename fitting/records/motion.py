@@ -6,7 +6,7 @@ import numpy as np
 
 from famjax.boundary.errors import InputError
 
-from .log import MachineLog
+from .record import MachineLog
 
 _FEWEST = 6  # pictures for three unknowns and their scatter
 _EXPLAINED = 0.9  # of the variance of length: below it the two do not show the same motion

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError
+from famjax.tables import check_time, read_table
 
-from .record import Column, check_positive, noise_of, read_columns, set_columns, split_branches
+from .record import Column, check_positive, noise_of, set_columns, split_branches
 
 FILL, VENT = 1, 2
 """Values of the valve state; 0 is closed, and any other value is a glitch."""
@@ -39,6 +40,7 @@ _CLAMP_SPAN = 0.02  # of the pressure range: a muscle's force would rise over it
 _CLAMPED = 0.1  # part of a point's readings at the clamp from which the point counts as clamped
 _SLACK_NOISE = 6.0  # standard deviations of the noise above zero under which a point is slack
 _FLAT = 0.02  # of the pressure range: the most by which a vented interval's readings may spread
+_STANDS = 0.9  # of the readings: the most that may share the time stamp of the one before
 _VACUUM = 0.05  # of the pressure range: the most by which a record may lie below atmosphere
 
 
@@ -54,6 +56,7 @@ class RampRecord:
         valve_state: shape (n,), or None: 0 closed, 1 fill, 2 vent. Any other value is a glitch; it
             is counted and not used.
         source: where the numbers come from.
+        taken: what the columns of a file were taken as, for the command that read it.
     """
 
     force: Column
@@ -62,6 +65,7 @@ class RampRecord:
     length: float
     valve_state: Column | None = None
     source: str = "arrays"
+    taken: str = ""
 
     def __post_init__(self) -> None:
         set_columns(self, "force", "pressure", "time", "valve_state")
@@ -74,16 +78,15 @@ class RampRecord:
 
 
 def read_ramp(
-    path: str | Path, *, length: float, columns: str | Sequence[str] | None = None
+    path: str | Path, *, length: float, columns: Mapping[str, str] | None = None
 ) -> RampRecord:
-    """The record in a CSV file; nothing is subtracted, left out or smoothed.
+    """The record in a file; nothing is subtracted, left out or smoothed.
 
     Args:
-        path: the file, UTF-8, separated by comma, semicolon or tab; lines that start with `#` are
-            comments.
+        path: the file, see `famjax.tables.read_table`.
         length: active length L [m] at which the muscle was held.
-        columns: names with units, `"force_N,pressure_kPa,time_s,valve_state"`, where the header
-            has none or there is no header; `-` leaves a column out. None takes the header.
+        columns: which column is which quantity, `{"force": "Kraft [N]"}`, where the names do not say it or
+            there are none, `{"force": "1 [N]"}`.
 
     Returns:
         The record in SI, pressure as the sensor reads it.
@@ -91,11 +94,13 @@ def read_ramp(
     Raises:
         InputError: what is wrong with the file, with the number of the row.
     """
-    found, _ = read_columns(
-        path, ("force", "pressure", "time"), optional=("valve_state",), names=columns
-    )
+    table = read_table(
+        path, ("force", "pressure", "time"), optional=("valve_state",), columns=columns, strict=True,
+        absolute=True,
+    )  # fmt: skip
     try:
-        return RampRecord(**found, length=length, source=Path(path).name)
+        check_time(table, _STANDS)
+        return RampRecord(**table.columns, length=length, source=table.source, taken=table.said())
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

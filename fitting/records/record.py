@@ -1,9 +1,9 @@
-"""What all records share: columns that are read and checked, and the branches between turning points."""
+"""What records share: checked columns, a test machine's log, the branches between turning points."""
 
 import dataclasses
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,117 +12,14 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.files import csv_lines
-from famjax.boundary.units import UNITS
+from famjax.tables import check_time, read_table
 
 Column = Float[np.ndarray, " n"]
 
+_CHANNELS = ("time", "displacement", "force", "pressure")
+
 _HOLD_WIDTH = 6.0  # standard deviations of the noise within which a hold lies
-_MICROSECOND = {"us": 1e-6}  # microcontrollers count them
-
-
-def read_columns(
-    path: str | Path,
-    quantities: Collection[str],
-    *,
-    optional: Collection[str] = (),
-    names: str | Sequence[str] | None = None,
-) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """The columns of a CSV file whose names have their units, as in `time_s,length_mm`.
-
-    Args:
-        path: UTF-8, separated by comma, semicolon or tab; lines that start with `#` are comments.
-        quantities: that the file must hold, each also its kind of unit.
-        optional: those that it may hold; one that is no kind of unit has no unit.
-        names: of the columns, where the header has none or there is no header; `-` leaves a column
-            out.
-
-    Returns:
-        SI values and unit of each quantity.
-
-    Raises:
-        InputError: what is wrong with the file, with the number of the row.
-    """
-    lines = csv_lines(path)
-    try:
-        return _columns(lines, quantities, optional, names)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def _columns(
-    lines: Sequence[str],
-    quantities: Collection[str],
-    optional: Collection[str],
-    names: str | Sequence[str] | None,
-) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    units = {name: UNITS.get(name, {}) for name in (*quantities, *optional)}
-    units["time"] = UNITS["time"] | _MICROSECOND
-    example = ",".join(f"{name}_{next(iter(units[name]))}" for name in quantities)
-    rows = [
-        (number, line)
-        for number, line in enumerate(lines, 1)
-        if line.strip() and line.lstrip()[0] != "#"
-    ]
-    if not rows:
-        raise InputError(f"the file is empty; it needs a header such as {example} and readings")
-    separator = max(",;\t", key=rows[0][1].count)
-    first = [cell.strip(' "') for cell in rows[0][1].split(separator)]
-    headed = not any(_is_number(cell) for cell in first)
-    if names is None and not headed:
-        raise InputError(f"no header names the columns: give them, as in columns={example!r}")
-    given = names.split(",") if isinstance(names, str) else names
-    header = first if given is None else [name.strip() for name in given]
-    columns = [(k, name, *_quantity(name, units)) for k, name in enumerate(header) if name != "-"]
-    found = [quantity for _, _, quantity, _ in columns]
-    twice = next((quantity for quantity in found if found.count(quantity) > 1), None)
-    if twice is not None:
-        raise InputError(f"the quantity {twice!r} has two columns; keep one")
-    missing = [quantity for quantity in quantities if quantity not in found]
-    if missing:
-        raise InputError(
-            f"no column for {' and '.join(missing)} among {', '.join(header)}; the file needs "
-            f"columns with their units, as in {example}"
-        )
-    values = np.zeros((len(rows) - headed, len(columns)))
-    for row, (number, line) in enumerate(rows[headed:]):
-        cells = line.split(separator)
-        if len(cells) != len(header):
-            raise InputError(f"row {number} has {len(cells)} cells for {len(header)} columns")
-        for column, (k, name, _, _) in enumerate(columns):
-            if not _is_number(cells[k]):
-                hint = " (write a decimal point)" if "," in cells[k] else ""
-                raise InputError(
-                    f"row {number}: {name} is {cells[k].strip()!r}, not a number{hint}"
-                )
-            values[row, column] = float(cells[k])
-    return (
-        {
-            quantity: units[quantity].get(unit, 1.0) * values[:, column]
-            for column, (_, _, quantity, unit) in enumerate(columns)
-        },
-        {quantity: unit for _, _, quantity, unit in columns},
-    )
-
-
-def _quantity(name: str, units: Mapping[str, Mapping[str, float]]) -> tuple[str, str]:
-    """Quantity and unit of a column's name."""
-    if name in units and not units[name]:
-        return name, ""
-    quantity, _, unit = name.rpartition("_")
-    if unit not in units.get(quantity, {}):
-        known = "; ".join(
-            f"{one}_ with {', '.join(of)}" if of else one for one, of in units.items()
-        )
-        raise InputError(f"unknown column {name!r}; known are {known}; and - for none of them")
-    return quantity, unit
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return math.isfinite(float(cell))
-    except ValueError:
-        return False
+_LATE = 1.5  # of the usual interval: a longer one is a gap
 
 
 def checked_columns(
@@ -185,6 +82,141 @@ def check_positive(**values: float | int) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} must be > 0 and finite, got {value} in SI units")
+
+
+@dataclasses.dataclass(frozen=True)
+class MachineLog:
+    """What a test machine recorded, in SI and on its own clock.
+
+    Attributes:
+        time: [s], rising, shape (n,).
+        displacement: [m], with the machine's own sign and zero, shape (n,).
+        force: [N], with the machine's own sign, shape (n,); None where the log has none.
+        pressure: gauge [Pa], shape (n,); None where the log has none, or where it was not asked for.
+        others: every other column of numbers, as printed, by its name.
+        interval: the usual time between two rows [s].
+        gaps: rows that are missing, as time [s] of the last row before and number of rows by the usual
+            interval; nothing is filled in.
+        unread: line numbers between the first and the last row whose cells are not numbers.
+        repeated: line numbers whose time is that of the row before, which are left out.
+        source: the file.
+        sha256: of the file.
+        taken: what its columns were taken as, for the command that read it.
+    """
+
+    time: np.ndarray
+    displacement: np.ndarray
+    force: np.ndarray | None = None
+    pressure: np.ndarray | None = None
+    others: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    interval: float = math.nan
+    gaps: tuple[tuple[float, int], ...] = ()
+    unread: tuple[int, ...] = ()
+    repeated: tuple[int, ...] = ()
+    source: str = "arrays"
+    sha256: str = ""
+    taken: str = ""
+
+    def __post_init__(self) -> None:
+        set_columns(self, *_CHANNELS, least=2)
+        if np.any(np.diff(self.time) <= 0):
+            raise InputError(
+                f"{self.source}: time must rise from row to row: sort the log, or remove what was "
+                "recorded twice"
+            )
+
+    @property
+    def missing_rows(self) -> int:
+        """How many rows are missing in all gaps."""
+        return sum(rows for _, rows in self.gaps)
+
+    def channel(self, name: str) -> np.ndarray:
+        """A channel [SI] by its name.
+
+        Raises:
+            InputError: the log has no such channel.
+        """
+        values = getattr(self, name) if name in _CHANNELS else None
+        if values is None:
+            raise InputError(f"{self.source}: the log has no channel {name!r}")
+        return values
+
+    def at(
+        self, name: str, time: np.ndarray, time_stderr: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A channel at given times by straight lines between the rows, with what that may be off.
+
+        stderr^2 = (F' time_stderr)^2 + (F'' (t - t_k)(t_{k+1} - t)/2)^2, both derivatives from
+        divided differences of the rows about t. The sensor's own noise is not in it.
+
+        Args:
+            name: "displacement", "force" or "pressure".
+            time: by the machine's clock, shape (m,) [s].
+            time_stderr: standard error of `time` [s].
+
+        Returns:
+            Values and standard errors, shape (m,); nan outside the log.
+
+        Raises:
+            InputError: the log has no such channel.
+        """
+        values = self.channel(name)
+        time, stderr = np.broadcast_arrays(np.asarray(time, float), time_stderr)
+        found = np.interp(time, self.time, values, left=np.nan, right=np.nan)
+        k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
+        slope = np.diff(values) / np.diff(self.time)
+        bend = np.zeros(len(slope))
+        if len(slope) > 1:
+            inner = np.abs(np.diff(slope)) / ((self.time[2:] - self.time[:-2]) / 2)
+            bend = np.maximum(np.append(inner, inner[-1]), np.append(inner[0], inner))
+        chord = bend[k] * (time - self.time[k]) * (self.time[k + 1] - time) / 2
+        return found, np.where(np.isnan(found), np.nan, np.hypot(slope[k] * stderr, chord))
+
+
+def read_machine_log(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    needed: Collection[str] = ("time", "displacement", "force"),
+    welcome: Collection[str] = (),
+) -> MachineLog:
+    """The log of a test machine, from a text or workbook of any maker and country.
+
+    Args:
+        path: the file, see `famjax.tables.read_table`.
+        columns: which column is which of "time", "displacement", "force" and "pressure", where the log's
+            own names do not tell, `{"force": "Load 2 [N]"}`; also `decimal` and `atmosphere`.
+        needed: quantities that the log must hold.
+        welcome: those that it may hold, "pressure" (gauge) among them.
+
+    Returns:
+        The log in SI, with the rows that it lacks.
+
+    Raises:
+        InputError: what is wrong with the file, with the number of the line.
+    """
+    table = read_table(path, tuple(needed), optional=welcome, columns=columns, fewest=3)
+    try:
+        keep = check_time(table)
+        if keep.sum() < 2:
+            raise InputError("one row of numbers makes no log")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    time = table.columns["time"][keep]
+    step = np.diff(time)
+    interval = float(np.median(step))
+    late = np.flatnonzero(step > _LATE * interval)
+    return MachineLog(
+        **{quantity: values[keep] for quantity, values in table.columns.items()},
+        others={name: values[keep] for name, values in table.others.items() if np.isfinite(values).any()},
+        interval=interval,
+        gaps=tuple((float(time[k]), max(1, round(float(step[k]) / interval) - 1)) for k in late.tolist()),
+        unread=table.unread,
+        repeated=tuple(table.lines[~keep].tolist()),
+        source=str(path),
+        sha256=table.sha256,
+        taken=table.said(),
+    )  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ from fitting.records import StaticMap, quasi_static, read_ramp, static_map
 
 FOLDER = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "bpa10"
 ABSENT = "the raw ramps of bpa10 are not beside the repository"
-COLUMNS = "force_N,pressure_kPa,time_s,valve_state"
+COLUMNS = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]", "valve_state": "4"}
 ATMOSPHERE = 8.94e3  # Pa, what the sensor reads, by the data's own description
 LEAST_PULL = 8.0  # N, the same
 LENGTHS = {

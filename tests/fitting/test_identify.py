@@ -120,6 +120,17 @@ def test_truth_is_recovered_from_exact_readings() -> None:
     np.testing.assert_allclose([e.value for e in result.estimates], expected, rtol=1e-6)
 
 
+def test_readings_that_repeat_weigh_by_their_number() -> None:
+    data = readings(known_muscle(SOFTENING), noise=2.0)
+    rows = np.append(np.arange(data.force.size), [3, 3, 3, 20])
+    repeated = ForceData(data.force[rows], data.pressure[rows], data.length[rows], SPECIMEN)
+    assert repeated.count is not None
+    weighted = dataclasses.replace(data, force_std=1 / np.sqrt(repeated.count))
+    one, other = (identify(each, starts=1) for each in (repeated, weighted))
+    for name in ("braid_angle", "E_1"):
+        assert one.estimate(name).value == pytest.approx(other.estimate(name).value, rel=1e-9)
+
+
 def test_errors_cover_the_truth() -> None:
     """At 2 N of noise the truth lies within three standard errors, and they are not absurd."""
     result = identify(readings(known_muscle(SOFTENING), noise=2.0, seed=3), starts=8)

@@ -118,17 +118,17 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
             ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
             "frame",
         ),
-        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "cannot read"),
+        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "no such file"),
         (
-            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-columns", "displacement=no"],
-            "no column for displacement",
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--column", "displacement=no"],
+            "no column, or more than one, has that name",
         ),
         (
-            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-units", "displacement=psi"],
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--column", "displacement=1 [psi]"],
             "unknown unit 'psi'",
         ),
         (
-            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--log-columns", "force"],
+            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--column", "force"],
             "must read name=value",
         ),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),

@@ -94,8 +94,8 @@ def test_characterise_takes_columns_that_the_log_does_not_tell(
     command = ("characterise", simulated / "test.fam", log, "--rest-length", "9.28125in",
                "--output", tmp_path)  # fmt: skip
     code, _, err = run(capsys, *command)
-    assert (code, "--log-columns force=" in err) == (2, True)
-    assert run(capsys, *command, "--log-columns", "force=Load")[0] == 0
+    assert (code, "--column force=" in err) == (2, True)
+    assert run(capsys, *command, "--column", "force=Load")[0] == 0
 
 
 def test_characterise_says_which_stroke_a_torn_journal_costs(

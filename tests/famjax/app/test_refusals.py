@@ -66,7 +66,7 @@ DAMAGED = [  # what is replaced in a map by what, and what is said of it
     ("force_N", "force", (), "column 'force' has no unit"),
     ("100,290", "100,x", (), "row 3: length is 'x', not a number"),
     ("100,290", "100,900", ("--specimen", "rest_length_mm=300"), "longer than its thread"),
-    ("100,290", "-1,290", (), "gauge pressure must be >= 0"),
+    ("100,290", "-40,290", (), "must be >= 0; reading 2 has -40000 in SI units"),
 ]
 WORDS = [*((("fit", "MAP", *words), said) for words, said in FIT_MAP), *OTHERS]
 

@@ -10,7 +10,7 @@ import pytest
 
 from famjax.__main__ import main
 from fitting import ForceData, load_bundled
-from fitting.reading import csv_text
+from fitting.data import csv_text
 
 QUICK = ("--law", "ogden")
 

@@ -9,7 +9,7 @@ import pytest
 import famjax
 import fitting
 from famjax.__main__ import main
-from fitting.reading import csv_text
+from fitting.data import csv_text
 
 
 def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:

@@ -7,7 +7,6 @@ import pytest
 
 import famjax
 import fitting
-from fitting.data import html_table
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +49,6 @@ def test_a_sweep_is_a_table_of_its_forms(found: fitting.Identification) -> None:
     frame = swept.to_pandas()
     assert len(frame) == len(swept.rows) == 8
     assert frame["rmse"].tolist() == [row.rmse for row in swept.rows]
-
-
-def test_text_in_a_table_is_escaped() -> None:
-    assert "<b>" not in html_table("<b>", ["<b>"], [("<b>",)])
 
 
 def test_a_missing_extra_is_named(

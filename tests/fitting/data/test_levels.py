@@ -104,14 +104,24 @@ def test_the_rest_length_is_one_level_too() -> None:
     assert exact.strained.all()
 
 
-def test_copied_rows_are_refused_and_repeats_are_not() -> None:
-    force, length = np.array([5.0, 7.0, 6.0, 0.0, 0.0]), np.array([0.3, 0.29, 0.3, 0.26, 0.26])
-    data = ForceData(force, np.full(5, 1e5), length, SPECIMEN)  # a repeat, and slack ones
-    copied = np.array([0, 1, 2, 1, 3])
-    with pytest.raises(
-        InputError, match=r"readings 2 and 4 are the same.*\(7 N, 100 kPa, 290 mm\)"
-    ):
-        dataclasses.replace(data, force=force[copied], length=length[copied])
+def test_copies_weigh_by_their_number() -> None:
+    force, length = (
+        np.array([5.0, 7.0, 6.0, 7.0, 0.0, 7.0]),
+        np.array([0.3, 0.29, 0.3, 0.29, 0.26, 0.29]),
+    )
+    data = ForceData(force, np.full(6, 1e5), length, SPECIMEN)
+    assert (data.force.tolist(), data.count.tolist()) == (
+        [5.0, 7.0, 6.0, 0.0],
+        [1.0, 3.0, 1.0, 1.0],
+    )
+    assert (
+        "2 of 6 readings repeat another to the last digit, such as 7 N at 100 kPa and 290 mm (3 times)"
+        in data.notes[-1]
+    )
+    assert data.part(data.force > 5.5).count.tolist() == [3.0, 1.0]
+    assert ForceData.from_pandas(data.to_pandas(), SPECIMEN).count.tolist() == data.count.tolist()
+    known = ForceData(force, np.full(6, 1e5), length, SPECIMEN, force_std=np.full(6, 0.3))
+    assert known.force_std == pytest.approx([0.3, 0.3 / 3**0.5, 0.3, 0.3])
 
 
 def test_specimens_are_counted_together_and_shared_parameters_once() -> None:

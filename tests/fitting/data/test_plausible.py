@@ -72,8 +72,6 @@ SLIPS = {
     "texts as forces": (lambda: loads(force=["a", "b"]), "force must hold numbers"),
     "a dictionary as specimen": (lambda: loads(specimen={}), "must be a fitting.Specimen"),
     "a number to read": (lambda: fitting.read_csv(3), "from a path or an open text"),
-    "a table of pandas to read": (
-        lambda: fitting.read_csv(load_bundled("DMSP-20-300").to_pandas()), "from_pandas"),
     "no file": (lambda: fitting.read_csv("none.csv"), "no such file"),
     "a folder": (lambda: fitting.read_csv("/"), "Is a directory"),
     "a number to load": (lambda: fitting.load_fit(3), "must be a path"),
@@ -133,6 +131,24 @@ def test_a_table_of_pandas_is_a_map_and_back() -> None:
     other = frame.rename(columns={"length_m": "length_mm"}).assign(length_mm=1e3 * data.length)
     known = {k: v for k, v in dataclasses.asdict(data.specimen).items() if v is not None}
     np.testing.assert_allclose(ForceData.from_pandas(other, known).length, data.length)
+    foreign = frame.rename(columns={"force_N": "Kanal 3"}).assign(counter=range(len(frame)))
+    named = fitting.read_csv(foreign, known, {"force": "Kanal 3 [N]"})
+    np.testing.assert_array_equal(named.force, data.force)
+    assert "Columns left aside: counter." in named.notes
+
+
+def test_a_data_set_of_xarray_is_a_map_and_back() -> None:
+    data = load_bundled("DMSP-10-250")
+    again = ForceData.from_xarray(data.to_xarray())
+    assert again.sha256 == data.sha256
+    xarray = pytest.importorskip("xarray")
+    grid = xarray.Dataset(
+        {"force_N": (("pressure_kPa", "length_mm"), [[30.0, np.nan], [60.0, 20.0]])},
+        {"pressure_kPa": [100.0, 200.0], "length_mm": [250.0, 240.0]},
+    )
+    made = ForceData.from_xarray(grid, data.specimen)
+    assert made.force.tolist() == [30.0, 60.0, 20.0]
+    assert made.pressure.tolist() == [1e5, 2e5, 2e5]
 
 
 if __name__ == "__main__":

@@ -101,8 +101,8 @@ def write(folder: Path, text: str, encoding: str = "utf-8") -> Path:
 @pytest.mark.parametrize("name", FORMS)
 def test_every_form_gives_the_same_numbers(name: str, tmp_path: Path) -> None:
     text, encoding = FORMS[name]
-    units = {"time": "s"} if name == "clock and text columns" else None
-    log = read_machine_log(write(tmp_path, text, encoding), units=units)
+    columns = None
+    log = read_machine_log(write(tmp_path, text, encoding), columns=columns)
     assert log.time.size == TIME.size
     for quantity, truth in (("time", TIME), ("displacement", DISPLACEMENT), ("force", FORCE)):
         assert np.abs(getattr(log, quantity) - truth).max() <= WRITTEN[quantity], quantity
@@ -162,7 +162,7 @@ def test_a_time_that_stands_still_is_reported(tmp_path: Path) -> None:
     [
         (
             "time_s,displacement_furlong,force_N",
-            "unknown unit 'furlong'; known units of length are m,",
+            "unknown unit 'furlong'; known units of length are: m,",
         ),
         ("Time (s),Extension (mm),Load (psi)", "unknown unit 'psi'"),
         ("Time,Extension (mm),Load (N)", "'Time' has no unit"),
@@ -182,19 +182,18 @@ def test_no_header_at_all_needs_columns_and_units(tmp_path: Path) -> None:
         read_machine_log(path)
     log = read_machine_log(
         path,
-        columns={"time": "1", "displacement": "2", "force": "3"},
-        units={"time": "s", "displacement": "mm", "force": "N"},
+        columns={"time": "1 [s]", "displacement": "2 [mm]", "force": "3 [N]"},
     )
     assert np.abs(log.force - FORCE).max() < 1e-3
 
 
 def test_two_loads_must_be_told_apart(tmp_path: Path) -> None:
     text = simple(header="Time (s),Extension (mm),Load cell (N)").splitlines()
-    text = [f"{line},{'Load beam (N)' if k == 0 else '7'}" for k, line in enumerate(text)]
+    text = [f"{line},{'Load cell 2 (N)' if k == 0 else '7'}" for k, line in enumerate(text)]
     path = write(tmp_path, "\n".join(text))
     with pytest.raises(InputError, match="2 columns for force"):
         read_machine_log(path)
-    assert read_machine_log(path, columns={"force": "Load beam"}).force[0] == 7.0
+    assert read_machine_log(path, columns={"force": "Load cell 2"}).force[0] == 7.0
     assert read_machine_log(path, columns={"force": "Load cell (N)"}).force[0] == 4000.0
 
 
@@ -218,7 +217,9 @@ def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
     text = "time_s,displacement_mm,force_N\n" + rows(
         lambda t, x, F: f"{comma(t)},{comma(x * 1e3)},{comma(F)}"
     )
-    with pytest.raises(InputError, match=r"line 2 has 6 numbers under 3 names .* decimal commas"):
+    with pytest.raises(
+        InputError, match=r"line 2 has 6 numbers under 3 names: are they decimal commas"
+    ):
         read_machine_log(write(tmp_path, text))
 
 
@@ -235,10 +236,10 @@ def test_mega_and_milli_are_not_confused(tmp_path: Path) -> None:
 def test_a_comma_that_may_be_either_is_refused(tmp_path: Path) -> None:
     text = "time_s;displacement_mm;force_N\n" + "\n".join(f"{k};1,234;2,345" for k in range(20))
     path = write(tmp_path, text)
-    with pytest.raises(InputError, match=r"'1,234' may be 1.234 or 1234: give the decimal sign"):
+    with pytest.raises(InputError, match=r"'1,234' may be 1.234 or 1234: say which sign"):
         read_machine_log(path)
-    assert read_machine_log(path, decimal=",").force[0] == pytest.approx(2.345)
-    assert read_machine_log(path, decimal=".").force[0] == pytest.approx(2345)
+    assert read_machine_log(path, columns={"decimal": ","}).force[0] == pytest.approx(2.345)
+    assert read_machine_log(path, columns={"decimal": "."}).force[0] == pytest.approx(2345)
 
 
 def test_two_tests_in_one_file_are_refused(tmp_path: Path) -> None:
@@ -251,7 +252,7 @@ def test_two_tests_in_one_file_are_refused(tmp_path: Path) -> None:
     [
         (b"Dear all,\nno numbers today.\n", "no block of numbers"),
         (bytes(range(256)) * 20, "is not a text file"),
-        (b"time_s,displacement_mm,force_N\n0,1,1\n0,1,1\n0,1,1\n", "one row"),
+        (b"time_s,displacement_mm,force_N\n0,1,1\n0,1,1\n0,1,1\n", "does not advance"),
         (b"time_s,position_mm,position_in,force_N\n0,1,1,1\n1,2,2,2\n2,3,3,3\n", "2 columns"),
     ],
 )
@@ -261,7 +262,7 @@ def test_what_is_no_log_is_refused_with_its_path(data: bytes, match: str, tmp_pa
     with pytest.raises(InputError, match=match) as caught:
         read_machine_log(path)
     assert str(path) in str(caught.value)
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="no such file"):
         read_machine_log(tmp_path / "none.txt")
-    with pytest.raises(InputError, match="load is none of time, displacement, force"):
-        read_machine_log(path, units={"load": "N"})
+    with pytest.raises(InputError, match="load is none of time, displacement, force, decimal"):
+        read_machine_log(path, columns={"load": "Load"})

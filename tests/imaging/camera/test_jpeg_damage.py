@@ -2,6 +2,7 @@
 
 import functools
 import io
+import zlib
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from rendering import damaged, published_scene
 
 from imaging import read_image
 from imaging.errors import DamagedImage, UnreadableImage
+from imaging.photograph import sizes_of
 from tests.imaging.photographs import photograph
 
 SIZE = (530, 220)
@@ -70,3 +72,19 @@ def test_a_heic_file_is_read(tmp_path):
     heif.from_pillow(Image.fromarray(photo().rgb)).save(tmp_path / "a.heic", quality=95)
     seen = read_image(tmp_path / "a.heic").astype(float)
     assert np.abs(seen - photo().rgb).mean() < 4
+
+
+def test_a_header_of_more_pixels_than_a_picture_has_is_refused_before_decoding(tmp_path):
+    size = (60_000).to_bytes(4, "big")
+    path = tmp_path / "bomb.png"
+    chunks = b"IHDR" + size + size + b"\x08\x02\0\0\0", b"IDAT" + zlib.compress(bytes(99)), b"IEND"
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+            for chunk in chunks
+        )
+    )
+    with pytest.raises(UnreadableImage, match="178 Mpx at most"):
+        read_image(path)
+    assert sizes_of(path) == []
