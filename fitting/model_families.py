@@ -50,12 +50,15 @@ class ModelFamily(AbstractFamily):
     label: str = eqx.field(static=True, default="")
     note: str = eqx.field(static=True, default="")
     nonlinear: tuple[str, ...] = eqx.field(static=True, init=False)
-    linear: tuple[str, ...] = eqx.field(static=True, init=False)
 
     def __post_init__(self) -> None:
         """Sort the names by what the engine does with them."""
         self.nonlinear = tuple(str(d.name) for d in self.declared if not d.linear)
-        self.linear = tuple(str(d.name) for d in self.declared if d.linear)
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the numbers in which the force is affine."""
+        return tuple(str(d.name) for d in self.declared if d.linear)
 
     @classmethod
     def of(

@@ -38,11 +38,14 @@ class AbstractFamily(eqx.Module):
 
     Attributes:
         nonlinear: names of the numbers that are searched, in order.
-        linear: names of those in which the force is affine, in order.
     """
 
     nonlinear: eqx.AbstractVar[tuple[str, ...]]
-    linear: eqx.AbstractVar[tuple[str, ...]]
+
+    @property
+    @abc.abstractmethod
+    def linear(self) -> tuple[str, ...]:
+        """Names of the numbers in which the force is affine, in order."""
 
     @abc.abstractmethod
     def build(self, values: Values) -> Any:

@@ -407,7 +407,7 @@ def _margin(part: Part, point: Point, place: int, kind: Constraint) -> Margin:
     padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
     dips = (values <= padded[:, :-2]) & (values <= padded[:, 2:])
     places = np.argsort(np.where(dips, values, np.inf), axis=1, kind="stable")[:, :_MINIMA]
-    best, lowest, spread = np.zeros(paths), np.full(paths, np.inf), 0.0
+    best, lowest, spread, found = np.zeros(paths), np.full(paths, np.inf), 0.0, values
     for k in range(_MINIMA):
         middle = np.where(dips[rows, places[:, k]], at[places[:, k]], best)
         half = 1 / (count - 1) / _PIECES
