@@ -7,6 +7,7 @@ from . import (
     engine as engine,
     evidence as evidence,
     families as families,
+    plant as plant,
     posterior as posterior,
     prediction as prediction,
     reading as reading,
@@ -27,6 +28,7 @@ from .data import ForceData as ForceData, Specimen as Specimen
 from .errors import InputError as InputError
 from .identification import identify as identify, identify_together as identify_together
 from .parameters import Parameter as Parameter
+from .plant import PlantRecord as PlantRecord, identify_plant as identify_plant
 from .posterior import sample as sample
 from .prediction import predict as predict
 from .reading import (
