@@ -7,6 +7,7 @@ from . import (
     engine as engine,
     evidence as evidence,
     families as families,
+    plant as plant,
     posterior as posterior,
     prediction as prediction,
     records as records,
@@ -32,6 +33,7 @@ from .data import (
 from .errors import InputError as InputError
 from .identification import identify as identify, identify_together as identify_together
 from .parameters import Parameter as Parameter
+from .plant import PlantRecord as PlantRecord, identify_plant as identify_plant
 from .posterior import sample as sample
 from .prediction import predict as predict
 from .report import (

@@ -428,9 +428,9 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
     # The unknowns that a law has not are columns of unit length.
     on = given.used.sum(axis=1)
-    objective, residual, gap = certificate
+    least, residual, gap = certificate
     scaled = np.sqrt(on * (condition**2 / n - (n - on)))
-    return Fits(E, objective, residual, gap, scaled, status)
+    return Fits(E, least, residual, gap, scaled, status)
 
 
 def _optimum(
