@@ -16,6 +16,7 @@ from . import (
     muscles as muscles,
     parameters as parameters,
     peers as peers,
+    plant as plant,
     profiles as profiles,
     slip as slip,
     stability as stability,

@@ -1,0 +1,291 @@
+"""Plants against adaptive solutions, closed forms and the firmware's controller."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from famjax.boundary.errors import InputError
+from famjax.plant import (
+    ATMOSPHERE,
+    TICK,
+    Command,
+    DahlFriction,
+    HydraulicCircuit,
+    LinearMcKibben,
+    MovingLoad,
+    Plant,
+    PneumaticCircuit,
+    PressureController,
+    Regulated,
+    SlipFriction,
+    choked_share,
+    newton,
+    simulate,
+    solve_adaptively,
+)
+from famjax.slip import MaxwellSlip, SlipElements
+from famjax.units import INCH, LBF, PSI
+from rig.controller import DeviceControl, Latch
+from rig.protocol import GAIN_UNIT, INTEGRAL_UNIT, PRESSURE_UNIT, RUN, ControlLaw
+
+ROUNDING, CLOSED = 1e-12, 1e-9
+PRESSURE_RMS, FORCE_RMS = 0.005 * PSI, 0.02 * LBF  # of a whole test in ticks
+IN_S = INCH  # m/s
+# Signal, dump, rate [m/s], seconds: fills, strokes at 0.02 to 0.2 in/s, a vent, a dump.
+TESTS = {
+    "air": ((0.75, 0, 0, 1), (0.5, 0, 0, 1), (0.5, 0, -0.04, 1), (0.5, 0, 0.04, 1), (0.3, 0, 0, 1),
+            (0.9, 0, -0.2, 1), (0.45, 0, 0.2, 1), (0.502, 0, -0.02, 1), (0, 1, 0, 1)),
+    "water": ((0.75, 0, 0, 1), (0.6, 0, 0, 1), (0.6, 0, -0.04, 1), (0.6, 0, 0.04, 1), (0.3, 0, 0, 1),
+              (0.9, 0, -0.2, 1), (0.5, 0, 0.2, 1), (0.5, 0, -0.02, 1), (0, 1, 0, 1)),
+}  # fmt: skip
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+
+
+def last(states):
+    return jax.tree.map(lambda leaf: leaf[-1], states)
+
+
+def rms(x) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fluid", TESTS)
+def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid: str) -> None:
+    pytest.importorskip("diffrax")
+    plant = Plant(CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction())
+    solve = jax.jit(lambda state, command: solve_adaptively(plant, state, command, times))
+    state = precise = plant.start()
+    pressures, forces = [], []
+    for signal, dump, rate, seconds in TESTS[fluid]:
+        times = np.arange(1, round(seconds / TICK) + 1) * TICK
+        command = Command(signal, dump, rate * IN_S)
+        in_ticks = simulate(plant, Command(np.full(times.size, signal), dump, rate * IN_S), TICK,
+                            start=state)  # fmt: skip
+        exact = solve(precise, command)
+        state, precise = last(in_ticks), last(exact)
+        pressures.append(in_ticks.pressure - exact.pressure)
+        forces.append(in_ticks.force - exact.force)
+    assert rms(pressures) < PRESSURE_RMS
+    assert rms(forces) < FORCE_RMS
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.29, 0.31, 0.6, 0.94])
+def test_an_orifice_is_that_of_the_standard(ratio: float) -> None:
+    b = 0.3
+    share = 1.0 if ratio <= b else np.sqrt(1 - ((ratio - b) / (1 - b)) ** 2)
+    assert float(choked_share(1 - ratio, b)) == pytest.approx(share, rel=ROUNDING)
+    assert float(choked_share(ratio - 1, b)) == pytest.approx(-share, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("at", [0.05, 0.7, 0.0])
+def test_an_orifice_has_no_kink(at: float) -> None:
+    below, above = (jax.grad(choked_share)(at + side, 0.3) for side in (-1e-9, 1e-9))
+    assert float(below) == pytest.approx(float(above), rel=1e-6, abs=1e-7)
+
+
+def test_a_closed_air_volume_is_polytropic() -> None:
+    plant = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben())
+    start = plant.start(pressure=3e5)
+    states = simulate(plant, Command(np.full(1000, 128 / 255), 0.0, -0.01), TICK, start=start)
+    V = np.asarray(plant.muscle.volume(states.position, 0.0)) + 5e-6
+    V0 = float(plant.muscle.volume(start.position, 0.0)) + 5e-6
+    exact = (3e5 + ATMOSPHERE) * (V0 / V) ** 1.2 - ATMOSPHERE
+    np.testing.assert_allclose(states.pressure, exact, rtol=CLOSED)
+
+
+def test_a_dumped_water_circuit_falls_to_zero_and_stays() -> None:
+    plant = Plant(HydraulicCircuit(), LinearMcKibben())
+    states = simulate(plant, Command(np.zeros(200), 1.0), TICK, start=plant.start(pressure=5e5))
+    falling = np.asarray(states.pressure)
+    assert falling.min() > -0.05 * PSI  # of the tick in which it arrives
+    assert np.abs(falling[40:]).max() < 1e-3  # Pa
+
+
+def test_the_rule_is_of_second_order() -> None:
+    plant = Plant(PneumaticCircuit(), LinearMcKibben())
+
+    def end(parts: int) -> float:
+        command = Command(np.full(800, 0.8), 0.0, -0.005)
+        return float(simulate(plant, command, TICK / parts).pressure[50 * parts - 1])
+
+    change = np.diff([end(2**k) for k in (1, 2, 3, 4)])
+    assert change[:-1] / change[1:] == pytest.approx(4.0, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fluid", CIRCUITS)
+def test_gradients_of_two_seconds_in_every_number(fluid: str) -> None:
+    plant = Plant(
+        CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction(dry=2.0), viscosity=50.0
+    )
+    command = Command(np.repeat([0.72, 0.5, 0.3, 0.95], 250), np.repeat([0.0, 0.0, 0.0, 0.3], 250),
+                      np.repeat([0.0, -1e-3, 2e-3, 0.0], 250))  # fmt: skip
+    names, values = zip(*plant.parameters().items(), strict=True)
+    x = np.array(values, float)
+
+    @jax.jit
+    def mean(scaled):
+        own = plant.with_parameters(dict(zip(names, x * scaled, strict=True)))
+        states = simulate(own, command, TICK)
+        return jnp.mean(states.pressure[::7]) / 1e5 + jnp.mean(states.force[::5]) / 100
+
+    slopes, one = jax.grad(mean)(np.ones(x.size)), np.ones(x.size)
+
+    def central(h: float, step: np.ndarray) -> float:
+        return float(mean(one + h * step) - mean(one - h * step)) / (2 * h)
+
+    for k, (name, step) in enumerate(zip(names, np.eye(x.size), strict=True)):
+        found = (4 * central(1e-5, step) - central(2e-5, step)) / 3
+        assert float(slopes[k]) == pytest.approx(found, rel=1e-6, abs=1e-9), name
+
+
+RADII, LENGTHS = np.array([0.02, -0.02]), np.array([0.21, 0.21])
+MOVED = {
+    "hung": (lambda circuit: Plant(circuit, LinearMcKibben(), MovingLoad.hung(40.0, damping=200.0)), 0.21),
+    "sprung": (
+        lambda circuit: Plant(
+            circuit, LinearMcKibben(), MovingLoad.hung(5.0, stiffness=4e3, relaxed=0.25, damping=100.0),
+            viscosity=150.0,
+        ), 0.22,
+    ),
+    "joint": (
+        lambda circuit: Plant(
+            (circuit, circuit), (LinearMcKibben(), LinearMcKibben()),
+            MovingLoad.joint(0.02, radii=RADII, lengths=LENGTHS, damping=0.5),
+        ), 0.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", MOVED)
+def test_a_moving_load_is_its_adaptive_solution(load: str) -> None:
+    pytest.importorskip("diffrax")
+    make, position = MOVED[load]
+    plant = make(PneumaticCircuit())
+    start = plant.start(position, 2e5)
+    signal = np.array([0.6, 0.45]) if load == "joint" else 0.55
+    times = np.arange(1, 251) * TICK
+    exact = jax.jit(lambda: solve_adaptively(plant, start, Command(signal), times))()
+    steps = np.broadcast_to(signal, (1000, *np.shape(signal)))
+    fine = jax.tree.map(lambda x: x[3::4], simulate(plant, Command(steps), TICK / 4, start=start))
+    ticks = simulate(plant, Command(steps[:250]), TICK, start=start)
+    travel = float(np.ptp(exact.position))
+    errors = [float(jnp.abs(found.position - exact.position).max()) for found in (ticks, fine)]
+    assert errors[0] < 0.02 * travel
+    assert errors[1] < errors[0] / 8  # second order
+    assert rms(fine.pressure - exact.pressure) < PRESSURE_RMS
+
+
+def test_a_held_load_comes_to_rest_where_the_muscle_carries_it() -> None:
+    plant = Plant(PneumaticCircuit(), LinearMcKibben(), MovingLoad.hung(60.0, damping=500.0))
+    rest = last(simulate(plant, Command(np.full(3000, 0.7)), TICK, start=plant.start(0.22, 3e5)))
+    assert float(rest.force) == pytest.approx(60 * 9.80665, rel=1e-6)
+    carried = plant.muscle.length_at_load(60 * 9.80665, rest.pressure)
+    assert float(rest.position) == pytest.approx(float(carried), rel=1e-6)
+
+
+def test_friction_turns_round_on_its_travel() -> None:
+    friction = DahlFriction(share=0.05, dry=3.0, travel=1e-3)
+    state = friction.start(0.2, 0.0)
+    there = friction.moved(state, 0.19, 0.0)
+    assert float(friction.added(there, 0.19, 0.0, 100.0)) == pytest.approx(-8.0, rel=1e-4)
+    back = friction.moved(there, 0.191, 0.0)
+    assert float(friction.added(back, 0.191, 0.0, 100.0)) == pytest.approx(
+        8 * (1 - 2 / np.e), rel=1e-4
+    )
+
+
+def test_slip_elements_are_a_friction() -> None:
+    L0 = LinearMcKibben().rest_length
+    elements = MaxwellSlip(SlipElements([0.002], [20.0]), SlipElements.none(), L0, 1e6)
+    plain = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben())
+    rough = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben(), friction=SlipFriction(elements))
+    command = Command(np.full(1000, 0.6), 0.0, np.repeat([-2e-3, 2e-3], 500))
+    smooth, found = (simulate(one, command, TICK) for one in (plain, rough))
+    lengths, pressures = (np.asarray(one) for one in (smooth.position, smooth.pressure))
+    added = elements.along([float(L0), *lengths], [0.0, *pressures])[1:]
+    np.testing.assert_allclose(found.force - smooth.force, added, atol=1e-6)
+
+
+def test_the_controller_is_the_firmware_s() -> None:
+    """Random readings through both: set points, gains, records of five ticks, limits of the integral."""
+    law = ControlLaw(20 * PRESSURE_UNIT, 100 * GAIN_UNIT, 3 * GAIN_UNIT, 40 * GAIN_UNIT, -30, 30)
+    device = DeviceControl(1, 0, 1, 1020, Latch())
+    for verb, values in ((b"trip", [1020]), (b"floor", [0]), (b"ceiling", [1023]), (b"jump", [1023]),
+                         (b"hbms", [10000]), (b"frozen", [255, 2000]), (b"still", [60000])):  # fmt: skip
+        device.execute(verb, values)
+    device.next_law, device.changed = law, True
+    device.execute(b"run", [])
+    controller = PressureController(
+        3 / 255 / PSI, 40 / 255 / PSI, [100 / 255], low=-30 / 255, high=30 / 255
+    )
+    rng = np.random.default_rng(1)
+    counts = (102 + 60 * np.sin(np.arange(600) / 40) + rng.normal(0, 3, 600)).astype(int)
+    tick = jax.jit(lambda state, P: controller.step(state, 20 * PSI, P, TICK))
+    state, outputs, integrals, reached = controller.start(), [], [], []
+    for count in counts.tolist():
+        device.step(count, 0)
+        state, signal = tick(state, count * 200 / 1024 * PSI)
+        outputs.append(255 * float(signal) - device.output)
+        integrals.append(255 * float(state.integral) - device._integral / INTEGRAL_UNIT)
+        reached.append(device._integral / INTEGRAL_UNIT)
+    assert device.state == RUN
+    assert min(reached) == -30
+    assert max(reached) == 30
+    assert np.abs(integrals).max() < 0.02  # counts: it rounds each record's error to 1/128 psi
+    assert np.abs(outputs).max() < 0.55  # and the output to counts
+
+
+def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke() -> None:
+    plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())
+    regulated = Regulated(plant, PressureController(4 / 255 / PSI, 2 / 255 / PSI))
+    command = Command(np.full(6000, 40 * PSI), 0.0, np.repeat([0.0, -1e-3, 1e-3], 2000))
+    pressures = simulate(regulated, command, TICK).plant.pressure / PSI
+    assert float(jnp.abs(pressures[1500:] - 40).max()) < 2.0
+    assert float(pressures[1999]) == pytest.approx(40.0, abs=0.4)
+
+
+def test_many_plants_at_once_and_half_the_precision() -> None:
+    def end(conductance):
+        plant = Plant(PneumaticCircuit(conductance=conductance), LinearMcKibben())
+        return simulate(plant, Command(np.full(200, 0.7)), TICK).pressure[-1]
+
+    each = jnp.linspace(1e-9, 4e-9, 5)
+    np.testing.assert_allclose(jax.vmap(end)(each), [end(one) for one in each], rtol=CLOSED)
+    single = jax.tree.map(
+        lambda x: x.astype(jnp.float32), Plant(PneumaticCircuit(), LinearMcKibben())
+    )
+    command = jax.tree.map(lambda x: x.astype(jnp.float32), Command(np.full(200, 0.7)))
+    found = simulate(single, command, jnp.float32(TICK)).pressure[-1]
+    assert found.dtype == jnp.float32
+    assert float(found) == pytest.approx(float(end(3.9e-9)), rel=1e-4)
+
+
+def test_newton_has_implicit_derivatives() -> None:
+    def root(a):
+        return newton(lambda z: jnp.stack([z[0] ** 3 + z[1] - a, z[1] - z[0]]), jnp.ones(2))[0]
+
+    z = float(root(3.0))
+    assert z**3 + z == pytest.approx(3.0, rel=ROUNDING)
+    assert float(jax.grad(root)(3.0)) == pytest.approx(1 / (3 * z**2 + 1), rel=CLOSED)
+    assert float(jax.grad(jax.grad(root))(3.0)) == pytest.approx(
+        -6 * z / (3 * z**2 + 1) ** 3, rel=CLOSED
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: PneumaticCircuit(supply=-1.0), "supply must be finite and at least 0 Pa, got -1"),
+        (lambda: HydraulicCircuit(lag=float("nan")), "lag must be finite and at least 0.0001 s, got nan"),
+        (lambda: Plant((PneumaticCircuit(),) * 2, (LinearMcKibben(),) * 2), "two muscles need a"),
+        (lambda: simulate(Plant(PneumaticCircuit(), LinearMcKibben()), Command(0.5), TICK),
+         "one value for each"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(make, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        make()
