@@ -36,12 +36,13 @@ import famjax
 import fitting
 from famjax.app import simulate
 from famjax.app.folder import read_sheet
+from famjax.plant import LinearMcKibben
 from famjax.units import INCH, PSI
 from fitting.records import MachineLog, synchronise
 from fitting.shapes import Pictures
 from rig.control import Control
 from rig.plan import Isobaric, PlanFile
-from rig.simulation import MachineClock, mckibben
+from rig.simulation import MachineClock
 
 TWINS, CLOCKS, KILLS, SEED = 20, 100, 10, 3
 HELD_OUT = np.array([55.0, 85.0]) * PSI
@@ -153,15 +154,16 @@ def clocks(_: Case) -> dict[str, float]:
 def _by_load(seed: int) -> tuple[float, float]:
     """A test on the simulated rig, whose machine's clock is laid onto the journal by the load."""
     rng = np.random.default_rng((seed, 0))
-    muscle = mckibben(friction=rng.uniform(0.005, 0.03), turns=1.09 * rng.uniform(0.97, 1.03))
+    friction, turns = rng.uniform(0.005, 0.03), 1.09 * rng.uniform(0.97, 1.03)
     low = float(rng.uniform(30, 45))
     plan = Isobaric((low * PSI, (low + 20) * PSI, (low + 40) * PSI), 1, 2.0 * INCH, 0.3 * INCH,
                     settle=3.0)  # fmt: skip
     clock = MachineClock(float(rng.uniform(-50, 50)), float(rng.uniform(-1e-4, 1e-4)))
     with tempfile.TemporaryDirectory() as folder:
         found = simulate(
-            PlanFile(plan, "air", 115 * PSI, Control.per_psi(4, 2)), folder, muscle=muscle,
-            clock=clock, clock_rate=float(rng.uniform(-3e-3, 3e-3)), seed=seed,
+            PlanFile(plan, "air", 115 * PSI, Control.per_psi(4, 2)), folder,
+            muscle=LinearMcKibben(turns=turns), clock=clock,
+            clock_rate=float(rng.uniform(-3e-3, 3e-3)), friction=friction, seed=seed,
         ).analysis.alignment  # fmt: skip
     apart = float(found.journal_time(found.reference)) - clock.true_time(found.reference)
     gain = 1 / (1 + clock.rate) - 1

@@ -19,12 +19,15 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from ._arrays import Given, Real, RealArray, as_number, as_real, compiled
 from .boundary.errors import InputError
 from .boundary.extras import import_extra
+from .compile_options import quick_options
 from .muscle import AbstractMuscle
 from .parameters import Declared, Parametrised, number, parameter
 from .units import INCH, LBF, PSI
@@ -46,7 +49,7 @@ def choked_share(drop: Real, critical_ratio: Real) -> RealArray:
         psi = 1 up to the critical ratio b of r = p_2/p_1, sqrt(1 - ((r - b)/(1 - b))^2) above it
 
     Above r = 0.95, where the slope of the ellipse grows beyond all bounds, psi is the odd cubic of the
-    drop 1 - r that meets it with its slope; 6 % below it at r = 0.99.
+    drop 1 - r that meets it with its slope: 10 % below it at r = 0.97, 45 % at 0.99.
 
     Args:
         drop: (p_1 - p_2) over the larger of the absolute pressures, negative for a flow from 2 to 1.
@@ -516,6 +519,9 @@ class Plant(Parametrised):
         Args:
             position: q; by default the rest length of one muscle, or angle 0.
             pressure: gauge pressure [Pa] of each muscle.
+
+        Raises:
+            InputError: the muscle has no volume there.
         """
         single = not isinstance(self.muscle, tuple)
         shape = () if single else (len(self.muscle),)
@@ -524,6 +530,12 @@ class Plant(Parametrised):
         P = jnp.broadcast_to(as_real(pressure), shape) + 0 * q
         none = jnp.zeros_like(P)
         lengths, pressures = self.load.lengths(q), P.reshape(-1)
+        fluid = self._fluid(lengths, pressures, pressures)
+        if not isinstance(fluid, Tracer) and not bool(jnp.all(fluid > 0)):
+            raise InputError(
+                f"the muscle must hold fluid where the plant starts, at {lengths} m and {pressures} Pa; "
+                f"with its hose it holds {fluid} m3: give a length within its range, or another muscle"
+            )
         memory = tuple(
             None if one is None else one.start(L, own)
             for one, L, own in zip(self._frictions, lengths, pressures, strict=True)
@@ -720,6 +732,72 @@ def _simulated(plant: Any, commands: Command, dt: RealArray, start: Any) -> Any:
         return after, after
 
     return jax.lax.scan(step, start, each)[1]
+
+
+class SteppedPlant:
+    """A plant of one driven muscle, advanced tick by tick in plain numbers, as a simulated device needs it.
+
+    A tick is one program of two small arrays: all plants of one structure share it.
+
+    Args:
+        plant: with a `DrivenLength`.
+        dt: of a tick [s].
+
+    Attributes:
+        plant: may be replaced in operation, as by one with a blocked needle.
+        pressure: gauge pressure P [Pa] in the muscle.
+        force: pull [N], friction included.
+        length: active length L [m].
+    """
+
+    def __init__(self, plant: Plant, dt: float) -> None:
+        self.dt, self.plant = dt, plant
+        state = plant.start()
+        self.pressure, self.force = float(state.pressure), float(state.force)
+        self.length = float(state.position)
+        self._rest = ravel_pytree((state.opening, state.dump, state.memory))[0].tolist()
+
+    @property
+    def plant(self) -> Plant:
+        """The plant."""
+        return self._plant
+
+    @plant.setter
+    def plant(self, plant: Plant) -> None:
+        self._plant = plant
+        arrays, static = eqx.partition(plant, eqx.is_array)
+        shapes = tuple(leaf.shape for leaf in jax.tree.leaves(arrays))
+        self._tick = _tick(jax.tree.structure(arrays), shapes, static)
+        self._numbers = ravel_pytree(arrays)[0]
+
+    def step(self, signal: float, dump: float | bool, length: float) -> None:
+        """Advance by a tick, in which the machine brings the muscle to a length [m]."""
+        drive = (length - self.length) / self.dt
+        row = [self.dt, signal, dump, drive, self.length, self.pressure, *self._rest]
+        self.length = length
+        self.pressure, self.force, *self._rest = np.asarray(
+            self._tick(self._numbers, np.array(row))
+        ).tolist()
+
+
+@functools.lru_cache(maxsize=16)
+def _tick(structure: Any, shapes: tuple[tuple[int, ...], ...], static: Any) -> Callable[..., Array]:
+    """The program of a tick for plants of one structure: numbers and row to pressure, force, rest."""
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+
+    def tick(numbers: RealArray, row: RealArray) -> RealArray:
+        parts = jnp.split(numbers, ends[:-1])
+        leaves = [one.reshape(shape) for one, shape in zip(parts, shapes, strict=True)]
+        plant: Plant = eqx.combine(jax.tree.unflatten(structure, leaves), static)
+        dt, signal, dump, drive, length, pressure = row[:6]
+        start = plant.start(length, pressure)
+        opening, shut, memory = ravel_pytree((start.opening, start.dump, start.memory))[1](row[6:])
+        at = PlantState(pressure, opening, shut, length, drive, start.force, memory)
+        after = plant.step(at, Command(signal, dump, drive), dt)
+        rest = ravel_pytree((after.opening, after.dump, after.memory))[0]
+        return jnp.concatenate([jnp.stack([after.pressure, after.force]), rest])
+
+    return jax.jit(tick, compiler_options=quick_options())
 
 
 def solve_adaptively(

@@ -9,7 +9,6 @@ from . import (
     journal as journal,
     link as link,
     plan as plan,
-    plant as plant,
     protocol as protocol,
     simulation as simulation,
 )

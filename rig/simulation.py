@@ -5,27 +5,36 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from famjax.boundary.toml_file import NotNegative, check_fields
-from famjax.units import LBF, PSI
-
-from .calibration import READINGS, Calibration, FeedForward, Sensor, fit_feed_forward
-from .device import BAUD_RATES, Device
-from .errors import RigError
-from .plant import (
+from famjax.plant import (
+    TICK,
+    AbstractCircuit,
+    AbstractMuscle,
+    DahlFriction,
     HydraulicCircuit,
-    MachineClock,
+    LinearMcKibben,
     Plant,
     PneumaticCircuit,
-    SimulatedMuscle,
-    TestMachine,
-    mckibben,
+    SteppedPlant,
 )
+from famjax.units import INCH, LBF, PSI
+
+from .calibration import (
+    FULL_OUTPUT,
+    READINGS,
+    Calibration,
+    FeedForward,
+    Sensor,
+    fit_feed_forward,
+)
+from .device import BAUD_RATES, Device
+from .errors import RigError
 
 CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}  # of each name in a plan
-TICK = 2e-3  # the device's tick [s] by its own clock
 _BITS_PER_BYTE = 10  # start, eight, stop
 FULL_COUNTS = 1023
 _STEPS = 1024  # of the converter over its reference
@@ -129,6 +138,149 @@ def load_cell(high: float = 1500 * LBF, noise: float = 0.5 * LBF) -> SimulatedSe
     return SimulatedSensor(-0.05 * high, high, noise)
 
 
+@dataclasses.dataclass(frozen=True)
+class MachineClock:
+    """A clock with offset and drift: reading = offset + (1 + rate) t, with t the true time.
+
+    Attributes:
+        offset: reading [s] at the true time 0.
+        rate: by which it gains, s per s.
+    """
+
+    offset: float = 0.0
+    rate: float = 0.0
+
+    def reading(self, true_time: float) -> float:
+        """The reading [s] at a true time [s]."""
+        return self.offset + (1 + self.rate) * true_time
+
+    def true_time(self, reading: float) -> float:
+        """The true time [s] at which it shows a reading [s]."""
+        return (reading - self.offset) / (1 + self.rate)
+
+
+class TestMachine:
+    """A screw-driven machine that shortens a muscle at constant rate and lets it out again.
+
+    A stroke begins at the rest length, turns where the load falls to `turn_load` (or after the
+    given stroke), and ends at the rest length. Neglected: the frame's compliance and the time that
+    the drive takes to reverse.
+
+    Args:
+        rest_length: L0 [m], where strokes begin and end.
+        shortest: length [m] at which the machine's limit switch stops it.
+        clock: of its log.
+        log_interval: [s] of its own clock (Chambers 2021, chapter 4: 0.02 s).
+        load_noise: standard deviation of the load in its log [N]; ASSUMED.
+        seed: of the noise.
+
+    Attributes:
+        length: active length L [m].
+        velocity: dL/dt [m/s], negative while the muscle shortens.
+        sync: whether its digital input is high.
+        cycles_left: strokes that remain, the present one included.
+        rows: of its log: time [s] of its own clock, displacement [m], negative where the muscle is shorter
+            than at rest, force [N], sync.
+    """
+
+    __test__ = False  # not a test of pytest's
+
+    def __init__(
+        self,
+        rest_length: float,
+        *,
+        shortest: float,
+        clock: MachineClock | None = None,
+        log_interval: float = 0.02,
+        load_noise: float = 0.3 * LBF,
+        seed: int = 0,
+    ) -> None:
+        self.rest_length, self.shortest = rest_length, shortest
+        self.clock = clock or MachineClock()
+        self.log_interval, self.load_noise = log_interval, load_noise
+        self.length = rest_length
+        self.velocity = 0.0
+        self.sync = False
+        self.cycles_left = 0
+        self._program = (0.0, shortest, 0.0)
+        self._rng = np.random.default_rng(seed)
+        self.rows: list[tuple[float, float, float, float]] = []
+        self._next_row = math.ceil(self.clock.offset / log_interval) * log_interval
+        self._next_at = self.clock.true_time(self._next_row)
+        self._last_load = 0.0
+
+    @property
+    def busy(self) -> bool:
+        """Whether strokes are under way."""
+        return self.cycles_left > 0
+
+    def start(
+        self,
+        cycles: int,
+        rate: float = 0.04 * INCH,
+        *,
+        stroke: float | None = None,
+        turn_load: float = 0.0,
+    ) -> None:
+        """Begin strokes from the rest length, or add more of the same to those under way.
+
+        Args:
+            cycles: number of strokes there and back.
+            rate: of the crosshead [m/s] (chapter 4: 0.04 in/s).
+            stroke: [m] after which it turns at the latest; the limit switch where None.
+            turn_load: [N] to which the load falls before it turns.
+
+        Raises:
+            RigError: other strokes are under way, or the numbers make no stroke.
+        """
+        longest = self.rest_length - self.shortest
+        if stroke is not None and not 0 < stroke <= longest:
+            raise RigError(f"stroke must lie in (0, {longest:.5g}] m, got {stroke} m")
+        turn_at = self.shortest if stroke is None else self.rest_length - stroke
+        program = (rate, turn_at, turn_load)
+        if not self.busy:
+            self._program, self.velocity = program, -rate
+        elif program != self._program:
+            raise RigError("the machine is busy with other strokes: wait for them")
+        self.cycles_left += cycles
+
+    def step(self, now: float, dt: float, load: float) -> None:
+        """Move by dt [s] up to the true time `now` [s], under the load [N] at its beginning."""
+        velocity = self.velocity
+        length = self.length + velocity * dt
+        if velocity < 0:
+            rate, turn_at, turn_load = self._program
+            if load <= turn_load or length <= turn_at:
+                length = max(length, turn_at)
+                self.velocity = rate
+        elif velocity > 0 and length >= self.rest_length:
+            length = self.rest_length
+            self.cycles_left -= 1
+            self.velocity = -self._program[0] if self.cycles_left else 0.0
+        if now >= self._next_at:
+            self._log(now, dt, length, load)
+        self.length, self._last_load = length, load
+
+    def _log(self, now: float, dt: float, length: float, load: float) -> None:
+        """One row at its nominal time, between the last step and this one."""
+        share = min(max(1 - (now - self._next_at) / dt, 0.0), 1.0)
+        # The load belongs to the beginning of the step: at `share` of it, it is `share` on from there.
+        force = load + share * (load - self._last_load) + self._rng.normal() * self.load_noise
+        x = self.length + share * (length - self.length)
+        self.rows.append((self._next_row, x - self.rest_length, force, float(self.sync)))
+        self._next_row += self.log_interval
+        self._next_at = self.clock.true_time(self._next_row)
+
+    def write_log(self, path: str | Path) -> Path:
+        """Write the log as a delimited file with units, as such machines do."""
+        lines = ["Time,Extension,Load,Digital input", "(s),(mm),(N),(-)"]
+        for time, displacement, force, sync in self.rows:
+            lines.append(f"{time:.4f},{displacement * 1e3:.5f},{force:.4f},{sync:.0f}")
+        path = Path(path)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+
 class ByteChannel:
     """One direction of a serial line: bytes arrive one after the other, at its baud rate.
 
@@ -191,7 +343,7 @@ class SimulatedRig:
 
     Args:
         circuit: pneumatic unless given.
-        muscle: the reference work's 7/8 in muscle unless given.
+        muscle: the reference work's 7/8 in muscle, as a `LinearMcKibben`, unless given.
         machine: a test machine at the muscle's rest length unless given.
         device: the Python port of the firmware for this baud rate unless given.
         pressure_sensor: `pressure_transducer()` unless given.
@@ -200,12 +352,13 @@ class SimulatedRig:
         to_device: line from the host; at this baud rate, with no faults, unless given.
         to_host: line from the device; at this baud rate, with no faults, unless given.
         clock_rate: by which the device's clock gains on true time [-]; -0.002 is usual for an Uno.
+        friction: of the muscle, `DahlFriction.share`; ASSUMED.
         seed: of the sensors' noise.
 
     Attributes:
         now: true time [s], and the host's.
         machine: the test machine.
-        plant: circuit, muscle and machine.
+        plant: circuit and muscle, in operation.
         device: the device.
         sensor_fault: counts that the converter reads in place of the pressure (1023: unplugged,
             with the input biased high), or None.
@@ -219,8 +372,8 @@ class SimulatedRig:
 
     def __init__(
         self,
-        circuit: PneumaticCircuit | HydraulicCircuit | None = None,
-        muscle: SimulatedMuscle | None = None,
+        circuit: AbstractCircuit | None = None,
+        muscle: AbstractMuscle | None = None,
         machine: TestMachine | None = None,
         device: Device | None = None,
         *,
@@ -230,6 +383,7 @@ class SimulatedRig:
         to_device: ByteChannel | None = None,
         to_host: ByteChannel | None = None,
         clock_rate: float = 0.0,
+        friction: float = 0.02,
         seed: int = 0,
     ) -> None:
         if not abs(clock_rate) < 0.1:
@@ -239,10 +393,9 @@ class SimulatedRig:
                 f"the firmware is built for {' or '.join(map(str, BAUD_RATES))} baud, got {baud}"
             )
         bytes_per_tick, ring = BAUD_RATES[baud]
-        muscle = muscle or mckibben()
+        muscle = muscle or LinearMcKibben()
         self.machine = machine or machine_for(muscle)
         self.circuit = circuit or PneumaticCircuit()
-        self.plant = Plant(self.circuit.start(), muscle, self.machine)
         self.device = device or Device(ring=ring, bytes_per_tick=bytes_per_tick)
         self.pressure_sensor = pressure_sensor or pressure_transducer()
         self.force_sensor = force_sensor or load_cell()
@@ -251,6 +404,8 @@ class SimulatedRig:
         self.sensor_fault: int | None = None
         self.now = 0.0
         self._tick = TICK / (1 + clock_rate)
+        plant = Plant(self.circuit, muscle, friction=DahlFriction(friction))
+        self.plant = SteppedPlant(plant, self._tick)
         self._ticks = 0
         self._pressure_noise = self.pressure_sensor.errors(TICK, seed)
         self._force_noise = self.force_sensor.errors(TICK, seed + 1)
@@ -258,7 +413,7 @@ class SimulatedRig:
     @property
     def pressure(self) -> float:
         """True gauge pressure P [Pa] in the muscle."""
-        return self.plant.circuit.pressure
+        return self.plant.pressure
 
     @property
     def force(self) -> float:
@@ -278,17 +433,18 @@ class SimulatedRig:
         if not seconds >= 0:
             raise RigError(f"time passes forwards, got {seconds} s")
         end = self.now + seconds
-        device, plant, circuit, machine = self.device, self.plant, self.plant.circuit, self.machine
+        device, plant, machine = self.device, self.plant, self.machine
         pressure_counts, force_counts = self.pressure_sensor.counts, self.force_sensor.counts
         pressure_noise, force_noise = self._pressure_noise, self._force_noise
         dt, output, dump_open = self._tick, device.output, device.dump_open
         while (at := (self._ticks + 1) * dt) <= end:
             self._ticks += 1
             machine.sync = device.sync
-            plant.step(at, dt, output, dump_open)
+            machine.step(at, dt, plant.force)
+            plant.step(output / FULL_OUTPUT, dump_open, machine.length)
             if self.to_device.waiting:
                 device.feed(self.to_device.receive(at))
-            counts = pressure_counts(circuit.pressure, next(pressure_noise))
+            counts = pressure_counts(plant.pressure, next(pressure_noise))
             if self.sensor_fault is not None:
                 counts = self.sensor_fault
             device.tick(counts, force_counts(plant.force, next(force_noise)))
@@ -306,20 +462,20 @@ class SimulatedRig:
         feed_forward = FeedForward.bias(128.0)
         if isinstance(self.circuit, HydraulicCircuit):
             pressures = [5 * PSI * k for k in range(1, 24)]
-            outputs = [self.circuit.steady_output(P) for P in pressures]
+            outputs = [FULL_OUTPUT * self.circuit.steady_signal(P) for P in pressures]
             feed_forward = fit_feed_forward(pressures, outputs)
         return Calibration(*sensors, feed_forward, self.device.board)
 
 
 def machine_for(
-    muscle: SimulatedMuscle, clock: MachineClock | None = None, seed: int = 0
+    muscle: AbstractMuscle, clock: MachineClock | None = None, seed: int = 0
 ) -> TestMachine:
-    """A test machine that holds a muscle at its rest length, and stops short of its table's end.
+    """A test machine that holds a muscle at its rest length, and stops short of its least length.
 
     Args:
         muscle: to be held.
         clock: of the machine's log.
         seed: of the noise of its load.
     """
-    shortest = float(muscle.lengths[0] + 0.01 * (muscle.rest_length - muscle.lengths[0]))
-    return TestMachine(muscle.rest_length, shortest=shortest, clock=clock, seed=seed)
+    rest, least = float(muscle.rest_length), float(muscle.length_range()[0])
+    return TestMachine(rest, shortest=least + 0.01 * (rest - least), clock=clock, seed=seed)

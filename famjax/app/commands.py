@@ -23,8 +23,8 @@ from famjax.console import (
 from rig.cli import ended_in_words
 
 if TYPE_CHECKING:
+    from famjax import AbstractMuscle
     from imaging.cli import AddLog
-    from rig.simulation import SimulatedMuscle
 
     from .isobaric import Analysis
 
@@ -319,11 +319,12 @@ def _report_test(
 
 def _simulated_muscle(
     fit_json: Path | None, own: Sequence[str]
-) -> tuple["SimulatedMuscle", dict[str, Any]]:
-    """A famjax muscle, tabulated for the rig, and its entries in a dataset."""
+) -> tuple["AbstractMuscle", dict[str, Any]]:
+    """The muscle of a fit, or the reference work's, and its entries in a dataset."""
     from famjax import Muscle
+    from famjax.muscle import MeanMuscle
 
-    from .simulation import reference_muscle, simulated_muscle
+    from .simulation import reference_muscle
 
     if fit_json is None:
         muscle, others = reference_muscle(), ()
@@ -340,6 +341,5 @@ def _simulated_muscle(
         specimen = saved.document["data"]["specimen"]
         known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
         known = {key: value for key, value in known.items() if value is not None}
-    members = (muscle, *others)  # a chosen model may be the mean of several
-    low = max(float(one.geometry.length_range()[0]) for one in members)
-    return simulated_muscle(members, shortest=low), known
+    # A chosen model may be the mean of several.
+    return MeanMuscle((muscle, *others)) if others else muscle, known

@@ -2,14 +2,13 @@
 
 import dataclasses
 import datetime
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 
 import famjax
+from famjax.plant import LinearMcKibben
 from famjax.units import INCH, PSI
 from fitting.records import read_machine_log, write_dataset
 from rig.calibration import Calibration
@@ -22,16 +21,12 @@ from rig.plan import PlanFile
 from rig.simulation import (
     CIRCUITS,
     MachineClock,
-    SimulatedMuscle,
     SimulatedRig,
     load_cell,
     machine_for,
-    mckibben,
 )
 
 from .isobaric import Analysis, analyse
-
-_LENGTHS = 801  # of a table: with 201 its straight lines lie 0.16 N above a 7/8 in muscle's force
 
 LOG, DATASET = "machine.csv", "dataset.csv"
 """Names of the files of a test beside its journal."""
@@ -83,37 +78,15 @@ def reference_muscle() -> famjax.Muscle:
     return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), latex)
 
 
-def simulated_muscle(
-    members: Sequence[famjax.Muscle], *, shortest: float, friction: float = 0.02
-) -> SimulatedMuscle:
-    """A muscle, tabulated for the simulated rig: up to 125 psi, from a length to the rest length.
-
-    Args:
-        members: one muscle, or those of which a chosen model is the mean; the volume is the first's.
-        shortest: least length of the table [m].
-        friction: as for `SimulatedMuscle`.
-    """
-    first = members[0]
-    rest = min(float(one.geometry.rest_length) for one in members)
-    lengths, pressures = np.linspace(shortest, rest, _LENGTHS), np.linspace(0.0, 125.0 * PSI, 26)
-
-    def state(length: jax.Array, pressure: jax.Array) -> tuple[jax.Array, jax.Array]:
-        force = jnp.mean(jnp.stack([one.force(length, pressure) for one in members]))
-        return force, first.volume(length, pressure)
-
-    over = jax.jit(jax.vmap(jax.vmap(state, (None, 0)), (0, None)))
-    force, volume = (np.asarray(one) for one in over(lengths, pressures))
-    return SimulatedMuscle(lengths, pressures, force, volume, rest_length=rest, friction=friction)
-
-
 def simulate(
     test: PlanFile,
     folder: str | Path,
     *,
-    muscle: SimulatedMuscle | None = None,
+    muscle: famjax.AbstractMuscle | None = None,
     specimen: Mapping[str, object] | None = None,
     clock: MachineClock | None = None,
     clock_rate: float = -0.002,
+    friction: float = 0.02,
     device: Device | None = None,
     baud: int = 115200,
     seed: int = 0,
@@ -129,10 +102,11 @@ def simulate(
     Args:
         test: plan, circuit, limit and gains. Its calibration is not used.
         folder: for the files; must not hold a journal.
-        muscle: the reference work's 7/8 in muscle unless given.
+        muscle: a `LinearMcKibben` unless given.
         specimen: entries of the dataset besides the rest length, unit in the key.
         clock: of the machine's log; 12.345 s ahead and 50 ppm fast unless given.
         clock_rate: of the device's clock.
+        friction: of the muscle, as for `SimulatedRig`.
         device: as for `SimulatedRig`, just switched on.
         baud: as for `SimulatedRig`.
         seed: of all noise.
@@ -149,7 +123,7 @@ def simulate(
     folder = Path(folder)
     paths = [folder / name for name in (JOURNAL, LOG, DATASET)]
     folder.mkdir(parents=True, exist_ok=True)
-    muscle = muscle or mckibben()
+    muscle = muscle or LinearMcKibben()
     machine = machine_for(muscle, clock or MachineClock(12.345, 50e-6), seed=seed + 2)
     if test.plan.stroke > machine.rest_length - machine.shortest:
         raise RigError(
@@ -157,7 +131,7 @@ def simulate(
             f"{machine.rest_length - machine.shortest:.5g} m that the machine allows this muscle"
         )
     # Blocked at the limit, and some more: a load cell that ends below would bend the curves.
-    most = 1.2 * muscle.force(muscle.rest_length, test.pressure_limit)
+    most = 1.2 * float(muscle.blocked_force(test.pressure_limit))
     rig = SimulatedRig(
         CIRCUITS[test.circuit](),
         muscle,
@@ -166,6 +140,7 @@ def simulate(
         force_sensor=load_cell(most),
         baud=baud,
         clock_rate=clock_rate,
+        friction=friction,
         seed=seed,
     )
     believed = rig.calibration() if calibrated is None else calibrated(rig.calibration())
@@ -175,7 +150,7 @@ def simulate(
     )  # fmt: skip
     machine.write_log(paths[1])
     found = analyse(
-        read_journal(paths[0]), read_machine_log(paths[1]), rest_length=muscle.rest_length
+        read_journal(paths[0]), read_machine_log(paths[1]), rest_length=float(muscle.rest_length)
     )
     write_dataset(found.characterisation, paths[2], specimen=specimen)
     return SimulatedTest(found, rig.now, tuple(paths))

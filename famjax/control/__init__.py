@@ -1,4 +1,4 @@
-"""Inverse maps and control: pressures for forces, joints, tracked lengths; time to fill and vent.
+"""Inverse maps and control: pressures for forces, joints, tracked lengths.
 
 Every function answers a batch, with a code in place of an exception: see `Outcome`.
 """

@@ -1,11 +1,3 @@
-from .air import (
-    AirLine as AirLine,
-    HeldLength as HeldLength,
-    HeldLoad as HeldLoad,
-    Passage as Passage,
-    Volume as Volume,
-    fluid_volume as fluid_volume,
-)
 from .inverse import (
     Answer as Answer,
     CommandedPressure as CommandedPressure,

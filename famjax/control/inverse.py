@@ -53,8 +53,7 @@ class Outcome(enum.IntEnum):
     NO_STATE = 8, "no force at that length, or an input is nan: compare muscle.length_range()"
     MOMENT_ARM = 9, "the lever has passed its dead centre, or the paths are exchanged"
     NO_EQUILIBRIUM = 10, "no equilibrium within the joint's angles: lower the load, or widen them"
-    BEYOND_LINE = 11, "the end is not between the start and the supply, or the atmosphere"
-    BEYOND_ANGLES = 12, "the angle is outside the joint's own: widen Antagonist.angles"
+    BEYOND_ANGLES = 11, "the angle is outside the joint's own: widen Antagonist.angles"
 
     def __str__(self) -> str:
         return f"{self.name}: {self.message}"

@@ -143,7 +143,7 @@ class Antagonist(eqx.Module):
 
     at constant pressures, with the moment arms r_f > 0 > r_e and the pulls F at the lengths of the
     paths. A muscle that would push is slack, F = 0. Pressures are those at rest: how long they take
-    is a matter of `AirLine`, friction one of `pressure_along`.
+    is a matter of `famjax.plant`, friction one of `pressure_along`.
 
     A method called as it is compiles quickly (of a bundled muscle's pair in some 15 s) and runs
     slowly; within your own `jax.jit`, `equinox.filter_jit(pair.pressures_for)`, it is compiled with all of

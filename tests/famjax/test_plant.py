@@ -1,9 +1,12 @@
 """Plants against adaptive solutions, closed forms and the firmware's controller."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from famjax.boundary.errors import InputError
 from famjax.plant import (
@@ -19,6 +22,7 @@ from famjax.plant import (
     PressureController,
     Regulated,
     SlipFriction,
+    SteppedPlant,
     choked_share,
     newton,
     simulate,
@@ -71,6 +75,49 @@ def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid: str) -> None:
     assert rms(forces) < FORCE_RMS
 
 
+def air_rate(t: float, P: float, V: float, rate: float) -> float:
+    """dP/dt [Pa/s] of the open valve from the supply and of its leak, written out."""
+    p, supply, C, b = P + ATMOSPHERE, 115 * PSI + ATMOSPHERE, 3.9e-9, 0.3
+    opening = 1 - np.exp(-t / 0.012)
+
+    def share(r: float) -> float:
+        return 1.0 if r <= b else np.sqrt(1 - ((r - b) / (1 - b)) ** 2)
+
+    into = (0.004 + opening) * C * supply * share(p / supply)
+    out = 0.004 * C * p * share(ATMOSPHERE / p) if P > 0.06 * ATMOSPHERE else 0.0
+    return 1.2 * (1e5 * (into - out) - p * rate) / (V + 5e-6)
+
+
+def water_rate(t: float, P: float, V: float, rate: float) -> float:
+    """dP/dt [Pa/s] of the pump at full speed against its needle, written out."""
+    full = 0.8e-6 * 5000 / 60
+    into = full * (1 - np.exp(-t / 0.1))
+    out = 0.8 * full * np.sqrt(max(P, 0.0) / (100 * PSI))
+    return (into - out - rate) * 35e6 / (V + 20e-6)
+
+
+@pytest.mark.parametrize(("fluid", "rate"), [("air", air_rate), ("water", water_rate)])
+def test_a_fill_is_that_of_its_equations_written_out(fluid: str, rate) -> None:
+    """By SciPy, without the plant's code: from 20 psi while the muscle shortens."""
+    circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
+    plant, speed = Plant(circuit, LinearMcKibben()), -2e-3
+    start = plant.start(pressure=20 * PSI)
+    four, B, L0 = 4 * np.pi * 1.09**2, 9.89 * INCH, 9.28125 * INCH
+
+    def slope(t: float, P: np.ndarray) -> list[float]:
+        L = L0 + speed * t
+        V = (B**2 * L - L**3) / four - 1.754 * INCH**3
+        return [rate(t, float(P[0]), V, (B**2 - 3 * L**2) / four * speed)]
+
+    times = np.arange(1, 101) * TICK
+    exact = solve_ivp(
+        slope, (0, 0.2), [20 * PSI], method="LSODA", rtol=1e-10, atol=1e-3, t_eval=times
+    )
+    found = simulate(plant, Command(np.ones(100), 0.0, speed), TICK, start=start).pressure
+    assert exact.y[0, -1] > 40 * PSI
+    assert np.abs(found - exact.y[0]).max() < 0.02 * PSI
+
+
 @pytest.mark.parametrize("ratio", [0.1, 0.29, 0.31, 0.6, 0.94])
 def test_an_orifice_is_that_of_the_standard(ratio: float) -> None:
     b = 0.3
@@ -112,6 +159,56 @@ def test_the_rule_is_of_second_order() -> None:
 
     change = np.diff([end(2**k) for k in (1, 2, 3, 4)])
     assert change[:-1] / change[1:] == pytest.approx(4.0, rel=0.15)
+
+
+def test_only_the_relief_valve_stops_a_blocked_needle() -> None:
+    """The needle blocks at 50 psi; above 115 psi the pump is stopped and the dump valve opened."""
+
+    def peak(**circuit) -> float:
+        plant = Plant(HydraulicCircuit(needle=0.0, bulk_modulus=200e6, **circuit), LinearMcKibben())
+        start = plant.start(pressure=50 * PSI)
+        start = dataclasses.replace(start, opening=jnp.array(0.8))
+        running = simulate(plant, Command(np.full(400, 200 / 255)), 1e-3, start=start)
+        over = int(np.argmax(running.pressure > 115 * PSI))
+        stopped = jax.tree.map(lambda leaf: leaf[over], running)
+        after = simulate(plant, Command(np.zeros(400), 1.0), 1e-3, start=stopped)
+        return float(jnp.maximum(after.pressure.max(), running.pressure[over])) / PSI
+
+    assert peak(relief=None, dump=0.0) > 500  # the pump's run-down alone
+    assert peak(relief=None) > 125
+    assert peak() < 120
+
+
+def test_a_stepped_plant_is_the_plant() -> None:
+    plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())
+    command = Command(np.repeat([0.8, 0.0], 20), np.repeat([0.0, 1.0], 20), -1e-3)
+    states = simulate(plant, command, TICK)
+    stepped = SteppedPlant(plant, TICK)
+    for signal, dump, length in zip(command.signal, command.dump, states.position, strict=True):
+        stepped.step(float(signal), float(dump), float(length))
+    assert stepped.pressure == pytest.approx(float(states.pressure[-1]), rel=CLOSED)
+    assert stepped.force == pytest.approx(float(states.force[-1]), rel=CLOSED)
+    stepped.plant = dataclasses.replace(
+        plant, circuit=PneumaticCircuit(leak=0.0, dump_conductance=0.0)
+    )
+    held = []
+    for _ in range(100):
+        stepped.step(128 / 255, 1.0, stepped.length)
+        held.append(stepped.pressure)
+    assert held[-1] == pytest.approx(held[-20], rel=1e-5)
+
+
+def test_the_linear_muscle_does_virtual_work_and_is_the_printed_one() -> None:
+    ideal = LinearMcKibben(bladder_stiffness=0.0, deadband_pressure=0.0)
+    for L in (0.16, 0.19, 0.2299):
+        swept = float(jax.grad(ideal.volume)(L, 3e5))
+        assert float(ideal.force(L, 3e5)) == pytest.approx(-3e5 * swept, rel=CLOSED)
+    pressures = np.array([20.0, 40.0, 60.0, 80.0, 100.0]) * PSI
+    muscle = LinearMcKibben()
+    blocked = np.asarray(muscle.blocked_force(pressures)) / LBF
+    assert blocked == pytest.approx([180, 403, 628, 850, 1058], rel=0.05)
+    free = np.asarray(muscle.free_contraction(pressures))
+    assert free[1:] == pytest.approx([0.312, 0.336, 0.348, 0.354], abs=0.03)
 
 
 @pytest.mark.slow
@@ -282,6 +379,8 @@ def test_newton_has_implicit_derivatives() -> None:
         (lambda: PneumaticCircuit(supply=-1.0), "supply must be finite and at least 0 Pa, got -1"),
         (lambda: HydraulicCircuit(lag=float("nan")), "lag must be finite and at least 0.0001 s, got nan"),
         (lambda: Plant((PneumaticCircuit(),) * 2, (LinearMcKibben(),) * 2), "two muscles need a"),
+        (lambda: Plant(PneumaticCircuit(), LinearMcKibben(rest_length=0.3)).start(),
+         "must hold fluid where the plant starts"),
         (lambda: simulate(Plant(PneumaticCircuit(), LinearMcKibben()), Command(0.5), TICK),
          "one value for each"),
     ],

@@ -10,6 +10,7 @@ from benches import PSI, journal_of, opened, vented
 
 from famjax.app.isobaric import analyse, table
 from famjax.app.simulation import Watcher
+from famjax.plant import LinearMcKibben, PneumaticCircuit
 from fitting.records import read_machine_log
 from rig.cli import CameraCommand
 from rig.control import Control
@@ -18,7 +19,7 @@ from rig.errors import RigError, RigFault
 from rig.execution import Attendant, Request, Situation, Start, run
 from rig.journal import audit, read_journal
 from rig.plan import Isobaric
-from rig.simulation import MachineClock, PneumaticCircuit, SimulatedRig, machine_for, mckibben
+from rig.simulation import MachineClock, SimulatedRig, machine_for
 
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=2, stroke=0.01, rate=0.002, settle=3.0)
 
@@ -118,7 +119,7 @@ class ByHand(Scripted):
 @pytest.mark.parametrize("start", ["asked", "load"])
 def test_strokes_are_waited_for(start: Start, tmp_path: Path) -> None:
     """Four seconds late each time: the run goes on once they have begun, and not before."""
-    muscle, path, person = mckibben(), tmp_path / "test.fam", ByHand()
+    muscle, path, person = LinearMcKibben(), tmp_path / "test.fam", ByHand()
     sim = SimulatedRig(PneumaticCircuit(), muscle, machine_for(muscle, MachineClock()))
     person.machine = sim.machine
     if start == "asked":
@@ -132,7 +133,7 @@ def test_strokes_are_waited_for(start: Start, tmp_path: Path) -> None:
         assert began["held"]
     sim.machine.write_log(tmp_path / "machine.csv")
     log = read_machine_log(tmp_path / "machine.csv")
-    found = analyse(record, log, rest_length=muscle.rest_length)
+    found = analyse(record, log, rest_length=float(muscle.rest_length))
     assert [isobar.cycles for isobar in found.characterisation.isobars] == [2, 2]
 
 

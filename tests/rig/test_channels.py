@@ -9,6 +9,7 @@ import pytest
 from benches import GAINS, PSI, Exchanged, highest, journal_of, opened
 from rig_commands import calibrated
 
+from famjax.plant import LinearMcKibben
 from rig import read_journal
 from rig.calibration import Calibration, FeedForward, Sensor, write_calibration
 from rig.channels import FlowWatch, floor_counts, numbered, unseen
@@ -25,7 +26,6 @@ from rig.simulation import (
     SimulatedRig,
     SimulatedSensor,
     load_cell,
-    mckibben,
     pressure_transducer,
 )
 
@@ -36,8 +36,7 @@ STROKES = Isobaric((40 * PSI,), 1, 0.05, 0.0025, settle=3.0)
 
 def ranged(limit_psi: float) -> float:
     """Pull [N] at 1.2 times a limit."""
-    muscle = mckibben()
-    return 1.2 * muscle.force(muscle.rest_length, limit_psi * PSI)
+    return 1.2 * float(LinearMcKibben().blocked_force(limit_psi * PSI))
 
 
 # ---- exchanged channels, and supplies that are not there ----
@@ -97,7 +96,9 @@ def test_a_circuit_without_supply_is_refused(
 def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run() -> None:
     """No deadband, and zeros alike: the load is then held, the pressure rises as the muscle shortens."""
     cell = SimulatedSensor(0.0, ranged(60), 2.0)
-    sim = SimulatedRig(None, mckibben(deadband_pressure=0.0), device=Exchanged(), force_sensor=cell)
+    sim = SimulatedRig(
+        None, LinearMcKibben(deadband_pressure=0.0), device=Exchanged(), force_sensor=cell
+    )
     peak = highest(sim)
     with (
         pytest.raises(RigFault, match="the load rises while the circuit is filled"),

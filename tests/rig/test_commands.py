@@ -257,7 +257,7 @@ def test_a_pump_is_stepped_under_the_limits_of_its_plan(
     found = read_calibration(tmp_path / "calibration.toml")
     assert found.pressure == true.pressure
     for psi in (20, 80):
-        steady = sim.circuit.steady_output(psi * PSI)
+        steady = 255 * sim.circuit.steady_signal(psi * PSI)
         assert found.feed_forward.output(psi * PSI) == pytest.approx(steady, abs=2.0)
 
 

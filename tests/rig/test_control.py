@@ -9,6 +9,7 @@ import pytest
 from benches import GAINS, LIMIT, PSI, journal_of, opened, vented
 
 from famjax.app.isobaric import convert, table
+from famjax.plant import HydraulicCircuit, LinearMcKibben
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, Rig, stored_settings
 from rig.device import firmware_folder
@@ -18,7 +19,7 @@ from rig.journal import audit, read_journal, summary
 from rig.link import VirtualLink
 from rig.plan import Isobaric, next_block
 from rig.protocol import PRESSURE_UNIT, RUN, frame
-from rig.simulation import HydraulicCircuit, SimulatedRig, load_cell, mckibben
+from rig.simulation import SimulatedRig, load_cell
 
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
 
@@ -201,12 +202,12 @@ def test_the_device_reports_what_its_twin_stores_of_the_settings(tmp_path: Path)
 
 
 SMALL = {"rest_length": 0.1, "thread_length": 0.106, "turns": 2.35, "solid_volume": 0.6e-6,
-         "stiffness": 200.0}  # a muscle of 3/16 in and 1.2 ml  # fmt: skip
+         "bladder_stiffness": 200.0}  # a muscle of 3/16 in and 1.2 ml  # fmt: skip
 
 
 def test_a_small_muscle_trips_on_a_large_step_until_the_plan_allows_it() -> None:
     def step(**limit: float) -> float:
-        sim = SimulatedRig(muscle=mckibben(**SMALL), force_sensor=load_cell(500.0))
+        sim = SimulatedRig(muscle=LinearMcKibben(**SMALL), force_sensor=load_cell(500.0))
         with opened(sim, control=Control.per_psi(1, 2), **limit) as rig:
             rig.set_pressure(80 * PSI)
             rig.wait(5.0)
@@ -280,7 +281,7 @@ def test_the_calibration_in_the_readme_holds_a_pressure(
     # Counts were rounded to whole ones, 0.05 psi; a cubic meets the needle's square root to 2 counts.
     assert float(calibration.pressure.value(1328.7)) == pytest.approx(40 * PSI, abs=0.1 * PSI)
     for psi in (20, 80):
-        steady = sim.circuit.steady_output(psi * PSI)
+        steady = 255 * sim.circuit.steady_signal(psi * PSI)
         assert calibration.feed_forward.output(psi * PSI) == pytest.approx(steady, abs=2.0)
 
 
@@ -288,7 +289,7 @@ def test_the_feed_forward_of_a_pump_is_found_by_stepping_it() -> None:
     circuit = HydraulicCircuit()
     sim = SimulatedRig(circuit)
     true = sim.calibration().feed_forward
-    outputs = [int(circuit.steady_output(p * PSI)) for p in (8, 20, 35, 50, 65, 80, 95)]
+    outputs = [int(255 * circuit.steady_signal(p * PSI)) for p in (8, 20, 35, 50, 65, 80, 95)]
     with Rig(VirtualLink(sim), sim.calibration(), pressure_limit=LIMIT, control=GAINS) as rig:
         found = calibrate_feed_forward(rig, [*outputs, *outputs[::-1]], settle=2.5, average=1.0)
     assert vented(sim)

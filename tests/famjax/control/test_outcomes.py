@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import famjax
-from famjax.control import Antagonist, HeldLength, Outcome, Pulley, pressure_for_force
+from famjax.control import Antagonist, Outcome, Pulley, pressure_for_force
 
 HIGH = 6e5
 
@@ -70,9 +70,8 @@ def test_messages_say_what_to_do(outcome: str, do: str) -> None:
 def test_the_volume_of_a_safe_muscle_is_its_models_and_goes_on(festo: famjax.Muscle) -> None:
     safe = famjax.SafeMuscle.of(festo, [0.26, 0.29], [1e5, HIGH])
     L, P = float(np.mean(safe.region.length)), float(np.mean(safe.region.pressure))
-    volume = HeldLength(safe, L)(P)
-    np.testing.assert_allclose(volume, HeldLength(festo, L)(P), rtol=1e-12)
-    assert float(HeldLength(safe, 0.1)(P)) > 0
+    np.testing.assert_allclose(safe.volume(L, P), festo.volume(L, P), rtol=1e-12)
+    assert float(safe.volume(0.1, P)) > 0
 
 
 def test_where_the_force_is_nan_its_derivative_is_none_and_the_others_are_right(
