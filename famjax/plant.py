@@ -36,7 +36,7 @@ ATMOSPHERE = 101325.0  # ambient pressure [Pa], absolute
 ANR_PRESSURE = 1e5  # of the reference atmosphere in which ISO 6358 states volume flow [Pa]
 SLOW_FLOW = 0.05  # pressure drop over upstream pressure below which the flow is a cubic
 LAMINAR = 20.0  # Pa: an orifice's flow is as of sqrt(P) well above it, and linear well below
-CRACKING = 5e3  # Pa: a relief valve begins to open about as much below its pressure
+CRACKING = 1e3  # Pa: a relief valve begins to open about as much below its pressure
 TICK = 2e-3  # of the device's controller [s]
 _GAMMA = 1 - math.sqrt(0.5)  # of the stages
 _MOST_STEPS = 30  # of Newton's method
@@ -197,7 +197,7 @@ class HydraulicCircuit(AbstractCircuit):
         Q = D w - K u - G P_c log(1 + exp((P - P_r)/P_c)),    P = u sqrt(u^2 + P_l)
 
     u is the square root of P, well above P_l = 20 Pa, and linear in it below, where flow is laminar:
-    0.1 % off at 5 kPa. The relief valve cracks over P_c = 5 kPa; a thousandth of that flow is left
+    0.1 % off at 5 kPa. The relief valve cracks over P_c = 1 kPa; a thousandth of that flow is left
     7 P_c below P_r, G (P - P_r) as far above it. Neglected: inertia of the water, leakage inside the
     pump (it lets nothing back), and the pressure in the return line.
 
@@ -468,7 +468,7 @@ class Plant(Parametrised):
     A step is a two-stage diagonally implicit rule of second order, L-stable (Alexander 1977), in the
     fluid and the momentum; lags and driven lengths are exact. The signal is constant in a step. At
     2 ms it is within 0.005 psi of an adaptive solution in the root mean square; water that is dumped
-    arrives at zero within 0.05 psi, and where a relief valve closes a tick is 0.05 psi off.
+    arrives at zero within 0.05 psi, and where a relief valve closes a tick is 0.1 psi off.
     Neglected: the pressure drop between circuit and muscle, and the muscle's own mass.
 
     Attributes:

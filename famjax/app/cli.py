@@ -32,7 +32,7 @@ COMMANDS = (
     f"{_HERE}.doctor:doctor", f"{_FITTING}.muscle:export", f"{_FITTING}.fit:fit",
     f"{_HERE}.commands:measure", f"{_FITTING}.muscle:predict", f"{_FITTING}.several:ramps",
     f"{_HERE}.doctor:reproduce", f"{_FITTING}.several:series", f"{_HERE}.shape:shape",
-    f"{_FITTING}.several:sweep",
+    f"{_HERE}.dynamics:simulate", f"{_FITTING}.several:sweep",
 )  # fmt: skip
 """Where each command is, `module:function`."""
 RIG_COMMANDS = tuple(

@@ -1,0 +1,273 @@
+"""The command `famjax simulate`: a muscle under valve commands, a controller and a load, over time."""
+
+import dataclasses
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+from msgspec import Meta
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.toml_file import Form, NotNegative, Positive, from_entries, read_toml
+from famjax.boundary.units import SYSTEMS, from_si, parse_quantity, unit_system
+from famjax.compilation_cache import start_jax
+from famjax.console import Output, Units, in_units, print_json, print_rows
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from famjax.plant import AbstractCircuit, Plant
+
+_TABLES = ("circuit", "load", "friction", "controller", "step")
+_COUNTS = 255
+_UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "volume"}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Load:
+    """The table [load]; without a mass the muscle is driven."""
+
+    length: Positive | None = None
+    mass: Positive | None = None
+    stiffness: NotNegative = 0.0
+    relaxed: Positive | None = None
+    damping: NotNegative = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class _Controller:
+    """The table [controller], the device's gains."""
+
+    proportional_counts_per_psi: NotNegative
+    integral_counts_per_psi_s: NotNegative
+
+
+@dataclasses.dataclass(frozen=True)
+class _Step:
+    """One of [[step]]; `signal` or `set_pressure`."""
+
+    duration: Positive
+    signal: Annotated[float, Meta(ge=0, le=1, description="0 to 1 of the full output")] | None = (
+        None
+    )
+    set_pressure: NotNegative | None = None
+    dump: bool = False
+    rate: float = 0.0
+    force: float = 0.0
+
+
+_LOAD_FORM = Form(
+    {"length": "length", "relaxed": "length"},
+    {"mass": "mass_kg", "stiffness": "stiffness_N_per_m", "damping": "damping_N_s_per_m"},
+)
+_STEP_FORM = Form(
+    {"duration": "time", "set_pressure": "pressure", "rate": "rate", "force": "force"}
+)
+
+
+def simulate(
+    card: str,
+    plan: Path,
+    *,
+    every: str = "10ms",
+    own: tuple[str, ...] = (),
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("famjax-simulation"),
+    units: Units = "metric",
+    json_: bool = False,
+) -> int:
+    """Simulate a muscle under valve commands and loads: pressure, length and pull over time.
+
+    Writes `simulation.csv` and `simulation.svg`, and prints the state at the end of each step of the
+    plan. The concept page on dynamics shows a plan and says what is neglected.
+
+    Parameters
+    ----------
+    card
+        A card of `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
+    plan
+        TOML file with the tables [circuit], [load] and one [[step]] for each command; [friction] and
+        [controller] if they are needed.
+    every
+        Time between two rows of the table with its unit, a multiple of 2 ms.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the card's muscle is
+        made: `--own my_rubber`. Without it no module is imported that a file names.
+    output
+        Folder for the files, created if missing.
+    units
+        Of the table and the files: si, metric or us.
+    json_
+        Print one JSON object in SI to standard output and nothing else there.
+    """
+    start_jax()
+    import numpy as np
+
+    from famjax.compile_options import quick_jit
+    from famjax.plant import TICK, Command, Regulated, simulate as run
+
+    folder, each = Output(output), round(parse_quantity(every, "time") / TICK)
+    if each < 1:
+        raise InputError(f"--every must be at least 2 ms, the time of a step; got {every}")
+    tables = read_toml(plan, "plan")
+    if unknown := tables.keys() - set(_TABLES):
+        raise InputError(f"{plan}: unknown table {min(unknown)!r}; known are {', '.join(_TABLES)}")
+    steps, circuit = _steps(tables, plan), _circuit(tables, plan)
+    controller = _controller(tables, plan, circuit) if steps[0].signal is None else None
+    plant, length = _plant(tables, plan, circuit, lambda: _safe_muscle(card, own))
+    system: Any = plant if controller is None else Regulated(plant, controller)
+    counts = [max(round(one.duration / TICK), 1) for one in steps]
+    asked = [one.set_pressure if one.signal is None else one.signal for one in steps]
+    drives = [one.force if plant.load.moves else one.rate for one in steps]
+    command = Command(*(np.repeat(np.array(one, float), counts) for one in (
+        asked, [one.dump for one in steps], drives)))  # fmt: skip
+    states = quick_jit(run)(system, command, TICK, start=system.start(length))
+    states = getattr(states, "plant", states)
+    found = {
+        "time": TICK * np.arange(1, sum(counts) + 1),
+        "pressure": np.asarray(states.pressure),
+        "length": np.asarray(states.position),
+        "force": np.asarray(states.force),
+    }
+    if (bad := ~np.isfinite(found["force"] + found["pressure"])).any():
+        raise InputError(
+            f"{plan}: the muscle has no state after {found['time'][bad][0]:.3f} s, at a length of "
+            f"{found['length'][bad][0]:.4g} m; shorten the stroke, or raise stiffness or damping"
+        )
+    rows = _rows({name: one[each - 1 :: each] for name, one in found.items()}, units)
+    ends = np.cumsum(counts) - 1
+    summary = _rows({name: one[ends] for name, one in found.items()}, "si")
+    lines = [",".join(rows[0]), *(",".join(f"{x:.9g}" for x in row.values()) for row in rows)]
+    csv = "\n".join(lines) + "\n"
+    files = {"simulation.csv": csv.encode(), "simulation.svg": _drawn(found, units)}
+    paths = folder.write(files)
+    if json_:
+        print_json({"steps": summary, "files": [str(path) for path in paths]})
+        return 0
+    print_rows("End of each step", in_units(summary, unit_system(units)))
+    folder.tell(paths)
+    return 0
+
+
+def _safe_muscle(card: str, own: tuple[str, ...]) -> Any:
+    from famjax.cards import read_card
+    from famjax.console import add_cwd_to_path
+    from famjax.muscles import bundled_card, bundled_name
+
+    if own:
+        add_cwd_to_path()
+    if not Path(card).exists() and bundled_name(card):
+        return bundled_card(card).safe()
+    return read_card(Path(card), own=own).safe()
+
+
+def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
+    given = tables.get("step") or []
+    steps = [
+        from_entries(_Step, one, _STEP_FORM, where=f"{plan}: [[step]] {k}: ")
+        for k, one in enumerate(given, 1)
+    ]
+    kinds = {(one.signal is None, one.set_pressure is None) for one in steps}
+    if kinds not in ({(True, False)}, {(False, True)}):
+        raise InputError(
+            f"{plan}: a plan has one [[step]] or more, all with a signal, or all with a set pressure as "
+            "set_pressure_kPa and a table [controller]"
+        )
+    return steps
+
+
+def _circuit(tables: dict[str, Any], plan: Path) -> "AbstractCircuit":
+    from famjax.plant import HydraulicCircuit, PneumaticCircuit
+
+    entries = dict(tables.get("circuit", {}))
+    fluid = entries.pop("fluid", "air")
+    if fluid not in ("air", "water"):
+        raise InputError(f"{plan}: [circuit]: fluid must be 'air' or 'water', got {fluid!r}")
+    made = PneumaticCircuit() if fluid == "air" else HydraulicCircuit()
+    return _with_numbers(made, entries, f"{plan}: [circuit]: ")
+
+
+def _plant(
+    tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit", read: Callable[[], Any]
+) -> tuple["Plant", float]:
+    """The plant, and the length [m] at which it starts."""
+    from famjax.plant import DahlFriction, DrivenLength, MovingLoad, Plant, SlipFriction
+
+    load = from_entries(_Load, tables.get("load", {}), _LOAD_FORM, where=f"{plan}: [load]: ")
+    friction: Any = None
+    if "friction" in tables:
+        friction = _with_numbers(DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
+    muscle = read()
+    if friction is None and muscle.hysteresis is not None:
+        friction = SlipFriction(muscle.hysteresis)
+    length = float(muscle.rest_length) if load.length is None else load.length
+    moved: Any = DrivenLength()
+    if load.mass is not None:
+        relaxed = length if load.relaxed is None else load.relaxed
+        moved = MovingLoad.hung(load.mass, stiffness=load.stiffness, relaxed=relaxed,
+                                damping=load.damping)  # fmt: skip
+    return Plant(circuit, muscle, moved, friction), length
+
+
+def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:
+    """A part with the numbers of a table in place of its own: units in the key, or SI."""
+    declared = part.declared()
+    kinds = {name: _UNITS[one.unit] for name, one in declared.items() if one.unit in _UNITS}
+    table = dataclasses.make_dataclass("table", [(n, float | None, None) for n in declared])
+    given = dataclasses.asdict(from_entries(table, entries, Form(kinds), where=where))
+    try:
+        return dataclasses.replace(part, **{n: v for n, v in given.items() if v is not None})
+    except InputError as problem:
+        raise InputError(f"{where}{problem}") from None
+
+
+def _controller(tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit") -> Any:
+    from famjax.plant import PressureController
+    from famjax.units import PSI
+
+    gains = from_entries(_Controller, tables.get("controller", {}), where=f"{plan}: [controller]: ")
+    per_psi = 1 / _COUNTS / PSI
+    return PressureController(
+        gains.proportional_counts_per_psi * per_psi,
+        gains.integral_counts_per_psi_s * per_psi,
+        _feed_forward(circuit),
+    )
+
+
+def _feed_forward(circuit: "AbstractCircuit") -> Any:
+    """Coefficients of the output that holds a pressure, as a calibration of the rig finds them."""
+    from famjax.units import PSI
+    from rig.calibration import fit_feed_forward
+
+    if not hasattr(circuit, "steady_signal"):
+        return [float(circuit.bias)]  # pyright: ignore[reportAttributeAccessIssue]
+    pressures = [5 * PSI * k for k in range(1, 24)]
+    outputs = [_COUNTS * circuit.steady_signal(P) for P in pressures]  # pyright: ignore
+    return [one / _COUNTS for one in fit_feed_forward(pressures, outputs).coefficients]
+
+
+def _rows(found: dict[str, "np.ndarray"], units: str) -> list[dict[str, float]]:
+    """Rows of a table, the unit in the name of each column."""
+    named = {f"{name}_{SYSTEMS[units][name]}": (name, one) for name, one in found.items()}
+    columns = [
+        [from_si(float(value), SYSTEMS[units][name], name) for value in one]
+        for name, one in named.values()
+    ]
+    return [dict(zip(named, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def _drawn(found: dict[str, "np.ndarray"], units: str) -> bytes:
+    """Pressure, length and pull over time, as SVG."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 6), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, name in zip(panels, ("pressure", "length", "force"), strict=True):
+        unit = unit_system(units)[name]
+        axes.plot(found["time"], [from_si(float(x), unit, name) for x in found[name]], color="k")
+        axes.set_ylabel(f"{name} [{unit}]")
+    panels[-1].set_xlabel("time [s]")
+    picture = io.BytesIO()
+    figure.savefig(picture, format="svg")
+    return picture.getvalue()
