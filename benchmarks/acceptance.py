@@ -301,6 +301,22 @@ def _photographs() -> Iterator[Row]:
     )  # fmt: skip
 
 
+def _plants() -> Iterator[Row]:
+    for fluid in ("air", "water"):
+        yield from rows(
+            "plant, steps of 2 ms", "plants:steps",
+            (f"{fluid}, pressure [psi]", "<=", 0.005, "a fiftieth of the transducer's noise"),
+            (f"{fluid}, force [lbf]", "<=", 0.02, "a twentieth of the load cell's noise"),
+            command="famjax.plant.simulate", data="simulated plant", part="fills, strokes, a dump",
+        )  # fmt: skip
+    yield from rows(
+        "plant, cost", "plants:costs",
+        ("gradient over simulation", "<=", 8, "reverse mode, with what it keeps"),
+        ("256 plants over one", "<=", 100, "else a loop would do"),
+        command="famjax.plant.simulate", data="simulated plant", part="2 s of plant and controller",
+    )  # fmt: skip
+
+
 def _rig() -> Iterator[Row]:
     rig: dict = {"data": "simulated rig", "cost": "long"}
     yield from rows(
@@ -448,8 +464,8 @@ def _shapes() -> Iterator[Row]:
 
 
 ROWS: tuple[Row, ...] = (
-    *_fits(), *_default_answer(), *_speed(), *_photographs(), *_rig(), *_folders(), *_print_and_export(),
-    *_shapes(),
+    *_fits(), *_default_answer(), *_speed(), *_photographs(), *_plants(), *_rig(), *_folders(),
+    *_print_and_export(), *_shapes(),
 )  # fmt: skip
 COSTS = {"quick": {"quick"}, "usual": {"quick", "minutes"}, "long": {"quick", "minutes", "long"}}
 

@@ -1,0 +1,98 @@
+"""Dynamics: steps of 2 ms against adaptive solutions, derivatives, and what a plant costs.
+
+`steps`: fills, holds, strokes at 0.02 to 0.2 in/s, a vent and a dump, by steps and by diffrax at 1e-9.
+`costs`: 2 s of plant and controller, their gradient in every number, and 256 plants at once, over one.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from row import CannotRunError, Case
+
+from famjax.plant import (
+    TICK,
+    Command,
+    DahlFriction,
+    HydraulicCircuit,
+    LinearMcKibben,
+    Plant,
+    PneumaticCircuit,
+    PressureController,
+    Regulated,
+    simulate,
+    solve_adaptively,
+)
+from famjax.units import INCH, LBF, PSI
+
+jax.config.update("jax_enable_x64", True)
+CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
+# Signal, dump and rate [in/s] of each second.
+TESTS = {
+    "air": ((0.75, 0, 0), (0.5, 0, 0), (0.5, 0, -0.04), (0.5, 0, 0.04), (0.3, 0, 0), (0.9, 0, -0.2),
+            (0.45, 0, 0.2), (0.502, 0, -0.02), (0, 1, 0)),
+    "water": ((0.75, 0, 0), (0.6, 0, 0), (0.6, 0, -0.04), (0.6, 0, 0.04), (0.3, 0, 0), (0.9, 0, -0.2),
+              (0.5, 0, 0.2), (0.5, 0, -0.02), (0, 1, 0)),
+}  # fmt: skip
+
+
+def _plant(fluid: str) -> Plant:
+    return Plant(CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction())
+
+
+def steps(_: Case) -> dict[str, float]:
+    """Root mean square of the difference over a whole test."""
+    found, times = {}, np.arange(1, 501) * TICK
+    for fluid, test in TESTS.items():
+        plant = _plant(fluid)
+        solve = eqx.filter_jit(solve_adaptively)
+        state = precise = plant.start()
+        apart = []
+        for signal, dump, rate in test:
+            command = Command(signal, float(dump), rate * INCH)
+            many = Command(np.full(times.size, signal), float(dump), rate * INCH)
+            stepped = simulate(plant, many, TICK, start=state)
+            try:
+                exact = solve(plant, precise, command, times)
+            except ValueError as error:
+                raise CannotRunError(str(error)) from None
+            apart.append([stepped.pressure - exact.pressure, stepped.force - exact.force])
+            state, precise = (jax.tree.map(lambda x: x[-1], one) for one in (stepped, exact))
+        P, F = np.sqrt(np.mean(np.square(apart), axis=(0, 2)))
+        found |= {f"{fluid}, pressure [psi]": P / PSI, f"{fluid}, force [lbf]": F / LBF}
+    return {name: float(value) for name, value in found.items()}
+
+
+def _seconds(run: Callable[[], Any], repeat: int) -> float:
+    jax.block_until_ready(run())
+    took = []
+    for _ in range(repeat):
+        begun = time.process_time()
+        jax.block_until_ready(run())
+        took.append(time.process_time() - begun)
+    return min(took)
+
+
+def costs(case: Case) -> dict[str, float]:
+    """Processor time over that of one simulation of 2 s."""
+    regulated = Regulated(_plant("air"), PressureController(4 / 255 / PSI, 2 / 255 / PSI))
+    command = Command(np.full(1000, 40 * PSI), 0.0, np.repeat([-1e-3, 1e-3], 500))
+
+    def end(plant: Regulated) -> jax.Array:
+        return simulate(plant, command, TICK).plant.pressure[-1]
+
+    def of_lag(lag: jax.Array) -> jax.Array:
+        return end(eqx.tree_at(lambda one: one.plant.circuit.lag, regulated, lag))
+
+    lags = jnp.linspace(0.01, 0.02, 256)
+    one, slopes = eqx.filter_jit(end), eqx.filter_jit(eqx.filter_grad(end))
+    many = jax.jit(jax.vmap(of_lag))
+    least = _seconds(lambda: one(regulated), case.repeat)
+    return {
+        "gradient over simulation": _seconds(lambda: slopes(regulated), case.repeat) / least,
+        "256 plants over one": _seconds(lambda: many(lags), case.repeat) / least,
+    }
