@@ -25,8 +25,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from ._arrays import Given, Real, RealArray, as_number, as_real, compiled
-from .boundary.errors import InputError
-from .boundary.extras import import_extra
+from .boundary.errors import InputError, import_extra
 from .compile_options import quick_options
 from .muscle import AbstractMuscle
 from .parameters import Declared, Parametrised, number, parameter

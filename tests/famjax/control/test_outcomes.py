@@ -12,7 +12,7 @@ HIGH = 6e5
 
 
 def test_codes_to_words_in_one_call() -> None:
-    codes = jnp.array([[0, 1], [8, 12]])
+    codes = jnp.array([[0, 1], [8, 11]])
     assert Outcome.words(codes).tolist() == [
         ["FEASIBLE", "FORCE_LOW"],
         ["NO_STATE", "BEYOND_ANGLES"],
