@@ -185,12 +185,12 @@ class Lie:
         sim = SimulatedRig(circuit, device=device, seed=self.seed)
         step = sim.plant.step
 
-        def watched(now: float, dt: float, output: int, dump_open: bool) -> None:
+        def watched(signal: float, dump: float | bool, length: float) -> None:
             nonlocal peak
-            step(now, dt, output, dump_open)
+            step(signal, dump, length)
             peak = max(peak, sim.pressure)
 
-        sim.plant.step = watched
+        sim.plant.step = watched  # pyright: ignore[reportAttributeAccessIssue]
         limit, wanted = self.limit_psi * PSI, self.set_psi * PSI
 
         def lie() -> None:

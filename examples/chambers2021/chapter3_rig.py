@@ -17,7 +17,7 @@ from beside_print import Chapter, Row, printed
 from twin import Twin
 
 from famjax import units
-from famjax.app import analyse, simulate, simulated_muscle
+from famjax.app import analyse, simulate
 from fitting.records import Characterisation, force_rmse, read_machine_log
 from rig.control import Control
 from rig.journal import read_journal
@@ -51,8 +51,8 @@ def water(twin: Twin) -> Characterisation:
         rate = printed()["specimen"]["stroke_rate_in_per_s"] * units.INCH
         plan = Isobaric(set_pressures, 1, stroke, rate, settle=6.0)
         supply = printed()["pressure_control"]["supply_psi"] * units.PSI
-        muscle = simulated_muscle([true.muscle()], shortest=0.655 * rest, friction=true.friction)
-        simulate(PlanFile(plan, "water", supply, gains("water")), folder, muscle=muscle)
+        water = PlanFile(plan, "water", supply, gains("water"))
+        simulate(water, folder, muscle=true.muscle(), friction=true.friction)
     journal, log = read_journal(folder / "test.fam"), read_machine_log(folder / "machine.csv")
     return analyse(journal, log, rest_length=rest).characterisation
 

@@ -15,7 +15,7 @@ from twin import Twin
 import famjax
 import fitting
 from famjax import units
-from famjax.app import simulate, simulated_muscle
+from famjax.app import simulate
 from famjax.compile_options import quick_jit
 from famjax.geometries import AbstractGeometry
 from famjax.measured import AverageDiameterGeometry
@@ -129,12 +129,11 @@ def simulated(muscle: famjax.Muscle, friction: float, folder: Path) -> fitting.F
             tuple(P * units.PSI for P in PRESSURES), 1, 0.345 * rest, 0.1 * units.INCH, settle=6.0
         )
         test = PlanFile(plan, "air", 115 * units.PSI, Control.per_psi(4, 2))
-        table = simulated_muscle([muscle], shortest=rest * (1 - 0.349), friction=friction)
         wall = {
             "name": folder.name,
             "wall_thickness_in": printed()["specimen"]["bladder_thickness_in"],
         }
-        simulate(test, folder, muscle=table, specimen=wall)
+        simulate(test, folder, muscle=muscle, friction=friction, specimen=wall)
     return fitting.read_csv(path)
 
 

@@ -24,5 +24,4 @@ from .simulation import (
     SimulatedTest as SimulatedTest,
     reference_muscle as reference_muscle,
     simulate as simulate,
-    simulated_muscle as simulated_muscle,
 )

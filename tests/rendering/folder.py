@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from famjax.app.folder import SHEET
-from famjax.app.simulation import LOG, simulate, simulated_muscle
+from famjax.app.simulation import LOG, simulate
 from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI
 from rig.calibration import Calibration
@@ -97,12 +97,9 @@ def _test(folder: Path, truth: Truth, seed: int, show: _Show) -> Any:
     muscle, rig = truth.muscle, truth.rig
     plan = Isobaric(rig.pressures, rig.cycles, rig.stroke, rig.rate, settle=rig.settle)
     limit = max(115 * PSI, 1.15 * max(rig.pressures))
-    held = simulated_muscle(
-        [muscle.muscle()], shortest=muscle.rest_length * (1 - MOST + 0.005),
-        friction=muscle.friction,
-    )  # fmt: skip
     made = simulate(
-        PlanFile(plan, "air", limit, Control.per_psi(4, 2)), folder, muscle=held,
+        PlanFile(plan, "air", limit, Control.per_psi(4, 2)), folder,
+        muscle=muscle.muscle(), friction=muscle.friction,
         clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed, began=_BEGAN,
         calibrated=lambda perfect: _calibrated(perfect, truth.errors),
         progress=lambda done, total: show("simulating the test", done, total),
