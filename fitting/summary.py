@@ -127,7 +127,7 @@ def held_and_active(
 
 def _touching(
     problem: Problem, pull: Float[np.ndarray, " m"]
-) -> tuple[list[Int[np.ndarray, " k"]], int]:
+) -> tuple[list[Int[np.ndarray, " _"]], int]:
     """The active rows of each point that is touched on a path, and the number of rows of paths."""
     found, first = [], 0
     for part, rows_of_part in zip(problem.parts, problem.path_rows, strict=True):
@@ -147,7 +147,7 @@ def _bent(
     problem: Problem,
     point: Point,
     pull: Float[np.ndarray, " m"],
-    touches: Sequence[Int[np.ndarray, " k"]],
+    touches: Sequence[Int[np.ndarray, " _"]],
 ) -> Float[np.ndarray, "c p"]:
     """Roots of what the touched points add to the curvature, by differences in their place."""
     p = len(problem.names) + len(problem.linear)

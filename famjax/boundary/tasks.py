@@ -176,14 +176,13 @@ def run_tasks(
     done, tell = len(items) - len(waiting), progress or (lambda _done, _total: None)
     tell(done, len(items))
     with _pool(executor, len(waiting)) as pool:
-        jobs = {}
+        jobs: dict[Any, int] = {}
         try:
             if pool is None:
                 results = ((index, functools.partial(function, items[index])) for index in waiting)
             else:
                 call = functools.partial(_called, _settings(), function)
-                jobs = {pool.submit(call, items[index]): index for index in waiting}
-                results = ((jobs[job], job.result) for job in as_completed(jobs))
+                results = _as_done(pool, call, items, waiting, jobs)
             for index, result in results:
                 try:
                     part = result()
@@ -206,6 +205,24 @@ def run_tasks(
             for job in jobs:
                 job.cancel()
     return kept
+
+
+def _as_done(
+    pool: Any,
+    call: Callable[[Any], Any],
+    items: Sequence[Any],
+    waiting: Sequence[int],
+    jobs: dict[Any, int],
+) -> Iterator[tuple[int, Callable[[], Any]]]:
+    """Submit all items; index and result of each as soon as it is done, also while others are submitted."""
+    for index in waiting:
+        job = pool.submit(call, items[index])
+        if job.done():
+            yield index, job.result
+        else:
+            jobs[job] = index
+    for job in as_completed(jobs):
+        yield jobs[job], job.result
 
 
 def _pool(executor: AnyExecutor, count: int) -> contextlib.AbstractContextManager[Any]:

@@ -70,7 +70,7 @@ def test_characterise_repeats_what_simulate_found(
         "--output", tmp_path, "--units", "metric", *more,
     )  # fmt: skip
     assert code == 0
-    assert "set kPa" in out
+    assert "set pressure kPa" in out
     ours, theirs = (
         json.loads((folder / "characterisation.json").read_text())
         for folder in (tmp_path, simulated)

@@ -22,14 +22,11 @@ def test_a_map_is_a_table_in_si(found: fitting.Identification) -> None:
 
 
 def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> None:
-    frame, grid = found.to_pandas(), found.to_xarray()
+    frame = found.to_pandas()
     one = found.estimate("E_1")
     assert frame.loc["E_1", "value"] == one.value
     assert frame.loc["E_1", "unit"] == "Pa"
     assert frame.loc["braid_angle", "unit"] == "rad"
-    variance = grid["covariance"].sel(parameter="E_1", other_parameter="E_1")
-    assert np.sqrt(float(variance)) == pytest.approx(one.stderr)
-    assert float(np.sqrt((grid["residual_N"] ** 2).mean())) == pytest.approx(found.errors.rmse)
     shown = found._repr_html_()
     assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
 
@@ -38,7 +35,6 @@ def test_a_fit_that_depends_on_pressure_names_its_nodes(found: fitting.Identific
     free = fitting.identify(found.data, order=1, dependence="linear", starts=1)
     names = list(free.to_pandas().index)
     assert sum(name.startswith("E_1_at_") for name in names) == 2
-    assert list(free.to_xarray()["parameter"].values[-2:]) == ["E_1_at_node_1", "E_1_at_node_2"]
 
 
 def test_a_sweep_is_a_table_of_its_forms(found: fitting.Identification) -> None:
