@@ -148,7 +148,7 @@ def entry(name: str, value: float, kind: str, system: str) -> Row:
     return {f"{name}_{unit}" if unit else name: None if math.isnan(scaled) else scaled}
 
 
-def finite_or_none(value: float) -> float | None:
+def finite_or_none(value: float | int) -> float | None:
     """The value, or None (JSON null) if it is nan or infinite."""
     return float(value) if math.isfinite(value) else None
 
