@@ -124,8 +124,10 @@ def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None
     assert rows[0]["band"] == "linear, specimens"
     assert [row["inside"] for row in rows[:3]] == [True, True, False]
     assert rows[0]["high_95_N"] - rows[0]["low_95_N"] == pytest.approx(3.92 * std[0])
-    rigs = [famjax.cut_to_length(one.muscle, 0.125) for one in (fit.mounted, *fit.others)]
-    alone = np.average([one.force(lengths, 4e5) for one in rigs], axis=0, weights=fit.weights)
+    rigs = [famjax.cut_to_length(one.muscle, 0.125) for one in (fit.mounted, *fit.outlook.others)]
+    alone = np.average(
+        [one.force(lengths, 4e5) for one in rigs], axis=0, weights=fit.outlook.weights
+    )
     muscle = [r["muscle_force_N"] for r in rows[:3]]
     np.testing.assert_allclose(muscle, np.maximum(alone, 0.0), rtol=1e-9)
     assert alone[0] > force[0]  # the rig gives way
@@ -251,7 +253,7 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     assert row["low_95_N"] < truth < row["high_95_N"]
     with pytest.raises(SystemExit):
         main(["predict", str(folder / "fit.json"), "--length", "95mm", "--pressure", "400kPa"])
-    assert f"rest length of {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in capsys.readouterr().out
+    assert f"of rest length {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in capsys.readouterr().out
 
 
 class Pull(famjax.terms.AbstractForceTerm):

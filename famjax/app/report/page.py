@@ -267,7 +267,7 @@ def five_numbers(source: Source) -> PageTable:
     rest = float(source.sheet.specimen.rest_length)
     free = float(states.free_contraction)
     ends = np.array([rest, rest * (1 - free)] if np.isfinite(free) else [rest])
-    said = static_rows(fit.saved, ends, np.array([pressure]))
+    said = static_rows(fit.saved, ends, np.full(ends.size, pressure))
     std = [row["force_std_N"] or np.nan for row in said] + [np.nan]
     rows = [
         ("blocked force", float(states.blocked_force), std[0], "force"),

@@ -116,7 +116,7 @@ def test_pictures_that_contradict_stop_the_work_and_a_mended_sheet_goes_on(
     replaced(sheet, "pitch_in = 0.125", "pitch_cm = 0.125")
     code, _, err = run("characterise", folder, *steps)
     assert code == 2
-    assert "ratio of inches and cm" in err
+    assert "is the pitch of the ruler right" in err
     replaced(sheet, "pitch_cm = 0.125", "pitch_in = 0.125")
     code, _, err = run("characterise", folder, *steps)
     assert code == 0

@@ -95,7 +95,7 @@ def test_the_header_is_also_one_of_cpp(subject: Subject, tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_the_head_says_what_and_how_near(dmsp_20: Subject, tmp_path: Path) -> None:
-    for file in export(dmsp_20, ["c", "matlab", "mujoco", "csv"], tmp_path):
+    for file in export(dmsp_20, ["c", "mujoco", "csv"], tmp_path):
         text = file.read_text()
         assert "DMSP-20, exported by famjax" in text
         assert "sha256" in text

@@ -32,10 +32,11 @@ def write_table(folder: Path, contractions: float = 0.35) -> Path:
     shown = shown.part(shown.length >= REST * (1 - contractions))
     n, unknown = len(shown), np.full(shown.diameter.shape, np.nan)
     return Table(
-        path=shown.names, error=("",) * n, columns={"length": shown.length, "pressure": shown.pressure},
+        path=shown.names, error=("",) * n, warnings=("",) * n,
+        columns={"length": shown.length, "pressure": shown.pressure},
         diameter=shown.diameter, diameter_stderr=5e-4 * shown.diameter,
         braid_angle=unknown, braid_angle_stderr=unknown, sha256=("",) * n,
-        rest_length=REST, time_origin=np.nan, stamp_resolution=np.nan,
+        rest_length=REST, notes=(), time_origin=np.nan, stamp_resolution=np.nan,
         provenance={"scale_relative_stderr": "0.0003"},
     ).write_netcdf(folder / "measurements.nc")  # fmt: skip
 
