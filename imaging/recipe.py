@@ -47,7 +47,7 @@ class QualityLimits:
     eta_value: float = 0.7
     eta_hue: float = 0.75
     blur_px: float = 3.5
-    blur_ratio: float = 1.5
+    blur_ratio: float = 1.6
     flank: float = 0.2
     outlier_fraction: float = 0.2
     residual_rms: float = 1.5
