@@ -95,7 +95,7 @@ def test_figures_are_files_and_their_numbers_tables(folder: Path) -> None:
     report = folder / "results" / "report"
     names = {path.stem for path in (report / "figures").iterdir()}
     page = (report / "report.html").read_text()
-    assert names == {"actuation", "strains", "law", "parts", "by-pressure"}
+    assert names == {"actuation", "strains", "law", "parts", "by-pressure", "work"}
     assert page.count("<figure") == len(names)
     assert page.index("<figure") < page.index("five numbers") < page.index("What to do next")
     for path in (report / "tables").iterdir():

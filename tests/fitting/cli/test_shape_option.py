@@ -104,7 +104,7 @@ def test_lengths_that_no_picture_shows_are_refused(
     [
         (b"", "not the NetCDF file"),
         (b"pressure_psi\n1\n", "not the NetCDF file"),
-        (None, "cannot be read"),
+        (None, "no such file"),
     ],
 )
 def test_a_file_that_is_no_table_is_refused(
