@@ -125,8 +125,8 @@ def test_derivatives_of_the_residual() -> None:
     problem = _Shooting(plant, names, [_pieces(record)])
     scale, sigma = problem.first.copy(), problem.noise()
     u = np.concatenate([np.ones(4), problem.openings, problem.pieces[0].pressure[:, 0]])
-    exact, h = problem.jacobian(u, scale, sigma), 1e-5
-    for k in range(6):
+    exact, steps = problem.jacobian(u, scale, sigma), [1e-5] * 5 + [1.0]  # Pa of a pressure
+    for k, h in enumerate(steps):
         step = h * (np.arange(u.size) == k)
         rise = problem.residual(u + step, scale, sigma) - problem.residual(u - step, scale, sigma)
         np.testing.assert_allclose(
