@@ -35,6 +35,7 @@ EXPORT = DOCS / "export.md"
 """Its C and MATLAB are run by a test of its own."""
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     "page",
     [
