@@ -6,7 +6,6 @@ Pages are one file each, offline, of one style, on a screen, on a telephone and 
 import dataclasses
 import functools
 import inspect
-import io
 import json
 import math
 import re
@@ -27,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 import famjax
-from famjax.boundary.files import Origin, as_html, as_png, write_all
+from famjax.boundary.files import Origin, as_html, as_png, as_svg, write_all
 from famjax.boundary.units import Quantity, factor, from_si, sentence_in_units, unit_system
 from famjax.compile_options import as_arrays, quick_jit
 
@@ -78,14 +77,6 @@ def page(template: str, package: str = "fitting", **values: object) -> str:
         values: of the template; text is escaped, `markupsafe.Markup` is not.
     """
     return _templates(package).get_template(template).render(**values)
-
-
-def svg_file(figure: Figure) -> str:
-    """The figure as an SVG file, the same bytes every time."""
-    buffer = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "famjax"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
 
 
 def inline_svg(file: str, name: str, description: str) -> Markup:
@@ -663,7 +654,7 @@ def html_report(
         "report.html",
         found=found,
         system=system,
-        figure=inline_svg(svg_file(drawn), "fit", "isobars, residuals and the bladder's law"),
+        figure=inline_svg(as_svg(drawn), "fit", "isobars, residuals and the bladder's law"),
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
         terms={type(one).__name__ for one in result.muscle.terms.terms},
         origin=origin,

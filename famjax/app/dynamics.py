@@ -1,7 +1,6 @@
 """The command `famjax simulate`: a muscle under valve commands, a controller and a load, over time."""
 
 import dataclasses
-import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,14 +9,13 @@ from cyclopts import Parameter
 from msgspec import Meta
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.files import as_svg, csv_text
 from famjax.boundary.toml_file import Form, NotNegative, Positive, from_entries, read_toml
-from famjax.boundary.units import SYSTEMS, from_si, parse_quantity, unit_system
+from famjax.boundary.units import parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
-from famjax.console import Output, Units, in_units, print_json, print_rows
+from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json, print_rows
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from famjax.plant import AbstractCircuit, Plant
 
 _TABLES = ("circuit", "load", "friction", "controller", "step")
@@ -125,22 +123,25 @@ def simulate(
     states = quick_jit(run)(system, command, TICK, start=system.start(length))
     states = getattr(states, "plant", states)
     found = {
-        "time": TICK * np.arange(1, sum(counts) + 1),
-        "pressure": np.asarray(states.pressure),
-        "length": np.asarray(states.position),
-        "force": np.asarray(states.force),
+        "time_s": TICK * np.arange(1, sum(counts) + 1),
+        "pressure_Pa": np.asarray(states.pressure),
+        "length_m": np.asarray(states.position),
+        "force_N": np.asarray(states.force),
     }
-    if (bad := ~np.isfinite(found["force"] + found["pressure"])).any():
+    if (bad := ~np.isfinite(found["force_N"] + found["pressure_Pa"])).any():
         raise InputError(
-            f"{plan}: the muscle has no state after {found['time'][bad][0]:.3f} s, at a length of "
-            f"{found['length'][bad][0]:.4g} m; shorten the stroke, or raise stiffness or damping"
+            f"{plan}: the muscle has no state after {found['time_s'][bad][0]:.3f} s, at a length of "
+            f"{found['length_m'][bad][0]:.4g} m; shorten the stroke, or raise stiffness or damping"
         )
-    rows = _rows({name: one[each - 1 :: each] for name, one in found.items()}, units)
-    ends = np.cumsum(counts) - 1
-    summary = _rows({name: one[ends] for name, one in found.items()}, "si")
-    lines = [",".join(rows[0]), *(",".join(f"{x:.9g}" for x in row.values()) for row in rows)]
-    csv = "\n".join(lines) + "\n"
-    files = {"simulation.csv": csv.encode(), "simulation.svg": _drawn(found, units)}
+
+    def rows(places: Any) -> list[dict[str, float]]:
+        columns = (one[places].tolist() for one in found.values())
+        return [dict(zip(found, row, strict=True)) for row in zip(*columns, strict=True)]
+
+    table = in_units(rows(slice(each - 1, None, each)), unit_system(units))
+    table = [{name: float(f"{value:.9g}") for name, value in row.items()} for row in table]
+    summary = rows(np.cumsum(counts) - 1)
+    files = {"simulation.csv": csv_text(table).encode(), "simulation.svg": _drawn(table)}
     paths = folder.write(files)
     if json_:
         print_json({"steps": summary, "files": [str(path) for path in paths]})
@@ -151,15 +152,11 @@ def simulate(
 
 
 def _safe_muscle(card: str, own: tuple[str, ...]) -> Any:
-    from famjax.cards import read_card
-    from famjax.console import add_cwd_to_path
-    from famjax.muscles import bundled_card, bundled_name
+    from famjax.muscles import open_card
 
     if own:
         add_cwd_to_path()
-    if not Path(card).exists() and bundled_name(card):
-        return bundled_card(card).safe()
-    return read_card(Path(card), own=own).safe()
+    return open_card(card, own=own).safe()
 
 
 def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
@@ -247,27 +244,16 @@ def _feed_forward(circuit: "AbstractCircuit") -> Any:
     return [one / _COUNTS for one in fit_feed_forward(pressures, outputs).coefficients]
 
 
-def _rows(found: dict[str, "np.ndarray"], units: str) -> list[dict[str, float]]:
-    """Rows of a table, the unit in the name of each column."""
-    named = {f"{name}_{SYSTEMS[units][name]}": (name, one) for name, one in found.items()}
-    columns = [
-        [from_si(float(value), SYSTEMS[units][name], name) for value in one]
-        for name, one in named.values()
-    ]
-    return [dict(zip(named, row, strict=True)) for row in zip(*columns, strict=True)]
-
-
-def _drawn(found: dict[str, "np.ndarray"], units: str) -> bytes:
+def _drawn(rows: list[dict[str, float]]) -> bytes:
     """Pressure, length and pull over time, as SVG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 6), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True)
-    for axes, name in zip(panels, ("pressure", "length", "force"), strict=True):
-        unit = unit_system(units)[name]
-        axes.plot(found["time"], [from_si(float(x), unit, name) for x in found[name]], color="k")
+    time, *others = rows[0]
+    panels = figure.subplots(len(others), 1, sharex=True)
+    for axes, key in zip(panels, others, strict=True):
+        name, _, unit = key.rpartition("_")
+        axes.plot([row[time] for row in rows], [row[key] for row in rows], color="k")
         axes.set_ylabel(f"{name} [{unit}]")
     panels[-1].set_xlabel("time [s]")
-    picture = io.BytesIO()
-    figure.savefig(picture, format="svg")
-    return picture.getvalue()
+    return as_svg(figure).encode()

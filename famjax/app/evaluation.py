@@ -13,13 +13,13 @@ import numpy as np
 import famjax
 import fitting
 from famjax.boundary.errors import InputError
-from famjax.boundary.files import Origin
+from famjax.boundary.files import Origin, as_svg
 from famjax.boundary.tasks import AnyExecutor
 from famjax.console import parse_columns
 from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
 from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
-from fitting.report import svg_file, write_fit
+from fitting.report import write_fit
 from imaging.campaign import PARTS
 from rig.calibration import Calibration
 from rig.journal import read_journal, stored_calibration
@@ -149,7 +149,7 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     numbers = json.dumps({**figures(found), "dates": dates}, indent=1, allow_nan=False)
     (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
     picture = plot_characterisation(found, system)
-    (place / "characterisation.svg").write_text(svg_file(picture), encoding="utf-8")
+    (place / "characterisation.svg").write_text(as_svg(picture), encoding="utf-8")
     (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
     settle(record_checks(sheet, journal, found), place)
 

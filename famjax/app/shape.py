@@ -1,13 +1,12 @@
 """The command `famjax shape`: the shape of a fitted muscle from mechanics, as a table and a picture."""
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
+from famjax.boundary.files import as_svg, csv_text
 from famjax.boundary.units import from_si, parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import (
@@ -87,11 +86,7 @@ def shape(
         "margin_N_per_m": float(state.margin),
     }
     rows = _rows(found, units)
-    text = io.StringIO()
-    table = csv.DictWriter(text, rows[0], lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    paths = folder.write({"shape.csv": text.getvalue().encode(), "shape.svg": _drawn(found, units)})
+    paths = folder.write({"shape.csv": csv_text(rows).encode(), "shape.svg": _drawn(found, units)})
     if json_:
         print_json(summary | {"files": [str(path) for path in paths]})
         return 0
@@ -102,21 +97,18 @@ def shape(
 
 def _read(muscle: str, own: tuple[str, ...]) -> Any:
     """The muscle of a fit, of a card, or a bundled one."""
-    from famjax.cards import read_card
-    from famjax.muscles import bundled_card, bundled_name
+    from famjax.muscles import open_card
     from fitting.cli.muscle import schema_of, warn_unidentified
 
     if own:
         add_cwd_to_path()
-    if not Path(muscle).exists() and bundled_name(muscle):
-        return bundled_card(muscle).muscle
-    if schema_of(Path(muscle)).startswith("famjax-fit/"):
+    if Path(muscle).exists() and schema_of(Path(muscle)).startswith("famjax-fit/"):
         from fitting import load_fit
 
         saved = load_fit(muscle, own=own)
         warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
         return saved.muscle
-    return read_card(Path(muscle), own=own).muscle
+    return open_card(muscle, own=own).muscle
 
 
 def _equilibrium_muscle(
@@ -175,6 +167,4 @@ def _drawn(found: "Shape", units: str) -> bytes:
     for side in (1, -1):
         axes.plot(z, [side * v for v in r], color="k")
     axes.set(xlabel=f"z [{unit}]", ylabel=f"r [{unit}]", aspect="equal")
-    picture = io.BytesIO()
-    figure.savefig(picture, format="svg")
-    return picture.getvalue()
+    return as_svg(figure).encode()

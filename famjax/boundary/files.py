@@ -1,6 +1,7 @@
 """Result files: checked before the work, and complete on disk or absent."""
 
 import base64
+import csv
 import dataclasses
 import datetime
 import html
@@ -49,6 +50,25 @@ def as_png(figure: "Figure") -> bytes:
         pil_kwargs={"compress_level": _COMPRESSION},
     )  # fmt: skip
     return picture.getvalue()
+
+
+def as_svg(figure: "Figure") -> str:
+    """The picture as an SVG file, the same bytes every time."""
+    import matplotlib as mpl  # noqa: PLC0415 -- slow to import
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "famjax"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
+    """Rows with the same keys as CSV, the keys above them."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, rows[0], lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()
 
 
 def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> str:

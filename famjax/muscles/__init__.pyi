@@ -5,4 +5,5 @@ from .bundled import (
     bundled_text as bundled_text,
     dmsp_10 as dmsp_10,
     dmsp_20 as dmsp_20,
+    open_card as open_card,
 )

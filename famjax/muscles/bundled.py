@@ -2,8 +2,9 @@
 
 import importlib.resources
 from importlib.resources.abc import Traversable
+from pathlib import Path
 
-from ..boundary.errors import InputError
+from ..boundary.errors import InputError, Own
 from ..cards import MuscleCard, read_card
 from ..continuation import SafeMuscle
 
@@ -41,6 +42,21 @@ def bundled_card(name: str) -> MuscleCard:
     MuscleCard(DMSP-20: 222 to 296 mm, 35 to 675 kPa)
     """
     return read_card(_file(name))
+
+
+def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
+    """The card in a file, or a bundled one by its name.
+
+    Args:
+        source: a file that `famjax card` has written, or the name of a bundled muscle.
+        own: modules and classes that are trusted, as for `famjax.cards.read_card`.
+
+    Raises:
+        InputError: as of `read_card`.
+    """
+    if not Path(source).exists() and bundled_name(str(source)):
+        return bundled_card(str(source))
+    return read_card(source, own=own)
 
 
 def bundled_text(name: str) -> bytes:

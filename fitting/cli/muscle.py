@@ -242,12 +242,11 @@ def _by_card(
     """
     import numpy as np
 
-    from famjax.cards import read_card
-    from famjax.muscles import bundled_card
+    from famjax.muscles import open_card
 
     if not lengths.size or not (pressures.size or onset):
         raise InputError("give --length, and --pressure or --onset, with their units")
-    card = read_card(muscle, own=own) if Path(muscle).exists() else bundled_card(muscle)
+    card = open_card(muscle, own=own)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
     safe, rows = card.safe(), []
     pull, model = (

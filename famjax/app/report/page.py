@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 import xarray
 
-from famjax.boundary.files import Origin, write_all
+from famjax.boundary.files import Origin, as_svg, write_all
 from famjax.boundary.units import text_in_units
 from fitting.prediction import static_rows
-from fitting.report import PageTable, inline_svg, page, svg_file
+from fitting.report import PageTable, inline_svg, page
 from fitting.saved import versions
 
 from ..checks import AGREES, checks_table, doubts, read_checks
@@ -222,7 +222,7 @@ def _drawn(source: Source) -> list[tuple[str, str, str]]:
     with mpl.rc_context(STYLE):
         for draw in FIGURES:
             if (drawn := draw(source)) is not None:
-                found.append((draw.__name__.replace("_", "-"), svg_file(drawn[0]), drawn[1]))
+                found.append((draw.__name__.replace("_", "-"), as_svg(drawn[0]), drawn[1]))
     test = source.results / RECORDS / "characterisation.svg"
     if test.exists():
         caption = (

@@ -1,10 +1,9 @@
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from famjax.__main__ import main
 
 PLAN = """
 [circuit]
@@ -26,19 +25,12 @@ set_pressure_kPa = 200
 """
 
 
-def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return int(stop.value.code or 0), captured.out, captured.err
-
-
 @pytest.mark.slow
-def test_a_bundled_muscle_lifts_a_mass(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
+def test_a_bundled_muscle_lifts_a_mass(run: Callable, tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
     asked = ("simulate", "DMSP-20", plan, "-o", tmp_path / "out")
-    code, out, _ = _run(capsys, *asked, "--json")
+    code, out, _ = run(*asked, "--json")
     assert code == 0
     first, second = json.loads(out)["steps"]
     assert first["pressure_Pa"] == pytest.approx(300e3, rel=0.06)
@@ -63,11 +55,11 @@ def test_a_bundled_muscle_lifts_a_mass(capsys: pytest.CaptureFixture, tmp_path: 
     ],
 )
 def test_a_plan_that_cannot_be_is_refused_in_a_sentence(
-    old: str, new: str, said: str, capsys: pytest.CaptureFixture, tmp_path: Path
+    old: str, new: str, said: str, run: Callable, tmp_path: Path
 ) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN.replace(old, new))
-    code, _, err = _run(capsys, "simulate", "DMSP-20", plan, "-o", tmp_path / "out")
+    code, _, err = run("simulate", "DMSP-20", plan, "-o", tmp_path / "out")
     assert code == 2
     assert said in err
     assert not (tmp_path / "out").exists()

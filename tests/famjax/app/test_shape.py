@@ -1,23 +1,15 @@
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from famjax.__main__ import main
-
-
-def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return int(stop.value.code or 0), captured.out, captured.err
-
 
 @pytest.mark.slow
-def test_the_shape_of_a_bundled_muscle(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
+def test_the_shape_of_a_bundled_muscle(run: Callable, tmp_path: Path) -> None:
     asked = ("shape", "DMSP-20", "--pressure", "500kPa", "-o", tmp_path / "shape")
-    code, out, _ = _run(capsys, *asked, "--length", "270mm", "--json")
+    code, out, _ = run(*asked, "--length", "270mm", "--json")
     assert code == 0
     found = json.loads(out)
     assert 200 < found["force_N"] < 1600
@@ -26,6 +18,6 @@ def test_the_shape_of_a_bundled_muscle(capsys: pytest.CaptureFixture, tmp_path: 
     table = np.genfromtxt(tmp_path / "shape/shape.csv", delimiter=",", names=True)
     assert table["position_mm"][-1] == pytest.approx(270, abs=1e-6)
     assert max(table["diameter_mm"]) == pytest.approx(1e3 * found["largest_diameter_m"])
-    code, _, err = _run(capsys, *asked, "--length", "900mm")
+    code, _, err = run(*asked, "--length", "900mm")
     assert code == 2
     assert "no stable shape" in err
