@@ -539,7 +539,7 @@ class Plant(Parametrised):
             None if one is None else one.start(L, own)
             for one, L, own in zip(self._frictions, lengths, pressures, strict=True)
         )
-        forces = self._pulls(memory, lengths, pressures, jnp.zeros_like(lengths))
+        forces = self.pulls(memory, lengths, pressures, jnp.zeros_like(lengths))
         return PlantState(P, none, none, q, jnp.zeros_like(q), forces.reshape(shape), memory)
 
     def step(self, state: PlantState, command: Command, dt: Real) -> PlantState:
@@ -547,7 +547,7 @@ class Plant(Parametrised):
         shape, driven, moves = state.pressure.shape, as_real(command.drive), self.load.moves
         before, q0 = state.pressure.reshape(-1), state.position
         v0, n, h = state.velocity if moves else driven, before.size, _GAMMA * dt
-        actuators = self._actuators(state, command)
+        actuators = self.actuators(state, command)
 
         def stage(time: Real, fluid: RealArray, q: RealArray, v: RealArray, guess: RealArray):
             """What solves a stage, from the explicit parts of fluid, q and v."""
@@ -564,8 +564,8 @@ class Plant(Parametrised):
                 left = self._fluid(lengths, pressures, before) - h * flows - fluid
                 if not moves:
                     return left
-                memory = self._moved(state.memory, lengths, pressures)
-                pulls = self._pulls(memory, lengths, pressures, self._rates(speed))
+                memory = self.moved(state.memory, lengths, pressures)
+                pulls = self.pulls(memory, lengths, pressures, self._rates(speed))
                 gained = h * self.load.acceleration(position, speed, pulls, driven)
                 return jnp.append(left, speed - v - gained)
 
@@ -581,12 +581,20 @@ class Plant(Parametrised):
         _, q, v, P = stage(dt, fluid, q2, v0 + on * (v1 - v0), z)
         openings, dumps = (one.reshape(shape) for one in actuators(dt))
         lengths = self.load.lengths(q)
-        memory = self._moved(state.memory, lengths, P)
-        force = self._pulls(memory, lengths, P, self._rates(v)).reshape(shape)
+        memory = self.moved(state.memory, lengths, P)
+        force = self.pulls(memory, lengths, P, self._rates(v)).reshape(shape)
         return PlantState(P.reshape(shape), openings, dumps, q, v, force, memory)
 
-    def _actuators(self, state: PlantState, command: Command) -> Callable[[Real], Any]:
-        """Openings of actuators and dump valves over the time [s] since a state, shapes (n,)."""
+    def actuators(self, state: PlantState, command: Command) -> Callable[[Real], Any]:
+        """Openings of actuators and dump valves, which follow a constant command with their lags.
+
+        Args:
+            state: where they begin.
+            command: of valves or pumps, and of dump valves.
+
+        Returns:
+            A function of the time [s] since the state: both openings [-], shapes (n,).
+        """
         circuits, shape = self._each(self.circuit), state.pressure.shape
         signals, wanted = (
             jnp.broadcast_to(one, shape).reshape(-1) for one in (command.signal, command.dump)
@@ -629,14 +637,28 @@ class Plant(Parametrised):
         """dL/dt [m/s] of each muscle."""
         return -self.load.radius * speed if self.load.moves else speed[None]
 
-    def _moved(self, memory: Sequence[Any], lengths: RealArray, pressures: RealArray) -> tuple:
+    def moved(self, memory: Sequence[Any], lengths: RealArray, pressures: RealArray) -> tuple:
+        """The states of the friction after a motion that does not turn round.
+
+        Args:
+            memory: states before it, one of each muscle.
+            lengths: active lengths L [m] after it, shape (n,).
+            pressures: gauge pressures P [Pa] after it, shape (n,).
+        """
         each = zip(self._frictions, memory, lengths, pressures, strict=True)
         return tuple(None if f is None else f.moved(one, L, P) for f, one, L, P in each)
 
-    def _pulls(
+    def pulls(
         self, memory: Sequence[Any], lengths: RealArray, pressures: RealArray, rates: RealArray
     ) -> RealArray:
-        """Pull [N] of each muscle with friction and loss."""
+        """Pull [N] of each muscle with friction and viscous loss, shape (n,).
+
+        Args:
+            memory: states of the friction, one of each muscle.
+            lengths: active lengths L [m], shape (n,).
+            pressures: gauge pressures P [Pa], shape (n,).
+            rates: dL/dt [m/s], shape (n,).
+        """
         parts = self._each(self.muscle), self._frictions, memory
         pulls = []
         for m, f, one, L, P in zip(*parts, lengths, pressures, strict=True):
@@ -818,7 +840,7 @@ def solve_adaptively(
     """
     diffrax: Any = import_extra("diffrax", "dynamics")
 
-    actuators, driven = plant._actuators(state, command), as_real(command.drive)
+    actuators, driven = plant.actuators(state, command), as_real(command.drive)
     count, moves = state.pressure.size, plant.load.moves
 
     def parts(y: RealArray) -> tuple[RealArray, RealArray, RealArray]:
@@ -832,7 +854,7 @@ def solve_adaptively(
         swept = jax.jvp(fluid, (lengths, P), (rates, zero))[1]
         capacity = jax.jvp(fluid, (lengths, P), (zero, one))[1]
         rise = (plant._flows(P, *actuators(time)) - swept) / capacity
-        pulls = plant._pulls(plant._moved(state.memory, lengths, P), lengths, P, rates)
+        pulls = plant.pulls(plant.moved(state.memory, lengths, P), lengths, P, rates)
         gained = plant.load.acceleration(q, v, pulls, driven)
         return jnp.concatenate([rise / _BAR, jnp.stack([v, gained])])
 
@@ -848,8 +870,8 @@ def solve_adaptively(
         P, q, v = parts(y)
         shape, lengths = state.pressure.shape, plant.load.lengths(q)
         openings, dumps = (one.reshape(shape) for one in actuators(time))
-        memory = plant._moved(state.memory, lengths, P)
-        force = plant._pulls(memory, lengths, P, plant._rates(v)).reshape(shape)
+        memory = plant.moved(state.memory, lengths, P)
+        force = plant.pulls(memory, lengths, P, plant._rates(v)).reshape(shape)
         return PlantState(P.reshape(shape), openings, dumps, q, v, force, memory)
 
     return jax.vmap(seen)(as_real(times), solution.ys)

@@ -8,7 +8,7 @@ and the friction follow from the record's own signal and length.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -151,11 +151,12 @@ class PlantFit:
     def predict(self, record: PlantRecord) -> PlantState:
         """The states at the samples of a record, from its signal, its length and its first pressure."""
         opening = self.plant.circuit.opening(record.signal[0])
-        start = _beginnings(self.plant, record, record.time.size, opening)
-        states = eqx.filter_jit(_simulated)(self.plant, _commands(record), start, record.step)
+        start = _beginnings(self.plant, _inputs(record), record.step, record.time.size, opening)
+        commands = jax.tree.map(lambda leaf: leaf[None], _commands(record))
+        states = _run(self.plant, commands, start, record.step)
         return jax.tree.map(
-            lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)]),
-            jax.tree.map(lambda leaf: leaf[0], start), states,
+            lambda first, later: np.concatenate([np.asarray(first), np.asarray(later)[0]]),
+            start, states,
         )  # fmt: skip
 
     def plot(self, record: PlantRecord) -> Any:
@@ -289,10 +290,23 @@ def _with(plant: Plant, names: Sequence[str], values: Sequence[Any]) -> Plant:
 
 
 def _commands(record: PlantRecord) -> Command:
-    """Signal, dump and rate from each sample to the next, shape (1, n - 1)."""
+    """Signal, dump and rate from each sample to the next, shape (n - 1,)."""
+    signal, dump, length, _ = _inputs(record)
+    return Command(signal[:-1], dump[:-1], np.diff(length) / record.step)
+
+
+def _inputs(record: PlantRecord) -> "_Inputs":
     dump = np.zeros_like(record.signal) if record.dump is None else record.dump
-    rates = np.diff(record.length) / record.step
-    return Command(record.signal[None, :-1], dump[None, :-1], rates[None])
+    return _Inputs(record.signal, dump, record.length, record.pressure)
+
+
+class _Inputs(NamedTuple):
+    """Columns of a record that a plant is given, shape (n,); the pressure is where pieces begin."""
+
+    signal: Float[Array | np.ndarray, " n"]
+    dump: Float[Array | np.ndarray, " n"]
+    length: Float[Array | np.ndarray, " n"]
+    pressure: Float[Array | np.ndarray, " n"]
 
 
 def _pieces(record: PlantRecord) -> "_Pieces":
@@ -300,7 +314,7 @@ def _pieces(record: PlantRecord) -> "_Pieces":
     count = max(1, min(record.time.size - 1, round(_PIECE / record.step)))
     number = (record.time.size - 1) // count
     commands = jax.tree.map(
-        lambda leaf: leaf[0, : number * count].reshape(number, count), _commands(record)
+        lambda leaf: leaf[: number * count].reshape(number, count), _commands(record)
     )
 
     def cut(values: np.ndarray) -> np.ndarray:
@@ -321,56 +335,89 @@ class _Pieces:
     force: Float[np.ndarray, "m n1"] | None
 
 
-def _beginnings(plant: Plant, record: PlantRecord, every: int, opening: Real) -> PlantState:
+def _beginnings(
+    plant: Plant, inputs: _Inputs, step: float, every: int, opening: Real
+) -> PlantState:
     """The states in which pieces begin, with the measured pressures; leading axis (m,).
 
     Openings and friction depend on signal, length and pressure alone: they follow through the whole record.
     """
-    circuit, step = plant.circuit, record.step
-    dump = np.zeros_like(record.signal) if record.dump is None else record.dump
-    first = plant.start(record.length[0], record.pressure[0])
+    first = plant.start(inputs.length[0], inputs.pressure[0])
     first = eqx.tree_at(lambda one: one.opening, first, jnp.asarray(opening))
 
-    def onward(state: Any, at: Any) -> tuple[Any, Any]:
-        signal, wanted, L, P = at
-        opening, dumped, memory = state
-        goal = circuit.opening(signal)
-        after = (
-            goal + (opening - goal) * jnp.exp(-step / circuit.lag),
-            wanted + (dumped - wanted) * jnp.exp(-step / circuit.dump_lag),
-            plant._moved(memory, L[None], P[None]),
-        )
+    def onward(state: PlantState, at: Any) -> tuple[PlantState, PlantState]:
+        signal, dump, L, P = at
+        openings, dumps = plant.actuators(state, Command(signal, dump))(step)
+        memory = plant.moved(state.memory, L[None], P[None])
+        force = plant.pulls(memory, L[None], P[None], jnp.zeros(1))[0]
+        after = PlantState(P, openings[0], dumps[0], L, state.velocity, force, memory)
         return after, after
 
-    start = first.opening, first.dump, first.memory
-    inputs = record.signal[:-1], dump[:-1], record.length[1:], record.pressure[1:]
-    later = jax.lax.scan(onward, start, jax.tree.map(jnp.asarray, inputs))[1]
-    opening, dumped, memory = jax.tree.map(
-        lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b])[:-1:every], start, later
+    before, after = (jax.tree.map(lambda leaf, cut=cut: jnp.asarray(leaf)[cut], inputs)
+                     for cut in (slice(None, -1), slice(1, None)))  # fmt: skip
+    columns = before.signal, before.dump, after.length, after.pressure
+    later = jax.lax.scan(onward, first, columns)[1]
+    return jax.tree.map(
+        lambda one, others: jnp.concatenate([one[None], others])[:-1:every], first, later
     )
-    L, P = (jnp.asarray(one)[:-1:every] for one in (record.length, record.pressure))
-    none = jnp.zeros_like(P)
-    pulls = jax.vmap(lambda one, L, P: plant._pulls(one, L[None], P[None], jnp.zeros(1))[0])
-    return PlantState(P, jnp.asarray(opening), dumped, L, none, pulls(memory, L, P), memory)
 
 
 def _simulated(plant: Plant, commands: Command, start: PlantState, step: float) -> PlantState:
-    """The states after every sample of pieces one after another, shape (m * n,)."""
+    """The states after every sample of the pieces, shape (m, n)."""
     substeps = max(1, round(step / TICK))
 
     def one(state: PlantState, command: Command) -> tuple[PlantState, PlantState]:
         def tick(_: Any, now: PlantState) -> PlantState:
             return plant.step(now, command, step / substeps)
 
-        state = plant.step(state, command, step / substeps)
-        after = jax.lax.fori_loop(1, substeps, tick, state) if substeps > 1 else state
+        after = jax.lax.fori_loop(0, substeps, tick, state)
         return after, after
 
-    def piece(state: PlantState, command: Command) -> PlantState:
-        return jax.lax.scan(one, state, command)[1]
+    return jax.vmap(lambda state, command: jax.lax.scan(one, state, command)[1])(start, commands)
 
-    states = jax.vmap(piece)(start, commands)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), states)
+
+_run = eqx.filter_jit(_simulated)
+
+
+@eqx.filter_jit
+def _shot(
+    plant: Plant,
+    names: tuple[str, ...],
+    inputs: _Inputs,
+    commands: Command,
+    step: float,
+    numbers: Float[Array, " k"],
+    opening: Float[Array, ""],
+    first: Float[Array, " m"],
+) -> tuple[Float[Array, "m 2 n"], Float[Array, "columns m 2 n"]]:
+    """Pressures and forces of the pieces, and their derivatives.
+
+    Args:
+        plant: whose other numbers are held.
+        names: of `numbers`.
+        inputs: of the whole record.
+        commands: of its pieces, shape (m, n).
+        step: between samples [s].
+        numbers: of the plant [SI].
+        opening: of the actuator where the record begins.
+        first: pressure [Pa] at which each piece begins.
+
+    Returns:
+        (values, columns): derivatives in the numbers, in the opening, and in the piece's own pressure.
+    """
+    number, count = commands.signal.shape
+
+    def of_all(at: Float[Array, " unknowns"]) -> Float[Array, "m 2 n"]:
+        known = _with(plant, names, list(at[:-2]))
+        start = _beginnings(known, inputs, step, count, at[-2])
+        start = jax.tree.map(lambda leaf: leaf[:number], start)
+        start = eqx.tree_at(lambda one: one.pressure, start, first + at[-1])
+        states = _simulated(known, commands, start, step)
+        return jnp.stack([states.pressure, states.force], axis=1)
+
+    at = jnp.concatenate([numbers, jnp.stack([opening, jnp.zeros(())])])
+    columns = jax.vmap(lambda way: jax.jvp(of_all, (at,), (way,))[1])(jnp.eye(at.size))
+    return of_all(at), columns
 
 
 class _Shooting:
@@ -382,37 +429,7 @@ class _Shooting:
         openings = [plant.circuit.opening(one.record.signal[0]) for one in pieces]
         self.first = np.array([float(values[name]) for name in names])
         self.openings = np.array([float(one) for one in openings])
-        self._solve = [self._program(one) for one in pieces]
         self._last: tuple[bytes, list] = (b"", [])
-
-    def _program(self, of: _Pieces) -> Any:
-        """From numbers, first opening and pressures to pressures and forces, with derivatives of both."""
-        number, count = of.commands.signal.shape
-
-        def starts(numbers: Array) -> PlantState:
-            plant = _with(self.plant, self.names, list(numbers[:-1]))
-            found = _beginnings(plant, of.record, count, numbers[-1])
-            return jax.tree.map(lambda leaf: leaf[:number], found)
-
-        def piece(numbers: Array, first: Array, start: PlantState, command: Command) -> Array:
-            plant = _with(self.plant, self.names, list(numbers[:-1]))
-            begun = eqx.tree_at(lambda one: one.pressure, start, first)
-            each = jax.tree.map(lambda leaf: leaf[None], (begun, command))
-            states = _simulated(plant, each[1], each[0], of.record.step)
-            return jnp.stack([states.pressure, states.force])
-
-        def both(numbers: Array, first: Array) -> tuple[Array, Array]:
-            def of_all(at: Array) -> Array:
-                numbers, own = at[:-1], at[-1]
-                return jax.vmap(piece, (None, 0, 0, 0))(
-                    numbers, first + own, starts(numbers), of.commands
-                )
-
-            at = jnp.append(numbers, 0.0)
-            columns = jax.vmap(lambda way: jax.jvp(of_all, (at,), (way,))[1])(jnp.eye(at.size))
-            return of_all(at), columns
-
-        return eqx.filter_jit(both)
 
     def noise(self) -> np.ndarray:
         """Standard deviations of a reading of pressure and force, by what changes from one to the next."""
@@ -435,11 +452,13 @@ class _Shooting:
         if self._last[0] == key:
             return self._last[1]
         k, found, place = len(self.names), [], len(self.names) + len(self.pieces)
-        for r, (of, solve) in enumerate(zip(self.pieces, self._solve, strict=True)):
+        for r, of in enumerate(self.pieces):
             first = u[place : place + of.pressure.shape[0]]
             place += first.size
-            numbers = np.append(u[:k] * scale, u[k + r])
-            values, columns = solve(jnp.asarray(numbers), jnp.asarray(first))
+            unknown = (jnp.asarray(one) for one in (u[:k] * scale, u[k + r], first))
+            values, columns = _shot(
+                self.plant, self.names, _inputs(of.record), of.commands, of.record.step, *unknown
+            )
             found.append((first, np.asarray(values), np.asarray(columns)))
         self._last = key, found
         return found
