@@ -93,12 +93,13 @@ def _work(
     def one(pressure: RealArray, start: RealArray, end: RealArray) -> WorkBudget:
         lengths = (start + end) / 2 + (end - start) / 2 * _NODES.astype(pressure.dtype)
         weights = (end - start) / 2 * _WEIGHTS.astype(pressure.dtype)
-        first, last = muscle.volume(start, pressure), muscle.volume(end, pressure)
         if isinstance(muscle, EquilibriumMuscle):
-            forces = muscle.force(lengths, pressure)
-            stored = muscle.energy(end, pressure) - muscle.energy(start, pressure)
+            found = muscle.state(jnp.concatenate([lengths, jnp.stack([start, end])]), pressure)
+            forces, (first, last) = found.force[:-2], found.volume[-2:]
+            stored = found.energy[-1] - found.energy[-2]
             rubber = sum(share * part.bladder.volume for share, part in parts_of(muscle))
         else:
+            first, last = muscle.volume(start, pressure), muscle.volume(end, pressure)
             forces, rates = jax.vmap(functools.partial(_rates, muscle, pressure))(lengths)
             stored = weights @ rates
             rubber = muscle.geometry.dimensions(start, pressure).bladder_volume
