@@ -1,0 +1,217 @@
+"""The name of a column: what it measures, in which unit, or what else it is. Words: data/tables.toml."""
+
+import functools
+import importlib.resources
+import math
+import re
+import tomllib
+import unicodedata
+from typing import NamedTuple
+
+from .boundary.units import UNITS
+
+KINDS = {
+    "time": "time", "displacement": "length", "force": "force", "pressure": "pressure",
+    "length": "length", "contraction": "contraction", "valve_state": "state",
+}  # fmt: skip
+"""Kind of unit of every quantity of a table; `force_std` is of the kind of `force`."""
+_LONGEST = 40  # characters of a cell in a message
+_WORDS = tomllib.loads(
+    (importlib.resources.files("famjax") / "data" / "tables.toml").read_text(encoding="utf-8")
+)
+SIZES = {kind: {**UNITS.get(kind, {}), **more} for kind, more in _WORDS["units"].items()}
+for _sizes in SIZES.values():
+    for _unit, _same in _WORDS["same"].items():
+        if _unit in _sizes:
+            _sizes.update(dict.fromkeys(_same.split(), _sizes[_unit]))
+
+
+_HEADS = {word: name for name, words in _WORDS["quantities"].items() for word in words.split()}
+_REASONS = {word: why for why, words in _WORDS["no measurement"].items() for word in words.split()}
+_PLAIN = frozenset(_WORDS["plain"]["words"].split())
+_JOINED = _WORDS["plain"]["joined"].split()
+OTHER_UNITS = frozenset(_WORDS["others"]["units"].split())
+_KNOWN = _PLAIN | _REASONS.keys()
+_STD = {"std", "sd", "stdev"}
+CLOCK_UNIT = re.compile(r"(h+|m+):(m+|s+)(:s+)?(?:[.,:]\w+)?", re.IGNORECASE)
+MODE = re.compile(r"(?i)(?<![^\W_])(?:(abs|absolute?)|gauge|gage|rel|relative?)(?![^\W_])\.?")
+_MODE_BESIDE = re.compile(
+    r"(?i)(?<![^\W_])([kmh]?pa|m?bar|psi|at|cm2|hg)(?:\s*\(([agü])\)|\s+([agü]))(?![^\W_])"
+)
+_BRACKETS = [
+    re.compile(form)
+    for form in (r"\[([^\[\]]*)\]", r"\(((?:[^()]|\([^()]*\))*)\)", r"\{([^{}]*)\}", r"<([^<>]*)>")
+]
+_BESIDE = re.compile(r"\s*/\s*|\s+in\s+|\s*[,;:.]\s*|_|\s+")
+_FORMULA = re.compile(r"[*^|=+\u00d7\u221a]|/\s*\d|^\s*[-\d]")
+
+
+class Column(NamedTuple):
+    """What a column of a table is, by its name and its unit.
+
+    Attributes:
+        name: as the table has it.
+        title: without the unit.
+        unit: as written, "" for none.
+        quantity: that it measures, one of `KINDS`, or `force_std` and its kind; None for none.
+        reason: what it is instead of a measurement of the muscle, "" where that is not said.
+        plain: every word is known, and it is no formula: what is not may be anything.
+        absolute: a pressure from vacuum (True), gauge (False), or not said (None).
+        place: from 0.
+        size: multiplier to SI.
+        named: the user says that it is.
+        first: value of the first reading, in the unit as written.
+    """
+
+    name: str
+    title: str
+    unit: str
+    quantity: str | None
+    reason: str
+    plain: bool
+    absolute: bool | None
+    place: int = 0
+    size: float = 1.0
+    named: bool = False
+    first: float = math.nan
+
+    def __str__(self) -> str:
+        return f"column {shortened(self.name)}"
+
+
+def shortened(text: str) -> str:
+    """A text as a message shows it, in quotes: what is long is cut."""
+    return repr(text if len(text) <= _LONGEST else text[:_LONGEST] + "...")
+
+
+def kind_of(quantity: str) -> str:
+    """Kind of unit of a quantity."""
+    return KINDS[quantity.removesuffix("_std")]
+
+
+def unit_size(unit: str, kind: str) -> tuple[float, bool | None] | None:
+    """The multiplier that takes a unit, in any maker's spelling, to SI; None where it is not known.
+
+    Returns:
+        The multiplier, and of a pressure whether it is absolute, gauge, or not said (None).
+
+    >>> unit_size("mbar", "pressure"), unit_size("kgf/cm^2", "pressure"), unit_size("psia", "pressure")[1]
+    ((100.0, None), (98066.5, None), True)
+    """
+    text = re.sub(r"[\s^*\u00b7()]", "", unicodedata.normalize("NFKC", unit)).rstrip(".")
+    known, lower = SIZES[kind], text.casefold()
+    same = [name for name in known if name.casefold() == lower]
+    if lower in {"mn", "mpa"}:  # milli or mega: the case tells
+        same = [name for name in same if name == "MPa" and text[0] == "M"]
+    elif text[:1] == "M" and not text.isupper():
+        same = [name for name in same if name[0] == "M"]
+    if text in known:
+        return known[text], None
+    if len({known[name] for name in same}) == 1:
+        return known[same[0]], None
+    if kind == "pressure" and len(text) > 2 and lower[-1] in "agü":
+        found = unit_size(text[:-1], kind)
+        return found and (found[0], lower[-1] == "a")
+    return None
+
+
+def any_unit(text: str) -> bool:
+    """Whether a text is a unit of any kind."""
+    return bool(text.strip("- ")) and (
+        bool(CLOCK_UNIT.fullmatch(text))
+        or any(unit_size(MODE.sub("", text), kind) is not None for kind in SIZES)
+    )
+
+
+def tokens_of(text: str) -> list[str]:
+    """The words of a name, composed ones in their parts."""
+    apart = re.sub("(?<=[a-zäöüß])(?=[A-ZÄÖÜ])", " ", text)
+    words = re.findall(r"[^\W\d_]+", apart.casefold())
+    return [part for word in words for part in _parts(word)]
+
+
+@functools.lru_cache(4096)
+def _parts(word: str) -> tuple[str, ...]:
+    if word in _HEADS or word in _KNOWN:
+        return (word,)
+    for head in sorted(_HEADS, key=len, reverse=True):
+        for rest in {word.removeprefix(head), word.removesuffix(head)} - {word, ""}:
+            rest = rest if rest in _KNOWN or len(head) == 1 else rest.removesuffix("s")  # noqa: PLW2901
+            if rest in _KNOWN or (head in _JOINED and len(rest) > 1):
+                return head, rest
+    return (word,)
+
+
+def _strange(text: str) -> bool:
+    """Whether no word of a text is known: it may be a unit that is not."""
+    return not any(word in _KNOWN or word in _HEADS for word in tokens_of(text))
+
+
+def split_unit(text: str) -> tuple[str, str]:
+    """`Load (N)`, `Kraft [N]`, `Weg / mm`, `time_s`, `Force, N`: the name and the unit, or "" for none."""
+    unknown: list[tuple[str, str]] = []
+    for pattern in _BRACKETS:
+        for match in reversed(list(pattern.finditer(text))):
+            inner, rest = match[1].strip(), f"{text[: match.start()]} {text[match.end() :]}".strip()
+            if inner and (any_unit(inner) or inner.casefold() in OTHER_UNITS):
+                return rest, inner
+            if inner and rest and _strange(inner):
+                unknown.append((rest, inner))
+    for match in _BESIDE.finditer(text):
+        stem, tail = text[: match.start()], text[match.end() :]
+        words = tokens_of(stem)
+        heads = {_HEADS[word] for word in words if word in _HEADS}
+        if any(unit_size(tail, KINDS[head]) for head in heads):
+            return stem, tail
+        alone = heads and all(word in _HEADS or word in _STD for word in words) and match[0].strip()
+        if alone and not tail.isdecimal() and _strange(tail):
+            unknown.append((stem, tail))
+    return unknown[0] if unknown else (text, "")
+
+
+def joined_mode(text: str) -> str:
+    """A text whose units have their `(a)` or `g` beside them."""
+    return _MODE_BESIDE.sub(lambda m: f"{m[1]}{m[2] or m[3]}", unicodedata.normalize("NFKC", text))
+
+
+@functools.lru_cache(4096)
+def judge(name: str, below: str = "") -> Column:
+    """What the name of a column says.
+
+    Args:
+        name: as the table has it.
+        below: unit in a row of its own.
+
+    >>> judge("Pressure setpoint (psi)").reason, judge("Kraft [kN]").unit, judge("p abs. / mbar").absolute
+    ('a set point or command', 'kN', True)
+    """
+    text, below = joined_mode(name).strip(" '\"#"), joined_mode(below)
+    said = [bool(match[1]) for match in MODE.finditer(f"{text} {below}")]
+    text = (
+        re.sub(r"[(\[{]\s*[)\]}]", "", MODE.sub(" ", text))
+        .replace("__", "_")
+        .strip(" _,")
+        .rstrip("-")
+    )
+    title, unit = split_unit(text)
+    below = MODE.sub("", below).strip(" ,()[]")
+    words = tokens_of(title)
+    heads = {_HEADS[word] for word in words if word in _HEADS}
+    quantity = heads.pop() if len(heads) == 1 else None
+    reasons = [_REASONS[word] for word in words if word in _REASONS]
+    if (quantity == "length" and said) or re.search(r"(?<![^\W_])[A-Za-z]_?0(?![^\W_])", title):
+        reasons.append("an offset or setting")
+    if quantity == "valve_state" and set(words) <= {"valve", "ventil", "state", "status"}:
+        reasons = []
+    absolute = True if {"abs", "absolut", "absolute"} & set(words) else said[0] if said else None
+    return Column(
+        name, title, below if below and not any_unit(unit) else unit,
+        f"{quantity}_std" if quantity and _STD & set(words) else quantity,
+        reasons[0] if reasons else "",
+        _KNOWN | _HEADS.keys() >= set(words) and not _FORMULA.search(title),
+        absolute,
+    )  # fmt: skip
+
+
+def remedy_for(quantity: str, name: str) -> str:
+    return f"--column {quantity}=\"{name}\" (columns={{'{quantity}': '{name}'}} in Python)"
