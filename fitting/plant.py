@@ -25,7 +25,7 @@ from famjax.plant import TICK, Command, HydraulicCircuit, Plant, PlantState, Pne
 _PIECE = 1.0  # s, of multiple shooting
 _JOINED = 30.0  # weight of a pressure's jump between pieces, in standard deviations of a reading
 _ROUNDS = 3  # of weighing pressure and force by what is left
-_TOGETHER = 0.98  # correlation beyond which two numbers are told only together
+_TOGETHER = 0.98  # correlation beyond which two numbers cannot be separated
 _UNTOLD = 0.5  # standard error over the value
 _ABSOLUTE = 85e3, 110e3  # Pa: a least pressure between these is hardly a gauge pressure
 FREE: Mapping[type, tuple[str, ...]] = {
@@ -558,12 +558,12 @@ def _summary(
     )
     warnings = [f"{one.name} lies at an end of its range" for one in estimates if one.at_bound]
     warnings += [
-        f"the records hardly tell {one.name}: {one.value:.3g} +- {one.stderr:.2g} {one.unit}".rstrip()
+        f"the records hardly determine {one.name}: {one.value:.3g} +- {one.stderr:.2g} {one.unit}".rstrip()
         for one in estimates if one.stderr > _UNTOLD * abs(one.value)
     ]  # fmt: skip
     correlation = covariance / np.outer(errors, errors)
     warnings += [
-        f"{names[i]} and {names[j]} are told only together (correlation {correlation[i, j]:+.3f})"
+        f"{names[i]} and {names[j]} cannot be separated (correlation {correlation[i, j]:+.3f})"
         for i in range(k) for j in range(i) if abs(correlation[i, j]) > _TOGETHER
     ]  # fmt: skip
     plant = _with(problem.plant, names, [float(one) for one in values])

@@ -179,7 +179,7 @@ BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
 
 
 def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
-    """Unit and values of what is listed of a braid."""
+    """Unit and values of each quantity in the table of a braid."""
     return {
         "B": ("in", np.asarray(state.thread_length)),
         "D": ("in", np.asarray(state.diameter)),

@@ -228,7 +228,7 @@ def totals() -> list[Row]:
     return [
         beside("7.6", f"mean of the printed {name.upper()} over pressures",
                float(np.mean(of[f"{name}_lbf"])), "lbf", f"best_fit.total_{name}_lbf", 0.005,
-               "the same of the column", misprint=name == "mae")
+               "as much for the entries of the column", misprint=name == "mae")
         for name in ("rmse", "mae")
     ]  # fmt: skip
 

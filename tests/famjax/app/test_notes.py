@@ -8,7 +8,7 @@ import sys, warnings
 import famjax.app.cli as command
 def run(words):
     warnings.warn("not kept", UserWarning)
-    warnings.warn("old", DeprecationWarning)
+    warnings.warn("for developers", DeprecationWarning)
 command._run = run
 sys.argv = ["famjax", "doctor"]
 command.main()
