@@ -270,7 +270,7 @@ def assess(
     if own:
         add_cwd_to_path()
     pairs = None if hysteresis is None else fitting.records.read_branches(hysteresis)
-    problem = Problem.read(fitting.load_fit(fit_json, own=own).document, own)
+    problem = Problem.of_fit(fitting.load_fit(fit_json, own=own), own)
     with _telling("identifying") as tell:
         return _finish(
             problem, place, units, tell, verbose=True, as_json=json_, pairs=pairs,

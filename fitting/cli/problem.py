@@ -11,7 +11,7 @@ import fitting
 from famjax.boundary.errors import InputError, Own, check_trusted
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.toml_file import from_entries
-from famjax.boundary.units import UNITS, Quantity, Sentence, si_unit, to_si
+from famjax.boundary.units import UNITS, si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
@@ -29,7 +29,6 @@ from fitting.faults import doubtful, suspect
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
-from fitting.specimen import Specimen
 from fitting.verdict import Judgement, judge
 
 from .fit import Asked
@@ -40,7 +39,6 @@ Kinds = Mapping[str, str]
 """Kind of unit of every parameter by name."""
 
 _TURNS = "turns"
-_SAVED = ("pressure_tolerance", "length_tolerance", "force_limit")
 
 
 def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
@@ -177,7 +175,6 @@ class Problem:
     """A map and what is asked of it.
 
     Attributes:
-        given: the map as it was read.
         asked: the options.
         data: the map that is fitted, with notes on a measured shape.
         options: of `fitting.identify` and `fitting.choose`.
@@ -185,7 +182,6 @@ class Problem:
         surface: the measured shape, or None.
     """
 
-    given: fitting.ForceData
     asked: Asked
     data: fitting.ForceData
     options: Mapping[str, Any]
@@ -222,17 +218,17 @@ class Problem:
         fitted, surface = data, None
         if asked.shape is not None:
             fitted, options, surface = _with_shape(data, Path(asked.shape), options)
-        return cls(data, asked, fitted, options, errors, surface)
+        return cls(asked, fitted, options, errors, surface)
 
     @classmethod
-    def read(cls, document: Mapping[str, Any], own: Own = ()) -> "Problem":
-        """The problem of a `fit.json`; `own` as for `fitting.load_fit`.
+    def of_fit(cls, fit: fitting.Identification, own: Own = ()) -> "Problem":
+        """The problem of a fit that `fitting.load_fit` has read; `own` as for that.
 
         Raises:
             InputError: the file does not hold one, a file that it names is not there any
                 more, or a class that it names is not trusted.
         """
-        held = document.get("problem")
+        held = fit.document.get("problem")
         if held is None:
             raise fitting.InputError(
                 "the file does not hold its problem: assess a fit.json of famjax fit. For a fit of a "
@@ -245,31 +241,11 @@ class Problem:
             for path in np.atleast_1d(asked.get(kind) or []):
                 if ":" in path:
                     check_trusted(str(path), own, kind)
-        known = document["data"]
-        columns = {
-            key.rpartition("_")[0]: np.array(values) for key, values in known["readings"].items()
-        }
-        specimen = {key.removesuffix("_m"): value for key, value in known["specimen"].items()}
-        data = fitting.ForceData(
-            **columns, specimen=Specimen(**specimen), source=known["source"],
-            notes=tuple(_sentence(one) for one in held["notes"]),
-            assumed=tuple(held["assumed"]), units=held["units"],
-            **{name: held[name] for name in _SAVED},
-            count=None if held["count"] is None else np.array(held["count"]),
-        )  # fmt: skip
-        return cls.of(data, Asked(**asked))
+        return cls.of(fit.data, Asked(**asked))
 
     def as_dict(self) -> dict[str, Any]:
-        """What `fit.json` holds of it beside the readings and the specimen, in SI."""
-        data = self.given
-        return {
-            "asked": dataclasses.asdict(self.asked),
-            "notes": [_parts(one) for one in data.notes],
-            "assumed": list(data.assumed),
-            "units": dict(data.units),
-            **{name: getattr(data, name) for name in _SAVED},
-            "count": None if data.count is None else data.count.tolist(),
-        }
+        """What `fit.json` holds of it beside the data."""
+        return {"asked": dataclasses.asdict(self.asked)}
 
     def solve(self, progress: Tell) -> tuple[fitting.Identification, Choice | None]:
         """The fit, and the choice of its law where none was asked for."""
@@ -335,21 +311,6 @@ class Problem:
         return {**moves_of(data, self.errors, surface.geometry), "shape": draws}
 
 
-def _parts(note: str) -> Any:
-    """A note for JSON, which keeps the quantities in it."""
-    if isinstance(note, Sentence):
-        return [_parts(one) if isinstance(one, str) else one._asdict() for one in note.parts]
-    return note
-
-
-def _sentence(parts: Any) -> str:
-    if isinstance(parts, str):
-        return parts
-    return Sentence(
-        *(Quantity(**one) if isinstance(one, dict) else _sentence(one) for one in parts)
-    )
-
-
 def judged(
     result: fitting.Identification, choice: Choice | None, evidence: Evidence, progress: Tell
 ) -> Judgement:
@@ -383,6 +344,7 @@ def _with_shape(
     named = {*options["bounds"], *options["parameters"]}
     least, most = surface.threads.turns_range()
     free = {} if _TURNS in named else {_TURNS: Parameter(min=least, max=most)}
-    noted = dataclasses.replace(data, notes=(*data.notes, *surface.summary()))
+    # A saved fit's data have the notes already.
+    noted = dataclasses.replace(data, notes=tuple(dict.fromkeys((*data.notes, *surface.summary()))))
     fitted = {**options, "geometry": geometry, "parameters": {**options["parameters"], **free}}
     return noted, fitted, surface

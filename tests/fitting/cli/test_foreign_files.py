@@ -100,4 +100,4 @@ def test_a_module_that_is_named_is_imported(files: dict[str, Any], here: Path) -
     assert type(fitting.load_fit("fit.json", own=(law,)).muscle.material) is law
     assert len(fitting.load_fit("series.json", own=("spy:Law",)).outlook.others) == 1
     with pytest.raises(InputError, match="the law is 'spy:Law'"):  # whoever was imported before
-        Problem.read(files["problem"])
+        Problem.of_fit(fitting.load_fit("problem.json"))
