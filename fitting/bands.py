@@ -230,7 +230,7 @@ def spline_variance(
     Returns:
         Zero at what is known, growing between and, more, beyond.
     """
-    span = float(np.ptp(known)) or float(known[0])
+    span = float(np.ptp(known)) or float(known[0]) or 1.0
     x, t = (known - known[0]) / span, (np.asarray(at, float) - known[0]) / span
     if x.size == 1:  # one level tells no drift: the function is as uncertain as it is far
         return np.abs(t - x[0]) ** 3

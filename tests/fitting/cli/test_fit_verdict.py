@@ -118,7 +118,7 @@ def test_a_wall_of_nine_tenths_of_the_bore(fit: Fit, sound: ForceData) -> None:
     assert code == 1
     told = " ".join(out.split())
     assert "Not identified." in told
-    assert "The wall of 9 mm is 90% of the bore of 10 mm" in told
+    assert "The wall of 9 mm is 90% of nominal_diameter, 10 mm" in told
     assert "check wall_thickness and nominal_diameter" in told
 
 

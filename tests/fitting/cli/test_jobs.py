@@ -26,7 +26,7 @@ def test_a_law_of_ones_own_is_assessed_by_other_processes(
 
     fitted = run("fit", "DMSP-20-300", "--law", "own_law:Gent", "--output", str(tmp_path))
     found = [
-        run("assess", str(tmp_path / "fit.json"), "--bootstrap", "260", *more)
+        run("assess", str(tmp_path / "fit.json"), "--own", "own_law", "--bootstrap", "260", *more)
         for more in ((), ("--jobs", "2"))
     ]
     drawn = [one["bootstrap"] for one in found]
