@@ -184,6 +184,11 @@ def _default_answer() -> Iterator[Row]:
             ("part of the readings inside the 95 % band", ">=", 0.8, "95 %, of few lengths"),
             command=f"{fit} --validate", **of,
         )  # fmt: skip
+    yield from rows(
+        "choice with the shape from mechanics", "default_answer:with_shape",
+        ("held-out error / that of the bare choice", "<=", 1.02, "one more model does no harm"), data=BOTH,
+        command=f"{fit} --ends equilibrium", part=LOADED, seed=0, cost="long",
+    )  # fmt: skip
     inside, width = (
         "part of the readings inside the 95 % band",
         "mean full width of the band / RMSE",

@@ -259,6 +259,12 @@ def chosen(case: Case) -> dict[str, float]:
     return {"RMSE [N]": choice(case).chosen.errors.rmse}
 
 
+def with_shape(case: Case) -> dict[str, float]:
+    """The choice with the shape from mechanics among the families, beside the bare one."""
+    bare, wide = choice(case), fitting.choose(case.map, ends="equilibrium")
+    return {"held-out error / that of the bare choice": wide.tried[0].held_out / bare.tried[0].held_out}
+
+
 def nested_lengths(case: Case) -> dict[str, float]:
     """Each length left out."""
     found = lengths_out(case)

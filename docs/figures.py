@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 
 import famjax
 import fitting
+from famjax.boundary.files import as_svg
 from famjax.braids import NEUTRAL_ANGLE, force_magnification
-from fitting.report import svg_file
 
 FOLDER = Path(__file__).parent / "figures"
 
@@ -178,7 +178,7 @@ def make(folder: Path) -> dict[str, dict[str, list]]:
     for name, draw in FIGURES.items():
         figure, shown = draw()
         with mpl.rc_context({"svg.fonttype": "none"}):
-            (folder / f"{name}.svg").write_text(svg_file(figure), encoding="utf-8")
+            (folder / f"{name}.svg").write_text(as_svg(figure), encoding="utf-8")
         curves[name] = {key: _rounded(value) for key, value in shown.items()}
     (folder / "curves.json").write_text(json.dumps(curves, indent=0) + "\n", encoding="utf-8")
     return curves

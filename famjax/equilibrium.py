@@ -118,6 +118,7 @@ class EquilibriumMuscle(AbstractMuscle):
         material: any stress law of the bladder.
         end_diameter: D [m] of the braid at the fittings, or at the first one.
         other_end_diameter: D [m] at the last fitting; the same if None.
+        deadband_pressure: P_d [Pa], taken off the gauge pressure: the threads do not feel it.
         sections: parts along the muscle that differ; none for a uniform one.
         modes: degree of the radius in each section, more for slender sections unless given.
 
@@ -137,6 +138,7 @@ class EquilibriumMuscle(AbstractMuscle):
     material: AbstractMaterial
     end_diameter: Float[Given, ""] = parameter("m", low=0.0)
     other_end_diameter: Float[Given, ""] | None = parameter("m", low=0.0, default=None)
+    deadband_pressure: Float[Given, ""] = parameter("Pa", low=0.0, default=0.0)
     sections: tuple[Section, ...] = ()
     modes: int = eqx.field(static=True, default=0)
 
@@ -148,6 +150,7 @@ class EquilibriumMuscle(AbstractMuscle):
         *,
         end_diameter: Real,
         other_end_diameter: Real | None = None,
+        deadband_pressure: Real = 0.0,
         sections: Sequence[Section] = (),
         modes: int | None = None,
     ) -> None:
@@ -162,6 +165,7 @@ class EquilibriumMuscle(AbstractMuscle):
         self.other_end_diameter = (
             None if other_end_diameter is None else as_real(other_end_diameter)
         )
+        self.deadband_pressure = as_real(deadband_pressure)
         self.sections = tuple(sections)
         _check(self)
         self.modes = _modes_for(self) if modes is None else modes
@@ -198,7 +202,8 @@ class EquilibriumMuscle(AbstractMuscle):
     def energy(self, length: Real, pressure: Real) -> RealArray:
         """Strain energy [J] of bladder and threads, broadcast shape: dU = F dL + P dV.
 
-        Of a law without an energy it is the work of its stresses along a straight path of strains.
+        Of a law without an energy it is the work of its stresses along a straight path of strains. What
+        the deadband takes, P_d V, counts as stored.
         """
         return self.state(length, pressure).energy
 
@@ -299,6 +304,7 @@ def _balance(
 ) -> tuple[Balance, Solved, Int[Array, ""]]:
     """The balance at a scalar length or load, its solution, and the code of its reason."""
     parts, ends = parts_of(muscle), _ends(muscle)
+    pressure = pressure - muscle.deadband_pressure
     far = [one.far_bladder for one in muscle.sections] or [None]
     straight = jnp.asarray(sum(share * part.braid.rest_thread_length for share, part in parts))
     if load is None:
@@ -387,10 +393,11 @@ def _length_at_load(
 def _state(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> State:
     def one(length: RealArray, pressure: RealArray) -> State:
         balance, solved, code = _balance(muscle, length, pressure)
+        volume = _length_and_volume(balance, solved)[1]
         values = (
             solved.y[0][-1] * balance.force_scale,
-            _length_and_volume(balance, solved)[1],
-            _energy(balance, solved),
+            volume,
+            _energy(balance, solved) + muscle.deadband_pressure * volume,
             _margin(balance, solved),
         )
         force, volume, energy, margin = (jnp.where(code == FOUND, v, jnp.nan) for v in values)

@@ -21,6 +21,7 @@ from .data import ForceData, groups_of_levels
 from .evidence import Evidence
 from .identification import solve
 from .ladder import MODEL_ERROR, ladder
+from .mechanics import check_ends, equilibrium_candidate
 from .parameters import Parameter
 from .race import (
     ALIKE,
@@ -157,6 +158,7 @@ def choose(
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
     objective: str = "sum_of_squares",
+    ends: str = "cylinder",
     starts: int = 16,
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
@@ -176,6 +178,7 @@ def choose(
         parameters: bounds, held values and priors; the ladder varies none of these, either.
         noise: standard deviation of one reading [N]; that of the data unless given.
         objective: of the fit of the chosen family.
+        ends: "equilibrium" tries Ogden's law with the shape from mechanics as well, see `identify`.
         starts: of the fit of the chosen family; others are compared with a few.
         seed: of the starts.
         progress: called with (what is done, steps done, steps).
@@ -204,6 +207,8 @@ def choose(
         return None if told is None else lambda done, total: told(what, done, total)
 
     elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
+    if check_ends(ends, {}) == "equilibrium":
+        candidates = (*candidates, equilibrium_candidate(weighed, bounds, parameters, seed))
     # Those whose rig is rigid come first: they wait for none that gives way.
     rigid_first = sorted([*candidates, *elsewhere], key=lambda one: one.rig)
     found = fitted(

@@ -165,6 +165,15 @@ class AbstractGeometrySource(eqx.Module):
         """What can be identified of it besides the parameters of every fit, by name."""
         return {}
 
+    def muscle(
+        self,
+        values: Values,
+        material: famjax.materials.AbstractMaterial,
+        further: famjax.terms.SumOfTerms | None,
+    ) -> famjax.AbstractMuscle:
+        """The muscle of these parameters, with that law and further terms besides those of every muscle."""
+        return assembled(self.geometry(values), material, values["deadband_pressure"], further)
+
     def as_arrays(self) -> "AbstractGeometrySource":
         """The same source, its numbers arrays, so that another specimen is no other program."""
         return self
@@ -381,7 +390,7 @@ class MuscleFamily(AbstractFamily):
         """Whether dimensions depend on pressure."""
         return self.source.stretches or "braid_compliance" in self.nonlinear
 
-    def build(self, values: Values) -> famjax.Muscle:
+    def build(self, values: Values) -> famjax.AbstractMuscle:
         """The muscle of these values."""
         if self.nodes is None:
             material = self.law.with_values(values)
@@ -394,9 +403,7 @@ class MuscleFamily(AbstractFamily):
         if self.terms is not None:
             free = [name for name in self.terms.declared() if name in self.nonlinear]
             further = self.terms.with_parameters({name: values[name] for name in free})
-        return assembled(
-            self.source.geometry(values), material, values["deadband_pressure"], further
-        )
+        return self.source.muscle(values, material, further)
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
         """L0 [m] at which every path starts."""

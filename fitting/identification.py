@@ -1,6 +1,7 @@
 """Identification of muscles from force maps: geometry outside, a certified convex fit inside."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ import famjax
 from .arguments import check_whole
 from .data import ForceData
 from .families import LawGiven
+from .mechanics import check_ends, equilibrium_options
 from .parameters import Parameter
 from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
@@ -30,6 +32,7 @@ def identify(
     objective: str = "sum_of_squares",
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    ends: str = "cylinder",
     censored: bool = False,
     starts: int = 16,
     seed: int = 0,
@@ -73,6 +76,9 @@ def identify(
             estimated one: its declared parameters take part where they are named.
         terms: further force terms, such as `famjax.terms.Spring`; their declared parameters take part
             where they are named. A term with a `deadband_pressure` takes the place of Gaylord's.
+        ends: "cylinder", or "equilibrium": the shape follows from mechanics between end-fittings whose
+            diameter is identified, `famjax.EquilibriumMuscle`. The force is not linear in the law then,
+            so that the fit has a local optimum and no certificate, and no constraint is placed.
         censored: whether slack readings count where the model pulls at them, and saturated ones
             where it pulls less than the load cell's limit, as one-sided squares; the fit stays convex.
         starts: number of starts, Latin hypercube over the box.
@@ -91,11 +97,13 @@ def identify(
     """
     check_whole("starts", starts, 1)
     check_objective(objective, censored=censored)
-    posed = pose(
-        (data,), law=law, order=order, constraint=constraint, dependence=dependence,
-        bounds=bounds, parameters=parameters, noise=noise, geometry=geometry, terms=terms,
-        censored=censored,
-    )  # fmt: skip
+    asked: dict[str, Any] = {
+        "law": law, "order": order, "constraint": constraint, "dependence": dependence,
+        "bounds": bounds, "parameters": parameters, "geometry": geometry, "terms": terms,
+    }  # fmt: skip
+    if check_ends(ends, asked) == "equilibrium":
+        asked = equilibrium_options(data, law, order, bounds, parameters, seed)
+    posed = pose((data,), noise=noise, censored=censored, **asked)
     (found,) = solve(
         posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress
     )

@@ -185,15 +185,18 @@ _PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 def _geometry(data: ForceData) -> dict[str, Parameter]:
     """What is believed of every muscle, whatever its law."""
-    rest = data.specimen.rest_length
-    rounding = rest_length_rounding(rest)
     return {
         "end_factor": Parameter(prior=END_FACTOR_PRIOR),
         "braid_compliance": Parameter(prior=BRAID_COMPLIANCE_PRIOR, unit="1/N"),
-        "rest_length": Parameter(
-            min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m"
-        ),
+        "rest_length": rest_length_prior(data),
     }
+
+
+def rest_length_prior(data: ForceData) -> Parameter:
+    """The rest length within the rounding to which it was given."""
+    rest = data.specimen.rest_length
+    rounding = rest_length_rounding(rest)
+    return Parameter(min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m")
 
 
 _OF_CYLINDERS = {"mooney-rivlin"}

@@ -59,6 +59,7 @@ class Posed:
         table: all parameters by name, SI.
         law: family of the law.
         constraint, dependence: as asked for.
+        near: values [SI] by name about which the search starts; None for all over the box.
     """
 
     data: tuple[ForceData, ...]
@@ -67,12 +68,21 @@ class Posed:
     law: Law
     constraint: Constraint
     dependence: str
+    near: Mapping[str, float] | None = None
 
     def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
         """Points of the unit box of the free parameters, from which to descend."""
-        return latin_hypercube(len(self.problem.free), count, seed)
+        free, cube = self.problem.free, latin_hypercube(len(self.problem.free), count, seed)
+        if self.near is None:
+            return cube
+        low, high = self.problem.low[free], self.problem.high[free]
+        values = np.array([self.near[self.problem.names[k]] for k in free])
+        about = (values - low) / (high - low) + _SCATTER * (cube - 0.5)
+        about[0] -= _SCATTER * (cube[0] - 0.5)
+        return np.clip(about, 0.0, 1.0)
 
 
+_SCATTER = 0.1  # of the box, about values that are near
 EXCHANGES = 8
 """Spare stations, filled with the points between the others where the constraint is violated."""
 
@@ -93,10 +103,11 @@ def pose(
     own: Sequence[str] = (),
     own_law: bool = False,
     program: Callable[[Problem], Problem] = lambda problem: problem,
+    near: Mapping[str, float] | None = None,
 ) -> Posed:
     """The problem of `identify` or `identify_together` with these arguments, which say what they are.
 
-    `program` puts it into another compiled program than its own, see `Within`.
+    `program` puts it into another compiled program than its own, see `Within`; `near` is of `Posed`.
 
     Raises:
         InputError: the data cannot support the fit, with the reason.
@@ -165,8 +176,9 @@ def pose(
         )
     )  # fmt: skip
     check_affine(problem)
-    check_solvable(problem)
-    return Posed(data, problem, table, family, cast(Any, constraint), dependence)
+    if linear:  # of others the middle of the box may be no muscle
+        check_solvable(problem)
+    return Posed(data, problem, table, family, cast(Any, constraint), dependence, near)
 
 
 def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:

@@ -7,7 +7,7 @@ buckles, and does not push. Below zero it is 0 N, and so are both ends of its ba
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -118,7 +118,7 @@ def _check_lengths(length: Float[np.ndarray, " n"]) -> None:
         raise InputError(f"lengths must be > 0, got {length.min():.6g} m")
 
 
-def _check_cut(muscle: famjax.Muscle, rest_length: float) -> None:
+def _check_cut(muscle: famjax.AbstractMuscle, rest_length: float) -> None:
     """Raise unless the muscle can be one of that rest length."""
     if not (math.isfinite(rest_length) and rest_length > 0):
         raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
@@ -512,9 +512,16 @@ def _ends(values: Collection[float]) -> tuple[float, float]:
     return float(min(values)), float(max(values))
 
 
+def _braid_limits(muscle: famjax.Muscle | famjax.EquilibriumMuscle) -> Sequence[Any]:
+    """Lengths [m] at which the braid locks and at which its threads are straight, nan where unknown."""
+    if isinstance(muscle, famjax.Muscle):
+        return muscle.geometry.braid_limits()
+    return math.nan, muscle.braid.rest_thread_length
+
+
 def _reach_of(fit: Identification, rest_length: float | None) -> Reach:
     """What a fit covers, of the fitted muscle or of one of another rest length L0 [m]."""
-    fitted, series = float(fit.muscle.geometry.rest_length), fit.outlook.series
+    fitted, series = float(fit.muscle.rest_length), fit.outlook.series
     asked = fitted if rest_length is None else rest_length
     ratios, pressures = fit.data.length / fitted, fit.data.pressure
     rest = fitted / _FARTHEST, fitted * _FARTHEST
@@ -523,7 +530,7 @@ def _reach_of(fit: Identification, rest_length: float | None) -> Reach:
         ratios, pressures = np.array(series["length_ratios"]), series["pressures_Pa"]
         rest, whose = series["rest_lengths_m"], "the specimens'"
     muscle = fit.muscle if rest_length is None else famjax.cut_to_length(fit.muscle, rest_length)
-    lock, thread = (float(at) for at in muscle.geometry.braid_limits())
+    lock, thread = (float(at) for at in _braid_limits(muscle))
     rounding, (low, high) = 1e-12 * asked, _ends(ratios)
     return Reach(
         lengths=(low * asked - rounding, high * asked + rounding),
@@ -533,7 +540,7 @@ def _reach_of(fit: Identification, rest_length: float | None) -> Reach:
         whose=whose,
         lock=lock,
         thread_length=thread,
-        closed=float(muscle.geometry.length_range()[1]),
+        closed=float(muscle.length_range()[1]),
         largest_force=float(fit.data.force.max()),
     )
 

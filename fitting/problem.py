@@ -102,7 +102,9 @@ class Part:
         """The same part, its constraint posed elsewhere; nothing is compiled."""
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
-    def mounted(self, muscle: famjax.Muscle, parameters: np.ndarray) -> famjax.MountedMuscle:
+    def mounted(
+        self, muscle: famjax.AbstractMuscle, parameters: np.ndarray
+    ) -> famjax.MountedMuscle:
         """A muscle in the rig of the problem's parameters [SI]."""
         return famjax.MountedMuscle(muscle, *(parameters[list(self.rig)] if self.rig else (0.0,)))
 

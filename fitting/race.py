@@ -29,8 +29,8 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
         InputError: the map cannot carry it.
     """
     return pose(
-        (data,), constraint=constraint, bounds=candidate.bounds,
-        parameters=candidate.parameters, program=sharing_one_program, **candidate.options,
+        (data,), bounds=candidate.bounds, parameters=candidate.parameters,
+        program=sharing_one_program, **{"constraint": constraint, **candidate.options},
     )  # fmt: skip
 
 
@@ -40,20 +40,18 @@ def descended(problem: Problem, starts: int, seed: int) -> End:
     Raises:
         InputError: no start ends at a force for every reading.
     """
-    return best_of(_descents([problem], starts, seed))
+    return best_of(_descents([problem], [latin_hypercube(len(problem.free), starts, seed)]))
 
 
 def _descents(
     problems: Sequence[Problem],
-    starts: int,
-    seed: int,
+    starts: Sequence[Float[np.ndarray, "_ _"]],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
-    """The ends of a few descents of each problem, one problem after another."""
-    cubes = [latin_hypercube(len(problem.free), starts, seed) for problem in problems]
+    """The ends of the descents of each problem, one problem after another."""
     return descend_many(
-        [problem for problem in problems for _ in range(starts)],
-        [start for cube in cubes for start in cube],
+        [problem for problem, own in zip(problems, starts, strict=True) for _ in own],
+        [start for own in starts for start in own],
         max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=progress,
     )  # fmt: skip
 
@@ -106,8 +104,9 @@ def fitted(
             posed.append(posed_of(data, one, constraint))
         except InputError as error:
             posed.append(str(error))
-    problems = [one.problem for one in posed if isinstance(one, Posed)]
-    ends = iter(_descents(problems, starts, seed, progress))
+    carried = [one for one in posed if isinstance(one, Posed)]
+    near = [one.starts(starts, seed) for one in carried]
+    ends = iter(_descents([one.problem for one in carried], near, progress))
     return [
         one
         if isinstance(one, str)

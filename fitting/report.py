@@ -303,9 +303,17 @@ def described(part: object) -> str:
     return " ".join(found.split()) if own else f"{type(part).__name__}."
 
 
+def terms_of(muscle: famjax.AbstractMuscle) -> tuple[famjax.terms.AbstractForceTerm, ...]:
+    """The force terms of a muscle that has terms."""
+    return muscle.terms.terms if isinstance(muscle, famjax.Muscle) else ()
+
+
 def in_words(result: Identification) -> str:
     """The model of a fit in a line: law, geometry, and what else takes part."""
-    geometry, terms = result.muscle.geometry, result.muscle.terms.terms
+    muscle = result.muscle
+    if isinstance(muscle, famjax.EquilibriumMuscle):
+        return f"{result.law.name} law, the shape from mechanics between two end-fittings"
+    geometry, terms = muscle.geometry, muscle.terms.terms
     order = f" of order {result.order}" if result.law.name == "polynomial" else ""
     shape = "a cylindrical braid"
     if type(geometry).__module__ != "famjax.geometries":
@@ -317,6 +325,12 @@ def in_words(result: Identification) -> str:
     ]  # fmt: skip
     parts += [type(one).__name__ for one in terms if type(one).__module__ != "famjax.terms"]
     return f"{result.law.name} law{order}, {shape}{' with ' * bool(parts)}{', '.join(parts)}"
+
+
+_WITHIN = (
+    "The fit describes the quasi-static force within the measured lengths and pressures, and nothing "
+    "outside them. The braid angle is measured from the circumference."
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -459,22 +473,32 @@ class Findings:
     def model(self, system: str) -> list[str]:
         """What the model is, in sentences: law, geometry, terms, stability, optimum."""
         result, certificate = self.result, self.result.certificate
-        # A margin at rounding level is that of an active constraint.
-        stable = certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max())
-        margin = Quantity(certificate.stability_margin, "stress", 3).in_units(system)
-        terms = [described(one).partition(". ")[0] for one in result.muscle.terms.terms]
+        muscle = result.muscle
         rig = "The rig is taken as rigid."
         if float(result.mounted.compliance):
             rig = "The rig is compliant, see series_compliance."
+        law = f"Bladder law: {described(muscle.material)}"
+        if isinstance(muscle, famjax.EquilibriumMuscle):
+            return [
+                law,
+                f"Geometry: {described(muscle)} {rig}",
+                "The shape is stable at every loaded reading (smallest stiffness "
+                f"{certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear in the law: the "
+                "optimum is the best of those that were found, without a certificate.",
+                _WITHIN,
+            ]
+        # A margin at rounding level is that of an active constraint.
+        stable = certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max())
+        margin = Quantity(certificate.stability_margin, "stress", 3).in_units(system)
+        terms = [described(one).partition(". ")[0] for one in terms_of(muscle)]
         return [
-            f"Bladder law: {described(result.muscle.material)}",
-            f"Geometry: {described(result.muscle.geometry)} {rig}",
+            law,
+            f"Geometry: {described(muscle.geometry)} {rig}",
             f"Force terms: {'; '.join(one.rstrip('.') for one in terms)}. No friction.",
             f"The law is {'' if stable else 'NOT '}Drucker-stable on the actuation path (margin "
             f"{margin}). Its coefficients are globally optimal for this geometry (KKT residual "
             f"{certificate.kkt_residual:.0e}).",
-            "The fit describes the quasi-static force within the measured lengths and pressures, and "
-            "nothing outside them. The braid angle is measured from the circumference.",
+            _WITHIN,
         ]
 
     def tables(self, system: str = "metric") -> list[Table]:
@@ -553,6 +577,13 @@ def _quality_table(result: Identification, system: str) -> Table:
         "smallest modulus along the actuation path (Drucker >= 0)": certificate.stability_margin,
         "smallest tangent modulus on the strain range": certificate.slope_margin,
     }
+    optimum = [
+        ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
+        ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
+    ]
+    if result.has_shape:
+        margin = f"{certificate.shape_margin / 1e3:.4g} N/mm"
+        optimum = [("smallest stiffness of the shape (stable > 0)", margin)]
     active = "; ".join(sentence_in_units(one, system) for one in result.active_constraints)
     rows = [
         ("readings", f"{errors.n_points} loaded; {errors.n_slack} slack, which are censored"),
@@ -563,8 +594,7 @@ def _quality_table(result: Identification, system: str) -> Table:
           for name, value in moduli.items() if not math.isnan(value)),
         ("largest strain used", f"{result.strain_range:.4g}"),
         ("active constraints", active or "none"),
-        ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
-        ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
+        *optimum,
         ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),
         ("condition number of the parameters", f"{certificate.condition:.3g}"),
         ("starts that reached this optimum", f"{certificate.n_agreeing} of {certificate.n_starts}"),
@@ -617,21 +647,32 @@ class Live:
             ]
             return np.reshape(np.array(text, object), L.shape).tolist()
 
-        at = result.muscle.geometry.dimensions(L, P)
+        radius, angle = _middle(result.muscle, L, P)
         used = {kind: units[kind] for kind in ("length", "pressure", "force")}
         size, rest = factor(units["length"], "length"), data.specimen.rest_length
         points = [getattr(data, kind)[pulls] / factor(unit, kind) for kind, unit in used.items()]
         content = {
             "length": length, "pressure": pressure, "units": used,
             "force": table("force_N"), "low": table("low_95_N"), "high": table("high_95_N"),
-            "radius": _known(at.radius / size), "angle": _known(at.braid_angle),
+            "radius": _known(radius / size), "angle": _known(angle),
             "rest": rest / size,
-            "rest_radius": float(np.nanmin(at.radius)) / size,
+            "rest_radius": float(np.nanmin(radius)) / size,
             "shown": [pressure.index(one) for one in read],
             "points": np.stack(points, axis=1)[:_SINGLE].round(6).tolist(),
         }  # fmt: skip
         text = json.dumps(content, allow_nan=False, separators=(",", ":"))
         return cls(Markup(text), used)
+
+
+def _middle(
+    muscle: famjax.Muscle | famjax.EquilibriumMuscle, length: np.ndarray, pressure: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Radius [m] and braid angle [rad] halfway between the fittings."""
+    if isinstance(muscle, famjax.Muscle):
+        at = muscle.geometry.dimensions(length, pressure)
+        return np.asarray(at.radius), np.asarray(at.braid_angle)
+    shape = muscle.profile(length, pressure, 3)
+    return np.asarray(shape.radius[..., 1]), np.asarray(shape.braid_angle[..., 1])
 
 
 def _known(values: Array | np.ndarray) -> list[list[float | None]]:
@@ -656,7 +697,7 @@ def html_report(
         system=system,
         figure=inline_svg(as_svg(drawn), "fit", "isobars, residuals and the bladder's law"),
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
-        terms={type(one).__name__ for one in result.muscle.terms.terms},
+        terms={type(one).__name__ for one in terms_of(result.muscle)},
         origin=origin,
         versions=versions(),
         live=Live.of(result, system),

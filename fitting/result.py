@@ -105,6 +105,8 @@ class Certificate:
             modulus: the tail of the interpolant whose minima they are; rounding for polynomials.
         n_starts: descents made.
         n_agreeing: of them, those that ended within 1e-6 of the best objective.
+        shape_margin: of a shape from mechanics, its smallest stiffness [N/m] at the loaded readings: each
+            shape is stable when > 0. The optimum is local then; nan of all others.
     """
 
     kkt_residual: float
@@ -117,6 +119,7 @@ class Certificate:
     between_stations: float
     n_starts: int
     n_agreeing: int
+    shape_margin: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -269,11 +272,16 @@ class Identification:
         return tuple(one.name for one in self.estimates if one.at_bound)
 
     @property
-    def muscle(self) -> famjax.Muscle:
+    def muscle(self) -> famjax.Muscle | famjax.EquilibriumMuscle:
         """The model; a differentiable function of length and pressure."""
         muscle = self.mounted.muscle
-        assert isinstance(muscle, famjax.Muscle)
+        assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
         return muscle
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether the shape is from mechanics, so that there is no certificate of a global optimum."""
+        return isinstance(self.mounted.muscle, famjax.EquilibriumMuscle)
 
     @property
     def order(self) -> int:
@@ -442,7 +450,8 @@ def of_parameters(result: Identification) -> list[Remark]:
         *((True, level, ridge) for level, ridge in _ridges(result)),
         (result.active_constraints, 0, "A constraint on the coefficients is active: their standard errors "
          "hold along it only."),
-        (not certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max()), 1,
+        (not result.has_shape and not certificate.stability_margin
+         >= -1e-9 * float(np.abs(result.coefficients).max(initial=0.0)), 1,
          Sentence("The law is NOT Drucker-stable on the actuation path (margin ",
                   Quantity(certificate.stability_margin, "stress"), "). Do not extrapolate or simulate "
                   "with it; --constraint drucker finds the best stable law.")),

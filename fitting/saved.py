@@ -44,6 +44,7 @@ from .choice import Choice, choice_as_dict
 from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
 from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
+from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .posing import EXCHANGES, pose
 from .result import Certificate, Errors, Estimate, Identification, Outlook, Solved
@@ -64,7 +65,7 @@ _CERTIFICATE = {
     "constraint_margin": "constraint_margin_Pa", "between_stations": "between_stations",
     "kkt_residual": "kkt_residual", "duality_gap": "duality_gap",
     "gradient_residual": "gradient_residual", "condition": "condition", "n_starts": "n_starts",
-    "n_agreeing": "n_starts_agreeing",
+    "n_agreeing": "n_starts_agreeing", "shape_margin": "shape_margin_N_per_m",
 }  # fmt: skip
 """Where each figure is in the file."""
 _SAID = tuple(
@@ -74,6 +75,7 @@ _SAID = tuple(
 )
 """What is known of a map besides."""
 _KNOWN = "known"  # a geometry that is the muscle's own, such as a measured one
+_MECHANICS = "equilibrium"  # that follows from mechanics
 
 
 def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
@@ -118,20 +120,21 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     muscle, pressures = mounted.muscle, document["node_pressures_Pa"]
     coefficients = np.atleast_2d(_array(document["coefficients_Pa"]))
     estimates = tuple(_estimate(name, one) for name, one in document["parameters"].items())
-    nodes, count = (), coefficients.size
+    nodes, first = (), len(estimates) - coefficients.size
     if pressures is not None:
         at_nodes = [
             dataclasses.replace(one, name=one.name.rpartition("_at_")[0])
-            for one in estimates[-count:]
+            for one in estimates[first:]
         ]
         nodes = tuple(zip(*[iter(at_nodes)] * coefficients.shape[1], strict=True))
-    stderr = np.array([one.stderr for one in estimates[-count:]]).reshape(coefficients.shape)
-    assert isinstance(muscle, famjax.Muscle)
-    law = (
-        Law(muscle.material)
-        if pressures is None
-        else law_named("polynomial", coefficients.shape[1])
-    )
+    stderr = np.array([one.stderr for one in estimates[first:]]).reshape(coefficients.shape)
+    assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
+    law = Law(muscle.material)
+    if pressures is not None:
+        law = law_named("polynomial", coefficients.shape[1])
+    elif isinstance(muscle, famjax.EquilibriumMuscle):
+        ends = {one.name: (one.min, one.max) for one in estimates}
+        law = SearchedLaw(muscle.material, tuple((name, *ends[name]) for name in law.coefficients))
     known = {
         name: document[name]
         for name in ("strain_range", "constraint", "dependence", "seed", "converged",
@@ -140,7 +143,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     return Identification(
         data=data,
         mounted=mounted,
-        estimates=estimates if pressures is None else estimates[:-count],
+        estimates=estimates if pressures is None else estimates[:first],
         node_estimates=nodes,
         derived=tuple(_estimate(name, one) for name, one in document["derived"].items()),
         coefficients=coefficients,
@@ -152,7 +155,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
         active_constraints=tuple(_sentence(one) for one in document["active_constraints"]),
         law=law,
         weights=_array(document["weights"]),
-        names=tuple(document["covariance"]["parameters"][:-count]),
+        names=tuple(document["covariance"]["parameters"])[: -coefficients.size or None],
         covariance=_array(document["covariance"]["matrix"]),
         place=0,
         solved=functools.partial(_opened, document, own),
@@ -177,13 +180,13 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     geometry, terms = asked["geometry"], asked["terms"]
     if geometry is not None and ":" in geometry:
         check_trusted(geometry, own, "geometry")
-    own_terms = getattr(fit.muscle.terms, "terms", ())[-terms:] if terms else ()
+    own_terms = getattr(getattr(fit.muscle, "terms", None), "terms", ())[-terms:] if terms else ()
     entries = (*fit.estimates, *(fit.node_estimates[0] if fit.node_estimates else ()))
     posed = pose(
         (dataclasses.replace(fit.data, force_std=None),),
         law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
         parameters={one.name: _said(one) for one in entries}, censored=asked["censored"],
-        geometry=fit.muscle.geometry if geometry == _KNOWN else geometry,
+        geometry=_geometry(fit, geometry),
         terms=famjax.terms.SumOfTerms(own_terms) if terms else None,
     )  # fmt: skip
     (part,) = posed.problem.parts
@@ -195,6 +198,13 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     end = descend(problem, np.clip((values[problem.free] - low) / (high - low), 0.0, 1.0))
     best, problem = refine(problem, best_of([end]), EXCHANGES)
     return Solved(problem, best)
+
+
+def _geometry(fit: Identification, said: str | None) -> Any:
+    """The geometry that a file names, as `pose` takes it."""
+    if said == _MECHANICS:
+        return EquilibriumSource.of(fit.data)
+    return getattr(fit.muscle, "geometry", None) if said == _KNOWN else said
 
 
 def _said(one: Estimate) -> Parameter:
@@ -217,6 +227,8 @@ def _posed(result: Identification) -> dict[str, Any] | None:
         geometry = class_path(source.wrap)
     elif isinstance(source, KnownSource):
         geometry = _KNOWN
+    elif isinstance(source, EquilibriumSource):
+        geometry = _MECHANICS
     elif not isinstance(source, EstimatedSource) or source.thread is not None:
         return None
     return {
@@ -489,7 +501,6 @@ def _in_rigs(
     """Muscles in their rigs, each with what is said about it."""
     found = []
     for one, *said in zip(muscles, *about.values(), strict=True):
-        assert isinstance(one.muscle, famjax.Muscle)
         known = dict(zip(about, said, strict=True))
         found.append({**known, **_rig(one), "muscle": muscle_as_dict(one.muscle)})
     return found

@@ -50,8 +50,8 @@ class Optimal:
 
     @property
     def coefficients(self) -> Float[np.ndarray, "nodes order"]:
-        """Coefficients [Pa] of every node."""
-        return self.point.x.reshape(-1, self.order)
+        """Coefficients [Pa] of every node; one node of none where nothing is linear."""
+        return self.point.x.reshape(-1 if self.order else 1, self.order)
 
 
 def joint_derivatives(
@@ -192,7 +192,7 @@ def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...
     names = found.problem.names + found.problem.linear
     values = np.concatenate([found.point.parameters, found.coefficients.ravel()])
     ends = np.array([(table[name].min, table[name].max) for name in names])
-    rounding = 1e-9 * np.abs(found.coefficients).max()
+    rounding = 1e-9 * np.abs(found.coefficients).max(initial=0.0)
     stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= rounding
     stopped[: len(found.at_bound)] = found.at_bound
     return tuple(
@@ -228,6 +228,8 @@ def concerning(
 def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Estimate, ...], ...]:
     """The coefficients of every node."""
     first, order = len(found.problem.names), found.order
+    if not order:
+        return ((),)
     return tuple(estimates[k : k + order] for k in range(first, len(estimates), order))
 
 
@@ -274,6 +276,10 @@ def summarise(
         nodes, muscle = _nodes_of(found, k), _muscle_of(part, reported.numbers)
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors = _errors(one, force)
+        strain_range, own = float(np.max(reported.largest_strain)), certificate
+        if isinstance(muscle, famjax.EquilibriumMuscle):
+            strain_range, margin = shape_reached(muscle, one)
+            own = dataclasses.replace(certificate, shape_margin=margin)
         pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
             Identification(
@@ -285,10 +291,10 @@ def summarise(
                 coefficients=found.coefficients[nodes],
                 coefficients_stderr=coefficient_stderr(found)[nodes],
                 node_pressures=None if pressures is None else np.asarray(pressures),
-                strain_range=float(np.max(reported.largest_strain)),
+                strain_range=strain_range,
                 residuals=force[one.loaded] - one.force[one.loaded],
                 errors=errors,
-                certificate=certificate,
+                certificate=own,
                 active_constraints=_active_sentences(found),
                 law=posed.law,
                 constraint=posed.constraint,
@@ -308,13 +314,13 @@ def summarise(
     return tuple(results)
 
 
-def muscle_at(problem: Problem, point: Point, place: int) -> famjax.Muscle:
+def muscle_at(problem: Problem, point: Point, place: int) -> famjax.AbstractMuscle:
     """The muscle of a part at a fit; nothing is compiled for it."""
     part = problem.parts[place]
     return _muscle_of(part, numbers_of(part, point))
 
 
-def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> famjax.Muscle:
+def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> Any:
     return unflat(part.family, numbers)
 
 
@@ -331,6 +337,8 @@ def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.
 def _nodes_of(found: Optimal, place: int) -> slice:
     """Which rows of the coefficients belong to a part: its own, or all."""
     part = found.problem.parts[place]
+    if not found.order:
+        return slice(0, 1)
     first = int(part.coefficients[0]) // found.order
     return slice(first, first + part.coefficients.size // found.order)
 
@@ -353,13 +361,21 @@ def _certificate(
         slope_margin=lowest["slope"],
         constraint_margin={
             "none": math.nan,
-            "positive": float(found.coefficients.min()),
+            "positive": float(found.coefficients.min(initial=math.inf)),
             **lowest,
         }[problem.constraint],
         between_stations=max(one.bound for one in margins["drucker"]),
         n_starts=len(ends),
         n_agreeing=int(np.sum(costs <= np.nanmin(costs) * (1 + 1e-6) + rounding)),
     )
+
+
+def shape_reached(muscle: famjax.EquilibriumMuscle, data: ForceData) -> tuple[float, float]:
+    """Largest strain [-] and smallest stiffness of the shape [N/m] at the loaded readings of a map."""
+    at = data.length[data.loaded], data.pressure[data.loaded]
+    shape = muscle.profile(*at)
+    strains = np.abs([shape.axial_strain, shape.hoop_strain])
+    return float(np.max(strains)), float(np.min(muscle.margin(*at)))
 
 
 def _errors(data: ForceData, force: np.ndarray) -> Errors:
@@ -374,7 +390,7 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
         n_points=int(loaded.sum()),
         n_slack=int(data.slack.sum()),
         slack_violations=int((pulls > 0).sum()),
-        max_slack_force=float(pulls.max(initial=0.0)),
+        max_slack_force=float(np.fmax.reduce(pulls, initial=0.0)),
     )
 
 

@@ -70,12 +70,12 @@ def shape(
     """
     start_jax()
     folder = Output(output)
-    made, deadband = _equilibrium_muscle(
+    made = _equilibrium_muscle(
         _read(muscle, own),
         *(None if one is None else parse_quantity(one, "length")
           for one in (end_diameter, other_end_diameter)),
     )  # fmt: skip
-    at = parse_quantity(length, "length"), parse_quantity(pressure, "pressure") - deadband
+    at = parse_quantity(length, "length"), parse_quantity(pressure, "pressure")
     if why := made.reason(*at):
         raise InputError(f"there is no stable shape at this length and pressure: {why}")
     state, found = made.state(*at), made.profile(*at)
@@ -113,14 +113,17 @@ def _read(muscle: str, own: tuple[str, ...]) -> Any:
 
 def _equilibrium_muscle(
     muscle: Any, end_diameter: float | None, other: float | None
-) -> tuple["famjax.EquilibriumMuscle", float]:
-    """The muscle of the same braid, bladder and law, and the deadband [Pa] of the other."""
+) -> "famjax.EquilibriumMuscle":
+    """The muscle of the same braid, bladder, law and deadband; one with its shape as it is."""
     import jax
 
     from famjax import Bladder, EquilibriumMuscle
     from famjax.braids import AbstractBraid, diameter_from_length
     from famjax.materials import AbstractMaterial
     from famjax.terms import PressurisedBraid
+
+    if isinstance(muscle, EquilibriumMuscle) and end_diameter is None and other is None:
+        return muscle
 
     def inside(kind: type[_Part]) -> list[_Part]:
         leaves = jax.tree.leaves(muscle, is_leaf=lambda one: isinstance(one, kind))
@@ -137,9 +140,10 @@ def _equilibrium_muscle(
         rest, thread = bladder.rest_length, braid.rest_thread_length
         end_diameter = float(diameter_from_length(rest, thread, braid.turns))
     deadbands = [float(term.deadband_pressure) for term in inside(PressurisedBraid)]
-    made = EquilibriumMuscle(braid, bladder, law, end_diameter=end_diameter,
-                             other_end_diameter=other)  # fmt: skip
-    return made, max(deadbands, default=0.0)
+    return EquilibriumMuscle(
+        braid, bladder, law, end_diameter=end_diameter, other_end_diameter=other,
+        deadband_pressure=max(deadbands, default=0.0),
+    )  # fmt: skip
 
 
 def _rows(found: "Shape", units: str) -> list[dict[str, float]]:

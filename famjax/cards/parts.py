@@ -18,6 +18,7 @@ from jaxtyping import Float
 from .. import (
     braids,
     continuation,
+    equilibrium,
     geometries,
     materials,
     measured,
@@ -29,11 +30,13 @@ from .. import (
 )  # fmt: skip
 from .._arrays import as_number
 from ..boundary.errors import InputError, Own, check_trusted, class_named, class_path
-from ..muscle import Muscle
+from ..equilibrium import EquilibriumMuscle
+from ..muscle import AbstractMuscle, Muscle
 from ..parameters import declaration
 
 _ROOMS = (
-    braids, geometries, materials, measured, muscle, continuation, profiles, surfaces, slip, terms,
+    braids, geometries, materials, measured, muscle, equilibrium, continuation, profiles, surfaces,
+    slip, terms,
 )  # fmt: skip
 _PLAIN = (bool, int, float, tuple[float, ...])
 
@@ -65,7 +68,7 @@ _MUSCLE: Forms = {
 _TERMS = Form("terms", terms.AbstractForceTerm, is_part=True, many=True)
 
 
-def muscle_as_dict(muscle: Muscle) -> dict[str, Any]:
+def muscle_as_dict(muscle: AbstractMuscle) -> dict[str, Any]:
     """The muscle as JSON-ready data in SI, exactly.
 
     Raises:
@@ -74,7 +77,7 @@ def muscle_as_dict(muscle: Muscle) -> dict[str, Any]:
     return _written(muscle, "muscle")
 
 
-def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> Muscle:
+def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
     """Make a muscle from a card's data, in JAX's precision: enable float64 to keep every digit.
 
     Args:
@@ -86,7 +89,8 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> Muscle:
         InputError: the card lacks an entry or has one too many, names a type that is not known or not
             trusted, or holds what is no muscle.
     """
-    return _read(card, Muscle, "muscle", own)
+    of_mechanics = isinstance(card, dict) and card.get("type") == EquilibriumMuscle.__name__
+    return _read(card, EquilibriumMuscle if of_mechanics else Muscle, "muscle", own)
 
 
 def own_modules(card: Any) -> list[str]:
@@ -113,7 +117,9 @@ def forms_of(cls: type) -> Forms:
             continue
         spec = declaration(field)
         if spec is not None and isinstance(spec.unit, str):
-            found[_key(field.name, spec.unit)] = Form(field.name, field.type)
+            given = [one for one in typing.get_args(field.type) if one is not type(None)]
+            number, optional = (given[0], True) if given else (field.type, False)
+            found[_key(field.name, spec.unit)] = Form(field.name, number, optional=optional)
         elif spec is not None or field.type in _PLAIN:
             found[field.name] = Form(field.name, field.type)
         else:
@@ -211,7 +217,7 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
             raise InputError(f"{at} of the muscle card must be a list, got {value!r}")
         elif form.is_part and not (form.optional and value is None):
             value = _read(value, form.annotation, at, own)
-        elif not form.is_part:
+        elif not form.is_part and not (form.optional and value is None):
             value = _number(value, form.annotation, at)
         values[form.field] = value
     try:

@@ -37,6 +37,7 @@ _DATA, _MODEL, _KNOWN, _OUTPUT = (
 )
 Constraint = Literal["none", "positive", "slope", "drucker"]
 Objective = Literal["sum_of_squares", "mean_rmse", "huber", "censored"]
+Ends = Literal["cylinder", "equilibrium"]
 _STANDARD_INPUT = "<stdin>"
 """What the command line puts in the place of `-`."""
 
@@ -112,6 +113,9 @@ class Asked:
     shape
         Use the shape from photographs, the `measurements.nc` of `famjax measure`, instead of a
         cylinder. The turns of the threads are identified; `--bounds turns=1.09` holds them.
+    ends
+        Take the ends as the cylinder's, or let the shape follow from mechanics (equilibrium). Without --law
+        the shape from mechanics is one more model to choose from; its fit has no certificate.
     objective
         Choose what is minimised. mean_rmse: the mean over pressures of the RMSE, as in the reference work;
         huber: outliers count little; censored: squares, with slack readings as upper bounds of the
@@ -137,6 +141,7 @@ class Asked:
     geometry: Annotated[str | None, _MODEL] = None
     term: Annotated[tuple[str, ...], _MODEL] = ()
     shape: Annotated[str | None, _MODEL] = None
+    ends: Annotated[Ends, _MODEL] = "cylinder"
     objective: Annotated[Objective, _MODEL] = "sum_of_squares"
     bounds: Annotated[tuple[str, ...], _KNOWN] = ()
     prior: Annotated[tuple[str, ...], _KNOWN] = ()
@@ -152,6 +157,7 @@ class Asked:
 
 def fit(
     data: Annotated[tuple[str, ...], _DATA] = ("DMSP-20-300",),
+    /,
     *,
     specimen: Annotated[tuple[str, ...], _DATA] = (),
     column: Annotated[Columns, _DATA] = (),

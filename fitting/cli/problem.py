@@ -214,6 +214,7 @@ class Problem:
             "parameters": named | taking_part(declared, {**bounds, **named}),
             "noise": noise,
             "objective": asked.objective,
+            "ends": asked.ends,
         }
         fitted, surface = data, None
         if asked.shape is not None:

@@ -177,8 +177,8 @@ def test_two_muscles_share_what_they_share() -> None:
             "weighed against the noise of the force, which is not known",
         ),
         ({"parameters": {"end_factor": Parameter(min=1.2, max=1.1)}}, "must not exceed the upper"),
-        ({"parameters": {"end_factor": Parameter(vary=False)}}, "must have the value"),
-        ({"parameters": {"end_factor": Parameter(value=1.1)}}, "only for a parameter that is held"),
+        ({"parameters": {"end_factor": Parameter(vary=False)}}, "vary=False goes with the value"),
+        ({"parameters": {"end_factor": Parameter(value=1.1)}}, "vary=False goes with the value"),
         ({"parameters": {"series_compliance": Parameter(min=-1.0, unit="mm/N")}}, "must be >= 0"),
         (
             {

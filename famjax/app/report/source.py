@@ -50,7 +50,7 @@ _RANGE = 129
 
 
 def states_of(
-    muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, count: int
+    muscle: famjax.AbstractMuscle, pressures: np.ndarray, shortest: float, count: int
 ) -> xarray.Dataset:
     """The states of a muscle in SI over its stroke at several pressures, by one compiled program.
 

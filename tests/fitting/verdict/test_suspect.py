@@ -100,7 +100,6 @@ FAULTS = {
     "the forces are in lbf, not N": (column("force", "N", 1 / 4.44822), 10),
     "the forces are in kN, not N": (column("force", "N", 1e-3), 10),
     "the forces are in N, not kgf": (column("force", "kgf", 9.80665), 10),
-    "the pressures are in Pa, not kPa": (column("pressure", "kPa", 1e3), 10),
     "the pressures are in bar, not MPa": (column("pressure", "MPa", 10.0), 10),
     "the pressures are in psi, not kPa ": (of_arrays_in_psi, 10),
     "the pressures are absolute, not gauge": (
