@@ -262,7 +262,9 @@ def chosen(case: Case) -> dict[str, float]:
 def with_shape(case: Case) -> dict[str, float]:
     """The choice with the shape from mechanics among the families, beside the bare one."""
     bare, wide = choice(case), fitting.choose(case.map, ends="equilibrium")
-    return {"held-out error / that of the bare choice": wide.tried[0].held_out / bare.tried[0].held_out}
+    return {
+        "held-out error / that of the bare choice": wide.tried[0].held_out / bare.tried[0].held_out
+    }
 
 
 def nested_lengths(case: Case) -> dict[str, float]:

@@ -150,7 +150,7 @@ def independent_optimum(case: Case) -> dict[str, float]:
     for order in range(1, min(strained, 4) + 1):
         for constraint in CONSTRAINTS:
             found = fit(case, order=order, constraint=constraint)
-            geometry, deadband = found.muscle.geometry, found.muscle.deadband_pressure
+            geometry, deadband = found.geometry, found.muscle.deadband_pressure
             A, rest = columns(geometry, deadband, data.length[at], data.pressure[at], order)
             G = constraint_rows(
                 geometry, constraint, shortest, float(data.pressure[at].max()), order, 4000
@@ -225,7 +225,7 @@ def file_units(case: Case) -> dict[str, float]:
 def sweep(case: Case) -> dict[str, float]:
     """The 48 fits at the geometry that the standard fit finds."""
     result, data = fit(case), case.map
-    geometry, deadband = result.muscle.geometry, result.muscle.deadband_pressure
+    geometry, deadband = result.geometry, result.muscle.deadband_pressure
     found = fitting.sweep(data, geometry, deadband=float(deadband))
     at = data.loaded
     pressure = data.pressures.level[at]

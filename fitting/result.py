@@ -279,6 +279,17 @@ class Identification:
         return muscle
 
     @property
+    def geometry(self) -> famjax.geometries.AbstractGeometry:
+        """What the muscle's dimensions follow from.
+
+        Raises:
+            InputError: the shape is from mechanics: `muscle.profile` has it.
+        """
+        if not isinstance(self.muscle, famjax.Muscle):
+            raise InputError("the shape is from mechanics and has no geometry: ask muscle.profile")
+        return self.muscle.geometry
+
+    @property
     def has_shape(self) -> bool:
         """Whether the shape is from mechanics, so that there is no certificate of a global optimum."""
         return isinstance(self.mounted.muscle, famjax.EquilibriumMuscle)

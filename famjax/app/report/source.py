@@ -50,7 +50,7 @@ _RANGE = 129
 
 
 def states_of(
-    muscle: famjax.AbstractMuscle, pressures: np.ndarray, shortest: float, count: int
+    muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, count: int
 ) -> xarray.Dataset:
     """The states of a muscle in SI over its stroke at several pressures, by one compiled program.
 
@@ -267,12 +267,14 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
     fits = {}
     for name in (one for one in GEOMETRIES if one in names):
         saved = fitting.load_fit(results / name / "fit.json")
-        states = states_of(saved.muscle, pressures, float(data.length.min()), _STROKE)
-        rest, ends = float(saved.muscle.rest_length), states.free_contraction.fillna(np.inf)
+        muscle = saved.muscle
+        assert isinstance(muscle, famjax.Muscle)
+        states = states_of(muscle, pressures, float(data.length.min()), _STROKE)
+        rest, ends = float(muscle.rest_length), states.free_contraction.fillna(np.inf)
         last = np.clip(ends.values, 1e-3, float(states.contraction[-1]))
         fits[name] = FittedGeometry(
             name, saved, _read(results / name / "figures.json"), _readings(data, saved), states,
-            famjax.work_budget(saved.muscle, pressures, rest, rest * (1 - last)),
+            famjax.work_budget(muscle, pressures, rest, rest * (1 - last)),
         )  # fmt: skip
     return Source(
         sheet, system, names, data, isobars, test, fits,
