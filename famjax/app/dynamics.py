@@ -241,7 +241,8 @@ def _feed_forward(circuit: "AbstractCircuit") -> Any:
         return [float(circuit.bias)]  # pyright: ignore[reportAttributeAccessIssue]
     pressures = [5 * PSI * k for k in range(1, 24)]
     outputs = [_COUNTS * circuit.steady_signal(P) for P in pressures]  # pyright: ignore
-    return [one / _COUNTS for one in fit_feed_forward(pressures, outputs).coefficients]
+    found = fit_feed_forward(pressures, outputs)
+    return [one / _COUNTS / found.scale**k for k, one in enumerate(found.coefficients)]
 
 
 def _drawn(rows: list[dict[str, float]]) -> bytes:
