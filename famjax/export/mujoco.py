@@ -51,6 +51,49 @@ class CompiledPull:
         self.force.restype, self.force.argtypes = ctypes.c_double, [ctypes.c_double] * 2
 
 
+class CompiledPlant:
+    """A muscle with its circuit from the exported C in a shared library."""
+
+    def __init__(self, library: str | Path, name: str) -> None:
+        """The plant of a library, from such as `gcc -O2 -shared -fPIC NAME.c -o NAME.so -lm`.
+
+        Args:
+            library: the file; compiled in double precision.
+            name: of the muscle in it.
+        """
+        loaded = ctypes.CDLL(str(Path(library).resolve()))
+        self._start, self._step, self._pull = (
+            getattr(loaded, f"{name}_{of}") for of in ("start", "step", "pull")
+        )
+        number, state = ctypes.c_double, ctypes.c_void_p
+        self._start.argtypes, self._step.argtypes = [state, *[number] * 2], [state, *[number] * 5]
+        self._pull.restype, self._pull.argtypes = number, [state, number, number]
+        size = ctypes.c_size_t.in_dll(loaded, f"{name}_state_size").value
+        self._state = (number * (size // ctypes.sizeof(number)))()
+
+    @property
+    def pressure(self) -> float:
+        """Gauge pressure [Pa]."""
+        return self._state[0]
+
+    @property
+    def length(self) -> float:
+        """Active length [m] at the end of the last step."""
+        return self._state[3]
+
+    def start(self, length: float, pressure: float = 0.0) -> None:
+        """Put the plant at rest at a length [m] and a gauge pressure [Pa]."""
+        self._start(self._state, length, pressure)
+
+    def step(self, signal: float, dump: float, length: float, velocity: float, dt: float) -> None:
+        """Advance by dt [s] from a length [m] at a constant velocity [m/s]."""
+        self._step(self._state, signal, dump, length, velocity, dt)
+
+    def pull(self, velocity: float, length: float | None = None) -> float:
+        """Pull [N], friction and viscous loss included; at the state's length unless given."""
+        return self._pull(self._state, self.length if length is None else length, velocity)
+
+
 def install(
     model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
 ) -> None:

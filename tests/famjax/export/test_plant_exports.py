@@ -1,0 +1,59 @@
+"""A muscle with its circuit in C and as an FMU: the plant's own pressure and force."""
+
+import dataclasses
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from targets import Course
+
+from famjax.export import Subject, export
+from famjax.plant import (
+    DahlFriction,
+    HydraulicCircuit,
+    Plant,
+    PneumaticCircuit,
+    SlipFriction,
+)
+from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+SLIP = MaxwellSlip(SlipElements([0.01, 0.03], [20, 10]), SlipElements([0.005], [30]), 0.296, 1e6)
+RAMP, STROKE = (
+    ReferenceCycle("ramp", 0.0, 5e5, cycled=True),
+    ReferenceCycle("stroke", 0.296, 0.25, cycled=False),
+)
+PLANTS: dict[str, tuple[Any, Any]] = {
+    "air, Dahl": (PneumaticCircuit(), DahlFriction(dry=5.0)),
+    "air, slip about a stroke": (PneumaticCircuit(), SlipFriction(CentredSlip(SLIP, STROKE))),
+    "water, slip about a ramp": (HydraulicCircuit(), SlipFriction(CentredSlip(SLIP, RAMP))),
+    "water without relief, slip": (HydraulicCircuit(relief=None), SlipFriction(SLIP)),
+}
+
+
+def with_plant(subject: Subject, of: str) -> Subject:
+    circuit, friction = PLANTS[of]
+    plant = Plant(circuit, subject.muscle, friction=friction, viscosity=20.0)
+    return dataclasses.replace(subject, plant=plant)
+
+
+@needs_gcc
+@pytest.mark.parametrize("of", PLANTS)
+def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) -> None:
+    errors = Course.of(with_plant(subject, of), 4.0).errors_in_c(tmp_path)
+    assert errors["pressure"] < 1e-8
+    assert errors["force"] < 1e-6
+
+
+@needs_gcc
+@pytest.mark.parametrize("of", ["air, Dahl", "water, slip about a ramp"])
+def test_the_fmu_is_valid_and_the_plant_in_both_modes(
+    of: str, subject: Subject, tmp_path: Path
+) -> None:
+    validation = pytest.importorskip("fmpy.validation", reason="FMPy is not installed")
+    course = Course.of(with_plant(subject, of), 4.0)
+    (file,) = export(course.subject, ["fmu"], tmp_path)
+    assert not validation.validate_fmu(str(file))
+    assert max(course.errors_in_fmu(tmp_path, "CoSimulation").values()) < 1e-6
+    assert max(course.errors_in_fmu(tmp_path, "ModelExchange").values()) < 1e-3
