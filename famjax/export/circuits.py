@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..boundary.errors import InputError
-from ..plant import DahlFriction, HydraulicCircuit, PneumaticCircuit, SlipFriction
+from ..plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, SlipFriction
 from ..slip import CentredSlip, MaxwellSlip
 from .table import Subject, tabulated_volume
 
@@ -53,6 +53,11 @@ def plant_words(subject: Subject) -> dict[str, Any]:
         "HOLD_NODES": numbers_in_lines(np.moveaxis(values, 0, -1).ravel()),
         **memory,
     }  # fmt: skip
+
+
+def resting_signal(plant: Plant) -> float:
+    """The signal at which nothing moves: a valve closed, a pump at rest."""
+    return float(getattr(plant.circuit, "bias", 0.0))
 
 
 def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:

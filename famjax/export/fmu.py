@@ -12,6 +12,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from .. import __version__
+from .circuits import resting_signal
 from .mujoco import filled
 from .table import Subject
 
@@ -37,8 +38,7 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
         "ABOUT": quoteattr("; ".join(line.strip() for line in subject.about_table)),
         "HEADING": f" * {name}, exported by famjax {__version__}",
         "LENGTH": repr(float(subject.muscle.rest_length)),
-        # At rest: a valve closed, a pump that stands.
-        "SIGNAL": repr(float(getattr(plant.circuit, "bias", 0.0))),
+        "SIGNAL": resting_signal(plant),
         "GUID": hashlib.sha256(b"".join(sources.values())).hexdigest()[:32],
     }
     files = {f"sources/{one}": content for one, content in sources.items()}

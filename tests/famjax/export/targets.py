@@ -20,7 +20,7 @@ import famjax
 from famjax import Real
 from famjax.cards import MuscleCard
 from famjax.continuation import Region
-from famjax.export import CompiledPlant, Subject, TabulatedPull, export, install
+from famjax.export import CompiledPlant, Subject, TabulatedPull, export, install, uninstall
 from famjax.plant import TICK, Command, simulate
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion")
@@ -208,7 +208,9 @@ class Course:
         low, high = (0.25, 0.8) if hasattr(subject.plant.circuit, "bias") else (0.55, 1.0)
         signal = np.repeat(np.random.default_rng(0).uniform(low, high, 20), count // 20)
         length = _sine(TICK * np.arange(count + 1))[0]
-        command = Command(signal, _dumped(TICK * np.arange(count), seconds), np.diff(length) / TICK)
+        dumps = _dumped(TICK * np.arange(count), seconds)
+        signal = np.where(dumps > 0, 0.0, signal)
+        command = Command(signal, dumps, np.diff(length) / TICK)
         start = subject.plant.start(length[0])
         found = jax.jit(simulate)(subject.plant, command, TICK, start=start)
         return cls(subject, signal, length, np.asarray(found.pressure), np.asarray(found.force))
@@ -218,17 +220,21 @@ class Course:
         pairs = {"pressure": (pressure, self.pressure), "force": (force, self.force)}
         return {of: float(np.abs(a - b).max() / np.ptp(b)) for of, (a, b) in pairs.items()}
 
-    def errors_in_c(self, folder: Path) -> dict[str, float]:
-        """Errors of the C export's step."""
+    def compiled(self, folder: Path) -> CompiledPlant:
+        """The plant of the C export, which compiles without a warning."""
         export(self.subject, ["c"], folder)
         name, library = self.subject.identifier, folder / "plant.so"
         command = ["gcc", *STRICT, "-O2", "-shared", "-fPIC", "-o", str(library)]
         subprocess.run([*command, str(folder / f"{name}.c"), "-lm"], check=True)
-        plant, found = CompiledPlant(library, name), []
+        return CompiledPlant(library, name)
+
+    def errors_in_c(self, folder: Path) -> dict[str, float]:
+        """Errors of the C export's step."""
+        plant, found = self.compiled(folder), []
         plant.start(self.length[0], 0.0)
         for at, signal, dump, velocity in self._ticks():
             plant.step(signal, dump, at, velocity, TICK)
-            found.append((plant.pressure, plant.pull(velocity)))
+            found.append((plant.pressure, plant.pull(plant.length, velocity)))
         return self.errors(*np.array(found).T)
 
     def errors_in_fmu(self, folder: Path, kind: str) -> dict[str, float]:
@@ -258,6 +264,28 @@ class Course:
             unit.terminate()
         finally:
             unit.freeInstance()
+        return self.errors(*np.array(found).T)
+
+    def errors_in_mujoco(self, folder: Path) -> dict[str, float]:
+        """Errors of the exported actuator, its tendon moved by hand."""
+        xml, _ = export(self.subject, ["mujoco"], folder)
+        model, name = _mujoco().MjModel.from_xml_path(str(xml)), self.subject.identifier
+        data, found, longest = _mujoco().MjData(model), [], -model.body_pos[1, 2]
+        model.opt.timestep = TICK
+        install(model, {name: self.compiled(folder)})
+        try:
+            for at, signal, dump, velocity in self._ticks():
+                data.qpos[0], data.qvel[0], data.ctrl[0] = (
+                    longest - at,
+                    -velocity,
+                    signal - dump,
+                )
+                _mujoco().mj_step(model, data)
+                data.qpos[0], data.qvel[0] = longest - at - velocity * TICK, -velocity
+                _mujoco().mj_forward(model, data)
+                found.append((data.act[0], -data.actuator_force[0]))
+        finally:
+            uninstall()
         return self.errors(*np.array(found).T)
 
     def _ticks(self) -> Iterator[tuple[float, float, float, float]]:

@@ -57,3 +57,11 @@ def test_the_fmu_is_valid_and_the_plant_in_both_modes(
     assert not validation.validate_fmu(str(file))
     assert max(course.errors_in_fmu(tmp_path, "CoSimulation").values()) < 1e-6
     assert max(course.errors_in_fmu(tmp_path, "ModelExchange").values()) < 1e-3
+
+
+@needs_gcc
+@pytest.mark.parametrize("of", ["air, slip about a stroke", "water without relief, slip"])
+def test_the_actuator_in_mujoco_is_the_plant(of: str, subject: Subject, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    errors = Course.of(with_plant(subject, of), 2.0).errors_in_mujoco(tmp_path)
+    assert max(errors.values()) < 1e-3
