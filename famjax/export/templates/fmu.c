@@ -18,6 +18,7 @@
 typedef struct {
     double inputs[4];
     @name@_state at;
+    int running;
 } instance;
 
 typedef instance *component;
@@ -44,12 +45,21 @@ enum { states = 3, variables = 11, substep = 2 }; /* ms */
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 
+/* The friction as in a muscle at rest, at the inputs and states that were set before the start. */
+static void settle(component c)
+{
+    const @name@_state set = c->at;
+    @name@_start(&c->at, c->inputs[2], set.pressure);
+    c->at.opening = set.opening;
+    c->at.dump = set.dump;
+}
+
 EXPORT int fmi2Reset(component c)
 {
     memset(c, 0, sizeof *c);
     c->inputs[0] = @SIGNAL@;
     c->inputs[2] = @LENGTH@;
-    @name@_start(&c->at, c->inputs[2], 0);
+    settle(c);
     return ok;
 }
 
@@ -67,7 +77,7 @@ EXPORT void fmi2FreeInstance(component c) { free(c); }
 
 EXPORT int fmi2ExitInitializationMode(component c)
 {
-    @name@_start(&c->at, c->inputs[2], c->at.pressure);
+    c->running = 1;
     return ok;
 }
 
@@ -110,6 +120,8 @@ EXPORT int fmi2SetReal(component c, const reference which[], size_t count, const
             return error;
         *variable(c, which[k]) = values[k];
     }
+    if (!c->running)
+        settle(c);
     return ok;
 }
 

@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 from targets import Course
 
+from famjax.__main__ import main
+from famjax.boundary.errors import InputError
 from famjax.export import Subject, export
 from famjax.plant import (
     DahlFriction,
@@ -57,6 +59,41 @@ def test_the_fmu_is_valid_and_the_plant_in_both_modes(
     assert not validation.validate_fmu(str(file))
     assert max(course.errors_in_fmu(tmp_path, "CoSimulation").values()) < 1e-6
     assert max(course.errors_in_fmu(tmp_path, "ModelExchange").values()) < 1e-3
+
+
+@needs_gcc
+def test_the_fmu_starts_at_what_is_set(subject: Subject, tmp_path: Path) -> None:
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+    (file,) = export(subject, ["fmu"], tmp_path)  # the default circuit
+    start = {"pressure": 3e5, "length": 0.27, "signal": 128 / 255}
+    found = fmpy.simulate_fmu(str(file), stop_time=0.002, start_values=start, fmi_type="CoSimulation",
+                              output=["force", "pressure"], output_interval=0.002)  # fmt: skip
+    assert found["pressure"][0] == 3e5
+    assert found["force"][0] == pytest.approx(float(subject.muscle.force(0.27, 3e5)), rel=1e-6)
+
+
+def test_a_plan_gives_circuit_and_friction(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text('[circuit]\nfluid = "water"\nrelief_kPa = 700\n[friction]\nshare = 0.03\n')
+    words = ["export", "dmsp-20", "--to", "c", "--plant", str(plan), "-o", str(tmp_path)]
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert not stop.value.code
+    source = (tmp_path / "dmsp_20.c").read_text()
+    for line in ("#define c_relief R(700000.0)", "#define f_share R(0.03)"):
+        assert line in source
+
+
+def test_a_law_of_ones_own_is_refused(subject: Subject, tmp_path: Path) -> None:
+    class Own(PneumaticCircuit):
+        pass
+
+    for plant in (
+        Plant(Own(), subject.muscle),
+        Plant(PneumaticCircuit(), subject.muscle, friction=SlipFriction(1)),
+    ):
+        with pytest.raises(InputError, match="is exported "):
+            export(dataclasses.replace(subject, plant=plant), ["c"], tmp_path)
 
 
 @needs_gcc
