@@ -102,7 +102,9 @@ static real yield(real pressure) { return 1 / (c_exponent * (pressure + c_atmosp
 
 static real pressure_of(real root) { return root; }
 static real root_of(real pressure) { return pressure; }
-#else /* water */
+#else /* water, which hardly yields: its volume needs more digits than a float has */
+typedef char water_needs_double[sizeof(real) == 8 ? 1 : -1];
+
 static real pressure_of(real root) { return root * R(sqrt(root * root + 20)); }
 
 static real root_of(real P) { return P * R(sqrt(2 / (20 + sqrt(400 + 4 * P * P)))); }
@@ -260,11 +262,13 @@ static real solved(real root, real length, real before, real h, real opening, re
     real change = 1, left[2], scale = 0;
     int k, side;
     for (k = 0; k < 30 && size_of(change) > enough * scale; k++) {
-        scale = size_of(root) + 1;
+        scale = size_of(root) + root_of(1000);
         for (side = 0; side < 2; side++) {
             const real P = pressure_of(root + R(side) * part * scale);
             left[side] = fluid(length, P, before) - h * flow(P, opening, dump) * density(P, before) - held;
         }
+        if (left[1] == left[0])
+            break;
         change = left[0] * part * scale / (left[1] - left[0]);
         root -= change;
     }

@@ -2,6 +2,7 @@
 @HEADING@
  *
  * The muscle with its circuit, @FLUID@: pressure as a state. SI units, gauge pressure; needs libm.
+ * Air also in single precision, water in double alone.
  */
 #ifndef @NAME@_PLANT_H
 #define @NAME@_PLANT_H

@@ -202,7 +202,7 @@ class Course:
 
     @classmethod
     def of(cls, subject: Subject, seconds: float = 10.0) -> "Course":
-        """The course under random commands and a sine of 12 mm at 0.7 Hz, with a dump at its end."""
+        """The course under random commands and a sine of 12 mm at 0.3 Hz, with a dump at its end."""
         assert subject.plant is not None
         count = round(seconds / TICK)
         low, high = (0.25, 0.8) if hasattr(subject.plant.circuit, "bias") else (0.55, 1.0)
@@ -326,7 +326,7 @@ class Course:
 
 def _sine(time: Any) -> tuple[Any, Any]:
     """Length [m] and velocity [m/s]."""
-    rate = 2 * math.pi * 0.7
+    rate = 2 * math.pi * 0.3
     return 0.27 + 0.012 * np.sin(rate * time), 0.012 * rate * np.cos(rate * time)
 
 

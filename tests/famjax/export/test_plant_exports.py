@@ -2,11 +2,12 @@
 
 import dataclasses
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-from targets import Course
+from targets import STRICT, Course
 
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
@@ -49,6 +50,18 @@ def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) 
 
 
 @needs_gcc
+@pytest.mark.parametrize(
+    ("of", "fits"), [("air, Dahl", True), ("water without relief, slip", False)]
+)
+def test_single_precision_is_for_air(of: str, fits: bool, subject: Subject, tmp_path: Path) -> None:
+    export(with_plant(subject, of), ["c"], tmp_path)
+    command = ["gcc", *STRICT, "-DTEST_20_REAL=float", "-fsyntax-only", str(tmp_path / "test_20.c")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode == 0) == fits
+    assert fits or "water_needs_double" in done.stderr
+
+
+@needs_gcc
 @pytest.mark.parametrize("of", ["air, Dahl", "water, slip about a ramp"])
 def test_the_fmu_is_valid_and_the_plant_in_both_modes(
     of: str, subject: Subject, tmp_path: Path
@@ -62,11 +75,12 @@ def test_the_fmu_is_valid_and_the_plant_in_both_modes(
 
 
 @needs_gcc
-def test_the_fmu_starts_at_what_is_set(subject: Subject, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_the_fmu_starts_at_what_is_set(kind: str, subject: Subject, tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
     (file,) = export(subject, ["fmu"], tmp_path)  # the default circuit
     start = {"pressure": 3e5, "length": 0.27, "signal": 128 / 255}
-    found = fmpy.simulate_fmu(str(file), stop_time=0.002, start_values=start, fmi_type="CoSimulation",
+    found = fmpy.simulate_fmu(str(file), stop_time=0.002, start_values=start, fmi_type=kind,
                               output=["force", "pressure"], output_interval=0.002)  # fmt: skip
     assert found["pressure"][0] == 3e5
     assert found["force"][0] == pytest.approx(float(subject.muscle.force(0.27, 3e5)), rel=1e-6)
