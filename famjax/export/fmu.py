@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import platform
 import shutil
 import subprocess
 import tempfile
@@ -44,8 +45,8 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
     files = {f"sources/{one}": content for one, content in sources.items()}
     files[f"sources/{name}_fmu.c"] = filled("fmu.c", words)
     files["modelDescription.xml"] = filled("fmu.xml", words)
-    if shutil.which("gcc"):
-        files[f"binaries/linux64/{name}.so"] = _binary(name, files)
+    if shutil.which("gcc") and (platform.system(), platform.machine()) == ("Linux", "x86_64"):
+        files |= _binary(name, files)
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for one, content in files.items():
@@ -53,10 +54,13 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
     return written.getvalue()
 
 
-def _binary(name: str, files: Mapping[str, bytes]) -> bytes:
+def _binary(name: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The shared library by its place; none where gcc lacks the headers of C."""
     with tempfile.TemporaryDirectory() as folder:
         for one, content in files.items():
             (Path(folder) / Path(one).name).write_bytes(content)
         parts = [f"{name}_fmu.c", f"{name}.c", "-o", f"{name}.so", "-lm"]
-        subprocess.run([*_COMPILER, *parts], cwd=folder, check=True, capture_output=True)
-        return (Path(folder) / f"{name}.so").read_bytes()
+        done = subprocess.run([*_COMPILER, *parts], cwd=folder, check=False, capture_output=True)
+        if done.returncode:
+            return {}
+        return {f"binaries/linux64/{name}.so": (Path(folder) / f"{name}.so").read_bytes()}
