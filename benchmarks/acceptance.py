@@ -430,6 +430,17 @@ def _print_and_export() -> Iterator[Row]:
         ("step, Python over a callback that returns a constant", "<=", 4, "no compiler needed"),
         command="famjax export dmsp-20 --to mujoco", part="three loads; 10 s at the default step", **card,
     )  # fmt: skip
+    plants = [("C", "c", "c"), ("MuJoCo", "mujoco", "mujoco")]
+    plants += [("FMU in co-simulation", "CoSimulation", "fmu")]
+    plants += [("FMU in model exchange", "ModelExchange", "fmu")]
+    for name, kind, target in plants:
+        yield from rows(
+            f"export of a plant, {name}", "exported:with_plants",
+            ("pressure, largest difference in its range", "<=", 1e-3, "below what a rig reads"),
+            ("force, largest difference in its range", "<=", 1e-3, "below what a rig reads"), of=kind,
+            command=f"famjax export dmsp-20 --to {target} --plant plan.toml", seed=0,
+            part="air and water, 10 s of commands with a moving length", **card,
+        )  # fmt: skip
     yield from rows(
         "export, MJX", "exported:in_mjx",
         ("derivative by E_1, relative difference from central ones", "<=", 1e-6, "their own error"),

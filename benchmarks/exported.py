@@ -19,6 +19,7 @@ from scipy.io import loadmat, savemat
 
 # isort: split
 from targets import (
+    Course,
     code_sections,
     compiled,
     driven_knee,
@@ -29,6 +30,7 @@ from targets import (
 
 import famjax
 from famjax.export import CompiledPull, Subject, export, install, uninstall
+from famjax.plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit
 
 STATES, ROLLOUT = 4000, 50
 LOADS = (200.0, 2e5), (600.0, 4e5), (900.0, 6e5)  # N, Pa
@@ -182,6 +184,23 @@ def step_costs(
         mujoco.set_mjcb_act_bias(None)
         mujoco.set_mjcb_act_gain(None)
     return costs
+
+
+def with_plants(case: Case, kind: str) -> dict[str, float]:
+    """Air and water under commands, with a moving length and Dahl friction, against the plant."""
+    _needs("gcc", *{"mujoco": ["mujoco"], "c": []}.get(kind, ["fmpy"]))
+    subject, worst = _subject(case), {"pressure": 0.0, "force": 0.0}
+    for circuit in (PneumaticCircuit(), HydraulicCircuit()):
+        plant = Plant(circuit, subject.muscle, friction=DahlFriction(), viscosity=20.0)
+        course = Course.of(dataclasses.replace(subject, plant=plant))
+        with tempfile.TemporaryDirectory() as name:
+            if kind in ("c", "mujoco"):
+                measure = course.errors_in_c if kind == "c" else course.errors_in_mujoco
+                errors = measure(Path(name))
+            else:
+                errors = course.errors_in_fmu(Path(name), kind)
+        worst = {of: max(worst[of], errors[of]) for of in worst}
+    return {f"{of}, largest difference in its range": one for of, one in worst.items()}
 
 
 def in_mjx(_: Case) -> dict[str, float]:

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import as_svg, csv_text
-from famjax.boundary.toml_file import Form, NotNegative, Positive, from_entries, read_toml
+from famjax.boundary.toml_file import Form, NotNegative, Positive, from_entries
 from famjax.boundary.units import parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json, print_rows
@@ -18,9 +18,7 @@ from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json,
 if TYPE_CHECKING:
     from famjax.plant import AbstractCircuit, Plant
 
-_TABLES = ("circuit", "load", "friction", "controller", "step")
 _COUNTS = 255
-_UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "volume"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,15 +101,14 @@ def simulate(
     import numpy as np
 
     from famjax.compile_options import quick_jit
+    from famjax.plans import circuit_of, read_plan
     from famjax.plant import TICK, Command, Regulated, simulate as run
 
     folder, each = Output(output), round(parse_quantity(every, "time") / TICK)
     if each < 1:
         raise InputError(f"--every must be at least 2 ms, the time of a step; got {every}")
-    tables = read_toml(plan, "plan")
-    if unknown := tables.keys() - set(_TABLES):
-        raise InputError(f"{plan}: unknown table {min(unknown)!r}; known are {', '.join(_TABLES)}")
-    steps, circuit = _steps(tables, plan), _circuit(tables, plan)
+    tables = read_plan(plan)
+    steps, circuit = _steps(tables, plan), circuit_of(tables, plan)
     controller = _controller(tables, plan, circuit) if steps[0].signal is None else None
     plant, length = _plant(tables, plan, circuit, lambda: _safe_muscle(card, own))
     system: Any = plant if controller is None else Regulated(plant, controller)
@@ -174,30 +171,16 @@ def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
     return steps
 
 
-def _circuit(tables: dict[str, Any], plan: Path) -> "AbstractCircuit":
-    from famjax.plant import HydraulicCircuit, PneumaticCircuit
-
-    entries = dict(tables.get("circuit", {}))
-    fluid = entries.pop("fluid", "air")
-    if fluid not in ("air", "water"):
-        raise InputError(f"{plan}: [circuit]: fluid must be 'air' or 'water', got {fluid!r}")
-    made = PneumaticCircuit() if fluid == "air" else HydraulicCircuit()
-    return _with_numbers(made, entries, f"{plan}: [circuit]: ")
-
-
 def _plant(
     tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit", read: Callable[[], Any]
 ) -> tuple["Plant", float]:
     """The plant, and the length [m] at which it starts."""
-    from famjax.plant import DahlFriction, DrivenLength, MovingLoad, Plant, SlipFriction
+    from famjax.plans import friction_of
+    from famjax.plant import DrivenLength, MovingLoad, Plant
 
     load = from_entries(_Load, tables.get("load", {}), _LOAD_FORM, where=f"{plan}: [load]: ")
-    friction: Any = None
-    if "friction" in tables:
-        friction = _with_numbers(DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
     muscle = read()
-    if friction is None and muscle.hysteresis is not None:
-        friction = SlipFriction(muscle.hysteresis)
+    friction = friction_of(tables, plan, muscle)
     length = float(muscle.rest_length) if load.length is None else load.length
     moved: Any = DrivenLength()
     if load.mass is not None:
@@ -205,18 +188,6 @@ def _plant(
         moved = MovingLoad.hung(load.mass, stiffness=load.stiffness, relaxed=relaxed,
                                 damping=load.damping)  # fmt: skip
     return Plant(circuit, muscle, moved, friction), length
-
-
-def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:
-    """A part with the numbers of a table in place of its own: units in the key, or SI."""
-    declared = part.declared()
-    kinds = {name: _UNITS[one.unit] for name, one in declared.items() if one.unit in _UNITS}
-    table = dataclasses.make_dataclass("table", [(n, float | None, None) for n in declared])
-    given = dataclasses.asdict(from_entries(table, entries, Form(kinds), where=where))
-    try:
-        return dataclasses.replace(part, **{n: v for n, v in given.items() if v is not None})
-    except InputError as problem:
-        raise InputError(f"{where}{problem}") from None
 
 
 def _controller(tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit") -> Any:

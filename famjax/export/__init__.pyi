@@ -1,5 +1,6 @@
 from .closed_form import ClosedForm as ClosedForm, closed_form as closed_form
 from .mujoco import (
+    CompiledPlant as CompiledPlant,
     CompiledPull as CompiledPull,
     install as install,
     mjx_step as mjx_step,

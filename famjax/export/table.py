@@ -15,14 +15,15 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import __version__
-from .._arrays import RealArray
+from .._arrays import Real, RealArray
 from ..boundary.errors import InputError, Own
 from ..boundary.files import Origin
 from ..cards import MuscleCard, read_card, unidentified
 from ..compile_options import quick_jit
-from ..continuation import SafeMuscle, slopes
+from ..continuation import Region, SafeMuscle, slopes
 from ..muscle import AbstractMuscle
 from ..muscles import bundled_card, bundled_name, bundled_text
+from ..plant import Plant
 from .plain import TabulatedPull
 
 CLOSE = 5e-8
@@ -48,12 +49,15 @@ class Subject:
         muscle: what is exported.
         card: that it comes from, or None.
         origin: lines on the file it comes from.
+        plant: circuit, friction and loss of the muscle, which is exported with them to C, MuJoCo and an
+            FMU; its load is not. None for the static map, and in an FMU for `PneumaticCircuit`.
     """
 
     name: str
     muscle: SafeMuscle
     card: MuscleCard | None = None
     origin: tuple[str, ...] = ()
+    plant: Plant | None = None
 
     @classmethod
     def of_card(
@@ -95,7 +99,7 @@ class Subject:
             f"the model's own from {L[0]:.6g} to {L[1]:.6g} m and {P[0]:.6g} to {P[1]:.6g} Pa, "
             "continued beyond",
         ]
-        if self.muscle.hysteresis is not None:
+        if self.plant is None and self.muscle.hysteresis is not None:
             lines.append("the static map: the card's hysteresis is left out")
         if self.card is not None:
             made = self.card.provenance
@@ -172,7 +176,50 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
     """
     check_float64()
     inside = muscle.continued
-    model, region = inside.muscle, inside.region
+    nodes, (force, *slopes) = _nodes(inside.muscle, inside.region)
+    names = ("stiffness_N_per_m", "area_m2", "mixed_m")
+    return {
+        "length_m": nodes["length"].tolist(),
+        "pressure_Pa": nodes["pressure"].tolist(),
+        "force_N": force.tolist(),
+        **{name: value.tolist() for name, value in zip(names, slopes, strict=True)},
+        "stops_m": np.asarray(inside.stops, float).tolist(),
+        "stop_stiffness_N_per_m": float(inside.stop_stiffness),
+        "stop_onset_m": float(inside.stop_onset),
+        "length_ends_per_m": np.asarray(inside.length_ends, float).tolist(),
+        "pressure_ends_per_Pa": np.asarray(inside.pressure_ends, float).tolist(),
+        "slack_width_N": float(muscle.slack_width),
+        "pressure_limit_Pa": _LIMIT * float(inside.region.pressure[1]),
+    }
+
+
+class _Holding(AbstractMuscle):
+    """A muscle whose volume is tabulated as a force is."""
+
+    muscle: AbstractMuscle
+
+    @property
+    def rest_length(self) -> RealArray:
+        return self.muscle.rest_length
+
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        return self.muscle.volume(length, pressure)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        return self.muscle.length_range()
+
+
+def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
+    """Nodes `length` and `pressure`, and V [m3], dV/dL, dV/dP, d2V/dLdP at them, shape (4, n, m).
+
+    Raises:
+        InputError: as `tabulated`, or the muscle is of a model without a geometry.
+    """
+    return _nodes(_Holding(muscle.continued.muscle), muscle.region)
+
+
+def _nodes(model: Any, region: Region) -> tuple[dict[str, Numbers], Numbers]:
+    """Nodes at which a cubic in each cell is close enough; force and slopes at them."""
     ends = {name: np.asarray(getattr(region, name), float) for name in ("length", "pressure")}
     nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
     scale = float(np.abs(_slopes(model, *np.meshgrid(*nodes.values()))[0]).max())
@@ -189,20 +236,7 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
                     f"{name}s would be needed for {CLOSE:g} of the largest force; export the model "
                     "itself, --to jax or --to mjx"
                 )
-    L, P = np.meshgrid(*nodes.values(), indexing="ij")
-    names = ("force_N", "stiffness_N_per_m", "area_m2", "mixed_m")
-    return {
-        "length_m": nodes["length"].tolist(),
-        "pressure_Pa": nodes["pressure"].tolist(),
-        **{name: value.tolist() for name, value in zip(names, _slopes(model, L, P), strict=True)},
-        "stops_m": np.asarray(inside.stops, float).tolist(),
-        "stop_stiffness_N_per_m": float(inside.stop_stiffness),
-        "stop_onset_m": float(inside.stop_onset),
-        "length_ends_per_m": np.asarray(inside.length_ends, float).tolist(),
-        "pressure_ends_per_Pa": np.asarray(inside.pressure_ends, float).tolist(),
-        "slack_width_N": float(muscle.slack_width),
-        "pressure_limit_Pa": _LIMIT * float(ends["pressure"][1]),
-    }
+    return nodes, np.stack(_slopes(model, *np.meshgrid(*nodes.values(), indexing="ij")))
 
 
 def check_float64() -> None:

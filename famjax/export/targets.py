@@ -1,10 +1,12 @@
 """Export targets: C, MATLAB, Python, tables, StableHLO, and those of `mujoco.py`."""
 
+import dataclasses
+import functools
 import importlib.util
 import io
 import itertools
 import pprint
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +16,17 @@ import numpy as np
 
 from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
+from ..plant import Plant, PneumaticCircuit, SlipFriction
 from . import plain
+from .circuits import numbers_in_lines, plant_words
 from .closed_form import ClosedForm, closed_form, matlab_lines, python_lines
+from .fmu import fmu
 from .mujoco import docstring, filled, mjx_files, mujoco_files
 from .table import Subject, check_float64
 
 Files = dict[str, bytes]
 """Content of files by their names."""
 
-_WIDTH = 6  # numbers in a line of a source
 _LENGTHS, _PRESSURES = 129, 41  # of a CSV file
 _ASKED = 1000  # states
 _BEYOND = 0.5  # of the way from the data to a stop
@@ -30,8 +34,26 @@ _BEYOND = 0.5  # of the way from the data to a stop
 
 def c_files(subject: Subject) -> Files:
     """Header and source, without allocation or libraries; double unless compiled for float."""
-    words = _words(subject, " *", "R({})")
-    return {f"{subject.identifier}.{of}": filled(f"force.{of}", words) for of in ("h", "c")}
+    name, words = subject.identifier, _words(subject, " *", "R({})")
+    files = {f"{name}.{of}": filled(f"force.{of}", words) for of in ("h", "c")}
+    if subject.plant is None:
+        return files
+    words |= plant_words(subject)
+    files[f"{name}.c"] += filled("plant.c", words)
+    return files | {f"{name}_plant.h": filled("plant.h", words)}
+
+
+def fmu_files(subject: Subject) -> Files:
+    """`NAME.fmu`, FMI 2.0 for model exchange and co-simulation: sources, and a binary where gcc is at hand.
+
+    Without a plant the circuit is a `PneumaticCircuit`.
+    """
+    if subject.plant is None:
+        slip = subject.muscle.hysteresis
+        friction = None if slip is None else SlipFriction(slip)
+        plant = Plant(PneumaticCircuit(), subject.muscle, friction=friction)
+        subject = dataclasses.replace(subject, plant=plant)
+    return {f"{subject.identifier}.fmu": fmu(subject, c_files(subject))}
 
 
 def matlab_files(subject: Subject) -> Files:
@@ -154,6 +176,7 @@ def jax_files(subject: Subject) -> Files:
 
 TARGETS: dict[str, Callable[[Subject], Files]] = {
     "c": c_files,
+    "fmu": fmu_files,
     "csv": csv_files,
     "mat": mat_files,
     "matlab": matlab_files,
@@ -233,12 +256,7 @@ def _words(subject: Subject, comment: str, number: str, *, end: str = "") -> dic
         end: of each line of numbers but the last.
     """
     table, pull = subject.table, subject.pull
-
-    def lines(values: Iterable[float]) -> str:
-        words = [number.format(repr(float(value))) for value in values]
-        rows = (", ".join(words[k : k + _WIDTH]) for k in range(0, len(words), _WIDTH))
-        return f",{end}\n".join(f"    {row}" for row in rows)
-
+    lines = functools.partial(numbers_in_lines, number=number, end=end)
     # No comment of C begins or ends in the heading.
     about = [
         line.replace("/*", "/ *").replace("*/", "* /").replace("\\", "/")

@@ -1,5 +1,6 @@
 """Commands of an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
 
+import dataclasses
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from famjax.export import Subject
     from fitting import Identification
 
-Target = Literal["c", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
+Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
 _US = {"in", "psi"}
 
 
@@ -385,6 +386,7 @@ def export(
     to: tuple[Target, ...],
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("exported"),
     length: str | None = None,
+    plant: Path | None = None,
     own: tuple[str, ...] = (),
 ) -> int:
     """Write a muscle as C, tables, MATLAB or Python functions, or for a simulator.
@@ -392,6 +394,8 @@ def export(
     The head of each file names its muscle and its largest difference from the model. Targets:
 
     c: C99 of force, stiffness and inverse pressure, for a microcontroller; double or float.
+
+    fmu: the muscle with valve or pump, pressure as a state, by FMI 2.0 for Simulink and OpenModelica.
 
     csv, mat: tables of force, stiffness and area over length and pressure.
 
@@ -416,16 +420,22 @@ def export(
         Write the files to this folder; it is created if missing.
     length
         Cut the muscle to this rest length, with its unit, such as 300mm.
+    plant
+        Take circuit and friction from this plan of `famjax simulate`. C and MuJoCo then have pressure as
+        a state; without it they are static, and the FMU has the default pneumatic circuit.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     """
     load_fitting()
     from famjax.export import export as export_to
+    from famjax.plans import read_plant
 
     cut = None if length is None else parse_quantity(length, "length")
     if own:
         add_cwd_to_path()
     subject = _subject(muscle, cut, own)
+    if plant is not None:
+        subject = dataclasses.replace(subject, plant=read_plant(plant, subject.muscle))
     if subject.card is not None:
         made = subject.card.provenance
         warn_unidentified(muscle, made.verdict, made.reasons)

@@ -85,6 +85,22 @@ static real bent(real step, const real *ends, real *slope)
     return step < 0 ? -reached : reached;
 }
 
+/* Value of a table at a state in it; slopes along the length, along the pressure, mixed. */
+static real within(const real *rows, int count, const real *columns, int width, const real *table,
+                   real length, real pressure, real *slopes)
+{
+    real h, u, g, v, value[2], along[2], rate[2], cross[2];
+    const int i = cell(rows, count, length, &h, &u), j = cell(columns, width, pressure, &g, &v);
+    int k;
+    for (k = 0; k < 2; k++) {
+        const real *a = table + (i * width + j + k) * 4, *b = a + width * 4;
+        value[k] = cubic(stored(a), stored(b), stored(a + 1), stored(b + 1), h, u, along + k);
+        rate[k] = cubic(stored(a + 2), stored(b + 2), stored(a + 3), stored(b + 3), h, u, cross + k);
+    }
+    *slopes = cubic(along[0], along[1], cross[0], cross[1], g, v, slopes + 2);
+    return cubic(value[0], value[1], rate[0], rate[1], g, v, slopes + 1);
+}
+
 /* The model's force, not cut at zero; slopes[0] along the length, slopes[1] along the pressure. */
 static real model(real length, real pressure, real *slopes)
 {
@@ -92,21 +108,12 @@ static real model(real length, real pressure, real *slopes)
     const real low = stored(pressures), high = stored(pressures + PRESSURES - 1);
     const real held = length < first ? first : length > last ? last : length;
     const real at = pressure < low ? low : pressure > high ? high : pressure;
-    real h, u, g, v, force, stiffness, area, mixed, step, slope;
-    real value[2], along[2], rate[2], cross[2];
-    int k, side;
-
-    {
-        const int i = cell(lengths, LENGTHS, held, &h, &u);
-        const int j = cell(pressures, PRESSURES, at, &g, &v);
-        for (k = 0; k < 2; k++) {
-            const real *a = nodes + (i * PRESSURES + j + k) * 4, *b = a + PRESSURES * 4;
-            value[k] = cubic(stored(a), stored(b), stored(a + 1), stored(b + 1), h, u, along + k);
-            rate[k] = cubic(stored(a + 2), stored(b + 2), stored(a + 3), stored(b + 3), h, u, cross + k);
-        }
-    }
-    force = cubic(value[0], value[1], rate[0], rate[1], g, v, &area);
-    stiffness = cubic(along[0], along[1], cross[0], cross[1], g, v, &mixed);
+    real inside[3], stiffness, area, mixed, step, slope;
+    real force = within(lengths, LENGTHS, pressures, PRESSURES, nodes, held, at, inside);
+    int side;
+    stiffness = inside[0];
+    area = inside[1];
+    mixed = inside[2];
 
     if (length != held) {
         step = bent(length - held, length_ends, &slope);

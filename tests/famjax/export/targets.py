@@ -2,9 +2,10 @@
 
 import ctypes
 import dataclasses
+import itertools
 import math
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.integrate import solve_ivp
 
 import famjax
 from famjax import Real
 from famjax.cards import MuscleCard
 from famjax.continuation import Region
-from famjax.export import Subject, TabulatedPull, export, install
+from famjax.export import CompiledPlant, Subject, TabulatedPull, export, install, uninstall
+from famjax.plant import TICK, Command, simulate
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion")
 _KINDS = {"double": ctypes.c_double, "float": ctypes.c_float}
@@ -177,6 +180,158 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
     finite = bool(np.isfinite(lengths).all() and np.isfinite(speeds).all())
     last = float(speeds[-round(1.0 / model.opt.timestep) :].max())
     return KneeRun(float(past) / (long - short), float(speeds.max()), last, finite)
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+    """Commands and a moving length over 10 s, and what the plant does under them each 2 ms.
+
+    Attributes:
+        subject: with the plant.
+        signal: of valve or pump in each tick, shape (n,).
+        length: a sine [m] at the ends of the ticks, shape (n + 1,); within one the velocity is constant.
+        pressure: of the plant [Pa] after each tick, shape (n,).
+        force: its pull [N], shape (n,).
+    """
+
+    subject: Subject
+    signal: np.ndarray
+    length: np.ndarray
+    pressure: np.ndarray
+    force: np.ndarray
+
+    @classmethod
+    def of(cls, subject: Subject, seconds: float = 10.0) -> "Course":
+        """The course under random commands and a sine of 12 mm at 0.3 Hz, with a dump at its end."""
+        assert subject.plant is not None
+        count = round(seconds / TICK)
+        low, high = (0.25, 0.8) if hasattr(subject.plant.circuit, "bias") else (0.55, 1.0)
+        signal = np.repeat(np.random.default_rng(0).uniform(low, high, 20), count // 20)
+        length = _sine(TICK * np.arange(count + 1))[0]
+        dumps = _dumped(TICK * np.arange(count), seconds)
+        signal = np.where(dumps > 0, 0.0, signal)
+        command = Command(signal, dumps, np.diff(length) / TICK)
+        start = subject.plant.start(length[0])
+        found = jax.jit(simulate)(subject.plant, command, TICK, start=start)
+        return cls(subject, signal, length, np.asarray(found.pressure), np.asarray(found.force))
+
+    def errors(self, pressure: np.ndarray, force: np.ndarray) -> dict[str, float]:
+        """Largest differences from the plant, in parts of its ranges."""
+        pairs = {"pressure": (pressure, self.pressure), "force": (force, self.force)}
+        return {of: float(np.abs(a - b).max() / np.ptp(b)) for of, (a, b) in pairs.items()}
+
+    def compiled(self, folder: Path) -> CompiledPlant:
+        """The plant of the C export, which compiles without a warning."""
+        export(self.subject, ["c"], folder)
+        name, library = self.subject.identifier, folder / "plant.so"
+        command = ["gcc", *STRICT, "-O2", "-shared", "-fPIC", "-o", str(library)]
+        subprocess.run([*command, str(folder / f"{name}.c"), "-lm"], check=True)
+        return CompiledPlant(library, name)
+
+    def errors_in_c(self, folder: Path) -> dict[str, float]:
+        """Errors of the C export's step."""
+        plant, found = self.compiled(folder), []
+        plant.start(self.length[0], 0.0)
+        for at, signal, dump, velocity in self._ticks():
+            plant.step(signal, dump, at, velocity, TICK)
+            found.append((plant.pressure, plant.pull(plant.length, velocity)))
+        return self.errors(*np.array(found).T)
+
+    def errors_in_fmu(self, folder: Path, kind: str) -> dict[str, float]:
+        """Errors of the FMU in `CoSimulation`, or in `ModelExchange` by LSODA with exact inputs."""
+        fmpy: Any = import_module("fmpy")
+        (file,) = export(self.subject, ["fmu"], folder)
+        about, place = fmpy.read_model_description(file), fmpy.extract(file, folder / kind)
+        fmu2 = import_module("fmpy.fmi2")
+        unit = (fmu2.FMU2Slave if kind == "CoSimulation" else fmu2.FMU2Model)(
+            guid=about.guid, unzipDirectory=place, instanceName="one",
+            modelIdentifier=self.subject.identifier)  # fmt: skip
+        unit.instantiate()
+        unit.setupExperiment()
+        unit.enterInitializationMode()
+        unit.setReal(range(4), [self.signal[0], 0.0, self.length[0], 0.0])
+        unit.exitInitializationMode()
+        found = []
+        try:
+            if kind == "CoSimulation":
+                for k, (at, signal, dump, velocity) in enumerate(self._ticks()):
+                    unit.setReal(range(4), [signal, dump, at, velocity])
+                    unit.doStep(k * TICK, TICK)
+                    unit.setReal([2], [at + velocity * TICK])
+                    found.append(unit.getReal([4, 10]))
+            else:
+                found = self._exchanged(unit)
+            unit.terminate()
+        finally:
+            unit.freeInstance()
+        return self.errors(*np.array(found).T)
+
+    def errors_in_mujoco(self, folder: Path) -> dict[str, float]:
+        """Errors of the exported actuator, its tendon moved by hand."""
+        xml, _ = export(self.subject, ["mujoco"], folder)
+        model, name = _mujoco().MjModel.from_xml_path(str(xml)), self.subject.identifier
+        data, found, longest = _mujoco().MjData(model), [], -model.body_pos[1, 2]
+        model.opt.timestep = TICK
+        install(model, {name: self.compiled(folder)})
+        try:
+            for at, signal, dump, velocity in self._ticks():
+                data.qpos[0], data.qvel[0], data.ctrl[0] = (
+                    longest - at,
+                    -velocity,
+                    signal - dump,
+                )
+                _mujoco().mj_step(model, data)
+                data.qpos[0], data.qvel[0] = longest - at - velocity * TICK, -velocity
+                _mujoco().mj_forward(model, data)
+                found.append((data.act[0], -data.actuator_force[0]))
+        finally:
+            uninstall()
+        return self.errors(*np.array(found).T)
+
+    def _ticks(self) -> Iterator[tuple[float, float, float, float]]:
+        dumps = _dumped(TICK * np.arange(len(self.signal)), len(self.signal) * TICK)
+        each = self.length[:-1], self.signal, dumps, np.diff(self.length) / TICK
+        return zip(*(one.tolist() for one in each), strict=True)
+
+    def _exchanged(self, unit: Any) -> list[list[float]]:
+        unit.enterContinuousTimeMode()
+        found, state = [], np.zeros(3)
+        times = TICK * np.arange(len(self.signal) + 1)
+        dumps = _dumped(times[:-1], times[-1])
+        values, rates = (ctypes.c_double * 3)(), (ctypes.c_double * 3)()
+
+        def put(time: float, y: np.ndarray, k: int) -> None:
+            values[:] = y.tolist()
+            unit.setReal(range(4), [self.signal[k], dumps[k], *map(float, _sine(time))])
+            unit.setContinuousStates(values, 3)
+
+        def slope(time: float, y: np.ndarray, k: int) -> list[float]:
+            put(time, y, k)
+            unit.getDerivatives(rates, 3)
+            return list(rates)
+
+        changes = np.flatnonzero((np.diff(self.signal) != 0) | (np.diff(dumps) != 0)) + 1
+        ends = [0, *changes.tolist(), len(self.signal)]
+        for first, last in itertools.pairwise(ends):
+            span = times[first], times[last]
+            done = solve_ivp(slope, span, state, "LSODA", times[first + 1 : last + 1], args=(first,),
+                             rtol=1e-7, atol=[1.0, 1e-7, 1e-7])  # fmt: skip
+            for time, y in zip(done.t, done.y.T, strict=True):
+                put(time, y, first)
+                unit.completedIntegratorStep()
+                found.append(unit.getReal([4, 10]))
+            state = done.y[:, -1]
+        return found
+
+
+def _sine(time: Any) -> tuple[Any, Any]:
+    """Length [m] and velocity [m/s]."""
+    rate = 2 * math.pi * 0.3
+    return 0.27 + 0.012 * np.sin(rate * time), 0.012 * rate * np.cos(rate * time)
+
+
+def _dumped(time: np.ndarray, end: float) -> np.ndarray:
+    return np.where(time >= end - 0.4 - 1e-9, 1.0, 0.0)
 
 
 def cubic_card() -> MuscleCard:
