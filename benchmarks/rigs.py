@@ -38,9 +38,15 @@ import numpy as np
 from row import CannotRunError, Case, command, tell
 
 # isort: split
-from avr import Avr, build_harness, hang_delay, over_pressure_delay, silence_delay
+from avr import (
+    Avr,
+    build_harness,
+    hang_delay,
+    lock_step,
+    over_pressure_delay,
+    silence_delay,
+)
 from faulty_channel import FaultyChannel
-from lock_step import lock_step
 from native import NativeDevice, build_native
 from session_fuzz import Fuzz
 

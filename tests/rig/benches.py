@@ -1,19 +1,28 @@
-"""Rigs in virtual time, entered and recorded as the tests need them."""
+"""Rigs in virtual time, devices on the bench, and commands of `famjax rig` as a person types them."""
 
+import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import pytest
+
+from famjax.__main__ import main
+from rig.calibration import write_calibration
 from rig.control import Control, Rig
 from rig.device import Device
 from rig.journal import Journal
 from rig.link import VirtualLink
-from rig.protocol import SAFE
+from rig.protocol import SAFE, Ack, Message, Sample, Splitter, command_body, frame, parse
 from rig.simulation import SimulatedRig
 
 PSI = 6894.757293168361
 LIMIT = 110 * PSI
 GAINS = Control.per_psi(4, 2)
+AnyMessage = TypeVar("AnyMessage", bound=Message)
+
+
+# ---- rigs ----
 
 
 class Exchanged(Device):
@@ -48,3 +57,112 @@ def highest(sim: SimulatedRig) -> Callable[[], float]:
 
     sim.plant.step = watched
     return lambda: peak[0]
+
+
+# ---- a device on the bench ----
+
+# A constant reading may stay so while the output is high: there is no plant.
+REST = (("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000))
+
+
+class Bench:
+    """Commands in, ticks at a pressure, the messages that came out; only a reset tears a line."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.said: list[Message] = []
+        self.torn: list[bytes] = []
+        self.pressure, self.force = 100, 300
+        self._lines, self._id = Splitter(), 0
+
+    def ticks(self, number: int = 1, pressure: int | None = None) -> None:
+        for _ in range(number):
+            self.device.tick(self.pressure if pressure is None else pressure, self.force)
+            for line in self._lines.feed(self.device.take()):
+                message = parse(line)
+                if message is None:
+                    self.torn.append(line)
+                else:
+                    self.said.append(message)
+
+    def send(self, line: bytes) -> None:
+        """Let the line arrive as fast as the wire brings it."""
+        for at in range(0, len(line), 21):
+            self.device.feed(line[at : at + 21])
+            self.ticks()
+
+    def command(self, verb: str, *values: float | str) -> Ack:
+        self._id += 1
+        self.send(frame(command_body(self._id, verb, *values)))
+        self.ticks(12)
+        (answer,) = (a for a in self.of(Ack) if a.id == self._id)
+        return answer
+
+    def start(self, *, gains: tuple[float, float] = (4, 2), set_psi: float = 40.0) -> None:
+        """Running at a set point, feed-forward 128, trip at 600 counts; a reading may jump and rest."""
+        begin = (("trip", 600), ("jump", 1023), *REST, ("gain", *gains), ("set", set_psi, 128))
+        for verb, *values in (*begin, ("run",)):
+            assert not self.command(verb, *values).reason
+
+    def beat(self, ticks: int, pressure: int | None = None) -> None:
+        """Ticks with a heartbeat every 0.2 s."""
+        for at in range(0, ticks, 100):
+            self.device.feed(frame("0 hb"))
+            self.ticks(min(100, ticks - at), pressure)
+
+    def of(self, kind: type[AnyMessage]) -> list[AnyMessage]:
+        return [message for message in self.said if isinstance(message, kind)]
+
+    @property
+    def samples(self) -> list[Sample]:
+        return self.of(Sample)
+
+
+# ---- commands ----
+
+PLAN = """
+[plan]
+pressures_psi = [{pressures}]
+cycles = 1
+stroke_in = {stroke}
+rate_in_per_s = {rate}
+settle_s = {settle}
+
+[rig]
+circuit = "{circuit}"
+{limit}
+proportional_counts_per_psi = 4
+integral_counts_per_psi_s = 2
+calibration = "calibration.toml"
+"""
+
+
+def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main(["rig", *map(str, arguments)])
+    captured = capsys.readouterr()
+    return int(stop.value.code or 0), captured.out, captured.err
+
+
+def write_plan(folder: Path, **changes: str) -> Path:
+    fields = {"pressures": "40, 80", "circuit": "air", "limit": "pressure_limit_psi = 110",
+              "settle": "3", "stroke": "3.2", "rate": "0.4"}  # fmt: skip
+    path = folder / "plan.toml"
+    path.write_text(PLAN.format(**(fields | changes)))
+    return path
+
+
+def calibrated(folder: Path, **changes: str) -> Path:
+    write_calibration(folder / "calibration.toml", SimulatedRig().calibration())
+    return write_plan(folder, **changes)
+
+
+class Typed(io.StringIO):
+    """Standard input on which something was typed."""
+
+    def __init__(self, text: str, *, terminal: bool) -> None:
+        super().__init__(text)
+        self.terminal = terminal
+
+    def isatty(self) -> bool:
+        return self.terminal

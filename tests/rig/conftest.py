@@ -12,8 +12,8 @@ from rig.device import firmware_folder
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 
 from avr import Avr, build_harness
+from benches import write_plan
 from native import build_native
-from rig_commands import write_plan
 
 
 @pytest.fixture(scope="session")

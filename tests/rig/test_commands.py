@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rig_commands import Typed, calibrated, run, words, write_plan
+from benches import PSI, Typed, calibrated, run, write_plan
 
 from fitting import read_csv
 from rig import cli as rig_cli, read_journal
@@ -18,7 +18,12 @@ from rig.link import VirtualLink
 from rig.protocol import SAFE, TRIP, Sample, frame
 from rig.simulation import HydraulicCircuit, SimulatedRig
 
-PSI = 6894.757293168361
+
+def words(option: str, values: list) -> list:
+    """An option that is repeated."""
+    return [word for value in values for word in (option, value)]
+
+
 REFERENCES = ["0psi", "40psi", "80psi", "120psi"]
 PRESSURE = ("calibrate-sensor", "pressure", *words("--reference", REFERENCES))
 FORCE = ("calibrate-sensor", "force", *words("--reference", ["0N", "1kN", "2kN", "4kN"]))
@@ -50,8 +55,7 @@ def test_simulate_gives_the_same_files_by_the_same_seed(
     code, out, _ = run(
         capsys, "simulate", write_plan(tmp_path), "--output", tmp_path / "o", "--seed", 4, "--json"
     )
-    assert code == 0
-    assert len(json.loads(out)["isobars"]) == 2
+    assert (code, len(json.loads(out)["isobars"])) == (0, 2)
     for name in ("machine.csv", "dataset.csv"):
         assert (tmp_path / "o" / name).read_bytes() == (simulated / name).read_bytes()
     ours, theirs = (read_journal(path / "test.fam") for path in (tmp_path / "o", simulated))
@@ -120,7 +124,7 @@ def test_check_recomputes_every_record_and_finds_what_was_edited_or_forged(
     code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
     found = json.loads(out)
     assert (code, found["sound"]) == (0, True)
-    assert found["checked"] == found["equal"] == found["records"] > 5000
+    assert found["checked"] == found["equal"] == found["records"] > 3000
     lines = (simulated / "test.fam").read_bytes().split(b"\n")
     at, line = next((k, x) for k, x in enumerate(lines) if k > 2000 and x.startswith(b"T,"))
     fields = line.rpartition(b"*")[0].decode().split(",")
@@ -293,18 +297,18 @@ def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(
 # ---- what `run` asks and refuses before a port is opened ----
 
 
-@pytest.mark.parametrize("circuit", ["air", "water"])
-def test_run_prints_what_no_software_can_see(circuit: str, tmp_path: Path, capsys: Capsys) -> None:
-    code, out, err = run(capsys, "run", write_plan(tmp_path, circuit=circuit))
-    assert (code, "dump valve" in out, "which port?" in err) == (2, True, True)
-    assert ("relief valve" in out) == (circuit == "water")
+def test_run_prints_what_no_software_can_see(tmp_path: Path, capsys: Capsys) -> None:
+    for circuit in ("air", "water"):
+        code, out, err = run(capsys, "run", write_plan(tmp_path, circuit=circuit))
+        assert (code, "dump valve" in out, "which port?" in err) == (2, True, True)
+        assert ("relief valve" in out) == (circuit == "water")
 
 
 def test_a_dry_run_prints_the_plan_and_its_duration(tmp_path: Path, capsys: Capsys) -> None:
     code, out, _ = run(capsys, "run", calibrated(tmp_path), "--dry-run", "--output", tmp_path / "o")
     assert code == 0
     assert "block 1: 80 psi" in out
-    assert "lasts 70 s (1 min 10 s)" in out  # two of 3 s and 2 x 3.2 in at 0.2 in/s
+    assert "lasts 38 s" in out  # two of 3 s and 2 x 3.2 in at 0.4 in/s
     assert not (tmp_path / "o").exists()
 
 
@@ -325,21 +329,16 @@ def test_a_run_waits_for_a_yes(
         assert (code, sentence in err) == (2, True), err
 
 
+LIMIT = "pressure_limit_psi = 110"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
         ("settle_s", "photograph_every_s = 1\nsettle_s", "photograph_every_s = 1 needs a camera"),
-        ("pressure_limit_psi = 110", "pressure_limit_psi = inf", ">= 0 and finite, got inf"),
-        (
-            "pressure_limit_psi = 110",
-            "pressure_limit_psi = 1e308",
-            "the pressure limit must be finite, got inf",
-        ),
-        (
-            "pressure_limit_psi = 110",
-            "pressure_limit_psi = 60",
-            "the plan sets 80 psi, the limit is 60 psi",
-        ),
+        (LIMIT, "pressure_limit_psi = inf", ">= 0 and finite, got inf"),
+        (LIMIT, "pressure_limit_psi = 1e308", "the pressure limit must be finite, got inf"),
+        (LIMIT, "pressure_limit_psi = 60", "the plan sets 80 psi, the limit is 60 psi"),
     ],
 )
 def test_a_refused_plan_leaves_nothing_behind(
@@ -358,7 +357,6 @@ def test_a_refused_plan_leaves_nothing_behind(
     ("old", "new", "what"),
     [
         ("[40, 80]", "[40, 90]", "plan"),
-        ("cycles = 1", "cycles = 2", "plan"),
         ("pressure_limit_psi = 110", "pressure_limit_psi = 115", "pressure_limit_Pa"),
         ("psi = 4", "psi = 5", "control"),
         ("", "", "calibration"),
@@ -376,7 +374,7 @@ def test_only_the_same_test_is_resumed(
         began = stored_calibration(read_journal(tmp_path / "test.fam"))
         write_calibration(tmp_path / "calibration.toml", began)
         assert "cannot open the port" in run(capsys, *command)[2]  # it would go on
-        assert "lasts 35 s" in run(capsys, *command, "--dry-run")[1]  # one of two pressures
+        assert "lasts 19 s" in run(capsys, *command, "--dry-run")[1]  # one of two pressures
     plan.write_text(plan.read_text().replace(old, new))
     code, _, err = run(capsys, *command)
     assert (code, f"it was begun with another {what}." in err) == (2, True)

@@ -1,25 +1,28 @@
-"""A rig in virtual time: it holds pressures, records everything, and is vented on every way out."""
+"""A rig in virtual time: holds pressures, records everything, is vented however it ends, and attended."""
 
 # ruff: noqa: PT012 -- the way out of a with block is what is tested
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benches import GAINS, LIMIT, PSI, journal_of, opened, vented
+from benches import LIMIT, PSI, journal_of, opened, vented
 
-from famjax.app.isobaric import convert, table
+from famjax.app.isobaric import analyse, convert, table
+from famjax.app.simulation import Watcher
 from famjax.plant import HydraulicCircuit, LinearMcKibben
+from fitting.records import read_machine_log
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
-from rig.control import Control, Rig, stored_settings
-from rig.device import firmware_folder
+from rig.control import Control, stored_settings
+from rig.device import Device, firmware_folder
 from rig.errors import RigError, RigFault
-from rig.execution import calibrate_feed_forward, run
+from rig.execution import Attendant, Request, Situation, Start, run
 from rig.journal import audit, read_journal, summary
 from rig.link import VirtualLink
 from rig.plan import Isobaric, next_block
 from rig.protocol import PRESSURE_UNIT, RUN, frame
-from rig.simulation import SimulatedRig, load_cell
+from rig.simulation import MachineClock, SimulatedRig, load_cell, machine_for
 
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
 
@@ -35,6 +38,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_plan_holds_its_pressures_and_its_summary_says_so(recorded: Path) -> None:
+    found = audit(read_journal(recorded))
+    assert found.faults == []
+    assert found.checked == found.equal == found.records
+    assert (found.unchecked, found.lost, found.torn, found.ended) == (0, 0, 0, "complete")
     columns, rows = table(read_journal(recorded)), summary(read_journal(recorded))
     for block, (pressure, row) in enumerate(zip(PLAN.pressures, rows, strict=True)):
         held = (columns["block"] == block) & (columns["state"] == RUN)
@@ -47,14 +54,6 @@ def test_a_plan_holds_its_pressures_and_its_summary_says_so(recorded: Path) -> N
         error = columns["pressure_Pa"][settled] - pressure
         assert row["rms_error_Pa"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
         assert (row["block"], row["strokes"], row["trips"], row["completed"]) == (block, 1, 0, True)
-
-
-def test_an_audit_recomputes_every_record(recorded: Path) -> None:
-    found = audit(read_journal(recorded))
-    assert found.sound
-    assert found.checked == found.equal == found.records
-    assert found.unchecked == found.lost == found.torn == 0
-    assert found.ended == "complete"
 
 
 @pytest.mark.parametrize(("column", "by"), [(4, 100), (5, 100), (7, 1), (8, 1)])
@@ -73,18 +72,6 @@ def test_an_audit_sees_an_edited_figure(
     assert found.first_wrong == (0, int(fields[2]))
 
 
-def test_a_journal_that_was_cut_off_is_not_sound_until_it_is_resumed(
-    recorded: Path, tmp_path: Path
-) -> None:
-    cut, sim = tmp_path / "cut.fam", SimulatedRig(seed=1)
-    cut.write_bytes(recorded.read_bytes()[:90_000])  # in the middle of a line
-    assert not audit(read_journal(cut)).sound
-    with journal_of(cut, sim, append=True) as journal, opened(sim, journal) as rig:
-        run(rig, PLAN, first_block=next_block(read_journal(cut).notes))
-    found = audit(read_journal(cut))
-    assert (found.faults, found.ended) == ([], "complete")
-
-
 def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path: Path) -> None:
     record = read_journal(recorded)
     columns = table(record)
@@ -98,34 +85,25 @@ def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path
     assert np.abs(columns["time_s"] - columns["device_time_s"] / 1.002).max() < 4e-3
 
 
-def test_parts_of_a_recording_go_on_where_they_were_and_may_have_other_clocks(
-    tmp_path: Path,
+def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(
+    recorded: Path, tmp_path: Path
 ) -> None:
-    """Resumed after the computer was started again: the second part's time begins anew."""
-    path, plan = tmp_path / "two.fam", Isobaric((20 * PSI, 40 * PSI), 1, 0.01, 0.01, settle=1.0)
-    first, second = SimulatedRig(), SimulatedRig()
-    first.advance(500.0)
-    first.read()  # nobody was listening
-    with (
-        journal_of(path, first) as journal,
-        pytest.raises(KeyboardInterrupt),
-        opened(first, journal) as rig,
-    ):
-        run(rig, Isobaric(plan.pressures[:1], 1, 0.01, 0.01, settle=1.0))
-        raise KeyboardInterrupt
-    assert vented(first)
-    with journal_of(path, second, append=True) as journal, opened(second, journal) as rig:
-        run(rig, plan, first_block=next_block(read_journal(path).notes))
+    """Resumed after the computer was started again."""
+    path, sim = tmp_path / "cut.fam", SimulatedRig(seed=1)
+    path.write_bytes(recorded.read_bytes()[:90_000])  # in the middle of a line
+    assert not audit(read_journal(path)).sound
+    before = table(read_journal(path))["time_s"]
+    with journal_of(path, sim, append=True) as journal, opened(sim, journal) as rig:
+        run(rig, PLAN, first_block=next_block(read_journal(path).notes))
     found = read_journal(path)
-    columns = table(found)
+    assert (audit(found).faults, audit(found).ended) == ([], "complete")
     assert found.epoch_parts == (0, 1)
     assert [note["block"] for note in found.notes_of("done")] == [0, 1]
-    assert [n["reason"] for n in found.notes_of("end")] == ["KeyboardInterrupt: ", "complete"]
-    assert audit(found).sound
-    for block, start in ((0, 500.0), (1, 0.0)):
-        times = columns["time_s"][columns["block"] == block]
-        assert start < times.min() < times.max() < start + 12
-        assert np.ptp(times) == pytest.approx(3.0, abs=0.05)
+    times = table(found)["time_s"]
+    np.testing.assert_allclose(times[: before.size], before, atol=1e-3)
+    second = times[found.epoch == 1]
+    assert 0 <= second[0] < 2
+    assert np.ptp(second) == pytest.approx(sim.now, abs=1.0)
 
 
 def test_photographs_are_triggered_and_noted(tmp_path: Path) -> None:
@@ -141,6 +119,8 @@ def test_photographs_are_triggered_and_noted(tmp_path: Path) -> None:
     np.testing.assert_allclose(ticks, 2.5, atol=0.02)
 
 
+# ---- settings ----
+
 FLAT = FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI))
 
 
@@ -154,11 +134,7 @@ FLAT = FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI))
         ({"jump_limit": 0.5 * PSI, "unit": "psi"}, "limit of 0.5 psi is 2 counts.*5 to 1023"),
         ({"jump_limit": float("nan")}, "0 counts"),
         ({"stall": 90.0}, "stall must be 0.5 to 30, got 90"),
-        ({"frozen_output": 0}, "frozen_output must be 1 to 255"),
-        (
-            {"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))},
-            "zero of 0 to 1023.9",
-        ),
+        ({"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))}, "zero of 0 to 1023"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(changes: dict, message: str) -> None:
@@ -171,23 +147,19 @@ def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
     with opened(sim, unit="psi") as rig:
         with pytest.raises(RigError, match=r"the plan sets 110 psi, the limit is 110 psi"):
             run(rig, Isobaric((20 * PSI, LIMIT), 1, 0.01, 0.002))
-        rig.calibration = Calibration(rig.calibration.pressure, rig.calibration.force, FLAT)
-        with pytest.raises(
-            RigError, match=r"feed-forward is known from 0 psi to 30 psi, not at 40"
-        ):
-            run(rig, PLAN)
         with pytest.raises(RigError, match=r"below the limit of 110 psi, got 110 psi"):
             rig.set_pressure(LIMIT)
+        rig.calibration = Calibration(rig.calibration.pressure, rig.calibration.force, FLAT)
+        with pytest.raises(RigError, match=r"is known from 0 psi to 30 psi, not at 40"):
+            run(rig, PLAN)
         rig.wait(1.0)
         assert sim.pressure < PSI
 
 
 def test_the_device_reports_what_its_twin_stores_of_the_settings(tmp_path: Path) -> None:
     sim = SimulatedRig()
-    with (
-        journal_of(tmp_path / "run.fam", sim) as journal,
-        opened(sim, journal, jump_limit=40 * PSI, frozen_output=6, frozen=0.5, stall=2.0) as rig,
-    ):
+    changes = {"jump_limit": 40 * PSI, "frozen_output": 6, "frozen": 0.5, "stall": 2.0}
+    with journal_of(tmp_path / "run.fam", sim) as journal, opened(sim, journal, **changes) as rig:
         settings = rig.link.session.settings
         assert settings is not None
         wanted = stored_settings(rig.settings.commands(rig.calibration))
@@ -196,8 +168,7 @@ def test_the_device_reports_what_its_twin_stores_of_the_settings(tmp_path: Path)
     assert settings.jump == wanted["jump"] == round(40 / (200 / (4.0 / 5 * 1024)))
     assert (settings.frozen, settings.frozen_ticks, settings.stall) == (6, 250, 1000)
     assert (settings.silence, settings.ticks_per_record) == (500, 5)
-    record = read_journal(tmp_path / "run.fam")
-    (note,) = record.notes_of("rig")
+    (note,) = read_journal(tmp_path / "run.fam").notes_of("rig")
     assert (note["frozen_output_counts"], note["unseen"]) == (6, [])
 
 
@@ -231,6 +202,9 @@ def test_sync_raises_the_pin_for_whole_records(tmp_path: Path) -> None:
     assert high.tolist() == list(range(note["seq"], note["seq"] + 25))
 
 
+# ---- ways out ----
+
+
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(1)])
 def test_whatever_ends_a_test_vents(error: BaseException) -> None:
     sim = SimulatedRig()
@@ -257,14 +231,145 @@ def test_a_plan_that_hangs_vents_by_itself() -> None:
 
 def test_a_device_that_does_not_answer_is_never_left_with_heartbeats() -> None:
     sim = SimulatedRig()
-    with (
-        pytest.raises(RigFault, match=r"did not confirm that it stopped.*look at the pressure"),
-        opened(sim) as rig,
-    ):
+    silent = r"did not confirm that it stopped.*look at the pressure"
+    with pytest.raises(RigFault, match=silent), opened(sim) as rig:
         rig.set_pressure(40 * PSI)
         rig.wait(2.0)
         sim.to_host.cut = sim.to_device.cut = True
     assert vented(sim)
+
+
+# ---- an attendant ----
+
+
+class Scripted(Attendant):
+    """Asks once for each thing where its condition holds, in their order.
+
+    With a machine it starts the strokes four seconds after it was asked to, as a person does.
+    """
+
+    def __init__(self, *acts: tuple[Callable[[Situation], bool], Request]) -> None:
+        self.acts, self.machine, self.looks = list(acts), None, 0
+        self.told: list[str] = []
+        self.seen: list[Situation] = []
+
+    def tell(self, text: str) -> None:
+        self.told.append(text)
+        self.looks = 0
+
+    def look(self, situation: Situation) -> Request:
+        self.seen.append(situation)
+        self.looks += situation.phase == "ready"
+        if self.machine is not None and self.looks == 80 and not self.machine.busy:
+            self.machine.start(PLAN.cycles, PLAN.rate, stroke=PLAN.stroke)
+        if self.acts and self.acts[0][0](situation):
+            return self.acts.pop(0)[1]
+        return ""
+
+
+def attended(path: Path, person: Scripted, sim: SimulatedRig | None = None, **more: object) -> None:
+    sim = sim or SimulatedRig()
+    try:
+        with journal_of(path, sim) as journal, opened(sim, journal, unit="psi") as rig:
+            run(rig, PLAN, attendant=person, **more)
+    finally:
+        assert vented(sim)
+
+
+def in_phase(phase: str, block: int) -> Callable[[Situation], bool]:
+    return lambda now: now.phase == phase and now.block == block
+
+
+def later(seconds: float) -> Callable[[Situation], bool]:
+    """So many looks of 50 ms after the act before it."""
+    looks = iter(range(round(seconds / 0.05)))
+    return lambda _: next(looks, None) is None
+
+
+def test_a_paused_plan_stands_with_its_pressure_held(tmp_path: Path) -> None:
+    person = Scripted((in_phase("settling", 1), "pause"), (later(5.0), "begin"))
+    attended(tmp_path / "test.fam", person)
+    record = read_journal(tmp_path / "test.fam")
+    lasted = record.notes_of("end")[0]["at"] - record.notes_of("plan")[0]["at"]
+    assert lasted == pytest.approx(26.0 + 5.0, abs=1.5)
+    begin, end = record.notes_of("paused")[0]["at"], record.notes_of("went_on")[0]["at"]
+    assert end - begin == pytest.approx(5.0, abs=0.3)
+    columns = table(record)
+    held = (columns["time_s"] > end - 3) & (columns["time_s"] < end)
+    assert np.abs(columns["pressure_Pa"][held] - 40 * PSI).max() < 2 * PSI
+    assert np.ptp([now.done for now in person.seen if now.phase == "paused"]) == 0
+    assert audit(record).sound
+    asked = [text for text in person.told if "start the strokes" in text]
+    for block, text in enumerate(asked):
+        assert text.startswith(f"block {block}: pressure held, ")
+        assert text.endswith(
+            f"of {20 + 20 * block} psi: start the strokes: 1 of 10 mm at 2 mm/s, 10 s"
+        )
+    assert [now.done + now.left for now in person.seen] == pytest.approx([26.0] * len(person.seen))
+    assert np.diff([now.done for now in person.seen]).min() >= 0
+    strokes = [now for now in person.seen if now.phase == "strokes"]
+    assert {(now.block, now.cycle, now.cycles) for now in strokes} == {(0, 1, 1), (1, 1, 1)}
+    assert all(abs(now.pressure - now.set_point) < 2 * PSI for now in strokes)
+
+
+@pytest.mark.parametrize("start", ["asked", "load"])
+def test_strokes_are_waited_for(start: Start, tmp_path: Path) -> None:
+    """Four seconds late each time: the run goes on once they have begun, and not before."""
+    muscle, path, person = LinearMcKibben(), tmp_path / "test.fam", Scripted()
+    sim = SimulatedRig(None, muscle, machine_for(muscle, MachineClock()))
+    person.machine = sim.machine
+    if start == "asked":
+        person.acts = [(lambda now: now.phase == "ready" and person.looks >= 82, "begin")] * 2
+    attended(path, person, sim, start=start)
+    record = read_journal(path)
+    for asked, began in zip(record.notes_of("set"), record.notes_of("strokes"), strict=True):
+        assert began["at"] - asked["at"] == pytest.approx(3.0 + 4.0, abs=0.8)
+        assert began["held"]
+    log = read_machine_log(sim.machine.write_log(tmp_path / "machine.csv"))
+    found = analyse(record, log, rest_length=float(muscle.rest_length))
+    assert [isobar.cycles for isobar in found.characterisation.isobars] == [1, 1]
+
+
+def test_a_load_that_never_moves_ends_the_wait_after_60_s(tmp_path: Path) -> None:
+    """A load cell that has died."""
+
+    class Dead(Device):
+        def tick(self, pressure_counts: int, force_counts: int) -> None:
+            super().tick(pressure_counts, 141)
+
+    with pytest.raises(RigFault, match=r"has not moved for 60 s.*load cell is dead"):
+        attended(tmp_path / "test.fam", Scripted(), SimulatedRig(device=Dead()), start="load")
+    record = read_journal(tmp_path / "test.fam")
+    (note,), (set_,) = record.notes_of("fault"), record.notes_of("set")
+    assert note["at"] - set_["at"] == pytest.approx(3 + 60, abs=3)
+
+
+def test_begin_is_not_obeyed_before_the_pressure_is_held() -> None:
+    """So slow a controller never holds it."""
+
+    def leave(_: Situation) -> bool:
+        raise KeyboardInterrupt
+
+    person = Scripted((in_phase("ready", 0), "begin"), (later(2.0), ""), (leave, ""))
+    sim, slow = SimulatedRig(), Control.per_psi(0, 0.01)
+    plan = Isobaric((60 * PSI,), 1, 0.01, 0.01, settle=0.5)
+    with pytest.raises(KeyboardInterrupt), opened(sim, control=slow) as rig:
+        run(rig, plan, attendant=person, start="asked")
+    assert "pressure NOT held" in person.told[0]
+    assert "do not start" in person.told[0]
+    assert person.told[1].startswith("not yet: the pressure is not held")
+
+
+def test_progress_is_reported_every_second() -> None:
+    seen: list[tuple[float, float]] = []
+    watcher = Watcher(lambda done, planned: seen.append((done, planned)))
+    for k in range(100):
+        watcher.look(Situation("strokes", 0, 0, 1, 1, 0.0, 0.0, 0.05 * k, 5 - 0.05 * k, None))
+    assert [done for done, _ in seen] == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
+    assert {planned for _, planned in seen} == {5.0}
+
+
+# ---- the pump ----
 
 
 def test_the_calibration_in_the_readme_holds_a_pressure(
@@ -283,17 +388,3 @@ def test_the_calibration_in_the_readme_holds_a_pressure(
     for psi in (20, 80):
         steady = 255 * sim.circuit.steady_signal(psi * PSI)
         assert calibration.feed_forward.output(psi * PSI) == pytest.approx(steady, abs=2.0)
-
-
-def test_the_feed_forward_of_a_pump_is_found_by_stepping_it() -> None:
-    circuit = HydraulicCircuit()
-    sim = SimulatedRig(circuit)
-    true = sim.calibration().feed_forward
-    outputs = [int(255 * circuit.steady_signal(p * PSI)) for p in (8, 20, 35, 50, 65, 80, 95)]
-    with Rig(VirtualLink(sim), sim.calibration(), pressure_limit=LIMIT, control=GAINS) as rig:
-        found = calibrate_feed_forward(rig, [*outputs, *outputs[::-1]], settle=2.5, average=1.0)
-    assert vented(sim)
-    for pressure in (10, 30, 60, 90):
-        # the pump moves in steps of one count, and the cubic is not its law
-        assert found.output(pressure * PSI) == pytest.approx(true.output(pressure * PSI), abs=3)
-    assert found.scatter < 3

@@ -40,9 +40,8 @@ def test_a_sensor_is_the_regression_of_counts_on_references() -> None:
 def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations() -> None:
     rng = np.random.default_rng(2)
     many = [fit_sensor(noisy_counts(rng), REFERENCES) for _ in range(1500)]
-    at = 1700.0
-    spread = np.std([sensor.value(at) for sensor in many])
-    expected = np.sqrt(np.mean([sensor.error(at) ** 2 for sensor in many]))
+    spread = np.std([sensor.value(1700.0) for sensor in many])
+    expected = np.sqrt(np.mean([sensor.error(1700.0) ** 2 for sensor in many]))
     assert expected == pytest.approx(spread, rel=0.08)  # 1500 draws: 2 % each
     mean_gain_std = np.sqrt(np.mean([sensor.gain_std**2 for sensor in many]))
     assert mean_gain_std == pytest.approx(np.std([s.gain for s in many]), rel=0.08)
@@ -51,81 +50,56 @@ def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("counts", "references", "message"),
-    [
-        ([1, 2], [0, 1], "three references or more, got 2"),
-        ([1, 2, 3], [5, 5, 5], "all references are 5"),
-        ([1, 2, 5115], [0, 1, 2], "reading 3 is 5115 counts, the end of the converter"),
-        ([0, 2, 3], [0, 1, 2], "reading 1 is 0 counts"),
-        ([1, 2, np.nan], [0, 1, 2], "finite"),
-        ([1, 2, 3], [0, 1], "one shape"),
-        ([10, 12, 9, 11, 10], [0, 1, 2, 3, 4], "do not follow the references"),
-    ],
-)
-def test_a_table_that_is_no_calibration_is_refused(
-    counts: list, references: list, message: str
-) -> None:
-    with pytest.raises(RigError, match=message):
-        fit_sensor(counts, references)
-
-
 def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise() -> None:
     P = np.linspace(2e4, 7e5, 12)
-
-    def true(p: np.ndarray) -> np.ndarray:
-        x = p / 7e5
-        return 30 + 120 * x - 60 * x**2 + 90 * x**3
-
-    exact = fit_feed_forward(P, true(P))
-    np.testing.assert_allclose([exact.output(p) for p in P], true(P), rtol=1e-9)
+    true = np.polynomial.Polynomial((30, 120, -60, 90))(P / 7e5)
+    exact = fit_feed_forward(P, true)
+    np.testing.assert_allclose([exact.output(p) for p in P], true, rtol=1e-9)
     rng = np.random.default_rng(3)
-    noisy = [fit_feed_forward(P, true(P) + rng.normal(0, 0.8, P.size)) for _ in range(800)]
+    noisy = [fit_feed_forward(P, true + rng.normal(0, 0.8, P.size)) for _ in range(800)]
     scatter = np.sqrt(np.mean([v.scatter**2 for v in noisy]))
     assert scatter == pytest.approx(0.8, rel=0.05)  # 800 draws: 1 %
-
-
-def test_a_feed_forward_is_used_only_where_it_is_known() -> None:
-    P = np.linspace(1e5, 7e5, 8)
-    v = fit_feed_forward(P, P / 7e5 * 200)
-    with pytest.raises(RigError, match=r"known from 100 kPa to 700 kPa, not at 50 kPa"):
-        v.output(5e4)
+    with pytest.raises(RigError, match=r"known from 20 kPa to 700 kPa, not at 10 kPa"):
+        exact.output(1e4)
     assert FeedForward.bias().output(3e5) == 127.5
     with pytest.raises(RigError, match=r"must be 0..255"):
         FeedForward.bias(300.0).output(0.0)
 
 
 @pytest.mark.parametrize(
-    ("pressures", "outputs", "message"),
+    ("fit", "first", "second", "message"),
     [
-        ([1, 2, 3, 4], [10, 20, 30, 40], "five steps"),
-        ([1, 2, 3, 4, 5, 6], [10, 30, 60, 50, 30, 10], "must rise"),
-        ([1, 1, 1, 2, 2, 2], [10, 30, 60, 70, 80, 90], "five steps of four"),
-        ([1, 2, 3, 4, np.inf], [10, 20, 30, 40, 50], "finite"),
+        (fit_sensor, [1, 2], [0, 1], "three references or more, got 2"),
+        (fit_sensor, [1, 2, 3], [5, 5, 5], "all references are 5"),
+        (fit_sensor, [1, 2, 5115], [0, 1, 2], "reading 3 is 5115 counts, the end of the converter"),
+        (fit_sensor, [0, 2, 3], [0, 1, 2], "reading 1 is 0 counts"),
+        (fit_sensor, [1, 2, np.nan], [0, 1, 2], "finite"),
+        (fit_sensor, [1, 2, 3], [0, 1], "one shape"),
+        (fit_sensor, [10, 12, 9, 11, 10], [0, 1, 2, 3, 4], "do not follow the references"),
+        (fit_feed_forward, [1, 2, 3, 4], [10, 20, 30, 40], "five steps"),
+        (fit_feed_forward, [1, 2, 3, 4, 5, 6], [10, 30, 60, 50, 30, 10], "must rise"),
+        (fit_feed_forward, [1, 1, 1, 2, 2, 2], [10, 30, 60, 70, 80, 90], "five steps of four"),
     ],
 )
-def test_steps_that_fix_no_cubic_are_refused(pressures: list, outputs: list, message: str) -> None:
+def test_a_table_that_is_no_calibration_is_refused(
+    fit: object, first: list, second: list, message: str
+) -> None:
     with pytest.raises(RigError, match=message):
-        fit_feed_forward(np.array(pressures) * 1e5, outputs)
-
-
-def calibration() -> Calibration:
-    rng = np.random.default_rng(5)
-    force = fit_sensor(2500 - REFERENCES / 400, REFERENCES / 300)
-    P = np.linspace(2e4, 7e5, 12)
-    v = fit_feed_forward(P, 30 + P / 4000 + rng.normal(0, 0.5, P.size))
-    return Calibration(fit_sensor(noisy_counts(rng), REFERENCES), force, v)
+        fit(first, second)
 
 
 def test_a_file_gives_back_the_same_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    for known in (
-        calibration(),
-        dataclasses.replace(calibration(), feed_forward=FeedForward.bias()),
+    path, rng, P = tmp_path / "rig.toml", np.random.default_rng(5), np.linspace(2e4, 7e5, 12)
+    force = fit_sensor(2500 - REFERENCES / 400, REFERENCES / 300)
+    v = fit_feed_forward(P, 30 + P / 4000 + rng.normal(0, 0.5, P.size))
+    known = Calibration(fit_sensor(noisy_counts(rng), REFERENCES), force, v)
+    for one in (
+        known,
+        dataclasses.replace(known, feed_forward=FeedForward.bias()),
         Calibration(Sensor(300.0, 500.0), Sensor(-1.0, 2000.0), board=4711),
     ):
-        write_calibration(path, known)
-        assert read_calibration(path) == known
+        write_calibration(path, one)
+        assert read_calibration(path) == one
     assert "gain_Pa_per_count" in path.read_text()
 
 
@@ -138,9 +112,7 @@ def test_a_file_gives_back_the_same_numbers(tmp_path: Path) -> None:
             r"\[pressure\]: zero_counts is missing",
         ),
         ({"pressure": {"gain_psi_per_count": 1}, "force": {}}, "unknown key 'gain_psi_per_count'"),
-        ({"pressure": {"gain_Pa_per_count": "x"}, "force": {}}, "must be a number"),
         ({"pressure": {"gain_Pa_per_count": 0, "zero_counts": 0}, "force": {}}, "not zero"),
-        ({"pressure": 3, "force": {}}, "must be a table"),
         ({"pressure": {}, "force": {}, "board": "a"}, "board must be a number of 0 to 65534"),
     ],
 )

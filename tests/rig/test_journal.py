@@ -1,0 +1,270 @@
+"""The journal: nothing waits for the disk, and no torn file gives a wrong row."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bare_rig import BareRig, Recorder
+
+from famjax.app.isobaric import clocks
+from rig.errors import RigError, RigFault
+from rig.journal import Journal, Missing, read_journal
+from rig.protocol import TICK_HZ, TICKS, frame
+
+PAGE = 4096
+
+
+def record(seq: int, boot: int = 0, *, tick: int | None = None, output: int = 0) -> bytes:
+    tick = 5 * seq + 5 if tick is None else tick
+    return frame(f"T,{boot},{seq},{tick},{1000 + seq % 7},200,2500,{output},0,0")
+
+
+def records(*numbers: int, boot: int = 0) -> bytes:
+    return b"".join(record(number, boot) for number in numbers)
+
+
+def until(holds: Callable[[], bool]) -> None:
+    """Wait for another thread; ten seconds at most."""
+    end = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.fam"
+
+
+def opened(path: Path, *, at: float = 0.0, **options: object) -> Journal:
+    return Journal(path, lambda: at, **{"reserve_bytes": 0, **options})
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten seconds over a damaged line, with notes."""
+    path = tmp_path_factory.mktemp("journal") / "whole.fam"
+    recorder = Recorder(BareRig(1, damage=0.004))
+    with Journal(path, lambda: recorder.link.now, reserve_bytes=0) as journal:
+        recorder.link.attach(journal)
+        for second in range(10):
+            recorder.run(1.0)
+            journal.note("mark", second=second, text="Größe * 5")
+        recorder.link.attach(None)
+    return path
+
+
+def test_what_goes_in_comes_out_in_order(whole: Path) -> None:
+    found = read_journal(whole)
+    assert found.refused == found.missing == ()
+    assert found.damaged_bytes == found.missing_notes == 0
+    seq = found.column("seq")
+    assert (np.diff(seq) == 1).all()
+    assert seq.size > 950
+    assert [note["second"] for note in found.notes_of("mark")] == list(range(10))
+    assert found.notes_of("mark")[0]["text"] == "Größe * 5"
+    assert (np.diff([note["n"] for note in found.notes]) == 1).all()
+
+
+def tears(data: bytes, number: int) -> Iterator[bytes]:
+    """Cut short, pages never written, pieces left out, pages of somewhere else, flipped bits."""
+    rng = random.Random(1)
+    for tear in range(number):
+        torn, at = bytearray(data), rng.randrange(len(data))
+        page = at // PAGE * PAGE
+        match tear % 5:
+            case 0:
+                del torn[at:]
+            case 1:
+                torn[page : page + PAGE] = bytes(len(torn[page : page + PAGE]))
+            case 2:
+                del torn[at : at + rng.randrange(1, 300)]
+            case 3:
+                other = rng.randrange(len(data)) // PAGE * PAGE
+                torn[page : page + PAGE] = torn[other : other + PAGE]
+            case 4:
+                torn[at] ^= 1 << rng.randrange(8)
+        yield bytes(torn)
+
+
+def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole: Path, path: Path) -> None:
+    true = {row[1]: row for row in map(tuple, read_journal(whole).rows.tolist())}
+    damaged = 0
+    for torn in tears(whole.read_bytes(), 60):
+        path.write_bytes(torn)
+        found = read_journal(path)
+        rows = {row[1]: row for row in map(tuple, found.rows.tolist())}
+        assert len(rows) == len(found.rows)
+        assert all(true.get(seq) == row for seq, row in rows.items())
+        first, last = min(rows), max(rows)
+        inside = {seq for seq in true if first < seq < last} - rows.keys()
+        listed = {s for gap in found.missing for s in range(gap.first, gap.first + gap.records)}
+        assert inside == listed
+        assert not any(gap.noted for gap in found.missing)
+        damaged += bool(found.damaged_bytes)
+    assert damaged > 30
+
+
+@pytest.mark.parametrize(
+    ("data", "rows", "missing", "refused"),
+    [
+        (  # a row a tick late, its CRC right, and another line with a number that was there
+            records(*range(7)) + record(7, tick=41) + records(*range(8, 20)) + record(12, output=5),
+            [0] * 18, (Missing(0, 7, 1, False), Missing(0, 12, 1, False)),
+            ((0, 7), (0, 12), (0, 12)),
+        ),
+        (records(*range(9)) + records(*range(4), boot=1), [0] * 9 + [1] * 4, (), ()),
+        (  # a page that stands twice goes back to its boot
+            records(*range(9)) + records(*range(8), boot=1) + records(3, 4, 5)
+            + records(*range(11, 20), boot=1),
+            [0] * 9 + [1] * 17, (Missing(1, 8, 3, False),), (),
+        ),
+    ],
+)  # fmt: skip
+def test_rows_are_sorted_into_boots_and_contradictions_are_refused(
+    data: bytes, rows: list, missing: tuple, refused: tuple, path: Path
+) -> None:
+    path.write_bytes(data)
+    found = read_journal(path)
+    assert found.epoch.tolist() == rows
+    assert (found.missing, found.refused) == (missing, refused)
+
+
+def test_losses_of_the_line_and_of_the_file_are_told_apart(path: Path) -> None:
+    with opened(path) as journal:
+        journal.lines(records(*range(5), 8, 9, 12, 13, 14))
+        journal.note("lost", boot=0, first=5, records=3)
+    assert read_journal(path).missing == (Missing(0, 5, 3, True), Missing(0, 10, 2, False))
+
+
+def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path: Path) -> None:
+    with opened(path, at=1.0) as journal:
+        journal.lines(records(0, 1))
+    with pytest.raises(RigError, match=r"run.fam exists; give another name, or resume it"):
+        opened(path)
+    with path.open("ab") as file:
+        file.write(record(2)[:9])
+    with opened(path, at=2.0, append=True) as journal:
+        journal.lines(records(3, 4, 5))
+    found = read_journal(path)
+    assert found.column("seq").tolist() == [0, 1, 3, 4, 5]
+    assert found.damaged_bytes == 0  # the line that was cut before the recording went on
+    assert [note["note"] for note in found.notes] == ["journal", "journal"]
+    assert found.missing == ()  # nobody was recording between the two parts
+
+
+def test_what_is_no_journal_is_refused(path: Path) -> None:
+    for content, words in (
+        (b"time,pressure\n1,2\n", "is not a journal: none of its 18 bytes"),
+        (frame('{"note":"journal","n":0,"at":0,"format":"famjax journal 9"}'),
+         "'famjax journal 9'; this reads 'famjax journal 1'"),
+    ):  # fmt: skip
+        path.write_bytes(content)
+        with pytest.raises(RigError, match=words):
+            read_journal(path)
+    with pytest.raises(RigError, match=r"cannot read"):
+        read_journal(path.parent)
+    with pytest.raises(RigError, match=r"cannot write"):
+        opened(path.parent / "none.fam", append=True)
+
+
+def test_a_hanging_disk_is_told(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on, write = threading.Event(), os.write
+
+    def hang(file: int, data: bytes) -> int:
+        assert go_on.wait(10)
+        return write(file, data)
+
+    monkeypatch.setattr("rig.journal.os", SimpleNamespace(**{**vars(os), "write": hang}))
+    journal = opened(path)
+    journal.lines(record(0) * 200_000)
+    with pytest.raises(RigFault, match=r"MB wait for the disk"):
+        journal.check()
+    go_on.set()
+    journal.close()
+
+
+def test_recording_stops_at_the_reserve(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    free = [10**9]
+    usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=free[0]))
+    monkeypatch.setattr("rig.journal.shutil", usage)
+    with pytest.raises(RigError, match=r"1000 MB free, the plan needs 1130 MB"):
+        Journal(path, lambda: 0.0, plan_seconds=60_000)
+    monkeypatch.setattr("rig.journal.SYNC_PERIOD", 0.001)
+    journal = Journal(path, lambda: 0.0, plan_seconds=3600)
+    journal.lines(record(0))
+    free[0] = 49 * 10**6
+    with pytest.raises(RigFault, match=r"less than 50 MB are free"):
+        until(lambda: journal.check() is not None)
+    with pytest.raises(RigFault, match=r"less than 50 MB"):
+        journal.close()
+    assert len(read_journal(path).rows) == 1
+
+
+RECORDER = """
+import sys, time
+from rig.journal import Journal
+from rig.protocol import frame
+journal = Journal(sys.argv[1], time.monotonic, reserve_bytes=0)
+seq = 0
+while True:
+    journal.lines(frame(f"T,0,{seq},{5 * seq + 5},1000,200,2500,0,0,0"))
+    time.sleep(0.001)
+    sys.stdout.write(f"{seq}\\n")
+    sys.stdout.flush()
+    seq += 1
+"""
+
+
+def test_killing_the_recorder_loses_no_more_than_the_last_lines(path: Path) -> None:
+    """Lines come ten times as fast as a device's: 20 lines are 20 ms here."""
+    command = [sys.executable, "-c", RECORDER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        for line in child.stdout:
+            if int(line) >= 100:
+                break
+        os.kill(child.pid, signal.SIGKILL)
+        handed_over = [int(rest) for rest in child.stdout.read().split("\n")[:-1]]
+    found = read_journal(path)
+    assert found.column("seq").max() >= max([100, *handed_over]) - 20
+    assert found.missing == ()
+    assert found.damaged_bytes < len(record(0))
+
+
+def test_notes_are_numbered_across_threads(path: Path) -> None:
+    with opened(path) as journal:
+
+        def write() -> None:
+            for _ in range(200):
+                journal.note("x")
+
+        threads = [threading.Thread(target=write) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert [note["n"] for note in read_journal(path).notes] == list(range(801))
+
+
+def test_time_goes_on_where_the_ticks_wrap(path: Path) -> None:
+    """After 99 days a device counts its ticks from 0 again; the records and their clock go on."""
+    with opened(path) as journal:
+        for k in range(300):
+            tick = (TICKS - 5 * 150 + 5 * k) % TICKS
+            journal.lines(record(7000 + k, tick=tick))
+            if k % 25 == 0:
+                journal.note("clock", boot=0, tick=tick, arrival_s=50 + 0.01 * k)
+    found = read_journal(path)
+    assert found.refused == found.missing == ()
+    (clock,) = clocks(found).values()
+    host = clock.host(found.column("tick") / TICK_HZ)
+    assert np.abs(host - (50 + 0.01 * np.arange(300))).max() < 1e-4

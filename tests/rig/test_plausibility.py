@@ -1,0 +1,229 @@
+"""A transducer that lies: the device trips, or refuses to start, before the pressure has gone far."""
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+
+import pytest
+from benches import PSI, Bench
+from native import NativeDevice
+
+from rig.device import Device
+from rig.protocol import RUN, SAFE, TRIP, DeviceStatus, frame
+from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig, pressure_transducer
+
+RANGE, FROZEN, NO_RESPONSE = 6, 7, 8
+FLOOR, CEILING = 51, 963
+GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}
+Make = Callable[..., Device]
+
+
+@pytest.fixture(params=["python", "c"])
+def make(request: pytest.FixtureRequest) -> Make:
+    if request.param == "python":
+        return Device
+    library = request.getfixturevalue("native_library")
+    return lambda eeprom=None: NativeDevice(library, eeprom)
+
+
+def status(bench: Bench) -> DeviceStatus:
+    bench.ticks(30)
+    return bench.of(DeviceStatus)[-1]
+
+
+def test_nothing_starts_on_a_reading_that_cannot_be(make: Make) -> None:
+    bench = Bench(make())
+    bench.command("trip", 600)
+    for verb in (("run",), ("man", 50)):
+        for reading in (0, FLOOR - 1, CEILING + 1, 1023):
+            bench.pressure = reading
+            bench.ticks(1)
+            assert bench.command(*verb).reason == "reading out of range"
+    bench.pressure = 100
+    bench.ticks(1)
+    assert not bench.command("run").reason
+
+
+def test_a_reading_below_the_floor_trips_after_three_conversions(make: Make) -> None:
+    bench = Bench(make())
+    bench.start()
+    bench.command("floor", 80)
+    for reading in (79, 79, 80, 79, 79):
+        bench.ticks(1, reading)
+    assert bench.device.state == RUN
+    bench.ticks(1, 79)
+    assert (bench.device.state, bench.device.output, bench.device.dump_open) == (TRIP, 0, True)
+    assert status(bench).fault == RANGE
+
+
+def test_a_trip_tells_when_and_at_what_and_outlives_a_reset_and_the_device(make: Make) -> None:
+    """Opening the port resets an Uno: that must not acknowledge."""
+    eeprom = bytearray(6)
+    bench = Bench(make(eeprom))
+    bench.start()
+    bench.ticks(2, 700)
+    driven = bench.device.output
+    bench.ticks(1, 705)
+    told = status(bench)
+    assert (told.state, told.fault, told.tripped_count, told.tripped_output) == (
+        TRIP, 2, 705, driven
+    )  # fmt: skip
+    assert 0 <= told.tick - told.tripped_at <= 30
+    for cause in (1, 2, 8):
+        bench.device.reset(cause)
+        assert bench.device.state == TRIP
+    again = Bench(make(eeprom))
+    assert (status(again).state, status(again).fault, status(again).tripped_count) == (TRIP, 2, 705)
+    again.command("trip", 600)
+    assert again.command("run").reason == "tripped: clear first"
+    assert not again.command("clear").reason
+    assert status(again).tripped_count == 705  # for the record
+    assert make(eeprom).state == SAFE
+    for fill in (b"\xff" * 6, b"\x05\x00\x05\x00\x00\x00", b"\x05\x00\x63\x00\x00\x00"):
+        assert make(bytearray(fill)).state == SAFE  # memory that was never written
+
+
+# ---- frozen, in a loop with a plant: in Python, which does what the core does ----
+
+
+class Loop:
+    """A person's commands, a device and its plant; the transducer lies from a moment on."""
+
+    def __init__(self, fluid: str, *, noise: bool = True, device: Device | None = None) -> None:
+        circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
+        sensor = pressure_transducer()
+        if not noise:
+            sensor = dataclasses.replace(sensor, noise=0.0)
+        self.device = device or Device()
+        self.sim = SimulatedRig(circuit, device=self.device, pressure_sensor=sensor, seed=11)
+        self.peak = 0.0
+
+    def lie(self, pressure_psi: float) -> None:
+        self.sim.sensor_fault = self.sim.pressure_sensor.counts(pressure_psi * PSI)
+
+    def start(
+        self, set_psi: float, limit_psi: float, gains: tuple[float, float], *more: str
+    ) -> None:
+        v = self.sim.calibration().feed_forward.output(set_psi * PSI)
+        limit = self.sim.pressure_sensor.counts(limit_psi * PSI)
+        for body in ("cal 101.9 250", f"trip {limit}", f"gain {gains[0]} {gains[1]}", *more,
+                     f"set {set_psi} {v:.3f}", "run"):  # fmt: skip
+            self.sim.write(frame(body))
+            self.wait(0.02)
+
+    def wait(self, seconds: float) -> None:
+        end = self.sim.now + seconds
+        while self.sim.now < end - 1e-9:
+            self.sim.write(frame("0 hb"))
+            for _ in range(10):
+                self.sim.advance(0.002)
+                self.peak = max(self.peak, self.sim.pressure / PSI)
+
+    @property
+    def status(self) -> list[bytes]:
+        """Fields of the last status."""
+        self.sim.read()
+        self.sim.write(frame(f"{self.sim.now * 1e3:.0f} status"))
+        self.wait(0.1)
+        lines = [line for line in self.sim.read().split(b"\n") if line.startswith(b"S")]
+        return lines[-1].partition(b"*")[0].split(b",")
+
+    @property
+    def tripped(self) -> int:
+        """Fault of the trip, 0 if there is none."""
+        return int(self.status[5]) * (self.device.state == TRIP)
+
+
+ROWS = [  # of the field trials: fluid, set psi, limit psi, gains, stuck at psi, other commands
+    *[("water", float(s), 60.0, (0.0, 5.0), None, ()) for s in (5, 30)],
+    ("water", 40.0, 110.0, (0.0, 5.0), 37.0, ()),
+    ("water", 80.0, 110.0, (0.5, 2.0), 77.0, ()),
+    ("air", 30.0, 60.0, (4.0, 2.0), 28.0, ()),
+    ("air", 3.0, 110.0, (4.0, 2.0), 0.0, ()),
+    ("air", 4.9, 110.0, (4.0, 2.0), 0.0, ()),
+    ("air", 40.0, 110.0, (1.0, 2.0), None, ("ilim -50 50",)),
+]
+
+
+@pytest.mark.parametrize("before", [True, False], ids=["before", "held"])
+@pytest.mark.parametrize(("fluid", "set_psi", "limit", "gains", "stuck", "more"), ROWS)
+def test_every_row_of_the_field_trials_trips_or_does_not_start(
+    fluid: str, set_psi: float, limit: float, gains: tuple[float, float], stuck: float | None,
+    more: tuple[str, ...], *, before: bool,
+) -> None:  # fmt: skip
+    loop = Loop(fluid)
+
+    def lie() -> None:
+        loop.lie(-1e3 if stuck is None else stuck)
+
+    if before:
+        lie()
+    loop.start(set_psi, limit, gains, *more)
+    if not before:
+        loop.wait(3.0)
+        assert loop.device.state == RUN
+        lie()
+    end = loop.sim.now + 10.0
+    while loop.device.state == RUN and loop.sim.now < end:
+        loop.wait(0.5)
+    loop.wait(0.5)
+    assert loop.device.state == (SAFE if before and stuck is None else TRIP)
+    assert loop.peak <= min(1.02 * limit, set_psi + 25)
+
+
+@pytest.mark.parametrize("fluid", ["air", "water"])
+@pytest.mark.parametrize("noise", [True, False], ids=["noise", "quiet"])
+def test_a_sound_hold_does_not_trip_with_noise_or_without(fluid: str, *, noise: bool) -> None:
+    """A reading that stands still is sound where the transducer is quiet, and was seen to be so."""
+    loop = Loop(fluid, noise=noise)
+    loop.wait(4.2)
+    loop.start(30.0, 110.0, GAINS[fluid])
+    loop.wait(12.0)
+    assert loop.device.state == RUN
+    assert loop.status[-1] == (b"2" if noise else b"1")
+    if fluid == "air" and not noise:  # a quiet one that freezes trips once the output has moved
+        loop.lie(24.0)
+        loop.wait(2.0)
+        assert loop.tripped == FROZEN
+
+
+@pytest.mark.parametrize("fluid", ["air", "water"])
+def test_a_reading_that_freezes_at_the_set_point_trips_within_a_second(fluid: str) -> None:
+    loop = Loop(fluid)
+    loop.start(30.0, 110.0, GAINS[fluid])
+    loop.wait(5.0)
+    loop.lie(30.0)
+    loop.wait(1.1)
+    assert loop.tripped == FROZEN
+
+
+@pytest.mark.parametrize("after", [0.20, 0.26])
+def test_a_reading_that_leaps_to_the_set_point_and_rests_trips_below_the_limit(
+    after: float,
+) -> None:
+    """Gains well above the published ones: the true pressure is near its limit when the reading leaps."""
+    loop = Loop("water")
+    loop.wait(3.0)
+    loop.start(45.3, 60.0, (1.5, 8.0))
+    loop.wait(after)
+    assert loop.sim.pressure > 50 * PSI
+    loop.lie(45.1)
+    loop.wait(2.0)
+    assert loop.tripped == FROZEN
+    assert loop.peak <= 1.02 * 60
+
+
+@pytest.mark.parametrize(
+    ("fluid", "set_psi"), [("air", 5.0), ("air", 50.0), ("water", 5.0), ("water", 50.0)]
+)
+def test_a_blocked_line_with_noise_trips_at_the_start(fluid: str, set_psi: float) -> None:
+    """The reading varies, as amplifiers do, but not with the pressure."""
+    device = Device()
+    tick, noise = device.tick, [100, 103, 101, 104, 102, 100, 99, 102]
+    reading = (noise[tick // 3 % len(noise)] for tick in itertools.count(1))
+    device.tick = lambda _, force: tick(next(reading), force)
+    loop = Loop(fluid, device=device)
+    loop.start(set_psi, 110.0, {"air": (4.0, 2.0), "water": (0.5, 5.0)}[fluid])
+    loop.wait(5.0)
+    assert loop.tripped == NO_RESPONSE
+    assert loop.peak <= set_psi + 25

@@ -1,0 +1,186 @@
+"""Lines: CRC against its check value and a bit-wise oracle, damage, streams; the law in fractions."""
+
+import random
+import re
+from fractions import Fraction
+
+import pytest
+
+from rig.device import ARGUMENTS, firmware_folder
+from rig.protocol import (
+    Ack,
+    ControlLaw,
+    DeviceSettings,
+    DeviceStatus,
+    Hello,
+    Message,
+    Sample,
+    Splitter,
+    StoredRange,
+    command_body,
+    crc16,
+    drive,
+    frame,
+    next_integral,
+    parse,
+    pressure_error,
+)
+
+LAW = ControlLaw(5120, 32768, 1024, 512, -128, 128, 1632, 12800)
+LINES: list[tuple[str, Message]] = [
+    (
+        "T,15,4294967295,500,1025,205,512,131,-42,97",
+        Sample(15, 4294967295, 500, 1025, 205, 512, 131, -42, 97),
+    ),
+    (
+        "S,65535,3,17,3,2,900,1,2,3,4,5,16,901,131,2",
+        DeviceStatus(65535, 3, 17, 3, 2, 900, 1, 2, 3, 4, 5, 16, 901, 131, 2),
+    ),
+    (
+        "P,7,20,5120,32768,1024,512,-128,128,1632,12800,5,700,77,1500,500,51,963,350,4,375",
+        DeviceSettings(7, 20, LAW, 5, 700, 77, 1500, 500, 51, 963, 350, 4, 375),
+    ),
+    ("H,famrig,3,3,7,8,500,5,64,21,900,9", Hello(3, 3, 7, 8, 500, 5, 64, 21, 900, 9)),
+    ("A,12,OK,345", Ack(12, 345, "")),
+    ("A,12,ERR,no trip limit", Ack(12, None, "no trip limit")),
+    ("L,10,74", StoredRange(10, 74)),
+]
+
+
+def test_crc_is_the_published_one() -> None:
+    """The division, bit by bit, as the standard writes it."""
+    assert crc16(b"123456789") == 0x29B1  # check value of CRC-16/CCITT-FALSE
+    data, crc = random.Random(1).randbytes(300), 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    assert crc16(data) == crc
+
+
+@pytest.mark.parametrize(("body", "message"), LINES)
+def test_lines_say_what_they_say_and_damage_of_one_or_two_bytes_is_seen(
+    body: str, message: Message
+) -> None:
+    """A CRC-16 finds every burst of up to 16 bits: no damaged line is taken, none differently."""
+    whole = frame(body)
+    assert whole.endswith(b"\n")
+    line = whole[:-1]
+    assert (parse(line), type(parse(line))) == (message, type(message))
+    r = random.Random(2)
+    for at in range(len(line)):
+        for damage in (*r.sample(range(256), 32), r.randbytes(2)):
+            damaged = bytearray(line)
+            damaged[at : at + 2] = damage if isinstance(damage, bytes) else (
+                bytes((damage,)) + line[at + 1 : at + 2]
+            )  # fmt: skip
+            assert parse(bytes(damaged)) == (message if damaged == line else None)
+
+
+OTHER_FORMS = """T,0,1,2,3,4,5,6,7
+T,0,1,2,3,4,5,6,7,8,9
+T,0,1,2,3,4,5,6,,8
+T,0,1,2,3,4,5,6, 7,8
+T,0,1,2,3,4,5,6,+7,8
+T,0,1_0,2,3,4,5,6,7,8
+S,1,2
+S,65535,3,17,3,2,900,1,2,3,4,5
+H,famrig,1,1,7,8,500,5,64,21
+H,other,2,1,7,8,500,5,64,21,900
+A,1,MAYBE,2
+A,x,OK,2
+A,1,OK,
+P,1,2,3
+L,10
+Q,1
+"""
+
+
+def test_other_forms_and_noise_are_refused() -> None:
+    for body in OTHER_FORMS.split("\n"):
+        assert parse(frame(body)[:-1]) is None, body
+    r = random.Random(3)
+    assert all(parse(r.randbytes(r.randint(0, 80))) is None for _ in range(2000))
+    assert parse(b"T,0,1,2,3,4,5,6,7,8") is None
+    body, check = frame("L,10,74")[:-1].split(b"*")
+    assert check != check.lower()
+    assert parse(body + b"*" + check.lower()) is None
+    for text in ("a*b", "a\nb", "a\rb", "Kp\N{MULTIPLICATION SIGN}2"):
+        with pytest.raises(ValueError, match="ASCII without"):
+            frame(text)
+
+
+def test_numbers_have_at_most_four_decimals() -> None:
+    for values, text in (
+        ((40.0, 128), "40 128"), ((0.00004,), "0"), ((-0.00004,), "0"), ((1.99998,), "2"),
+        ((20.1250,), "20.125"), (("ff",), "ff"), ((1e5,), "100000"),
+    ):  # fmt: skip
+        assert command_body(3, "set", *values) == f"3 set {text}"
+
+
+def test_splitter_does_not_care_how_the_stream_is_cut() -> None:
+    r = random.Random(4)
+    lines = [bytes(r.choices(b"abc,*\r", k=r.randint(0, 60))) for _ in range(300)]
+    stream = b"\n".join(lines) + b"\n"
+    whole, pieces = Splitter(limit=50), Splitter(limit=50)
+    expected, found, at = whole.feed(stream), [], 0
+    while at < len(stream):
+        step = r.randint(1, 90)
+        found += pieces.feed(stream[at : at + step])
+        at += step
+    assert found == expected
+    assert pieces.discarded == whole.discarded > 0
+    assert max(map(len, expected)) <= 50
+
+
+def test_every_command_is_in_the_firmwares_readme() -> None:
+    text = (firmware_folder() / "README.md").read_text()
+    for verb in ARGUMENTS:
+        assert re.search(rf"`(0 )?{verb.decode()}[ `]", text), verb
+    for letter in "TSPHAL":
+        assert f"| `{letter}," in text
+
+
+# ---- the integers of the controller against the law in fractions, which round nowhere ----
+
+
+def test_the_law_rounds_each_figure_once_and_keeps_within_its_limits() -> None:
+    r, inside = random.Random(1), 0
+    for _ in range(400):
+        law = ControlLaw(
+            r.randint(0, 120 * 128), r.randint(0, 65280), r.randint(0, 2560), r.randint(0, 2560),
+            r.randint(-255, 0), r.randint(0, 255), r.randint(0, 3200), r.randint(3200, 32000),
+        )  # fmt: skip
+        ticks = r.randint(1, 50)
+        counts = r.randint(0, 1023 * ticks)
+        slope = Fraction(law.span, 64) / 1024  # psi per count
+        measured = slope * (counts - ticks * Fraction(law.zero, 16))
+        exact = ticks * Fraction(law.set_point, 128) - measured
+        assert abs(pressure_error(law, counts, ticks) - 128 * exact) <= Fraction(1, 2)
+
+        error, integral = r.randint(-6400, 6400), r.randint(-128 * 32768, 128 * 32768)
+        u = (
+            Fraction(law.feed_forward, 256)
+            + Fraction(law.proportional, 256) * Fraction(error, 128)
+            + Fraction(integral, 32768)
+        )
+        expected = min(max(u, Fraction(0)), Fraction(255))
+        assert abs(drive(law, integral, error) - expected) <= Fraction(1, 2)
+        inside += expected == u
+
+        odd, error = law._replace(low=-100, high=100), r.randint(-(10**6), 10**6)
+        assert next_integral(odd, 0, error) == -next_integral(odd, 0, -error)
+        exact = Fraction(law.integral * error, 500)
+        limited = min(max(exact, Fraction(-100 * 32768)), Fraction(100 * 32768))
+        assert abs(next_integral(odd, 0, error) - limited) <= Fraction(1, 2)
+        wide = next_integral(law._replace(low=-7, high=3), r.randint(-(2**23), 2**23), error)
+        assert -7 * 32768 <= wide <= 3 * 32768
+    assert inside > 100  # the limits are not all that was tried
+
+
+def test_literal_reading_cannot_exhaust_at_the_set_point() -> None:
+    """An integral in 0..255 upon v = 128 never goes below 128 where the error is 0."""
+    literal = ControlLaw(feed_forward=128 * 256, proportional=4 * 256, low=0, high=255)
+    lowest = next_integral(literal, 0, -(10**6))
+    assert drive(literal, lowest, 0) == 128
+    assert drive(literal._replace(low=-128, high=128), -128 * 32768, 0) == 0
