@@ -36,13 +36,13 @@ _STIFF = 1e6  # with which a reduced Hessian resists a change of the length
 
 
 class Rule(NamedTuple):
-    """Stations of one section and the modes of the radius there.
+    """Stations along the muscle and the modes of the radius there.
 
     Attributes:
-        x: stations in the section, 0 to 1, shape (stations,).
+        x: stations, 0 to 1, shape (stations,).
         weights: in Z, shape (stations,).
-        values, slopes: of every mode and its derivative in Z, shape (stations, modes). The first
-            modes are hats, one for each border of the sections; the first and last are the fittings'.
+        values, slopes: of every mode and its derivative in Z, shape (stations, modes). The first two
+            modes are hats, those of the radii at the fittings.
     """
 
     x: np.ndarray
@@ -59,34 +59,24 @@ class Rule(NamedTuple):
 
 
 @functools.cache
-def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
-    """The rule of every section, of integrated Legendre polynomials up to an order."""
+def rule_of(order: int) -> Rule:
+    """The rule of integrated Legendre polynomials up to an order."""
     nodes, weights = np.polynomial.legendre.leggauss(3 * order // 2 + 4)
-    return tuple(
-        Rule((1 + nodes) / 2, weights * share / 2, *modes(shares, order, i, nodes))
-        for i, share in enumerate(shares)
-    )
+    return Rule((1 + nodes) / 2, weights / 2, *modes(order, nodes))
 
 
-def modes(
-    shares: tuple[float, ...], order: int, section: int, at: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of the radius and their derivatives in Z at places -1 to 1 of a section."""
-    borders, bubbles = len(shares) + 1, order - 1
-    values = np.zeros((at.size, borders + len(shares) * bubbles))
-    slopes = np.zeros_like(values)
-    values[:, section], values[:, section + 1] = (1 - at) / 2, (1 + at) / 2
-    slopes[:, section], slopes[:, section + 1] = -0.5, 0.5
+def modes(order: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of the radius and their derivatives in Z at places -1 to 1."""
     legendre = np.polynomial.legendre.legvander(at, order)
-    own = slice(borders + section * bubbles, borders + (section + 1) * bubbles)
     norm = np.sqrt(2 * (2 * np.arange(2, order + 1) - 1))
-    values[:, own] = (legendre[:, 2:] - legendre[:, :-2]) / norm
-    slopes[:, own] = legendre[:, 1:-1] * norm / 2
-    return values, slopes * 2 / shares[section]
+    values = [(1 - at) / 2, (1 + at) / 2, (legendre[:, 2:] - legendre[:, :-2]) / norm]
+    half = np.full(at.size, 0.5)
+    slopes = [-half, half, legendre[:, 1:-1] * norm / 2]
+    return np.column_stack(values), 2 * np.column_stack(slopes)
 
 
 class Part(eqx.Module):
-    """A section: braid, bladder and law, each as if the whole muscle consisted of it."""
+    """What a muscle is made of: braid, bladder and law."""
 
     braid: AbstractBraid
     bladder: Bladder
@@ -123,12 +113,6 @@ class Part(eqx.Module):
             volume * stress[1] / (1 + hoop),
             threads * self.braid.rest_thread_length,
         ])  # fmt: skip
-
-    def tapered(self, other: Bladder | None, x: np.ndarray) -> "Part":
-        """The section at stations 0 to 1, its bladder's numbers changing linearly to another's."""
-        far = self.bladder if other is None else other
-        bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
-        return Part(self.braid, bladder, self.material)
 
 
 def _full(state: RealArray) -> RealArray:
@@ -174,59 +158,48 @@ def _room(
     return jnp.stack([radius, pressure * jnp.pi * radius**2 + force, squared]), fits & known
 
 
-Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
-"""Modes of the radius and the pull, of order one; p and e at the stations of every section."""
+Unknowns = tuple[Float[Array, " _"], Float[Array, "_ _"]]
+"""Modes of the radius and the pull, of order one; p and e at the stations."""
 
 
 class Balance(eqx.Module):
     """A muscle at one length and pressure, and the scales of its unknowns.
 
     Attributes:
-        parts: sections at their stations.
+        part: what it is made of.
         ends: radius [m] at both fittings, shape (2,).
         length: L [m]; where a load is given, a guess of it.
         pressure: P [Pa].
         load: F [N] that is given in place of the length, or None.
         force_scale: [N], a constant.
-        shares: of the sections in Z.
-        order: of the polynomials in each.
+        order: of the polynomials.
         symmetric: whether both halves are alike, so that the shape is found in one of them.
         halved: whether the stations are those of the first half of a symmetric muscle.
     """
 
-    parts: tuple[Part, ...]
+    part: Part
     ends: Float[Array, "2"]
     length: RealArray
     pressure: RealArray
     load: RealArray | None
     force_scale: RealArray
-    shares: tuple[float, ...] = eqx.field(static=True)
     order: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True, default=False)
     halved: bool = eqx.field(static=True, default=False)
 
     @property
-    def rules(self) -> tuple[Rule, ...]:
-        """Stations and modes of every section."""
-        whole = rules(self.shares, self.order)
-        return (whole[0].half(),) if self.halved else whole
-
-    def half(self) -> "Balance":
-        """The first half of a symmetric muscle."""
-        count = self.rules[0].half().x.size
-        parts = tuple(
-            Part(one.braid, jax.tree.map(lambda leaf: leaf[:count], one.bladder), one.material)
-            for one in self.parts
-        )
-        return dataclasses.replace(self, parts=parts, halved=True)
+    def rule(self) -> Rule:
+        """Stations and modes."""
+        whole = rule_of(self.order)
+        return whole.half() if self.halved else whole
 
     def both_halves(self, y: "Unknowns") -> "Unknowns":
         """Unknowns of the whole muscle from those of its first half."""
-        outer, (inner,) = y
-        middle = self.rules[0].x.size % 2  # a station lies there
+        outer, inner = y
+        middle = self.rule.x.size % 2  # a station lies there
         # p is odd about the middle, the stretch of the threads even.
         sign = np.array([-1.0, 1.0])[: inner.shape[1]].astype(outer.dtype)
-        return outer, (jnp.concatenate([inner, sign * inner[::-1][middle:]]),)
+        return outer, jnp.concatenate([inner, sign * inner[::-1][middle:]])
 
     @property
     def radius_scale(self) -> RealArray:
@@ -239,95 +212,70 @@ class Balance(eqx.Module):
         return self.force_scale * self.radius_scale
 
     @property
-    def free(self) -> np.ndarray:
-        """Modes that do not change the radius at the fittings."""
-        modes = np.arange(self.rules[0].values.shape[1])
-        return np.delete(modes, [0, len(self.shares)])
-
-    @property
     def odd(self) -> np.ndarray:
         """Which unknowns, modes and pull, are odd about the middle: those that half a muscle lacks."""
-        degree = np.arange(2, self.free.size + 2)
-        return np.append((degree % 2 == 1) & self.halved, False)
+        return np.append((np.arange(2, self.order + 1) % 2 == 1) & self.halved, False)
 
     @property
     def scales(self) -> Float[Array, " unknowns"]:
         """Scales of the modes of the radius [m] and of the pull [N]."""
-        pull = np.arange(self.free.size + 1) == self.free.size
-        return jnp.where(pull, self.force_scale, self.radius_scale)
+        return jnp.where(
+            np.arange(self.order) == self.order - 1, self.force_scale, self.radius_scale
+        )
 
-    def columns(self, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
+    def columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Radius, slope and pull at the stations: of the fittings' radii, and of modes and pull."""
+        rule, dtype = self.rule, self.ends.dtype
         both = np.stack([rule.values, rule.slopes, np.zeros_like(rule.values)], axis=1)
-        free, size = self.free, self.free.size
-        linear = np.zeros((rule.x.size, 3, size + 1))
-        linear[..., :size], linear[:, 2, size] = both[..., free], 1.0
-        dtype = self.ends.dtype
-        return both[..., [0, len(self.shares)]].astype(dtype), linear.astype(dtype)
+        pull = np.broadcast_to([[0.0], [0.0], [1.0]], (rule.x.size, 3, 1))
+        linear = np.concatenate([both[..., 2:], pull], axis=-1)
+        return both[..., :2].astype(dtype), linear.astype(dtype)
 
-    def outer(self, rule: Rule, y: Float[Array, " unknowns"]) -> Float[Array, "stations 3"]:
-        """Radius, slope and pull at the stations of a section."""
-        fixed, linear = self.columns(rule)
+    def outer(self, y: Float[Array, " unknowns"]) -> Float[Array, "stations 3"]:
+        """Radius, slope and pull at the stations."""
+        fixed, linear = self.columns()
         return jnp.asarray(fixed) @ self.ends + jnp.asarray(linear) @ (self.scales * y)
 
-    def states(self, y: Unknowns) -> list[RealArray]:
-        """Radius, slope, pull, p and perhaps e at the stations of every section."""
-        outer = [self.outer(rule, y[0]) for rule in self.rules]
-        return [jnp.concatenate(pair, axis=1) for pair in zip(outer, y[1], strict=True)]
+    def states(self, y: Unknowns) -> RealArray:
+        """Radius, slope, pull, p and perhaps e at the stations."""
+        return jnp.concatenate([self.outer(y[0]), y[1]], axis=1)
 
-    def each(self, function: Callable[..., Any], y: Unknowns) -> list[Any]:
-        """A function of (state, part, pressure) at the stations of every section."""
-
-        def at(part: Part, states: RealArray) -> Any:
-            def one(state: RealArray, bladder: Bladder) -> Any:
-                return function(state, Part(part.braid, bladder, part.material), self.pressure)
-
-            return jax.vmap(one)(states, part.bladder)
-
-        return [at(*pair) for pair in zip(self.parts, self.states(y), strict=True)]
+    def each(self, function: Callable[..., Any], y: Unknowns) -> Any:
+        """A function of (state, part, pressure) at the stations."""
+        return jax.vmap(lambda state: function(state, self.part, self.pressure))(self.states(y))
 
     def guess(self) -> Unknowns:
-        """Cylinders that are all equally shorter, rounded towards the fittings.
+        """A shorter cylinder, rounded towards the fittings.
 
         The radius r of -(d r')' d + r = r_cylinder, with d so long that no slope is steeper than
         the threads allow.
         """
-        dtype, scale = self.ends.dtype, self.radius_scale
-        rests = [jnp.mean(part.bladder.rest_length) for part in self.parts]
-        ratio = self.length / sum(s * rest for s, rest in zip(self.shares, rests, strict=True))
-        size = self.rules[0].values.shape[1]
-        matrix, right, pulls = jnp.zeros((size, size), dtype), jnp.zeros(size, dtype), []
-        for rule, part, rest in zip(self.rules, self.parts, rests, strict=True):
-            B, N = part.braid.rest_thread_length, part.braid.turns
-            cosine = jnp.sqrt(jnp.maximum(1 - (ratio * rest / B) ** 2, 0.01))
-            radius = jnp.maximum(B * cosine / (2 * jnp.pi * N), 0.3 * scale)
-            across = jnp.sqrt(B**2 - (2 * jnp.pi * N * scale) ** 2)
-            width = jnp.maximum(jnp.max(jnp.abs(radius - self.ends)) / (_STEEPEST * across),
-                                radius / self.length)  # fmt: skip
-            w, values, slopes = (one.astype(dtype) for one in rule[1:])
-            matrix += (values.T * w) @ values + width**2 * (slopes.T * w) @ slopes
-            right += values.T @ w * radius
-            meridian, *_ = part.place(radius, jnp.zeros_like(radius))
-            gaylord = self.pressure * (jnp.mean(meridian) ** 2 / (2 * jnp.pi * N**2)
-                                       - jnp.pi * radius**2)  # fmt: skip
-            pulls.append(gaylord)
-        free = self.free
-        right = right - matrix[:, np.array([0, len(self.shares)])] @ self.ends
+        scale, part = self.radius_scale, self.part
+        B, N = part.braid.rest_thread_length, part.braid.turns
+        cosine = jnp.sqrt(jnp.maximum(1 - (self.length / B) ** 2, 0.01))
+        radius = jnp.maximum(B * cosine / (2 * jnp.pi * N), 0.3 * scale)
+        across = jnp.sqrt(B**2 - (2 * jnp.pi * N * scale) ** 2)
+        width = jnp.maximum(
+            jnp.max(jnp.abs(radius - self.ends)) / (_STEEPEST * across), radius / self.length
+        )
+        w, values, slopes = (one.astype(self.ends.dtype) for one in self.rule[1:])
+        matrix = (values.T * w) @ values + width**2 * (slopes.T * w) @ slopes
+        right = values.T @ w * radius - matrix[:, :2] @ self.ends
         odd = self.odd[:-1]
-        own = jnp.where(odd[:, None] == odd, matrix[np.ix_(free, free)], 0.0)
-        radii = jnp.linalg.solve(own, jnp.where(odd, 0.0, right[free])) / scale
-        pull = sum(s * f for s, f in zip(self.shares, pulls, strict=True)) / self.force_scale
+        own = jnp.where(odd[:, None] == odd, matrix[2:, 2:], 0.0)
+        radii = jnp.linalg.solve(own, jnp.where(odd, 0.0, right[2:])) / scale
+        meridian, *_ = part.place(radius, jnp.zeros_like(radius))
+        gaylord = meridian**2 / (2 * jnp.pi * N**2) - jnp.pi * radius**2
         pushed = self.pressure * jnp.pi * jnp.min(self.ends) ** 2 / self.force_scale
+        pull = self.pressure * gaylord / self.force_scale
         outer = jnp.append(radii, jnp.maximum(pull, 1e-3 - 0.9 * pushed))
-        inner = []
-        for rule, part in zip(self.rules, self.parts, strict=True):
-            radius, slope, force = self.outer(rule, outer).T
-            along = self.pressure * jnp.pi * radius**2 + force
-            meridian, *_ = part.place(radius, jnp.zeros_like(radius))
-            share = jnp.clip(slope / meridian, -0.9, 0.9)
-            across = along * share / jnp.sqrt(1 - share**2)
-            inner.append(jnp.stack([across, *([jnp.zeros_like(across)] * part.elastic)], axis=1))
-        return jax.lax.stop_gradient((outer, tuple(inner)))
+        radius, slope, force = self.outer(outer).T
+        along = self.pressure * jnp.pi * radius**2 + force
+        meridian, *_ = part.place(radius, jnp.zeros_like(radius))
+        share = jnp.clip(slope / meridian, -0.9, 0.9)
+        across = along * share / jnp.sqrt(1 - share**2)
+        inner = jnp.stack([across, *([jnp.zeros_like(across)] * part.elastic)], axis=1)
+        return jax.lax.stop_gradient((outer, inner))
 
 
 Matrix = Float[Array, "modes modes"]
@@ -335,49 +283,39 @@ Matrix = Float[Array, "modes modes"]
 
 def residual(y: Unknowns, balance: Balance) -> Unknowns:
     """The imbalance, scaled to order one."""
-    outer = jnp.zeros_like(y[0]).at[-1].set(balance.length)
-    inner = []
-    for rule, g in zip(balance.rules, balance.each(_gradient, y), strict=True):
-        w = rule.weights.astype(outer.dtype)[:, None]
-        outer = outer + jnp.tensordot(w * g[:, :3], balance.columns(rule)[1], 2)
-        inner.append(g[:, 3:] / balance.radius_scale)
+    g, w = balance.each(_gradient, y), balance.rule.weights.astype(y[0].dtype)[:, None]
+    outer = jnp.tensordot(w * g[:, :3], balance.columns()[1], 2).at[-1].add(balance.length)
     outer = jnp.where(balance.odd, y[0], outer * balance.scales / balance.energy_scale)
     if balance.load is not None:
         outer = outer.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
-    return outer, tuple(inner)
+    return outer, g[:, 3:] / balance.radius_scale
 
 
 def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
     """Newton's step, and its matrix once p and e are eliminated at every station."""
-    right = jnp.zeros_like(y[0]).at[-1].set(balance.length)
-    matrix, back = jnp.zeros((right.size, right.size), right.dtype), []
-    for rule, (second, first) in zip(balance.rules, balance.each(_hessian, y), strict=True):
-        h, g, eliminated = second, first, []
-        for k in range(g.shape[1] - 1, 2, -1):  # e, then p
-            row, pivot = h[:, k], h[:, k, k, None]
-            eliminated.append((row[:, :k], pivot[:, 0], g[:, k]))
-            g = g - row * g[:, k, None] / pivot
-            h = h - row[:, :, None] * (row / pivot)[:, None, :]
-        linear, w = balance.columns(rule)[1], rule.weights.astype(right.dtype)[:, None]
-        right = right + jnp.tensordot(w * g[:, :3], linear, 2)
-        curved = jnp.einsum("qab,qbj->qaj", w[:, :, None] * h[:, :3, :3], linear)
-        matrix = matrix + jnp.tensordot(linear, curved, ((0, 1), (0, 1)))
-        back.append((linear, eliminated))
+    (h, g), eliminated = balance.each(_hessian, y), []
+    for k in range(g.shape[1] - 1, 2, -1):  # e, then p
+        row, pivot = h[:, k], h[:, k, k, None]
+        eliminated.append((row[:, :k], pivot[:, 0], g[:, k]))
+        g = g - row * g[:, k, None] / pivot
+        h = h - row[:, :, None] * (row / pivot)[:, None, :]
+    linear, w = balance.columns()[1], balance.rule.weights.astype(y[0].dtype)[:, None]
+    right = jnp.tensordot(w * g[:, :3], linear, 2).at[-1].add(balance.length)
+    curved = jnp.einsum("qab,qbj->qaj", w[:, :, None] * h[:, :3, :3], linear)
     scales, odd = balance.scales, balance.odd
-    matrix = matrix * scales * scales[:, None] / balance.energy_scale
-    matrix = jnp.where(odd[:, None] == odd, matrix, 0.0)  # over both halves odd and even do not mix
+    matrix = jnp.tensordot(linear, curved, ((0, 1), (0, 1))) * scales * scales[:, None]
+    # Over both halves odd and even do not mix.
+    matrix = jnp.where(odd[:, None] == odd, matrix / balance.energy_scale, 0.0)
     right, system = jnp.where(odd, y[0], right * scales / balance.energy_scale), matrix
     if balance.load is not None:
         right = right.at[-1].set(y[0][-1] - balance.load / balance.force_scale)
         system = matrix.at[-1].set(np.eye(right.size)[-1])
-    step, steps = -jnp.linalg.solve(system, right), []
-    for linear, eliminated in back:
-        whole = linear @ (scales * step)
-        for row, pivot, g in reversed(eliminated):
-            one = -(g + jnp.sum(row * whole, axis=1)) / pivot
-            whole = jnp.concatenate([whole, one[:, None]], axis=1)
-        steps.append(whole[:, 3:])
-    return (step, tuple(steps)), matrix
+    step = -jnp.linalg.solve(system, right)
+    whole = linear @ (scales * step)
+    for row, pivot, first in reversed(eliminated):
+        one = -(first + jnp.sum(row * whole, axis=1)) / pivot
+        whole = jnp.concatenate([whole, one[:, None]], axis=1)
+    return (step, whole[:, 3:]), matrix
 
 
 def reduced_hessian(matrix: Matrix) -> Float[Array, "free free"]:
@@ -385,12 +323,6 @@ def reduced_hessian(matrix: Matrix) -> Float[Array, "free free"]:
     across = matrix[:-1, -1]
     give = jnp.maximum(-matrix[-1, -1], 0.0) + 1 / _STIFF
     return matrix[:-1, :-1] + jnp.outer(across, across) / give
-
-
-def ahead(balance: Balance, y: Unknowns) -> tuple[RealArray, Bool[Array, ""]]:
-    """Distances to all bounds, and whether conditions without a distance hold."""
-    rooms, kept = zip(*balance.each(_room, y), strict=True)
-    return jnp.concatenate(rooms), jnp.all(jnp.concatenate(kept))
 
 
 class Point(eqx.Module):
@@ -430,7 +362,7 @@ class GuardedNewton(optx.AbstractRootFinder):
         del fn, options, f_struct, aux_struct, tags
         far = jnp.full((), jnp.inf, y[0].dtype)
         one = jnp.ones_like(far)
-        rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
+        rooms = jnp.zeros((args.rule.x.size, 3), far.dtype)
         matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
         return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
 
@@ -442,7 +374,8 @@ class GuardedNewton(optx.AbstractRootFinder):
             return jax.tree.map(lambda a, b: a + part * b, y, step)
 
         parts = jnp.asarray(_PARTS, y[0].dtype)
-        rooms, kept = jax.vmap(lambda part: ahead(args, moved(part)))(parts)
+        rooms, each = jax.vmap(lambda part: args.each(_room, moved(part)))(parts)
+        kept = jnp.all(each, axis=1)
         allowed = kept & jnp.all(rooms > _NEAREST * rooms[-1], axis=(1, 2)) & kept[-1]
         part = parts[jnp.argmax(allowed.at[-1].set(True))]  # the last part is 0
         size = self.norm(step[0])
@@ -484,7 +417,7 @@ class Solved(eqx.Module):
 def solve(balance: Balance) -> Solved:
     """The balance of a muscle, its derivatives by the implicit function theorem."""
     tolerance = float(jnp.finfo(balance.ends.dtype).eps) ** 0.5
-    sought = balance.half() if balance.symmetric else balance
+    sought = dataclasses.replace(balance, halved=balance.symmetric)
     solution = optx.root_find(
         residual,
         GuardedNewton(rtol=tolerance, atol=tolerance),

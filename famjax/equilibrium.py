@@ -1,6 +1,5 @@
 """A muscle whose shape follows from mechanics: profile, braid angle and force together."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -11,14 +10,14 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from ._arrays import Given, Real, RealArray, as_real, at_each
-from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
+from ._shape import Balance, Part, Solved, modes, reduced_hessian, solve
 from .boundary.errors import InputError
 from .braids import AbstractBraid
 from .compile_options import quick_jit
 from .geometries import Bladder
 from .materials import AbstractMaterial
 from .muscle import AbstractMuscle, required
-from .parameters import Parametrised, parameter
+from .parameters import parameter
 
 FOUND, BEYOND, OVERHANG, COMPRESSION, LOCKED, UNKNOWN, UNSTABLE, LOST = range(8)
 REASONS = (
@@ -36,27 +35,6 @@ REASONS = (
 _RULE = np.polynomial.legendre.leggauss(16)
 _PROBE = 0.1  # strain at which a law's stress gives the scale of forces
 _TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
-
-
-class Section(Parametrised):
-    """A section of a muscle's threads, with its own parts.
-
-    Every part is given as if the whole muscle were made of it: a section of half the muscle with a
-    braid of 9 in and one turn has 4.5 in of thread and half a turn.
-
-    Attributes:
-        share: of the material coordinate, > 0; all shares sum to one.
-        braid: of the section; the muscle's if None.
-        bladder: of the section; the muscle's if None.
-        material: of the section; the muscle's if None.
-        far_bladder: where the bladder is tapered, the one at the far end of the section.
-    """
-
-    share: float = eqx.field(static=True)
-    braid: AbstractBraid | None = None
-    bladder: Bladder | None = None
-    material: AbstractMaterial | None = None
-    far_bladder: Bladder | None = None
 
 
 class Shape(eqx.Module):
@@ -118,8 +96,7 @@ class EquilibriumMuscle(AbstractMuscle):
         material: any stress law of the bladder.
         end_diameter: D [m] of the braid at the fittings, or at the first one.
         other_end_diameter: D [m] at the last fitting; the same if None.
-        sections: parts along the muscle that differ; none for a uniform one.
-        modes: degree of the radius in each section, more for slender sections unless given.
+        modes: degree of the radius, more for slender muscles unless given.
 
     References:
         Chambers 2021, chapters 6 and 8 (the open question).
@@ -137,7 +114,6 @@ class EquilibriumMuscle(AbstractMuscle):
     material: AbstractMaterial
     end_diameter: Float[Given, ""] = parameter("m", low=0.0)
     other_end_diameter: Float[Given, ""] | None = parameter("m", low=0.0, default=None)
-    sections: tuple[Section, ...] = ()
     modes: int = eqx.field(static=True, default=0)
 
     def __init__(
@@ -148,40 +124,33 @@ class EquilibriumMuscle(AbstractMuscle):
         *,
         end_diameter: Real,
         other_end_diameter: Real | None = None,
-        sections: Sequence[Section] = (),
         modes: int | None = None,
     ) -> None:
         """See the attributes.
 
         Raises:
-            InputError: shares that do not sum to one, a wall or a length that is not positive, a fitting
-                wider than the threads reach; of traced numbers nothing is known.
+            InputError: a wall or a length that is not positive, a fitting wider than the threads reach;
+                of traced numbers nothing is known.
         """
         self.braid, self.bladder, self.material = braid, bladder, material
         self.end_diameter = as_real(end_diameter)
         self.other_end_diameter = (
             None if other_end_diameter is None else as_real(other_end_diameter)
         )
-        self.sections = tuple(sections)
         _check(self)
         self.modes = _modes_for(self) if modes is None else modes
 
     @property
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction: the bladder's."""
-        lengths = [s * jnp.mean(p.bladder.rest_length) for s, p in parts_of(self)]
-        return jnp.asarray(sum(lengths))
+        return self.bladder.rest_length
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
-        threads, open_lengths = [], []
-        for share, part in parts_of(self):
-            inset = 0.0 if part.bladder.embedded else part.braid.thickness
-            closed = 2 * jnp.pi * part.braid.turns * (part.bladder.smallest_braid_radius + inset)
-            thread = part.braid.rest_thread_length
-            threads.append(share * thread)
-            open_lengths.append(share * jnp.sqrt((thread - closed) * (thread + closed)))
-        return 0.57 * jnp.asarray(sum(threads)), jnp.asarray(sum(open_lengths))
+        inset = 0.0 if self.bladder.embedded else self.braid.thickness
+        closed = 2 * jnp.pi * self.braid.turns * (self.bladder.smallest_braid_radius + inset)
+        thread = self.braid.rest_thread_length
+        return 0.57 * thread, jnp.sqrt((thread - closed) * (thread + closed))
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
@@ -216,7 +185,7 @@ class EquilibriumMuscle(AbstractMuscle):
         Args:
             length: active length L [m].
             pressure: gauge pressure P [Pa].
-            points: in each section, equally far apart along the threads.
+            points: equally far apart along the threads.
 
         Returns:
             The shape, of the broadcast shape with the points as last axis; nan where there is none.
@@ -240,50 +209,30 @@ class EquilibriumMuscle(AbstractMuscle):
         return required(length, found, "equilibrium length") if throw else length
 
 
-def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
-    """Share and parts of every section, its bladder as it begins."""
-    whole = Part(muscle.braid, muscle.bladder, muscle.material)
-    if not muscle.sections:
-        return [(1.0, whole)]
-    return [
-        (one.share, Part(one.braid or whole.braid, one.bladder or whole.bladder,
-                         one.material or whole.material))
-        for one in muscle.sections
-    ]  # fmt: skip
-
-
 def _ends(muscle: EquilibriumMuscle) -> Float[Array, "2"]:
     other = muscle.other_end_diameter
     return jnp.stack([muscle.end_diameter, muscle.end_diameter if other is None else other]) / 2
 
 
 def _modes_for(muscle: EquilibriumMuscle) -> int:
-    """Modes that resolve the shoulders: more for slender sections."""
-    slender = [s * p.bladder.rest_length / muscle.end_diameter for s, p in parts_of(muscle)]
-    if any(isinstance(one, Tracer) for one in slender):
+    """Modes that resolve the shoulders: more for a slender muscle."""
+    slender = muscle.bladder.rest_length / muscle.end_diameter
+    if isinstance(slender, Tracer):
         return 32
-    return int(np.clip(12 + 4 * np.sqrt(float(max(slender))), 16, 64))
+    return int(np.clip(12 + 4 * np.sqrt(float(slender)), 16, 64))
 
 
 def _check(muscle: EquilibriumMuscle) -> None:
     """Refuse what no muscle can be, as far as its numbers are known."""
-    total = sum(share for share, _ in parts_of(muscle))
-    if any(share <= 0 for share, _ in parts_of(muscle)) or abs(total - 1) > 1e-9:
-        raise InputError(f"the shares of the sections must be > 0 and sum to 1, got {total:.6g}")
-    bladders = [part.bladder for _, part in parts_of(muscle)]
-    bladders += [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
-    for one in bladders:
-        for name in ("rest_length", "rest_diameter", "rest_thickness"):
-            value = getattr(one, name)
-            if not isinstance(value, Tracer) and not float(value) > 0:
-                raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
-    other = muscle.other_end_diameter
-    ends = muscle.end_diameter, muscle.end_diameter if other is None else other
-    for diameter, (_, part) in zip(ends, (parts_of(muscle)[0], parts_of(muscle)[-1]), strict=True):
-        numbers = diameter, part.braid.rest_thread_length, part.braid.turns
-        if any(isinstance(one, Tracer) for one in numbers):
-            continue
-        given, thread, turns = map(float, numbers)
+    for name in ("rest_length", "rest_diameter", "rest_thickness"):
+        value = getattr(muscle.bladder, name)
+        if not isinstance(value, Tracer) and not float(value) > 0:
+            raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
+    numbers = *_ends(muscle), muscle.braid.rest_thread_length, muscle.braid.turns
+    if any(isinstance(one, Tracer) for one in numbers):
+        return
+    *ends, thread, turns = map(float, numbers)
+    for given in (2 * end for end in ends):
         if not 0 < given < thread / (np.pi * turns):
             raise InputError(
                 f"an end diameter must be > 0 and less than the {thread / (np.pi * turns):.4g} m at "
@@ -298,44 +247,36 @@ def _balance(
     load: RealArray | None = None,
 ) -> tuple[Balance, Solved, Int[Array, ""]]:
     """The balance at a scalar length or load, its solution, and the code of its reason."""
-    parts, ends = parts_of(muscle), _ends(muscle)
-    far = [one.far_bladder for one in muscle.sections] or [None]
-    straight = jnp.asarray(sum(share * part.braid.rest_thread_length for share, part in parts))
+    part, ends = Part(muscle.braid, muscle.bladder, muscle.material), _ends(muscle)
+    straight = part.braid.rest_thread_length
     if load is None:
         assert length is not None
-        reach = straight * (1.1 if any(part.elastic for _, part in parts) else 1.0)
+        reach = straight * (1.1 if part.elastic else 1.0)
         there = (length > 0) & (length < reach) & jnp.isfinite(pressure)
         length = jnp.where(there, length, jax.lax.stop_gradient(muscle.rest_length))
         pressure = jnp.where(there, pressure, 1.0)
     else:  # from Gaylord's cylinder, a little longer
         there = (pressure > 0) & jnp.isfinite(load + pressure)
         load, pressure = jnp.where(there, load, 0.0), jnp.where(there, pressure, 1.0)
-        turns = sum(share * part.braid.turns for share, part in parts)
-        square = (straight**2 + 4 * jnp.pi * turns**2 * load / pressure) / 3
+        square = (straight**2 + 4 * jnp.pi * part.braid.turns**2 * load / pressure) / 3
         length = jnp.clip(
             1.05 * jnp.sqrt(jnp.maximum(square, 0.0)), 0.6 * straight, 0.98 * straight
         )
     dtype = jnp.result_type(length, pressure, ends)
     scale = jnp.abs(pressure) * jnp.pi * jnp.mean(ends) ** 2
-    for share, part in parts:
-        probe = jnp.asarray(_PROBE, dtype)
-        stresses = part.material.stresses(probe, probe, pressure)
-        section = part.bladder.volume / part.bladder.rest_length
-        scale += share * section * (jnp.abs(stresses[0]) + jnp.abs(stresses[1]))
-    shares = tuple(share for share, _ in parts)
-    stations = rules(shares, muscle.modes)
+    probe = jnp.asarray(_PROBE, dtype)
+    stresses = part.material.stresses(probe, probe, pressure)
+    scale += part.bladder.volume / part.bladder.rest_length * (abs(stresses[0]) + abs(stresses[1]))
     balance = Balance(
-        parts=tuple(part.tapered(end, rule.x)
-                    for (_, part), end, rule in zip(parts, far, stations, strict=True)),
+        part=part,
         ends=ends.astype(dtype),
         length=jnp.asarray(length, dtype),
         pressure=jnp.asarray(pressure, dtype),
         load=None if load is None else jnp.asarray(load, dtype),
         force_scale=jax.lax.stop_gradient(scale).astype(dtype),
-        shares=shares,
         order=muscle.modes,
-        symmetric=muscle.other_end_diameter is None and not muscle.sections,
-    )  # fmt: skip
+        symmetric=muscle.other_end_diameter is None,
+    )
     solved = solve(balance)
     return balance, solved, jnp.where(there, _code(balance, solved), BEYOND)
 
@@ -345,8 +286,7 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
     stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(reduced_hessian(solved.point.matrix))))
     rooms, kept = solved.point.rooms, solved.point.kept
     far = 0 if balance.symmetric else -1
-    inner = solved.last[1]
-    across = jnp.stack([inner[0][0, 0], inner[-1][-1, 0]])
+    across = solved.last[1][np.array([0, -1]), 0]
     along = jnp.stack([rooms[0, 1], rooms[far, 1]])
     pushed = balance.pressure * jnp.pi * jnp.mean(rooms[:, 0] ** 2)
     why = jnp.select(
@@ -409,15 +349,10 @@ def _axial_rate(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
 
 def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, RealArray]:
     """Length [m] and volume [m3] of the fluid."""
-    length = volume = jnp.zeros_like(balance.pressure)
-    rates = balance.each(_axial_rate, solved.y)
-    for rule, part, state, rate in zip(
-        balance.rules, balance.parts, balance.states(solved.y), rates, strict=True
-    ):
-        weights = rule.weights.astype(length.dtype)
-        length += weights @ rate
-        volume += weights @ (jnp.pi * state[:, 0] ** 2 * rate - part.bladder.volume)
-    return length, volume
+    rates, radius = balance.each(_axial_rate, solved.y), balance.states(solved.y)[:, 0]
+    weights = balance.rule.weights.astype(rates.dtype)
+    inside = weights @ (jnp.pi * radius**2 * rates)
+    return weights @ rates, inside - balance.part.bladder.volume
 
 
 def _energy(balance: Balance, solved: Solved) -> RealArray:
@@ -439,15 +374,14 @@ def _energy(balance: Balance, solved: Solved) -> RealArray:
         at: Any = nodes.astype(radius.dtype)
         return jnp.sum(weights.astype(radius.dtype) * jax.vmap(rate)(at))
 
-    each = zip(balance.rules, balance.each(stored, solved.y), strict=True)
-    return jnp.asarray(sum(jnp.sum(rule.weights.astype(w.dtype) * w) for rule, w in each))
+    energy = balance.each(stored, solved.y)
+    return balance.rule.weights.astype(energy.dtype) @ energy
 
 
 def _margin(balance: Balance, solved: Solved) -> RealArray:
-    free, mass = balance.free, 0.0
-    for rule in balance.rules:
-        values = rule.values[:, free]
-        mass = mass + (values.T * rule.weights) @ values
+    rule = balance.rule
+    values = rule.values[:, 2:]
+    mass = (values.T * rule.weights) @ values
     root = np.linalg.inv(np.linalg.cholesky(mass)).astype(balance.ends.dtype)
     least = jnp.linalg.eigvalsh(root @ reduced_hessian(solved.point.matrix) @ root.T)[0]
     return least * balance.force_scale / balance.radius_scale
@@ -466,56 +400,29 @@ def _profile(
 
 
 def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
-    """The shape at points of every section, by the polynomials through its stations."""
-    dtype, start, found = balance.ends.dtype, jnp.zeros_like(balance.length), []
-    at = np.linspace(-1, 1, points)
-    radii = jnp.zeros(len(balance.shares) * balance.order + 1, dtype)
-    radii = radii.at[balance.free].set(solved.y[0][:-1] * balance.radius_scale)
-    radii = radii.at[jnp.array([0, len(balance.shares)])].set(balance.ends)
-    rates = balance.each(_axial_rate, solved.y)
-    for i, (rule, part, state) in enumerate(
-        zip(balance.rules, balance.parts, balance.states(solved.y), strict=True)
-    ):
-        # Values at Gauss stations to Legendre coefficients, and from there anywhere.
-        size, stations = rule.x.size, 2 * rule.x - 1
-        legendre = np.polynomial.legendre.legvander(stations, size - 1)
-        share = balance.shares[i]
-        back = (legendre * (rule.weights / share)[:, None]).T * (2 * np.arange(size) + 1)[:, None]
-        there = np.polynomial.legendre.legvander(at, size)
-        through = (there[:, :-1] @ back).astype(dtype)
-        lower = np.concatenate([-np.ones((points, 1)), there[:, :-2]], axis=1)
-        grown = (there[:, 1:] - lower) / (2 * np.arange(size) + 1) / 2 * share
-        z = start + (grown @ back).astype(dtype) @ rates[i]
-        whole = (np.ones((1, size)) * rule.weights).astype(dtype) @ rates[i]
-        start = start + whole[0]
-        values = modes(balance.shares, balance.order, i, at)[0].astype(dtype)
-        radius = values @ radii
-        stretch = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
-        across = through @ state[:, 3]
-        bladder = jax.tree.map(lambda leaf, t=through: t @ leaf, part.bladder)
-        own = Part(part.braid, bladder, part.material)
-        along: Any = z, radius, stretch, across
-        found.append(_points(own, balance, state[0, 2], *along))
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *found)
-
-
-def _points(
-    part: Part,
-    balance: Balance,
-    force: RealArray,
-    z: RealArray,
-    radius: RealArray,
-    stretch: RealArray,
-    across: RealArray,
-) -> Shape:
+    """The shape at points, by the polynomials through its stations."""
+    part, rule, dtype = balance.part, balance.rule, balance.ends.dtype
+    at, size, states = np.linspace(-1, 1, points), rule.x.size, balance.states(solved.y)
+    # Values at Gauss stations to Legendre coefficients, and from there anywhere.
+    degrees = 2 * np.arange(size) + 1
+    legendre = np.polynomial.legendre.legvander(2 * rule.x - 1, size - 1)
+    back = (legendre * rule.weights[:, None]).T * degrees[:, None]
+    there = np.polynomial.legendre.legvander(at, size)
+    through = (there[:, :-1] @ back).astype(dtype)
+    lower = np.concatenate([-np.ones((points, 1)), there[:, :-2]], axis=1)
+    grown = ((there[:, 1:] - lower) / degrees / 2 @ back).astype(dtype)
+    radii = jnp.concatenate([balance.ends, solved.y[0][:-1] * balance.radius_scale])
+    radius: Any = modes(balance.order, at)[0].astype(dtype) @ radii
+    stretch: Any = through @ states[:, 4] if part.elastic else jnp.zeros_like(radius)
     meridian, _, outer = part.place(radius, stretch)
     axial, hoop = part.strains(radius, stretch)
     stress = part.material.stresses(axial, hoop, balance.pressure)[0]
-    carried = jnp.hypot(balance.pressure * jnp.pi * radius**2 + force, across)
+    pushed = balance.pressure * jnp.pi * radius**2
+    carried = jnp.hypot(pushed + states[0, 2], through @ states[:, 3])
     rubber = part.bladder.volume * stress / (1 + axial) / part.bladder.rest_length
     thread = part.braid.rest_thread_length * (1 + stretch)
     return Shape(
-        position=z,
+        position=grown @ balance.each(_axial_rate, solved.y),
         radius=radius,
         braid_angle=jnp.arctan2(meridian, 2 * jnp.pi * part.braid.turns * radius),
         thread_tension=(carried - rubber) * thread / meridian,

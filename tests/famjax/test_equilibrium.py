@@ -10,7 +10,6 @@ from shape_oracles import Specimen, boundary_values, long_muscle, shooting
 from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, PolynomialMaterial
 from famjax.boundary.errors import InputError
 from famjax.braids import LinearThread
-from famjax.equilibrium import Section
 from famjax.materials import MooneyRivlinMaterial, SaturatingMaterial
 
 PRINT = Specimen()  # inches, psi, lbf
@@ -142,10 +141,7 @@ def test_states_that_cannot_be_say_why(muscle: EquilibriumMuscle) -> None:
         ({"end_diameter": 3.0}, "threads run around"),
         ({"end_diameter": -0.5}, "must be > 0"),
         ({"other_end_diameter": 3.0}, "threads run around"),
-        ({"sections": [Section(0.5), Section(0.4)]}, "sum to 1"),
-        ({"sections": [Section(1.5), Section(-0.5)]}, "must be > 0"),
         ({"bladder": Bladder(PRINT.L0, PRINT.D0, -0.06)}, "rest_thickness"),
-        ({"sections": [Section(1.0, far_bladder=Bladder(PRINT.L0, 0.0, 0.06))]}, "rest_diameter"),
     ],
 )
 def test_what_no_muscle_can_be_is_refused(changes: dict, words: str) -> None:
@@ -155,38 +151,30 @@ def test_what_no_muscle_can_be_is_refused(changes: dict, words: str) -> None:
         EquilibriumMuscle(BRAID, bladder, LATEX, **given)
 
 
-def _short(**changes: object) -> EquilibriumMuscle:
-    """A muscle of three diameters in length, tapered, of two angles, between unequal fittings."""
-    braids = [Braid.from_rest(diameter=0.9, braid_angle=np.deg2rad(a), length=2.7, thickness=0.01)
-              for a in (68.0, 72.0)]  # fmt: skip
-    thin, thick = Bladder(2.7, 0.875, 0.04), Bladder(2.7, 0.875, 0.07)
-    sections = [
-        Section(0.6, braids[0], thin, far_bladder=thick),
-        Section(0.4, braids[1], thick, MooneyRivlinMaterial(25.0, 15.0)),
-    ]
-    return EquilibriumMuscle(braids[0], thin, LATEX, end_diameter=0.86, other_end_diameter=0.95,
-                             sections=sections, **changes)  # fmt: skip
-
-
 @pytest.mark.slow
-def test_a_short_tapered_unequal_muscle_of_sections() -> None:
-    made, finer = _short(), _short(modes=2 * _short().modes)
+def test_a_short_muscle_between_unequal_fittings() -> None:
+    braid = Braid.from_rest(diameter=0.9, braid_angle=np.deg2rad(70.0), length=2.7, thickness=0.01)
+    made, finer = (
+        EquilibriumMuscle(braid, Bladder(2.7, 0.875, 0.05), LATEX, end_diameter=0.86,
+                          other_end_diameter=0.95, modes=modes)
+        for modes in (None, 40)
+    )  # fmt: skip
     left, work = _cycle(made, (2.2, 2.5), (60.0, 100.0))
     assert abs(left) < 1e-8 * work
     at = np.array([2.2, 2.4, 2.6]), 80.0
     np.testing.assert_allclose(made.force(*at), finer.force(*at), rtol=1e-4)
-    z, r = (np.asarray(one) for one in (made.profile(*at).position, made.profile(*at).radius))
-    assert np.all(np.diff(z) >= -1e-9)  # the border of the sections stands there twice
+    shape = made.profile(*at)
+    z, r = np.asarray(shape.position), np.asarray(shape.radius)
+    assert np.all(np.diff(z) > 0)
     np.testing.assert_allclose(z[:, -1], at[0], rtol=1e-9)
     np.testing.assert_allclose(r[:, [0, -1]], [[0.43, 0.475]] * 3, rtol=1e-12)
 
 
 @pytest.mark.slow
-def test_sections_of_one_kind_are_one_muscle(muscle: EquilibriumMuscle) -> None:
-    halves = EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=PRINT.end, other_end_diameter=PRINT.end,
-                               sections=[Section(0.5), Section(0.5)])  # fmt: skip
+def test_equal_fittings_are_found_in_one_half_or_both(muscle: EquilibriumMuscle) -> None:
+    whole = dataclasses.replace(muscle, other_end_diameter=muscle.end_diameter)
     at = LENGTHS, 80.0
-    np.testing.assert_allclose(halves.force(*at), muscle.force(*at), rtol=1e-6)
+    np.testing.assert_allclose(whole.force(*at), muscle.force(*at), rtol=1e-9)
 
 
 @pytest.mark.slow
