@@ -26,7 +26,6 @@ from . import (
     work as work,
 )
 from ._arrays import Real as Real
-from ._require import require as require
 from .braids import Braid as Braid, ElasticBraid as ElasticBraid
 from .continuation import SafeMuscle as SafeMuscle
 from .equilibrium import EquilibriumMuscle as EquilibriumMuscle

@@ -1,34 +1,12 @@
-"""The handshake between famjax and its sibling packages `fitting`, `imaging` and `rig`.
+"""Whether the sibling packages `fitting`, `imaging` and `rig` are famjax's own.
 
 Two of these names are also taken by foreign distributions, and any script's folder can hold a
 `fitting.py`. Each sibling carries `__famjax__`; what does not is refused by name.
 """
 
-import importlib
 import importlib.util
-from types import ModuleType
 
 SIBLINGS = ("fitting", "imaging", "rig")
-
-
-def require(name: str) -> ModuleType:
-    """Import famjax's own sibling package of that name.
-
-    Args:
-        name: "fitting", "imaging" or "rig".
-
-    Returns:
-        The module.
-
-    Raises:
-        ValueError: no such sibling.
-        ImportError: the name resolves to a foreign module, or to nothing.
-    """
-    if name not in SIBLINGS:
-        raise ValueError(f"famjax has the sibling packages {', '.join(SIBLINGS)}; got {name!r}")
-    if where := _foreign(name):
-        raise ImportError(_sentence(name, where))
-    return importlib.import_module(name)
 
 
 def clashes() -> list[str]:

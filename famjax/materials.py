@@ -268,11 +268,6 @@ class _BetweenNodes(AbstractMaterial):
     def powers(self, strain: RealArray) -> Float[Array, "... order"]:
         """What the coefficients multiply [-]."""
 
-    def coefficients_at(self, pressure: Real) -> Float[Array, "... order"]:
-        """Coefficients E_n [Pa] at gauge pressure P [Pa], shape (..., order)."""
-        at = as_real(pressure)
-        return jnp.where(self.known(at)[..., None], self.interpolated(at), jnp.nan)
-
     def known(self, pressure: Real) -> Bool[Array, "..."]:
         """Whether the law is known at gauge pressure P [Pa]: at the nodes or between them."""
         at, nodes = as_real(pressure), self.node_pressures

@@ -23,9 +23,6 @@ QUADRATURE_ORDER = 64
 """Stations per smooth piece, by default: relative error below 1e-8 for Fourier profiles of up to
 five terms and for every assumed shape; below 1e-12 for the reference work's profiles."""
 
-_GOLDEN = (5**0.5 - 1) / 2
-_SEARCH_CELLS = 256
-
 
 class Meridian(eqx.Module):
     """A profile at its quadrature stations: radius, slope, and every integral of the two.
@@ -175,37 +172,6 @@ def quadrature(
     x = edges[..., :-1, None] + width * share
     shape = (*ends[:-1], -1)
     return x.reshape(shape), (width * weight).reshape(shape)
-
-
-def maximum_diameter(profile: AbstractProfile, length: Real) -> RealArray:
-    """Largest diameter [m] over the axis; of equal maxima, the first.
-
-    The largest of 257 evenly spaced points, refined by golden section between its neighbours. The
-    derivative is that of the diameter at the place of the maximum, which itself does not matter.
-
-    Args:
-        profile: D(x, L).
-        length: active length L [m].
-
-    Returns:
-        D [m], of the length's shape.
-    """
-    length = as_real(length)
-    x = jnp.linspace(0, 1, _SEARCH_CELLS + 1, dtype=length.dtype)
-    top = x[jnp.argmax(profile.diameter(x, length[..., None]), axis=-1)]
-    step = 1 / _SEARCH_CELLS
-
-    def narrow(_: Real, ends: tuple[RealArray, RealArray]) -> tuple[RealArray, RealArray]:
-        low, high = ends
-        reach = _GOLDEN * (high - low)
-        falls = profile.diameter(high - reach, length) > profile.diameter(low + reach, length)
-        return jnp.where(falls, low, high - reach), jnp.where(falls, low + reach, high)
-
-    ends = (jnp.maximum(top - step, 0), jnp.minimum(top + step, 1))
-    low, high = jax.lax.fori_loop(0, 40, narrow, ends)
-    refined = (low + high) / 2
-    better = profile.diameter(refined, length) > profile.diameter(top, length)
-    return profile.diameter(jax.lax.stop_gradient(jnp.where(better, refined, top)), length)
 
 
 @functools.cache

@@ -3,7 +3,6 @@
 import abc
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -212,122 +211,11 @@ class Cylinder(AbstractAssumedShape):
         return jnp.zeros((*jnp.shape(length), 0), self.middle_diameter.dtype)
 
 
-class _WithEnds(AbstractAssumedShape):
-    """A cylinder whose ends are narrower."""
-
-    end_diameter: eqx.AbstractVar[RealArray]
-    if TYPE_CHECKING:
-
-        @property
-        def end_length(self) -> RealArray: ...
-
-    else:
-        end_length: eqx.AbstractVar[RealArray]  # a field or a property
-
-    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
-        """Where the ends meet the cylinder."""
-        share = _end_share(length, self.end_length)
-        return jnp.stack([share, 1 - share], axis=-1)
-
-    def _zeta(self, x: Real, length: Real) -> RealArray:
-        """The part of its end, in [0, 1], that a position is away from the fitting; 1 between."""
-        x = as_real(x)
-        return jnp.minimum(jnp.minimum(x, 1 - x) / _end_share(length, self.end_length), 1)
-
-
-class SteppedCylinder(_WithEnds):
-    """Three cylinders. No measure counts the area of the two faces between them.
-
-    Attributes:
-        middle_diameter: D [m].
-        end_diameter: D_e [m].
-        end_length: length a [m] of each narrow end, 0 < a < L / 2.
-    """
-
-    middle_diameter: Float[Given, "..."] = number("m")
-    end_diameter: Float[Given, "..."] = number("m")
-    end_length: Float[Given, "..."] = number("m")
-
-    def diameter(self, x: Real, length: Real) -> RealArray:
-        """Diameter D [m] at position x [-], broadcast shape; of the middle at the steps."""
-        zeta = self._zeta(x, length)
-        return jnp.where(zeta < 1, self.end_diameter, self.middle_diameter)
-
-
-class ConicFrustumEnds(_WithEnds):
-    """A cylinder whose ends are frusta of cones.
-
-    Attributes:
-        middle_diameter: D [m].
-        end_diameter: D_e [m] at the fitting.
-        end_length: axial length a [m] of each end, 0 < a <= L / 2.
-    """
-
-    middle_diameter: Float[Given, "..."] = number("m")
-    end_diameter: Float[Given, "..."] = number("m")
-    end_length: Float[Given, "..."] = number("m")
-
-    def diameter(self, x: Real, length: Real) -> RealArray:
-        """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = self._zeta(x, length)
-        return self.end_diameter + (self.middle_diameter - self.end_diameter) * zeta
-
-
-class SemiEllipsoidEnds(_WithEnds):
-    """A cylinder whose ends are semi-ellipsoids around the axis, cut off at the fitting.
-
-    Attributes:
-        middle_diameter: D [m].
-        end_diameter: D_e [m] at the fitting, D_e < D; 0 for whole semi-ellipsoids, whose tangent
-            is vertical where they close: no derivative at x = 0 and 1 exactly.
-        end_length: axial length a [m] of each end, 0 < a <= L / 2.
-    """
-
-    middle_diameter: Float[Given, "..."] = number("m")
-    end_diameter: Float[Given, "..."] = number("m")
-    end_length: Float[Given, "..."] = number("m")
-
-    def diameter(self, x: Real, length: Real) -> RealArray:
-        """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = self._zeta(x, length)
-        return jnp.sqrt(
-            self.end_diameter**2
-            + (self.middle_diameter**2 - self.end_diameter**2) * zeta * (2 - zeta)
-        )
-
-
-class CircularArcEnds(_WithEnds):
-    """A cylinder whose ends are quarter circles, tangent to the cylinder and to the fitting's face.
-
-    The ends are R - R_e long. The tangent is vertical at the fittings: no derivative at x = 0 and 1
-    exactly.
-
-    Attributes:
-        middle_diameter: D [m].
-        end_diameter: D_e [m] at the fitting, D_e < D < D_e + L.
-
-    References:
-        Kothera et al. 2009.
-    """
-
-    middle_diameter: Float[Given, "..."] = number("m")
-    end_diameter: Float[Given, "..."] = number("m")
-
-    @property
-    def end_length(self) -> RealArray:
-        """Axial length R - R_e [m] of each end, the radius of the circle."""
-        return (self.middle_diameter - self.end_diameter) / 2
-
-    def diameter(self, x: Real, length: Real) -> RealArray:
-        """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = self._zeta(x, length)
-        return self.end_diameter + 2 * self.end_length * jnp.sqrt(zeta * (2 - zeta))
-
-
-class EllipticToroidEnds(_WithEnds):
+class EllipticToroidEnds(AbstractAssumedShape):
     """A cylinder whose ends are parts of elliptic toroids: elliptic arcs swept around the axis.
 
-    The arc leaves the cylinder tangentially and runs over `arc_angle` of the ellipse's parameter.
+    The arc leaves the cylinder tangentially and runs over `arc_angle` of the ellipse's parameter. With
+    the default angle and `end_length` R_m - R_e the ends are quarter circles.
 
     R = R_e + (R_m - R_e) (q - cos(phi)) / (1 - cos(phi)),
     q = sqrt(cos(phi)^2 + sin(phi)^2 zeta (2 - zeta))
@@ -345,6 +233,11 @@ class EllipticToroidEnds(_WithEnds):
     end_length: Float[Given, "..."] = number("m")
     arc_angle: Float[Given, "..."] = number("rad", default=math.pi / 2)
 
+    def breakpoints(self, length: Real) -> Float[Array, "... kinks"]:
+        """Where the ends meet the cylinder."""
+        share = _end_share(length, self.end_length)
+        return jnp.stack([share, 1 - share], axis=-1)
+
     def __check_init__(self) -> None:
         if not isinstance(self.arc_angle, Tracer) and not jnp.all(
             (self.arc_angle > 0) & (self.arc_angle < math.pi / 2 + 1e-6)
@@ -355,7 +248,9 @@ class EllipticToroidEnds(_WithEnds):
 
     def diameter(self, x: Real, length: Real) -> RealArray:
         """Diameter D [m] at position x [-], broadcast shape."""
-        zeta = self._zeta(x, length)
+        x = as_real(x)
+        # The part of its end, in [0, 1], that a position is away from the fitting; 1 between.
+        zeta = jnp.minimum(jnp.minimum(x, 1 - x) / _end_share(length, self.end_length), 1)
         cosine, sine = jnp.cos(self.arc_angle), jnp.sin(self.arc_angle)
         height = jnp.sqrt(cosine**2 + sine**2 * zeta * (2 - zeta))
         rise = (height - cosine) / (1 - cosine)
@@ -413,6 +308,5 @@ def _end_share(length: Real, end_length: Real) -> RealArray:
         share,
         (share <= 0) | (share > 0.5),
         "each end of an assumed shape must be longer than zero and at most half the active "
-        "length. Check end_length, or for circular arcs that the middle is wider than the ends "
-        "by less than the active length; all in one unit",
+        "length. Check end_length; all in one unit",
     )

@@ -12,13 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ._arrays import Given, Real, RealArray, as_real, at_each, compiled
-from .braids import AbstractBraid, gaylord_force
-from .geometries import AbstractGeometry, Dimensions
+from ._arrays import Given, Real, RealArray, as_real
+from .braids import gaylord_force
+from .geometries import Dimensions
 from .materials import AbstractMaterial
-from .measured import Meridian
-from .parameters import Parametrised, number, parameter
-from .surfaces import AbstractProfileFamily
+from .parameters import Parametrised, parameter
 
 
 class AbstractForceTerm(Parametrised):
@@ -246,108 +244,22 @@ class BladderWall(AbstractForceTerm):
         return axial + hoop
 
 
-def volume_rate(
-    source: AbstractGeometry | AbstractProfileFamily,
-    length: Real,
-    pressure: Real,
-    *,
-    braid: AbstractBraid | None = None,
-) -> RealArray:
-    """Derivative of the outline's volume with respect to length, dV/dL [m2], negative where a muscle pulls.
-
-    By automatic differentiation at constant pressure. Where the threads stretch, that is not yet
-    the force: of the work P dV a part goes into the threads. With U their energy, F = -P dV/dL +
-    dU/dL, and at equilibrium dU = P (dV/dB) dB, so that F belongs to the rate at constant B,
-
-    dV/dL - (dV/dB) dB/dL,  dV/dB = 2 B V / (B^2 - L^2),
-
-    because the stretch scales every diameter with sqrt(B^2 - L^2). Give the braid to have this
-    second form; for inextensible threads the two are the same.
-
-    Args:
-        source: geometry or family of profiles. A measured one is only as good as the spacing and
-            the noise of its profiles: the integral of the rate between two of them is exact.
-        length: active length L [m].
-        pressure: gauge pressure P [Pa].
-        braid: elastic braid whose stretch is taken out, usually the source's own.
-
-    Returns:
-        dV/dL [m2], broadcast shape.
-    """
-    return _rates(source, as_real(length), as_real(pressure), braid)
-
-
-def virtual_work_force(
-    source: AbstractGeometry | AbstractProfileFamily,
-    length: Real,
-    pressure: Real,
-    *,
-    braid: AbstractBraid | None = None,
-) -> RealArray:
-    """Pull [N] of the pressure on the outline, F = -P dV/dL, whatever the outline's shape.
-
-    Friction is neglected, and the work that stretches the threads unless the braid is given.
-
-    Args:
-        source: geometry or family of profiles, whose outline encloses V(L, P); see `volume_rate`.
-        length: active length L [m].
-        pressure: gauge pressure P [Pa].
-        braid: elastic braid whose stretch is taken out, usually the source's own.
-
-    Returns:
-        F [N], broadcast shape; for an `EstimatedGeometry` with an inelastic braid, or with its
-        elastic braid given, it is Gaylord's force.
-
-    References:
-        Chou & Hannaford 1996.
-
-    >>> from famjax import Bladder, Braid, EstimatedGeometry
-    >>> muscle = EstimatedGeometry(Braid(9.89, 1.09, 0.011), Bladder(9.28125, 0.875, 0.0625))
-    >>> print(f"{virtual_work_force(muscle, 9.28125, 100.0):.0f}")  # inches, psi
-    1076
-    """
-    return -as_real(pressure) * volume_rate(source, length, pressure, braid=braid)
-
-
-@compiled
-def _rates(
-    source: AbstractGeometry | AbstractProfileFamily,
-    length: RealArray,
-    pressure: RealArray,
-    braid: AbstractBraid | None,
-) -> RealArray:
-    """dV/dL [m2], broadcast shape."""
-
-    def one(length: RealArray, pressure: RealArray) -> RealArray:
-        volume, rate = jax.value_and_grad(_outline_volume)(length, pressure, source)
-        if braid is not None:
-            thread, stretch = jax.value_and_grad(braid.thread_length)(length, pressure)
-            rate -= stretch * 2 * thread * volume / ((thread - length) * (thread + length))
-        return rate
-
-    return at_each(one, length, pressure)
-
-
-def _outline_volume(
-    length: RealArray, pressure: RealArray, source: AbstractGeometry | AbstractProfileFamily
-) -> RealArray:
-    """Volume [m3] within the outline at scalar length and pressure."""
-    if isinstance(source, AbstractGeometry):
-        return source.dimensions(length, pressure).volume
-    return Meridian.of(source.at(pressure), length).volume
-
-
 class VirtualWork(AbstractForceTerm):
     """The pressure's pull by virtual work, -(P - P_d) dV/dL, whatever the outline's shape.
 
     dV/dL is the derivative, at constant pressure, of the volume that the geometry itself gives: the
-    term holds no geometry of its own, whose numbers would then have to be kept the same. Where the
-    threads stretch, a part of the work P dV goes into them; see `volume_rate`.
+    term holds no geometry of its own, whose numbers would then have to be kept the same.
+
+    Where the threads stretch, a part of the work P dV goes into them. With U their energy, F = -P dV/dL
+    + dU/dL, and at equilibrium dU = P (dV/dB) dB, so that F belongs to the rate at constant B,
+
+    dV/dL - (dV/dB) dB/dL,  dV/dB = 2 B V / (B^2 - L^2),
+
+    because the stretch scales every diameter with sqrt(B^2 - L^2).
 
     Attributes:
         deadband_pressure: P_d [Pa], pressure before the muscle acts.
-        at_thread_length: take dV/dL at constant thread length, dV/dL - (dV/dB) dB/dL, so that the
-            work that stretches the threads does not count as the muscle's.
+        at_thread_length: take the rate at constant B; for inextensible threads the two are the same.
 
     References:
         Chou & Hannaford 1996.
@@ -381,127 +293,6 @@ class VirtualWork(AbstractForceTerm):
             B, L = at.thread_length, at.length
             rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
         return jnp.asarray(-(pressure - self.deadband_pressure) * rate)
-
-
-def smooth_sign(velocity: Real, reference_velocity: Real) -> RealArray:
-    """Direction of motion in [-1, 1], tanh(v / v_ref): the sign, without its jump at rest.
-
-    Args:
-        velocity: dL/dt [m/s], positive when the muscle lengthens.
-        reference_velocity: v_ref [m/s], > 0; at three times this the sign is 0.995.
-
-    Returns:
-        Direction [-], broadcast shape.
-    """
-    return jnp.tanh(as_real(velocity) / reference_velocity)
-
-
-def thread_contact_area(rest_area: Real, rest_braid_angle: Real, braid_angle: Real) -> RealArray:
-    """Area S [m2] in which threads touch threads, S = S0 sin(2 theta0) / sin(2 theta).
-
-    Threads of constant width cross in rhombi, whose number stays and whose area goes with
-    1 / sin(2 theta): smallest at 45 deg. The threads are taken as flat ribbons that do not jam.
-
-    Args:
-        rest_area: S0 [m2] at rest; 2 pi R0 L0 for a braid that covers the bladder.
-        rest_braid_angle: theta0 [rad], in (0, pi/2); the angle to the axis does as well.
-        braid_angle: theta [rad], measured alike.
-
-    Returns:
-        S [m2], broadcast shape.
-
-    References:
-        Tondu & Lopez 2000, IEEE Control Systems Magazine 20(2); see `ThreadFriction`.
-    """
-    return jnp.asarray(rest_area * jnp.sin(2 * rest_braid_angle) / jnp.sin(2 * braid_angle))
-
-
-class AbstractFriction(Parametrised):
-    """A friction term: an amplitude that the direction of motion multiplies."""
-
-    @abc.abstractmethod
-    def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Friction [N] of full sliding, half the width of the loop, broadcast shape.
-
-        Args:
-            at: dimensions of the muscle; ignored by terms that do not depend on them.
-            pressure: gauge pressure P [Pa].
-        """
-
-    def force(self, at: Dimensions, pressure: Real, direction: Real) -> RealArray:
-        """Friction force F_fr [N], broadcast shape; positive when lengthening.
-
-        Args:
-            at: dimensions of the muscle, `geometry.dimensions(length, pressure)`.
-            pressure: gauge pressure P [Pa].
-            direction: in [-1, 1], 1 when the muscle lengthens; `smooth_sign` of a velocity.
-        """
-        return jnp.asarray(direction * self.amplitude(at, pressure))
-
-
-class ThreadFriction(AbstractFriction):
-    """Dry friction of thread on thread, F_fr = f_s S P, S by `thread_contact_area`.
-
-    The coefficient is constant. Tondu and Lopez let it fall with speed from a static to a kinetic
-    value; in quasi-static motion only one of the two acts.
-
-    Attributes:
-        coefficient: f_s [-], >= 0.
-        rest_area: S0 [m2], contact area at rest; 2 pi R0 L0 for a braid that covers the bladder.
-            Only f_s S0 can be identified from a force.
-        rest_braid_angle: theta0 [rad].
-
-    References:
-        Tondu & Lopez 2000, IEEE Control Systems Magazine 20(2). The form was taken from general
-        knowledge and agrees with public code that follows them; to be checked against the
-        original before it is cited.
-    """
-
-    coefficient: Float[Given, "..."] = parameter(low=0.0, linear=True, name="friction_coefficient")
-    rest_area: Float[Given, "..."] = number("m2")
-    rest_braid_angle: Float[Given, "..."] = number("rad")
-
-    def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Friction [N] of full sliding, f_s S(theta) P, broadcast shape."""
-        area = thread_contact_area(self.rest_area, self.rest_braid_angle, at.braid_angle)
-        return self.coefficient * area * pressure
-
-
-class PressureFriction(AbstractFriction):
-    """Friction of a constant plus a part that grows with pressure, F_fr = c0 + c1 P.
-
-    Attributes:
-        constant: c0 [N].
-        per_pressure: c1 [m2], force per pressure.
-    """
-
-    constant: Float[Given, "..."] = parameter("N", linear=True, name="friction_constant")
-    per_pressure: Float[Given, "..."] = parameter("m2", linear=True, name="friction_per_pressure")
-
-    def amplitude(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Friction [N] of full sliding, c0 + c1 P, broadcast shape."""
-        shape = jnp.broadcast_shapes(jnp.shape(at.length), jnp.shape(pressure))
-        return jnp.broadcast_to(self.constant + self.per_pressure * pressure, shape)
-
-
-class Friction(AbstractForceTerm):
-    """Friction force of a moving muscle: the amplitude of a law times a direction.
-
-    Attributes:
-        law: its amplitude, such as a `ThreadFriction` or a `PressureFriction`.
-        direction: in [-1, 1], 1 when the muscle lengthens, -1 when it shortens; `smooth_sign` of a
-            velocity.
-
-    >>> import famjax
-    >>> shortening = Friction(famjax.terms.PressureFriction(8.0, 6e-5), -1.0)
-    """
-
-    law: AbstractFriction
-    direction: Float[Given, "..."] = number()
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Friction force [N], broadcast shape; positive when lengthening."""
-        return self.law.force(at, pressure, self.direction)
 
 
 class Spring(AbstractForceTerm):

@@ -10,7 +10,7 @@ import numpy as np
 from ._arrays import Real, RealArray, as_real, at_each
 from .boundary.errors import InputError
 from .compile_options import quick_jit
-from .equilibrium import EquilibriumMuscle, parts_of
+from .equilibrium import EquilibriumMuscle
 from .geometries import Dimensions
 from .muscle import AbstractMuscle, Muscle
 
@@ -97,7 +97,7 @@ def _work(
             found = muscle.state(jnp.concatenate([lengths, jnp.stack([start, end])]), pressure)
             forces, (first, last) = found.force[:-2], found.volume[-2:]
             stored = found.energy[-1] - found.energy[-2]
-            rubber = sum(share * part.bladder.volume for share, part in parts_of(muscle))
+            rubber = muscle.bladder.volume
         else:
             first, last = muscle.volume(start, pressure), muscle.volume(end, pressure)
             forces, rates = jax.vmap(functools.partial(_rates, muscle, pressure))(lengths)

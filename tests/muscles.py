@@ -75,8 +75,6 @@ TERMS: dict[str, terms.AbstractForceTerm] = {
     "axial": terms.BladderAxial(LATEX),
     "hoop": terms.BladderHoop(LATEX),
     "wall": terms.BladderWall(LATEX),
-    "thread friction": terms.Friction(terms.ThreadFriction(0.015, 24.0, 1.2), -1.0),
-    "pressure friction": terms.Friction(terms.PressureFriction(2.0, 0.05), 0.5),
     "spring": terms.Spring(3.0, 8.5, 1.0),
 }
 
@@ -129,9 +127,6 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "kerscher": peers.Kerscher(TONDU, 0.4, 20.0, 0.8),
     "ferraresi": peers.ferraresi(CYLINDER_10, 2e6, 3e4),
     "kothera": peers.Kothera(peers.ferraresi(CYLINDER_10, 2e6)),
-    "hocking_wereley": peers.hocking_wereley(
-        CYLINDER_10, jnp.array([0.0, 3e5, 7e5]), jnp.array([[2e6, 1e6], [3e6, 0.0], [3e6, -1e6]])
-    ),
     "robinson": peers.robinson(
         CYLINDER_10, jnp.array([1e5, 6e5]), jnp.array([[2e6, 0], [3e6, 1e6]])
     ),

@@ -20,7 +20,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from .._arrays import Real, RealArray, as_real, in_trace
 from ..boundary.errors import InputError, Own
-from ..boundary.files import as_html, write_all
+from ..boundary.files import write_all
 from ..continuation import Region, SafeMuscle, continued_volume
 from ..muscle import (
     AbstractMuscle,
@@ -286,29 +286,6 @@ class MuscleCard:
     def __repr__(self) -> str:
         L, P = 1e3 * np.asarray(self.data.length), 1e-3 * np.asarray(self.data.pressure)
         return f"MuscleCard({self.name}: {L[0]:.4g} to {L[1]:.4g} mm, {P[0]:.4g} to {P[1]:.4g} kPa)"
-
-    def _repr_html_(self) -> str:
-        from matplotlib.figure import Figure  # noqa: PLC0415 -- it takes 0.3 s
-
-        of, rest = self.provenance, float(self.muscle.rest_length)
-        (L1, L2), (P1, P2) = (map(float, one) for one in (self.data.length, self.data.pressure))
-        figure = Figure(figsize=(6, 3.6), layout="constrained")
-        axes, lengths = figure.subplots(), np.linspace(L1, L2, 60)
-        for level in np.linspace(P1, P2, 5)[1:]:
-            pull = np.asarray(self.safe().force(lengths, level))
-            axes.plot(1 - lengths / rest, pull, label=f"{level / 1e3:.0f} kPa")
-        axes.set(xlabel="contraction", ylabel="force, N")
-        axes.legend(frameon=False)
-        error = "not known" if of.rmse_N is None else f"{of.rmse_N:.3g} N in sample"
-        rows = [
-            ("verdict", " ".join((f"{of.verdict or 'not judged'}.".capitalize(), *of.reasons))),
-            ("models", str(len(self.members))),
-            ("RMSE", error),
-            ("rest length", f"{1e3 * rest:.4g} mm"),
-            ("lengths", f"{1e3 * L1:.4g} to {1e3 * L2:.4g} mm"),
-            ("pressures", f"{P1 / 1e3:.4g} to {P2 / 1e3:.4g} kPa"),
-        ]
-        return as_html(self.name, rows, figure)
 
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:

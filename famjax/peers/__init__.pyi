@@ -8,7 +8,6 @@ from .balance import (
     PeerModel as PeerModel,
     TonduLopez as TonduLopez,
     ferraresi as ferraresi,
-    hocking_wereley as hocking_wereley,
     klute_hannaford as klute_hannaford,
     robinson as robinson,
 )

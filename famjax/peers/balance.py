@@ -1,20 +1,18 @@
 """Published models by force balance: the braid, with corrections, walls and bladder laws.
 
-A new one has its parameters as fields, `force(length, pressure)` and `length_range()`, where it holds.
+A new one has its parameters as fields and `formula(L, P)`; `length_range()` where half to 1.1 of the rest
+length is not where it holds.
 """
 
-import functools
+import abc
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float
 
-from .._arrays import Given, Real, RealArray, as_real, at_each, compiled, over_slope
+from .._arrays import Given, Real, RealArray, as_real, at_each, compiled
 from ..braids import (
     NEUTRAL_ANGLE,
     AbstractBraid,
@@ -25,21 +23,60 @@ from ..braids import (
 )
 from ..geometries import AbstractGeometry
 from ..materials import MooneyRivlinMaterial, PlainPowerMaterial, PolynomialMaterial
-from ..muscle import AbstractMuscle, Muscle
+from ..muscle import AbstractMuscle, Muscle, bisected
 from ..parameters import number, parameter
 from ..profiles import kothera_length, tondu_lopez_length
 from ..units import BAR, DEGREE, KILOPASCAL, MEGAPASCAL
 
-_Force = TypeVar("_Force", bound=Callable[..., Any])
 _ANY_PRESSURE = 1e5  # Pa, at which every model has a force
 
 
 class PeerModel(AbstractMuscle):
-    """A static force model of a fluidic artificial muscle.
+    """A static force model of a fluidic artificial muscle, by a formula for its pull.
 
     The fields are its parameters, in SI. As with `famjax.Muscle`, the force is not clipped: a
     negative one means that a real muscle is slack.
     """
+
+    @abc.abstractmethod
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at lengths L [m] > 0 and gauge pressures P [Pa], numbers of one shape."""
+
+    def force(self, length: Real, pressure: Real) -> RealArray:
+        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
+
+        Nan where length or pressure are no numbers, or the length is not positive. The formula is asked
+        of other numbers there: nan itself would spoil, in reverse mode, the derivatives of all other
+        members of a batch.
+        """
+        L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
+        middle = jax.lax.stop_gradient(sum(self.length_range()) / 2)
+        found = self.formula(jnp.where(holds, L, middle), jnp.where(holds, P, _ANY_PRESSURE))
+        return jnp.where(holds, found, jnp.nan)
+
+    def length_range(self) -> tuple[RealArray, RealArray]:
+        """From half the rest length [m] to a tenth above it: beyond what muscles do."""
+        return 0.5 * self.rest_length, 1.1 * self.rest_length
+
+
+class WithoutRestLength(PeerModel):
+    """A model whose force needs no rest length; blocked force and contraction do."""
+
+    @property
+    def rest_length(self) -> RealArray:
+        """Active length L0 [m] of zero contraction.
+
+        Raises:
+            ValueError: it was not given.
+        """
+        rest: RealArray | None = self.resting_length  # pyright: ignore -- a field of each of them
+        if rest is None:
+            raise ValueError(
+                f"the force of {type(self).__name__} knows no rest length, so that it has neither a "
+                "blocked force nor a contraction; give it resting_length [m]"
+            )
+        return rest
 
 
 def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
@@ -48,100 +85,7 @@ def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
     return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
 
 
-def around_rest(rest_length: RealArray) -> tuple[RealArray, RealArray]:
-    """From half the rest length [m] to a tenth above it: beyond what muscles do."""
-    return 0.5 * rest_length, 1.1 * rest_length
-
-
-def known(rest_length: RealArray | None, model: AbstractMuscle) -> RealArray:
-    """The rest length of a model that works without one.
-
-    Raises:
-        ValueError: it was not given.
-    """
-    if rest_length is None:
-        raise ValueError(
-            f"the force of {type(model).__name__} knows no rest length, so that it has neither a "
-            "blocked force nor a contraction; give it resting_length [m]"
-        )
-    return rest_length
-
-
-def where_it_holds(formula: _Force) -> _Force:
-    """A model's force, nan where length or pressure are no numbers, or the length is not positive.
-
-    The formula is asked of other numbers there: nan itself would spoil, in reverse mode, the derivatives
-    of all other members of a batch.
-    """
-
-    @functools.wraps(formula)
-    def force(self: Any, length: Real, pressure: Real) -> RealArray:
-        L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
-        middle = jax.lax.stop_gradient(sum(self.length_range()) / 2)
-        found = formula(self, jnp.where(holds, L, middle), jnp.where(holds, P, _ANY_PRESSURE))
-        return jnp.where(holds, found, jnp.nan)
-
-    return force  # type: ignore[return-value] # of the formula's own signature
-
-
-_MAX_STEPS = 100
-
-
-class _Bracket(eqx.Module):
-    """State of the search: the root lies between `low` and `high`, and `y` is tried next."""
-
-    low: RealArray
-    high: RealArray
-    y: RealArray
-    step: RealArray
-    steps: Int[Array, ""]
-    done: Bool[Array, ""]
-
-
-def falling_root(residual: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
-    """The root on [0, 1] of a residual that falls there, with implicit derivatives.
-
-    A step of Newton's method that leaves the bracket, or is not half as long as the one before, is
-    replaced by a bisection. Derivatives of any order are taken by the implicit function theorem, in
-    whatever the residual depends on.
-
-    Args:
-        residual: r(y) of a scalar, of order one, with r(0) >= 0 >= r(1).
-        start: where the search begins, within the interval, shape ().
-
-    Returns:
-        y, shape (); 0 where the residual is below zero there, so that it does no harm to others in
-        a batch.
-    """
-    eps = float(jnp.finfo(start.dtype).eps)
-    rough, fine = eps**0.8, 4 * eps
-
-    def solve(function: Callable[[RealArray], RealArray], start: RealArray) -> RealArray:
-        zero, one = jnp.zeros_like(start), jnp.ones_like(start)
-
-        def narrow(at: _Bracket) -> _Bracket:
-            value, slope = jax.jvp(function, (at.y,), (one,))
-            low = jnp.where(value > 0, at.y, at.low)
-            high = jnp.where(value > 0, at.high, at.y)
-            newton = at.y - value / slope
-            usable = (newton >= low) & (newton <= high)
-            usable &= jnp.abs(newton - at.y) <= 0.5 * at.step
-            y = jnp.where(usable, newton, 0.5 * (low + high))
-            step = jnp.abs(y - at.y)
-            # What a step of Newton's method leaves is of the order of its square.
-            return _Bracket(
-                low, high, y, step, at.steps + 1, step <= jnp.where(usable, rough, fine)
-            )
-
-        none = function(zero) <= 0
-        begin = _Bracket(zero, one, jnp.where(none, zero, start), 2 * one, jnp.array(0), none)
-        return jax.lax.while_loop(lambda at: ~at.done & (at.steps < _MAX_STEPS), narrow, begin).y
-
-    return jax.lax.custom_root(residual, start, solve, over_slope)
-
-
-class Gaylord(PeerModel):
+class Gaylord(WithoutRestLength):
     """The pull of a pressurised braid; the bladder is neglected except for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
@@ -171,11 +115,10 @@ class Gaylord(PeerModel):
         "m", low=0.0, name="rest_length", default=None
     )
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        acting = as_real(pressure) - self.deadband_pressure
-        L, B, reached = self.braid.reach(length, acting)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        acting = P - self.deadband_pressure
+        L, B, reached = self.braid.reach(L, acting)
         radius = diameter_from_length(L, B, self.braid.turns) / 2
         pull = gaylord_force(acting, radius, braid_angle_from_length(L, B)) + self.force_offset
         return jnp.where(reached, pull, jnp.nan)
@@ -184,17 +127,8 @@ class Gaylord(PeerModel):
         """From just below the neutral angle to the length of the unloaded threads."""
         return braid_range(self.braid)
 
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction.
 
-        Raises:
-            ValueError: it was not given.
-        """
-        return known(self.resting_length, self)
-
-
-class ChouHannaford(PeerModel):
+class ChouHannaford(WithoutRestLength):
     """The braid around a wall of constant thickness that does not resist.
 
     F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
@@ -216,28 +150,18 @@ class ChouHannaford(PeerModel):
         "m", low=0.0, name="rest_length", default=None
     )
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        L, B, reached = self.braid.reach(length, pressure)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        L, B, reached = self.braid.reach(L, P)
         t = self.wall_thickness
         D = B / (jnp.pi * self.braid.turns)
         sine = jnp.sqrt((B - L) * (B + L)) / B
-        wall = jnp.pi * pressure * (D * t * (2 * sine - 1 / sine) - t**2)
-        return jnp.where(reached, Gaylord(self.braid).force(L, pressure) + wall, jnp.nan)
+        wall = jnp.pi * P * (D * t * (2 * sine - 1 / sine) - t**2)
+        return jnp.where(reached, Gaylord(self.braid).force(L, P) + wall, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to the length of the threads."""
         return braid_range(self.braid)
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction.
-
-        Raises:
-            ValueError: it was not given.
-        """
-        return known(self.resting_length, self)
 
 
 class TonduLopez(PeerModel):
@@ -264,16 +188,11 @@ class TonduLopez(PeerModel):
     k_rise: Float[Given, "..."] = parameter(low=0.0, high=20.0, default=0.0)
     deadband_pressure: Float[Given, "..."] = parameter("Pa", default=0.0)
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        k = self.k_rise * jnp.exp(-as_real(pressure) / BAR) + self.k_far
-        shortened = tondu_lopez_length(length, self.rest_length, k)
-        return Gaylord(self.braid, self.deadband_pressure).force(shortened, pressure)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From half the rest length to a tenth above it."""
-        return around_rest(self.rest_length)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        k = self.k_rise * jnp.exp(-P / BAR) + self.k_far
+        shortened = tondu_lopez_length(L, self.rest_length, k)
+        return Gaylord(self.braid, self.deadband_pressure).force(shortened, P)
 
 
 class Kerscher(PeerModel):
@@ -298,12 +217,11 @@ class Kerscher(PeerModel):
     factor_rate: Float[Given, "..."] = parameter(low=0.0, high=100.0)
     factor_far: Float[Given, "..."] = parameter(linear=True)
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        eps = 1 - as_real(length) / self.muscle.rest_length
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        eps = 1 - L / self.muscle.rest_length
         factor = self.factor_rise * jnp.exp(-self.factor_rate * eps) + self.factor_far
-        pull = self.muscle.force(length, pressure)
+        pull = self.muscle.force(L, P)
         reached = jnp.isfinite(pull)
         return jnp.where(reached, factor * jnp.where(reached, pull, 0.0), jnp.nan)
 
@@ -350,13 +268,12 @@ class Kothera(PeerModel):
 
     muscle: Muscle
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
         geometry = self.muscle.geometry
-        radius = geometry.dimensions(length, pressure).radius
+        radius = geometry.dimensions(L, P).radius
         rest_radius = geometry.dimensions(geometry.rest_length, 0.0).radius
-        return self.muscle.force(kothera_length(length, radius, rest_radius), pressure)
+        return self.muscle.force(kothera_length(L, radius, rest_radius), P)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """That of the cylindrical muscle, which is shorter than this one."""
@@ -366,26 +283,6 @@ class Kothera(PeerModel):
     def rest_length(self) -> RealArray:
         """Active length L0 [m] of zero contraction."""
         return self.muscle.rest_length
-
-
-def hocking_wereley(
-    geometry: AbstractGeometry, node_pressures: ArrayLike, node_coefficients: ArrayLike
-) -> Muscle:
-    """The force balance with a polynomial stress law of its own at each tested pressure.
-
-    Args:
-        geometry: in the original known, not fitted.
-        node_pressures: [Pa], shape (nodes,), increasing, at least two.
-        node_coefficients: E_n [Pa], shape (nodes, order), order 4 in the original.
-
-    Returns:
-        The muscle; between the nodes E_n is interpolated, and the force is nan outside them.
-
-    References:
-        Hocking & Wereley 2012. General knowledge, not read again. The powers are taken as plain
-        ones; the reference work, Chambers 2021, makes the law odd.
-    """
-    return Muscle(geometry, PlainPowerMaterial(node_pressures, node_coefficients))
 
 
 def robinson(
@@ -442,8 +339,8 @@ class Hunt(PeerModel):
 
     P = a0 + a5 F + a1 tan(a2 (eps / (eps_max + a4 F) + a3)) + P_S
 
-    At one contraction the pressure rises with the force, so the root is unique. It is sought by
-    Newton's method in a bracket, and differentiated by the implicit function theorem. A muscle
+    At one contraction the pressure rises with the force, so the root is unique. It is bisected, and
+    differentiated by the implicit function theorem. A muscle
     longer than at rest (eps < 0) is outside the relation and gives nan.
 
     Attributes:
@@ -504,10 +401,9 @@ class Hunt(PeerModel):
         """Gauge pressure P [Pa] for the force F [N] at the length L [m], broadcast shape."""
         return self._pressure(1 - as_real(length) / self.rest_length, as_real(force))
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        return _forces(self, as_real(length), as_real(pressure))
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        return _forces(self, L, P)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From half the rest length to the rest length, where the relation begins."""
@@ -538,7 +434,11 @@ class Hunt(PeerModel):
             reached = self._pressure(eps, upper - width * y)
             return (reached - pressure) / jax.lax.stop_gradient(self.tangent_pressure)
 
-        share = falling_root(residual, jnp.full_like(pressure, 0.5))
+        fine = jnp.finfo(pressure.dtype)
+        ends = jnp.zeros_like(pressure), jnp.ones_like(pressure)
+        share = bisected(
+            residual, *ends, tolerance=float(fine.eps), max_steps=fine.nmant + 2, flip=True
+        )
         return jnp.where(inside, upper - width * share, jnp.nan)
 
 
@@ -590,31 +490,6 @@ class Martens(PeerModel):
     )
 
     @classmethod
-    def from_rest(
-        cls,
-        *,
-        diameter: Real,
-        braid_angle: Real,
-        length: Real,
-        wall_thickness: Real,
-        coefficients: Float[Array, " 4"] | tuple[float, ...],
-    ) -> "Martens":
-        """The model whose braid has this diameter and angle at rest.
-
-        Args:
-            diameter: D0 [m].
-            braid_angle: theta0 [rad], from the circumference.
-            length: L0 [m].
-            wall_thickness: H0 [m].
-            coefficients: c0 to c3 [Pa/m^n].
-
-        Returns:
-            The model.
-        """
-        braid = Braid.from_rest(diameter=diameter, braid_angle=braid_angle, length=length)
-        return cls(braid, length, diameter, wall_thickness, coefficients)
-
-    @classmethod
     def published(cls, muscle: str) -> "Martens":
         """The published constants: 2.37 and 4.26 % of the largest measured force at worst.
 
@@ -632,18 +507,13 @@ class Martens(PeerModel):
                 f"Martens' constants are known for {', '.join(_PUBLISHED)}; got {muscle!r}"
             )
         bore, rest_length, correction, coefficients = _PUBLISHED[muscle]
-        return cls.from_rest(
-            diameter=bore,
-            braid_angle=math.pi / 2 - (_NOMINAL_ANGLE + correction),
-            length=rest_length,
-            wall_thickness=_WALL,
-            coefficients=tuple(MEGAPASCAL * c for c in coefficients),
-        )
+        angle = math.pi / 2 - (_NOMINAL_ANGLE + correction)
+        braid = Braid.from_rest(diameter=bore, braid_angle=angle, length=rest_length)
+        return cls(braid, rest_length, bore, _WALL, [MEGAPASCAL * c for c in coefficients])
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        L, _, reached = self.braid.reach(length, pressure)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        L, _, reached = self.braid.reach(L, P)
         L0, D0 = self.rest_length, self.rest_diameter
         D = self.braid.diameter(L)
         slope = -L / ((jnp.pi * self.braid.turns) ** 2 * D)
@@ -651,7 +521,7 @@ class Martens(PeerModel):
         E = c0 + L * (c1 + L * (c2 + L * c3))
         hoop = E * (D - D0) / D0 * self.wall_thickness * jnp.pi * L
         axial = E * (L - L0) / L0 * self.wall_thickness * jnp.pi * D
-        pull = Gaylord(self.braid).force(L, pressure) + hoop * slope - axial
+        pull = Gaylord(self.braid).force(L, P) + hoop * slope - axial
         return jnp.where(reached, pull, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:

@@ -6,13 +6,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .._arrays import Given, Real, RealArray, as_real
+from .._arrays import Given, RealArray
 from ..parameters import number, parameter
-from ..units import BAR, KILOPASCAL
-from .balance import PeerModel, around_rest, known, where_it_holds
+from ..units import BAR, KILOPASCAL, MEGAPASCAL
+from .balance import PeerModel, WithoutRestLength
 
 
-class Wickramatunge(PeerModel):
+class Wickramatunge(WithoutRestLength):
     """A spring whose stiffness depends on pressure and stretch; no physics.
 
     F = K s, K = k0 + k1 P^2 + k2 P s + k3 s^2, s = L - L_s
@@ -34,25 +34,15 @@ class Wickramatunge(PeerModel):
         "m", low=0.0, name="rest_length", default=None
     )
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        s, P = as_real(length) - self.slack_length, as_real(pressure)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        s = L - self.slack_length
         k0, k1, k2, k3 = self.coefficients
         return s * (k0 + k1 * P**2 + k2 * P * s + k3 * s**2)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From the slack length, where the spring is relaxed, to twice that."""
         return self.slack_length, 2 * self.slack_length
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction.
-
-        Raises:
-            ValueError: it was not given.
-        """
-        return known(self.resting_length, self)
 
 
 class Hildebrandt(PeerModel):
@@ -79,18 +69,13 @@ class Hildebrandt(PeerModel):
         "N", linear=True, name=("b0", "b1", "b2", "b3", "b4")
     )
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        eps = 1 - as_real(length) / self.rest_length
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        eps = 1 - L / self.rest_length
         area = jnp.polyval(self.pressure_coefficients[::-1], eps)
         restoring = jnp.polyval(self.force_coefficients[3::-1], eps)
         root = self.force_coefficients[4] * jnp.cbrt(eps) ** 2
-        return as_real(pressure) * area + restoring + root
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From half the rest length to a tenth above it."""
-        return around_rest(self.rest_length)
+        return P * area + restoring + root
 
 
 class PolynomialSurface(PeerModel):
@@ -123,13 +108,10 @@ class PolynomialSurface(PeerModel):
         """The exponents (i, j) of contraction and pressure, in the order of the coefficients."""
         return tuple((i, k - i) for k in range(degree + 1) for i in range(k + 1))
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        eps, P = jnp.broadcast_arrays(
-            1 - as_real(length) / self.rest_length, as_real(pressure) / 1e6
-        )
-        powers = [eps**i * P**j for i, j in self.terms(self.degree)]
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        eps, MPa = 1 - L / self.rest_length, P / MEGAPASCAL
+        powers = [eps**i * MPa**j for i, j in self.terms(self.degree)]
         return jnp.stack(powers, axis=-1) @ self.coefficients
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
@@ -138,10 +120,6 @@ class PolynomialSurface(PeerModel):
             return super().parameter_name(field, index)
         i, j = self.terms(self.degree)[index[0]]
         return f"c_{i}{j}"
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From half the rest length to a tenth above it."""
-        return around_rest(self.rest_length)
 
 
 # Contraction in per cent and pressure in bar.
@@ -205,16 +183,11 @@ class Sarosi(PeerModel):
         a1, a2, a3, a4, a5, a6 = _PUBLISHED[muscle]
         return cls(rest_length, a1 / BAR, a2, 100 * a3, 100 * a4 / BAR, a5 / BAR, a6)
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        eps, P = 1 - as_real(length) / self.rest_length, as_real(pressure)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        eps = 1 - L / self.rest_length
         softening = (self.a1 * P + self.a2) * jnp.exp(self.a3 * eps)
         return softening + self.a4 * P * eps + self.a5 * P + self.a6
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From half the rest length to a tenth above it."""
-        return around_rest(self.rest_length)
 
 
 # Of F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
@@ -277,13 +250,8 @@ class Bolen(PeerModel):
         force = b1 * math.atan(b2 * (rest_length - offset))
         return cls(rest_length, largest_contraction, force, c0, c1, c2)
 
-    @where_it_holds
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        e = (1 - as_real(length) / self.rest_length) / self.largest_contraction
-        bell = as_real(pressure) / self.reference_pressure * jnp.exp(-self.c2 * e**2)
+    def formula(self, L: RealArray, P: RealArray) -> RealArray:
+        """Pull F [N] at L [m] and P [Pa]."""
+        e = (1 - L / self.rest_length) / self.largest_contraction
+        bell = P / self.reference_pressure * jnp.exp(-self.c2 * e**2)
         return self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From half the rest length to a tenth above it."""
-        return around_rest(self.rest_length)

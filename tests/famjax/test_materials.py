@@ -16,7 +16,6 @@ from famjax.materials import (
     AbstractHyperelastic,
     AbstractMaterial,
     AbstractUniaxialLaw,
-    MooneyRivlinMaterial,
     OgdenMaterial,
     SaturatingMaterial,
 )
@@ -24,7 +23,7 @@ from famjax.materials import (
 EXACT = 1e-12  # closed forms, float64
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4, 6])
+@pytest.mark.parametrize("order", [1, 4])
 def test_law_is_odd_and_its_tangent_at_zero_is_the_first_coefficient(order: int) -> None:
     law = famjax.PolynomialMaterial(jnp.arange(1.0, order + 1))
     strain = jnp.linspace(-1, 1, 11)
@@ -34,18 +33,19 @@ def test_law_is_odd_and_its_tangent_at_zero_is_the_first_coefficient(order: int)
     assert float(law.stress(0.5)) == pytest.approx(expected, rel=1e-14)
 
 
-def test_pressure_law_interpolates_its_nodes() -> None:
-    law = famjax.materials.PressurePolynomialMaterial([1e5, 3e5], [[1.0, 2.0], [3.0, 6.0]])
-    np.testing.assert_allclose(law.coefficients_at(2e5), [2, 4])
-    np.testing.assert_allclose(law.coefficients_at(4e5), [4, 8])  # two nodes: a linear law
-    for P, node in ((1e5, [1, 2]), (3e5, [3, 6])):
-        np.testing.assert_allclose(law.coefficients_at(P), node)
-
-
-def test_free_law_knows_nothing_outside_its_nodes() -> None:
-    law = famjax.materials.PressurePolynomialMaterial([1e5, 2e5, 3e5], [[1.0], [2.0], [5.0]])
-    at = law.coefficients_at(jnp.array([0.5e5, 1e5, 2.5e5, 3e5, 3.1e5]))[:, 0]
-    np.testing.assert_allclose(at, [np.nan, 1, 3.5, 5, np.nan])
+def test_a_law_of_pressure_is_linear_between_nodes_and_beyond_two() -> None:
+    two, three = (
+        famjax.materials.PressurePolynomialMaterial(nodes, coefficients)
+        for nodes, coefficients in [
+            ([1e5, 3e5], [[1.0, 2.0], [3.0, 6.0]]),
+            ([1e5, 2e5, 3e5], [[1.0], [2.0], [5.0]]),
+        ]
+    )
+    pressure = np.array([1e5, 2e5, 3e5, 4e5])
+    np.testing.assert_allclose(two.stresses(-0.5, 1.0, pressure)[1], [3, 6, 9, 12])
+    np.testing.assert_allclose(two.stresses(-0.5, 1.0, pressure)[0], [-1, -2, -3, -4])
+    known = three.stresses(1.0, 1.0, jnp.array([0.5e5, 1e5, 2.5e5, 3e5, 3.1e5]))[0]
+    np.testing.assert_allclose(known, [np.nan, 1, 3.5, 5, np.nan])
 
 
 DIFFERENCE = 1e-6  # central differences
@@ -134,12 +134,6 @@ def test_ogden_contains_neo_hookean_and_mooney_rivlin() -> None:
         pair = zip(_stresses(ogden, strain, hoop), _stresses(law, strain, hoop), strict=True)
         for one, other in pair:
             np.testing.assert_allclose(one, other, rtol=EXACT, atol=EXACT)
-
-
-def test_moduli_without_physical_sense_show_in_the_initial_shear_modulus() -> None:
-    assert float(OgdenMaterial([1.0], [-2.0]).initial_shear_modulus) == -1.0
-    assert float(OgdenMaterial([1.0, 0.5], [1.0, -2.0]).initial_shear_modulus) == 0.0
-    assert float(MooneyRivlinMaterial(-0.2, 0.1).initial_shear_modulus) < 0
 
 
 @pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)

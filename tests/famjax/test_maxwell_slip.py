@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax.slip import MaxwellSlip, SlipElements, slip, slip_coordinates
+from famjax.slip import MaxwellSlip, SlipElements, slip
 
 EXACT = 1e-12
 STEP = 1e-6  # of central differences, relative
@@ -104,12 +104,6 @@ def test_ramps_at_constant_length() -> None:
     assert float(shorter[3] - shorter[1]) > float(short[3] - short[1])
 
 
-def test_coordinates_are_products_of_contraction_and_pressure() -> None:
-    wall, braid = slip_coordinates(0.27, 5e5, 0.3, 1e6)
-    assert wall == pytest.approx(-0.1 * 1.5, rel=EXACT)
-    assert braid == pytest.approx(-0.1 * 0.5, rel=EXACT)
-
-
 def _work(L: np.ndarray, P: np.ndarray) -> np.ndarray:
     """What machine and fluid do in each step, F dL - V dP by the trapezoidal rule."""
     states = SLIP.states(L, P)
@@ -117,7 +111,7 @@ def _work(L: np.ndarray, P: np.ndarray) -> np.ndarray:
     return (F[1:] + F[:-1]) / 2 * np.diff(L) - (V[1:] + V[:-1]) / 2 * np.diff(P)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_no_closed_cycle_gives_energy(seed: int) -> None:
     """Random polygons in length and pressure: work is what is stored and what becomes heat."""
     L, P = _history(seed, 7)
@@ -135,20 +129,6 @@ def test_no_closed_cycle_gives_energy(seed: int) -> None:
     assert stored[-1] == pytest.approx(stored[once], rel=1e-6)
     assert lost >= 0
     assert lost == pytest.approx(heat - float(SLIP.heat(L[: once + 1], P[: once + 1])), rel=2e-3)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_heat_never_falls(seed: int) -> None:
-    L, P = _history(seed, 15)
-    heats = [float(SLIP.heat(L[:n], P[:n])) for n in (5, 10, 15)]
-    assert 0 <= heats[0] <= heats[1] <= heats[2]
-
-
-def test_no_elements_no_force() -> None:
-    none = MaxwellSlip(SlipElements.none(), SlipElements.none(), REST, MODULUS)
-    L, P = _history(0, 5)
-    assert not none.along(L, P).any()
-    assert float(none.heat(L, P)) == 0.0
 
 
 def test_arrays_stay_what_they_are() -> None:

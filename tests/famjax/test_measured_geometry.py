@@ -1,19 +1,23 @@
 """Measured geometry and virtual work: the reference work's tables of chapter 6."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from muscles import INELASTIC, KEVLAR, L0, LATEX, SPECIMEN, measured_family
+from muscles import INELASTIC, KEVLAR, L0, LATEX, SPECIMEN, TABLE_4_3, measured_family
+from scipy.integrate import quad
+from slow_cases import slow_after
 
 from famjax import Bladder, Braid, EstimatedGeometry, Muscle, PolynomialMaterial, path_modulus
 from famjax.braids import gaylord_force
-from famjax.geometries import EndEffectGeometry
-from famjax.measured import AverageDiameterGeometry, MeasuredGeometry
-from famjax.profiles import CircularArcEnds, Cylinder
-from famjax.surfaces import AssumedShapeFamily, MeasuredFamily
-from famjax.terms import BladderWall, VirtualWork, virtual_work_force, volume_rate
+from famjax.geometries import AbstractGeometry, EndEffectGeometry
+from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian, quadrature
+from famjax.profiles import AbstractProfile, Cylinder, EllipticToroidEnds, FourierProfile
+from famjax.surfaces import MeasuredFamily
+from famjax.terms import BladderWall, VirtualWork
 
 EXACT = 1e-12
 
@@ -151,13 +155,6 @@ def test_embedded_bladder_lies_on_the_profile(family: MeasuredFamily) -> None:
     assert float(cylinder.hoop_strain[0]) == pytest.approx(mean, rel=1e-11)
 
 
-def test_stations_stand_for_the_axis(measured: MeasuredGeometry) -> None:
-    at = measured.dimensions(jnp.ones((2, 3)) * 8, 100.0)
-    assert at.hoop_strain.shape == (2, 3, measured.order)
-    assert at.station_weights.shape == (measured.order,)
-    assert float(jnp.sum(at.station_weights)) == pytest.approx(1, rel=EXACT)
-
-
 @pytest.mark.slow
 def test_no_pressure_and_rest_are_harmless(
     geometry: MeasuredGeometry | AverageDiameterGeometry,
@@ -196,78 +193,40 @@ def _gaylord(geometry: EstimatedGeometry, pressure: float) -> jax.Array:
     return gaylord_force(pressure, at.radius, at.braid_angle)
 
 
-def test_an_inelastic_cylinder_gives_gaylord() -> None:
-    geometry = EstimatedGeometry(INELASTIC, SPECIMEN)
-    np.testing.assert_allclose(
-        virtual_work_force(geometry, LENGTHS, 80.0), _gaylord(geometry, 80.0), rtol=SUMMED
-    )
-    family = AssumedShapeFamily(INELASTIC, Cylinder(1.0))
-    np.testing.assert_allclose(
-        virtual_work_force(family, LENGTHS, 80.0), _gaylord(geometry, 80.0), rtol=SUMMED
-    )
+def _work(geometry: AbstractGeometry, deadband: float = 0.0, *, held: bool = False) -> Muscle:
+    """The muscle that pulls by the virtual work of its volume alone."""
+    return Muscle(geometry, VirtualWork(deadband, at_thread_length=held))
 
 
-def test_an_elastic_cylinder_gives_gaylord_once_the_threads_work_is_taken_out() -> None:
-    geometry = EstimatedGeometry(KEVLAR, SPECIMEN)
-    gaylord = _gaylord(geometry, 100.0)
-    held = virtual_work_force(geometry, LENGTHS, 100.0, braid=KEVLAR)
-    np.testing.assert_allclose(held, gaylord, rtol=1e-9)  # the braid's root is solved to 1e-12
+def test_a_cylinder_gives_gaylord_once_the_threads_work_is_taken_out() -> None:
+    for braid, tolerance in ((INELASTIC, SUMMED), (KEVLAR, 1e-9)):  # a root is solved to 1e-12
+        geometry = EstimatedGeometry(braid, SPECIMEN)
+        at = geometry.dimensions(LENGTHS, 100.0)
+        gaylord = gaylord_force(97.0, at.radius, at.braid_angle)
+        held = _work(geometry, 3.0, held=True).force(LENGTHS, 100.0)
+        np.testing.assert_allclose(held, gaylord, rtol=tolerance)
     # Without: the work that goes into the threads is missing from the pull.
-    assert bool(jnp.all(virtual_work_force(geometry, LENGTHS, 100.0) < gaylord - 2))
-
-
-def test_rounded_ends_by_differences() -> None:
-    shape = CircularArcEnds(9.9, 0.863)
-    family = AssumedShapeFamily(INELASTIC, shape)
-
-    def volume(L: np.ndarray) -> np.ndarray:
-        """By hand: a cylinder, and twice a quarter toroid by Pappus plus the core inside it."""
-        R = np.sqrt(9.89**2 - L**2) / (2 * np.pi * 1.09)
-        r, core = R - 0.863 / 2, 0.863 / 2
-        end = np.pi * (core**2 * r + 2 * core * np.pi / 4 * r**2 + 2 / 3 * r**3)
-        return np.pi * R**2 * (L - 2 * r) + 2 * end
-
-    L, h = np.linspace(6.0, 9.2, 5), 1e-5
-    numeric = -50.0 * (volume(L + h) - volume(L - h)) / (2 * h)
-    np.testing.assert_allclose(virtual_work_force(family, L, 50.0), numeric, rtol=1e-8)
+    assert bool(jnp.all(_work(geometry, 3.0).force(LENGTHS, 100.0) < gaylord - 2))
 
 
 @pytest.mark.slow
 def test_the_work_is_the_pressure_times_the_volume_swept(measured: MeasuredGeometry) -> None:
     nodes, weights = np.polynomial.legendre.leggauss(12)
-    ends = np.asarray(measured.family.lengths)
-    work = 0.0
-    for short, long in zip(ends[1:], ends[:-1], strict=True):
-        length = (short + long) / 2 + (long - short) / 2 * nodes
-        force = virtual_work_force(measured, length, 100.0)
-        work += (long - short) / 2 * float(np.sum(weights * force))
+    ends, muscle = np.asarray(measured.family.lengths), _work(measured)
+    short, long = ends[1:, None], ends[:-1, None]
+    length = (short + long) / 2 + (long - short) / 2 * nodes
+    work = np.sum((long - short) / 2 * weights * muscle.force(length, 100.0))
     volume = measured.dimensions(ends[[0, -1]], 100.0).volume
     assert work == pytest.approx(100.0 * float(volume[1] - volume[0]), rel=1e-10)
 
 
 @pytest.mark.slow
-def test_fluid_and_outline_have_one_rate(measured: MeasuredGeometry) -> None:
-    """The family's outline and the geometry's dimensions are two ways to the same volume."""
-    np.testing.assert_allclose(
-        volume_rate(measured.family, LENGTHS, 60.0), volume_rate(measured, LENGTHS, 60.0), rtol=1e-9
-    )
-
-
-@pytest.mark.slow
-def test_pressure_term_of_a_muscle(measured: MeasuredGeometry) -> None:
-    law = PolynomialMaterial([257.8, -57.9, 32.7])
-    for braid in (None, KEVLAR):
-        term = VirtualWork(3.0, at_thread_length=braid is not None)
-        muscle = Muscle(measured, term + BladderWall(law))
-        inner = Muscle(measured, law, 3.0)
-        expected = -(60.0 - 3.0) * volume_rate(measured, LENGTHS, 60.0, braid=braid)
-        np.testing.assert_allclose(muscle.braid_force(LENGTHS, 60.0), expected, rtol=SUMMED)
-        np.testing.assert_allclose(
-            muscle.bladder_force(LENGTHS, 60.0), inner.bladder_force(LENGTHS, 60.0), rtol=SUMMED
-        )
-        np.testing.assert_allclose(
-            muscle.force(LENGTHS, 60.0), expected + inner.bladder_force(LENGTHS, 60.0), rtol=SUMMED
-        )
+def test_what_virtual_work_changes_on_the_reference_specimen(measured: MeasuredGeometry) -> None:
+    """In lbf at 100 psi; rounding of table 4.3 leaves 24, 8 and 35."""
+    length = L0 * (1 - np.array([0.0, 0.175, 0.35]))
+    for held, pull in ((False, [897.7, 434.4, 127.1]), (True, [905.1, 440.2, 131.5])):
+        found = _work(measured, held=held).force(length, 100.0)
+        np.testing.assert_allclose(found, pull, atol=0.06)
 
 
 def test_nothing_is_lost_at_no_pressure() -> None:
@@ -278,12 +237,192 @@ def test_nothing_is_lost_at_no_pressure() -> None:
     np.testing.assert_allclose(rates, expected, rtol=SUMMED)
 
 
-@pytest.mark.slow
-def test_report_on_the_reference_specimen(measured: MeasuredGeometry) -> None:
-    """What virtual work changes, in lbf at 100 psi; rounding of table 4.3 leaves 24, 8 and 35."""
-    length = L0 * (1 - np.array([0.0, 0.175, 0.35]))
-    work = eqx.filter_jit(virtual_work_force)
-    np.testing.assert_allclose(work(measured, length, 100.0), [897.7, 434.4, 127.1], atol=0.06)
-    np.testing.assert_allclose(
-        work(measured, length, 100.0, braid=KEVLAR), [905.1, 440.2, 131.5], atol=0.06
+QUADRATURE = 1e-8  # the promise of the default order
+CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
+Case = tuple[AbstractProfile, float]
+# A curve (z, R) of one end from the fitting inwards, its rates, and the range of its parameter.
+Curve = Callable[[float], tuple[float, float, float, float]]
+
+
+def _arc(middle: float, end: float, a: float, angle: float) -> tuple[Curve, float]:
+    """Elliptic toroid: by the parameter of its ellipse, 0 where it meets the cylinder."""
+    height, axis = (middle - end) / 2 / (1 - np.cos(angle)), a / np.sin(angle)
+
+    def curve(s: float) -> tuple[float, float, float, float]:
+        radius = middle / 2 - height * (1 - np.cos(s))
+        return a - axis * np.sin(s), radius, axis * np.cos(s), height * np.sin(s)
+
+    return curve, angle
+
+
+def _ends_and_cylinder(curve: Curve, reach: float, middle: float, a: float, length: float):
+    """Mean diameter, arc, area, volume of two such ends and a cylinder, by scipy along the arc."""
+
+    def integral(element: Callable[[float, float, float], float]) -> float:
+        def integrand(s: float) -> float:
+            _, radius, along, across = curve(s)
+            return element(radius, abs(along), abs(across))
+
+        return quad(integrand, 0, reach, epsabs=1e-13, epsrel=1e-13)[0]
+
+    inner, R = length - 2 * a, middle / 2
+    return (
+        (2 * integral(lambda r, dz, dr: 2 * r * dz) + middle * inner) / length,
+        2 * integral(lambda r, dz, dr: np.hypot(dz, dr)) + inner,
+        2 * np.pi * (2 * integral(lambda r, dz, dr: r * np.hypot(dz, dr)) + R * inner),
+        np.pi * (2 * integral(lambda r, dz, dr: r**2 * dz) + R**2 * inner),
     )
+
+
+def _meridian(profile: AbstractProfile, length: jax.Array, order: int | None) -> Meridian:
+    if order is None:
+        return Meridian.of(profile, length)
+    return Meridian.of(profile, length, order=order)
+
+
+@eqx.filter_jit
+def _compiled_measures(
+    profile: AbstractProfile, length: jax.Array, order: int | None
+) -> tuple[jax.Array, ...]:
+    meridian = _meridian(profile, length, order)
+    return meridian.mean_diameter, meridian.arc_length, meridian.surface_area, meridian.volume
+
+
+def _measures(profile: AbstractProfile, length: float, order: int | None = None) -> np.ndarray:
+    """By one program for each class of profiles and order."""
+    return np.array(_compiled_measures(profile, np.asarray(length), order))
+
+
+@eqx.filter_jit
+def _moments(
+    profile: AbstractProfile, length: jax.Array, order: int | None, bladder: Bladder
+) -> jax.Array:
+    line = _meridian(profile, length, order).inset(0.011)
+    strain = line.hoop_strain(bladder)
+    return jnp.stack([line.mean(strain**n) for n in range(1, 5)])
+
+
+ASSUMED = {
+    name: (EllipticToroidEnds(2.2, 0.9, a, angle), _arc(2.2, 0.9, a, angle), a)
+    for name, a, angle in [
+        ("circular", 0.65, np.pi / 2),
+        ("long quarter", 3.0, np.pi / 2),
+        ("partial", 1.1, 1.0),
+        ("nearly quarter", 1.1, 1.5),
+    ]
+}
+
+
+@pytest.mark.parametrize("name", ASSUMED)
+def test_default_order_against_scipy_on_piecewise_shapes(name: str) -> None:
+    shape, (curve, reach), a = ASSUMED[name]
+    oracle = _ends_and_cylinder(curve, reach, 2.2, a, 6.0)
+    np.testing.assert_allclose(_measures(shape, 6.0), oracle, rtol=QUADRATURE)
+
+
+@pytest.mark.parametrize("contraction", CONTRACTIONS)
+def test_default_order_against_scipy_on_measured_profiles(contraction: float) -> None:
+    profile, L = TABLE_4_3[contraction]
+    a0, a, b, w = (np.asarray(leaf) for leaf in (profile.a0, profile.a, profile.b, profile.w))
+    n = np.arange(1, 4)
+
+    def radius(x: float) -> float:
+        return (a0 + np.cos(n * w * x) @ a + np.sin(n * w * x) @ b) / 2
+
+    def stretch(x: float) -> float:
+        rate = (n * w) @ (np.cos(n * w * x) * b - np.sin(n * w * x) * a) / 2
+        return np.sqrt(1 + (rate / L) ** 2)
+
+    def integral(element: Callable[[float], float]) -> float:
+        return quad(element, 0, 1, epsabs=1e-13, epsrel=1e-13)[0]
+
+    oracle = (
+        2 * integral(radius),
+        L * integral(stretch),
+        2 * np.pi * L * integral(lambda x: radius(x) * stretch(x)),
+        np.pi * L * integral(lambda x: radius(x) ** 2),
+    )
+    np.testing.assert_allclose(_measures(profile, L), oracle, rtol=QUADRATURE)
+
+
+MEASURED = tuple(f"{contraction:.2%}" for contraction in CONTRACTIONS)
+SYNTHETIC: dict[str, Case] = {
+    **{name: (case[0], 6.0) for name, case in ASSUMED.items()},
+    "cylinder": (Cylinder(2.2), 6.0),
+    "five terms": (FourierProfile.symmetric(1.6, [-0.4, -0.1, 0.03, 0.02, -0.01], 5.2), 6.0),
+}
+
+
+EVERY = dict(zip(MEASURED, TABLE_4_3.values(), strict=True)) | SYNTHETIC
+
+
+@pytest.mark.parametrize("name", slow_after(3, [*MEASURED, *SYNTHETIC]))
+def test_default_order_against_much_higher_order(name: str) -> None:
+    profile, L = EVERY[name]
+    np.testing.assert_allclose(
+        _measures(profile, L), _measures(profile, L, order=600), rtol=QUADRATURE
+    )
+    strip = Bladder(L0, 0.875, 0.0625)
+    default, high = (_moments(profile, np.asarray(L), order, strip) for order in (None, 600))
+    np.testing.assert_allclose(default, high, rtol=QUADRATURE)
+
+
+@pytest.mark.parametrize("name", [MEASURED[2], *SYNTHETIC])
+def test_a_low_order_is_worse(name: str) -> None:
+    """That the comparison above can fail: three stations are not enough for any curved shape."""
+    profile, L = EVERY[name]
+    error = _measures(profile, L, order=3) / _measures(profile, L) - 1
+    assert (np.max(np.abs(error)) < EXACT) == (name == "cylinder")
+
+
+def test_slope_is_that_of_the_line() -> None:
+    profile, L = TABLE_4_3[0.2625]
+    meridian = Meridian.of(profile, L)
+    x, _ = quadrature(profile.breakpoints(L))
+    h = 1e-5
+    rise = (profile.diameter(x + h, L) - profile.diameter(x - h, L)) / 2
+    np.testing.assert_allclose(meridian.slope, rise / (2 * h * L), atol=1e-9)  # central difference
+
+
+def test_quadrature_weights_and_order() -> None:
+    x, weights = quadrature(jnp.array([[0.2, 0.7], [0.1, 0.9]]), 7)
+    assert x.shape == weights.shape == (2, 21)
+    np.testing.assert_allclose(jnp.sum(weights, axis=-1), 1, rtol=EXACT)
+    assert bool(jnp.all((x > 0) & (x < 1) & (weights > 0)))
+
+
+def test_bladder_by_hand() -> None:
+    """Thickness, strains and their powers, written out in numpy on a fine even grid."""
+    profile, L = TABLE_4_3[0.2625]
+    line = Meridian.of(profile, L).inset(0.011)
+    bladder = Bladder(L0, 0.875, 0.0625)
+    x = (np.arange(20000) + 0.5) / 20000
+    radius = np.asarray(profile.diameter(x, L)) / 2 - 0.011
+    stretch = np.sqrt(1 + (np.gradient(radius, x) / L) ** 2)
+    area = 2 * np.pi * L * np.mean(radius * stretch)
+    t = float(bladder.volume) / area
+    strain = (radius - t / 2) / (0.4375 - 0.03125) - 1
+    coarse = 1e-7  # the midpoint rule's own error, h^2
+    assert float(line.thickness(bladder.volume)) == pytest.approx(t, rel=coarse)
+    assert float(line.axial_strain(L0)) == pytest.approx(L * np.mean(stretch) / L0 - 1, rel=coarse)
+    moments = [np.mean(strain**n) for n in range(1, 5)]
+    found = line.hoop_strain(bladder)
+    np.testing.assert_allclose([line.mean(found**n) for n in range(1, 5)], moments, rtol=coarse)
+
+
+def test_embedded_bladder_strains_with_the_line_itself() -> None:
+    bladder = Bladder(0.3, 0.02, 0.002, embedded=True)
+    line = Meridian.of(Cylinder(0.03), 0.25)
+    np.testing.assert_allclose(line.hoop_strain(bladder), 0.5, rtol=EXACT)
+    thickness = float(line.thickness(bladder.volume))
+    assert thickness == pytest.approx(float(bladder.thickness(0.25, 0.015)), rel=EXACT)
+
+
+def test_traced_negative_diameter_is_an_error() -> None:
+    @eqx.filter_jit
+    def volume(a0: jax.Array) -> jax.Array:
+        return Meridian.of(FourierProfile(a0, [1.0], [0.0], np.pi), 1.0).volume
+
+    assert float(volume(jnp.array(1.5))) > 0
+    with pytest.raises(RuntimeError, match="diameter of a profile must be > 0"):
+        volume(jnp.array(0.1)).block_until_ready()

@@ -1,12 +1,15 @@
+"""Rounded ends, compliant braids, and rigs that give way: what each reduces to, and by what it differs."""
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from muscles import GEOMETRIES, LATEX
+from muscles import CYLINDER_10, GEOMETRIES, LATEX
 
 import famjax
 from famjax.materials import SaturatingMaterial
+from famjax.muscle import SEATING_FORCE, give_way
 
 EXACT = 1e-12
 DIFFERENCE = 1e-6  # central differences of a function of order one
@@ -65,34 +68,6 @@ def test_values_and_gradients_are_finite_at_the_edges(muscle: famjax.Muscle, sta
         assert np.isfinite(leaf).all()
 
 
-def test_force_is_homogeneous_in_units(festo: famjax.Muscle) -> None:
-    inch, psi = 0.0254, 6894.757293168361
-    braid, bladder = festo.geometry.braid, festo.geometry.bladder
-    other = famjax.Muscle(
-        famjax.EstimatedGeometry(
-            famjax.Braid(braid.rest_thread_length / inch, braid.turns),
-            famjax.Bladder(
-                bladder.rest_length / inch,
-                bladder.rest_diameter / inch,
-                bladder.rest_thickness / inch,
-                embedded=True,
-            ),
-        ),
-        famjax.PolynomialMaterial(festo.material.coefficients / psi),
-        festo.deadband_pressure / psi,
-    )
-    lbf = psi * inch**2
-    np.testing.assert_allclose(
-        other.force(0.27 / inch, 4e5 / psi) * lbf, festo.force(0.27, 4e5), rtol=EXACT
-    )
-
-
-def test_blocked_force_is_at_rest_length(muscle: famjax.Muscle) -> None:
-    P = _states(muscle)[1]
-    rest = muscle.geometry.rest_length
-    np.testing.assert_array_equal(muscle.blocked_force(P), muscle.force(rest, P))
-
-
 def test_free_contraction_has_no_force_and_load_is_carried(muscle: famjax.Muscle) -> None:
     P = _states(muscle)[1][2:]
     blocked = muscle.blocked_force(P)
@@ -108,13 +83,6 @@ def test_without_bladder_the_free_contraction_is_the_braid_s(festo: famjax.Muscl
     limp = famjax.Muscle(festo.geometry, famjax.PolynomialMaterial([0.0]))
     expected = 1 - festo.geometry.braid.neutral_length / festo.geometry.rest_length
     assert float(limp.free_contraction(3e5)) == pytest.approx(float(expected), abs=1e-12)
-
-
-def test_unreachable_load_is_an_error_or_nan(festo: famjax.Muscle) -> None:
-    with pytest.raises(RuntimeError, match="no equilibrium length"):
-        festo.length_at_load(1e6, 4e5)
-    lengths = festo.length_at_load(jnp.array([100.0, 1e6]), 4e5, throw=False)
-    np.testing.assert_array_equal(np.isnan(lengths), [False, True])
 
 
 def test_path_modulus_of_a_linear_law_is_its_modulus(muscle: famjax.Muscle) -> None:
@@ -148,3 +116,193 @@ def test_path_modulus_is_the_slope_of_stress_along_the_path(name: str) -> None:
     strain = strains(steps) @ weights
     modulus = famjax.path_modulus(law, geometry, length, pressure)
     assert float(modulus) == pytest.approx(stress @ strain / (strain @ strain), rel=1e-8)
+
+
+def test_end_factor_of_one_is_no_end_effect(festo: famjax.Muscle) -> None:
+    ends = famjax.geometries.EndEffectGeometry(festo.geometry, 1.0)
+    muscle = famjax.Muscle(ends, festo.material, festo.deadband_pressure)
+    L, P = jnp.linspace(0.24, 0.296, 5), 4e5
+    np.testing.assert_allclose(muscle.force(L, P), festo.force(L, P), rtol=EXACT)
+    assert [float(end) for end in ends.length_range()] == pytest.approx(
+        [float(end) for end in festo.geometry.length_range()], rel=EXACT
+    )
+
+
+def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
+    """k = 1/(1 - l/L0): the part that contracts is shorter by l and otherwise the same muscle."""
+    k, rest = 1.12, 0.296
+    active = rest / k
+    short = festo.with_parameters({"rest_length": active})
+    ends = famjax.geometries.EndEffectGeometry(festo.geometry, k)
+    muscle = famjax.Muscle(ends, festo.material, festo.deadband_pressure)
+    L = jnp.linspace(0.25, 0.296, 7)
+    np.testing.assert_allclose(
+        muscle.force(L, 5e5), short.force(L - (rest - active), 5e5), rtol=1e-10
+    )
+    free = muscle.free_contraction(5e5)
+    assert float(free) == pytest.approx(float(festo.free_contraction(5e5)) / k, rel=1e-9)
+
+
+def test_compliant_braid_is_the_elastic_braid_of_linear_threads() -> None:
+    thread = famjax.braids.LinearThread(60e9, 2e-8)
+    elastic = famjax.ElasticBraid(0.33, 2.2, 0.0, 200.0, thread)
+    rigid = famjax.Braid(0.33, 2.2)
+    compliant = famjax.braids.CompliantBraid.of(rigid, 1 / (200.0 * 60e9 * 2e-8))
+    L, P = jnp.linspace(0.24, 0.3, 5), jnp.linspace(0, 8e5, 5)
+    np.testing.assert_allclose(
+        compliant.thread_length(L, P), elastic.thread_length(L, P), rtol=1e-12
+    )
+    none = famjax.braids.CompliantBraid.of(rigid, 0.0)
+    np.testing.assert_array_equal(none.thread_length(L, P), np.full(5, 0.33))
+    slope = jax.jit(
+        jax.grad(lambda c: famjax.braids.CompliantBraid.of(rigid, c).thread_length(0.28, 5e5))
+    )
+    h = 1e-9
+    wider = famjax.braids.CompliantBraid.of(rigid, h).thread_length(0.28, 5e5)
+    assert float(slope(0.0)) == pytest.approx(float(wider - 0.33) / h, rel=1e-4)
+    assert np.isnan(famjax.braids.CompliantBraid.of(rigid, 1.0).thread_length(0.28, 5e5))
+
+
+def test_onset_pressure_is_where_the_force_begins(festo: famjax.Muscle) -> None:
+    L = jnp.array([0.25, 0.27, 0.296])
+    onset = festo.onset_pressure(L, 2e6)
+    np.testing.assert_allclose(festo.force(L, onset), 0.0, atol=1e-8)
+    assert float(onset[2]) == pytest.approx(40e3, rel=1e-9)  # at rest: the deadband itself
+    assert np.isnan(festo.onset_pressure(0.25, 1e4, throw=False))
+
+
+def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
+    festo: famjax.Muscle,
+) -> None:
+    """At rest rounding alone keeps the force from zero; a stretched one pulls without pressure."""
+    for end_factor in (1.0, 1.1, 1.3):
+        ends = famjax.geometries.EndEffectGeometry(festo.geometry, end_factor)
+        muscle = famjax.Muscle(ends, festo.material, 0.0)
+        L0 = float(ends.rest_length)
+        assert float(muscle.onset_pressure(L0, 2e6)) == pytest.approx(0.0, abs=1e-3)  # Pa
+        assert np.isnan(muscle.onset_pressure(1.02 * L0, 2e6, throw=False))
+
+
+C = 1.8e-5  # m/N
+LINEAR_BELOW = 0.1  # N
+
+
+MUSCLE = famjax.Muscle(
+    CYLINDER_10.with_parameters({"braid_angle": np.radians(65), "rest_length": 0.28}),
+    famjax.PolynomialMaterial([0.4e6]),
+)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 0.7, 0.5, 0.3])
+def test_every_rig_gives_way_alike_at_the_seating_force(exponent: float) -> None:
+    at = float(give_way(SEATING_FORCE, C, exponent))
+    assert at == pytest.approx(C * SEATING_FORCE, rel=1e-6)
+    force = np.array([5.0, 40.0, 400.0])
+    power = C * SEATING_FORCE * (force / SEATING_FORCE) ** exponent
+    np.testing.assert_allclose(give_way(force, C, exponent), power, rtol=2e-4)
+    np.testing.assert_allclose(give_way(-force, C, exponent), -give_way(force, C, exponent))
+
+
+def test_near_no_force_every_rig_is_linear() -> None:
+    force = np.array([1e-9, 1e-4, 1e-3])
+    slope = give_way(force, C, 0.4) / force
+    np.testing.assert_allclose(slope, slope[0], rtol=1e-3)
+    assert np.isfinite(float(jax.grad(lambda F: give_way(F, C, 0.4))(0.0)))
+    # As stiff as the power is at the force below which it is linear.
+    assert slope[0] == pytest.approx(C * (LINEAR_BELOW / SEATING_FORCE) ** -0.6, rel=1e-6)
+
+
+@pytest.mark.parametrize("exponent", [None, 1.0, 0.5, 0.3])
+def test_a_mounted_muscle_balances(exponent: float | None) -> None:
+    mounted = famjax.MountedMuscle(MUSCLE, C, exponent)
+    x, P = jnp.linspace(0.24, 0.28, 7), 5e5
+    force = mounted.force(x, P)
+    np.testing.assert_allclose(force, MUSCLE.force(x - mounted.gives_way(force), P), rtol=1e-11)
+    assert (force < MUSCLE.force(x, P)).all()
+    if exponent == 1.0:
+        np.testing.assert_allclose(force, famjax.MountedMuscle(MUSCLE, C).force(x, P), rtol=1e-11)
+
+
+def test_another_muscle_in_the_same_rig() -> None:
+    mounted = famjax.MountedMuscle(MUSCLE, C, 0.5)
+    shorter = mounted.with_muscle(famjax.cut_to_length(MUSCLE, 0.2))
+    assert float(shorter.rest_length) == pytest.approx(0.2)
+    assert (shorter.compliance, shorter.exponent) == (C, 0.5)
+
+
+def test_its_numbers_are_declared() -> None:
+    declared = famjax.MountedMuscle(MUSCLE, C, 0.5).declared()
+    exponent = declared["series_exponent"]
+    assert (exponent.low, exponent.high, exponent.linear) == (0.3, 1.0, False)
+    assert "series_exponent" not in famjax.MountedMuscle(MUSCLE, C).declared()
+
+
+REST, OTHER = 0.3, 0.083
+BLADDER = famjax.Bladder(REST, 0.0098, 0.0016)
+BRAID = famjax.Braid.from_rest(diameter=0.0112, braid_angle=1.1, length=REST, thickness=3e-4)
+THREAD = famjax.braids.LinearThread(8e10, 8.6e-8)
+BRAIDS = {
+    "inextensible": BRAID,
+    "compliant": famjax.braids.CompliantBraid.of(BRAID, 4e-6),
+    "elastic": famjax.ElasticBraid(
+        BRAID.rest_thread_length, BRAID.turns, BRAID.thickness, 144, THREAD
+    ),
+}
+LAW = famjax.PolynomialMaterial([1.2e6, -0.4e6, 0.3e6])
+
+
+def muscle(kind: str, end_factor: float | None = None) -> famjax.Muscle:
+    geometry: famjax.geometries.AbstractGeometry = famjax.EstimatedGeometry(BRAIDS[kind], BLADDER)
+    if end_factor is not None:
+        geometry = famjax.geometries.EndEffectGeometry(geometry, end_factor)
+    return famjax.Muscle(geometry, LAW, 2e4)
+
+
+@pytest.mark.parametrize("kind", BRAIDS)
+def test_without_ends_the_force_depends_on_contraction_alone(kind: str) -> None:
+    long, c = muscle(kind), jnp.linspace(0, 0.25, 6)
+    short = famjax.cut_to_length(long, OTHER)
+    assert float(short.geometry.rest_length) == OTHER
+    np.testing.assert_allclose(
+        short.force(OTHER * (1 - c), 4e5), long.force(REST * (1 - c), 4e5), rtol=1e-9
+    )  # the elastic root is found to 1e-10
+
+
+def test_the_ends_keep_their_dead_length() -> None:
+    long = muscle("inextensible", 1.05)
+    short = famjax.cut_to_length(long, OTHER)
+    dead = REST * (1 - 1 / 1.05)
+    factor = short.geometry.end_factor
+    assert float(OTHER * (1 - 1 / factor)) == pytest.approx(dead, rel=EXACT)
+    again = famjax.cut_to_length(short, REST)
+    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(long), strict=True):
+        np.testing.assert_allclose(one, other, rtol=EXACT)
+
+
+class Wrapped(famjax.geometries.AbstractGeometry):
+    """A geometry of a modeller's own, which says how it is cut."""
+
+    inner: famjax.geometries.AbstractGeometry
+
+    def dimensions(self, length, pressure):
+        return self.inner.dimensions(length, pressure)
+
+    def length_range(self):
+        return self.inner.length_range()
+
+    def cut_to_length(self, rest_length):
+        return Wrapped(self.inner.cut_to_length(rest_length))
+
+    rest_length = property(lambda self: self.inner.rest_length)
+
+
+def test_a_geometry_of_ones_own_is_cut_and_has_a_volume() -> None:
+    plain = muscle("inextensible")
+    own = famjax.cut_to_length(famjax.Muscle(Wrapped(plain.geometry), LAW, 2e4), OTHER)
+    short = famjax.cut_to_length(plain, OTHER)
+    at = 0.9 * OTHER, 4e5
+    assert float(own.force(*at)) == float(short.force(*at))
+    assert float(own.volume(*at)) == float(short.volume(*at))
+    np.testing.assert_array_equal(own.stops(), own.length_range())  # it names no braid
+    lock, straight = short.stops()
+    assert float(lock) < OTHER < float(straight) == float(short.geometry.braid.rest_thread_length)

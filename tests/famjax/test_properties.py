@@ -19,7 +19,7 @@ from jax.flatten_util import ravel_pytree
 import famjax
 from famjax import braids, geometries, profiles, surfaces, terms
 from famjax.design import Combination
-from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian, maximum_diameter
+from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian
 from famjax.muscle import give_way
 from famjax.profiles import FourierProfile
 from famjax.slip import MaxwellSlip, SlipElements
@@ -96,16 +96,13 @@ def formula_cases() -> Iterator[tuple[str, Case]]:
 MIDDLE, END, A = 2.2, 0.9, 1.1
 SHAPES: dict[str, profiles.AbstractProfile] = {
     "cylinder": profiles.Cylinder(MIDDLE),
-    "stepped": profiles.SteppedCylinder(MIDDLE, END, A),
-    "frustum": profiles.ConicFrustumEnds(MIDDLE, END, A),
-    "ellipsoid": profiles.SemiEllipsoidEnds(MIDDLE, END, A),
-    "circular": profiles.CircularArcEnds(MIDDLE, END),
+    "circular": profiles.EllipticToroidEnds(MIDDLE, END, (MIDDLE - END) / 2),
     "toroid": profiles.EllipticToroidEnds(MIDDLE, END, A, 1.0),
     "fourier": FourierProfile(1.27, [-0.83, 0.29, 0.18], [1.20, 0.75, 0.04], 4.347),
 }
 FAMILIES: dict[str, Callable[[], surfaces.AbstractProfileFamily]] = {
     "assumed": lambda: surfaces.AssumedShapeFamily(
-        known.KEVLAR, profiles.CircularArcEnds(9.9, 0.863)
+        known.KEVLAR, profiles.EllipticToroidEnds(9.9, 0.863, 1.1)
     ),
     "measured": lambda: known.two_profiles(known.INELASTIC),
     "measured, elastic": lambda: known.two_profiles(known.KEVLAR),
@@ -140,8 +137,6 @@ def shape_cases() -> Iterator[tuple[str, Case]]:
     for name in ("fourier", "circular"):
         # 1 - x near the far end keeps four digits where the tangent is vertical.
         yield f"{name} measures", Case(measures, SHAPES[name], (length[:2],), 1e-4)
-    profile = SHAPES["fourier"]  # not symmetric: with one maximum
-    yield "maximum diameter", Case(maximum_diameter, profile, (length,), difference=1e-5)
 
 
 # ---- threads, braids, laws, geometries, terms
@@ -163,12 +158,6 @@ BY_STATE = (LENGTHS, PRESSURES)
 
 def force(muscle: famjax.AbstractMuscle, length: jax.Array, pressure: jax.Array) -> jax.Array:
     return muscle.force(length, pressure)
-
-
-def friction(model: tuple, length: jax.Array, pressure: jax.Array, v: jax.Array) -> jax.Array:
-    term, geometry = model
-    at = geometry.dimensions(length, pressure)
-    return term.force(at, pressure, terms.smooth_sign(v, 1.0))
 
 
 def stresses(law: famjax.materials.AbstractMaterial, axial, hoop, pressure) -> jax.Array:
@@ -193,13 +182,6 @@ def part_cases() -> Iterator[tuple[str, Case]]:
         braid = known.KEVLAR if "virtual" in name else known.INELASTIC
         muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, known.SPECIMEN), term)
         yield f"{name} term", Case(force, muscle, BY_STATE)
-    for name in ("thread friction", "pressure friction"):
-        model = (known.TERMS[name].law, known.CYLINDER)
-        at = (*BY_STATE, np.array([0.5, 0.0, -0.2]))
-        yield f"{name} of a velocity", Case(friction, model, at)
-    for name in ("estimated", "elastic"):
-        geometry = known.GEOMETRIES[name]()
-        yield f"virtual work, {name}", Case(terms.virtual_work_force, geometry, BY_STATE)
     for cls in (MeasuredGeometry, AverageDiameterGeometry):
         make = lambda cls=cls: famjax.Muscle(  # noqa: E731
             cls(known.measured_family(known.KEVLAR), known.SPECIMEN), known.LATEX
@@ -282,7 +264,7 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
 CASES = dict([*formula_cases(), *shape_cases(), *part_cases(), *muscle_cases()])
 SLOW = (
     "measured", "sampled", "average", "toe geometry", "table 4.3", "at thread length",
-    "virtual work term", "virtual work, elastic", " in a rig", "onset", "path modulus",
+    "virtual work term", " in a rig", "onset", "path modulus",
     "toe braid at", "elastic muscle", "ogden", "at a load", "free contraction",
 )  # fmt: skip
 EVERY = [
@@ -379,13 +361,11 @@ def test_a_model_is_pickled_and_prints_its_class(case: Case) -> None:
     model = case.made()
     again = pickle.loads(pickle.dumps(model))
     assert bool(eqx.tree_equal(again, model))
-    for part in model if isinstance(model, tuple) else (model,):
-        assert type(part).__name__ in repr(part)
+    assert type(model).__name__ in repr(model)
 
 
 WITH_TESTS_OF_THEIR_OWN = {
-    "cylinder_dimensions", "smooth_sign", "strain_under_line", "thread_contact_area", "thread_tension",
-    "virtual_work_force", "volume_rate",
+    "cylinder_dimensions", "strain_under_line", "thread_tension"
 }  # fmt: skip
 
 

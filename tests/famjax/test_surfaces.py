@@ -13,7 +13,7 @@ import famjax
 from famjax import Braid
 from famjax.braids import AbstractBraid, diameter_from_length
 from famjax.measured import Meridian
-from famjax.profiles import CircularArcEnds, ConicFrustumEnds, FourierProfile
+from famjax.profiles import EllipticToroidEnds, FourierProfile
 from famjax.surfaces import (
     AbstractProfileFamily,
     AssumedShapeFamily,
@@ -102,16 +102,6 @@ def test_reproduces_polynomials_of_its_degree(count: int, degree: int) -> None:
     )
 
 
-def test_second_derivative_is_continuous() -> None:
-    family = _family(EVEN)
-    bend = jax.jit(jax.vmap(jax.grad(jax.grad(lambda L: family.diameter(0.3, L, 100.0)))))
-    lengths = np.asarray(family.lengths)
-    for length in lengths[1:-1]:
-        before, after = bend(length + np.array([-1e-9, 1e-9]))
-        assert float(before) == pytest.approx(float(after), rel=1e-6)  # third derivative x 1e-9
-    assert abs(float(bend(lengths[[1, 1]])[0])) > 1e-3  # a curve, not a line
-
-
 def test_range_and_beyond() -> None:
     family = _family(EVEN, margin=0.1)
     shortest, longest = (float(end) for end in family.length_range())
@@ -137,31 +127,26 @@ def test_pressure_scales_by_the_triangle() -> None:
     assert (low < high).all()
 
 
-def test_inelastic_braid_knows_no_pressure() -> None:
-    family = _family(EVEN)
-    low, high = (_diameter(family, X, 8.0, np.array(pressure)) for pressure in (0.0, 200.0))
-    np.testing.assert_array_equal(low, high)
-
-
 @pytest.mark.slow
 def test_kinks_are_those_of_every_profile() -> None:
-    shapes = [ConicFrustumEnds(1.2, 0.9, 1.0), ConicFrustumEnds(1.9, 0.9, 1.5)]
+    shapes = [EllipticToroidEnds(1.2, 0.9, 1.0), EllipticToroidEnds(1.9, 0.9, 1.5)]
     family = MeasuredFamily([10.0, 6.0], shapes, 100.0, Braid(12.0, 1.0))
     np.testing.assert_allclose(family.kinks, [0.1, 0.25, 0.75, 0.9], rtol=EXACT)
-    # Each is a cylinder less two triangles of its end's share; half-way D is the mean of the two.
-    mean = (1.2 - (1.2 - 0.9) * 0.1 + 1.9 - (1.9 - 0.9) * 0.25) / 2
-    at_8 = float(Meridian.of(family.at(100.0), 8.0, order=4).mean_diameter)
-    assert at_8 == pytest.approx(mean, rel=EXACT)
+    # Each is a cylinder less what quarter ellipses leave of its ends; half-way D is the mean of the two.
+    left = 2 * (1 - np.pi / 4)
+    mean = (1.2 - (1.2 - 0.9) * 0.1 * left + 1.9 - (1.9 - 0.9) * 0.25 * left) / 2
+    at_8 = float(Meridian.of(family.at(100.0), 8.0).mean_diameter)
+    assert at_8 == pytest.approx(mean, rel=1e-9)
 
 
 def test_assumed_shape_follows_the_triangle() -> None:
-    family = AssumedShapeFamily(ELASTIC, CircularArcEnds(9.9, 0.863))
+    family = AssumedShapeFamily(ELASTIC, EllipticToroidEnds(9.9, 0.863, 1.1))
     L, P = jnp.array([6.5, 7.0, 8.0]), 80.0
     triangle = diameter_from_length(L, ELASTIC.thread_length(L, jnp.array(P)), 1.09)
     np.testing.assert_allclose(_diameter(family, 0.5, L, P), triangle, rtol=EXACT)
     np.testing.assert_allclose(_diameter(family, 0.0, L, P), 0.863, rtol=EXACT)
     volume = eqx.filter_jit(lambda profile, length: Meridian.of(profile, length).volume)
-    one = volume(CircularArcEnds(triangle[1], 0.863), 7.0)
+    one = volume(EllipticToroidEnds(triangle[1], 0.863, 1.1), 7.0)
     assert float(volume(family.at(P), 7.0)) == pytest.approx(float(one), rel=EXACT)
     batch = volume(family.at(P), L)
     assert float(batch[1]) == pytest.approx(float(one), rel=EXACT)
@@ -181,12 +166,6 @@ def diameters() -> np.ndarray:
 @pytest.fixture
 def surface() -> SampledSurface:
     return SampledSurface(LENGTHS, PRESSURES, diameters(), BRAID)
-
-
-def test_it_goes_through_its_samples(surface: SampledSurface) -> None:
-    for k, pressure in enumerate(PRESSURES):
-        found = surface.diameter(STATIONS, LENGTHS[:, None], pressure)
-        np.testing.assert_allclose(found, diameters()[k], rtol=1e-12)
 
 
 def test_between_them_it_is_the_spline_of_scipy(surface: SampledSurface) -> None:

@@ -1,12 +1,24 @@
 """Multipliers of units against an independent library of units."""
 
+import json
+import pickle
 import re
 
 import pint
 import pytest
 
-from famjax.boundary.units import UNITS, factor, from_si, si_unit, to_si
-from fitting import InputError
+from famjax.boundary.errors import InputError
+from famjax.boundary.units import (
+    UNITS,
+    Quantity,
+    Sentence,
+    factor,
+    from_si,
+    sentence_in_units,
+    si_unit,
+    text_in_units,
+    to_si,
+)
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(k, u) for k, units in UNITS.items() for u in units])
@@ -24,3 +36,48 @@ def test_multipliers_are_those_of_pint(kind: str, unit: str) -> None:
 def test_an_unknown_unit_is_refused_with_those_known() -> None:
     with pytest.raises(InputError, match=r"'mmHg' is not a known unit of pressure.*kPa"):
         factor("mmHg", "pressure")
+
+
+INNER = Sentence("the length ", Quantity(0.25, "length"))
+WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 3), ".")
+
+
+@pytest.mark.parametrize(
+    ("system", "text"),
+    [
+        ("metric", "It seems that the length 250 mm pulls 44.5 N."),
+        ("us", "It seems that the length 9.843 in pulls 10 lbf."),
+        ("si", "It seems that the length 0.25 m pulls 44.5 N."),
+    ],
+)
+def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, text: str) -> None:
+    assert sentence_in_units(WHOLE, system) == text
+    assert sentence_in_units(text, "us") == text  # a text has no quantities to change
+
+
+def test_as_it_stands_it_is_a_metric_text() -> None:
+    assert sentence_in_units(WHOLE, "metric") == WHOLE
+    assert json.loads(json.dumps([WHOLE])) == [WHOLE]
+    assert sentence_in_units(pickle.loads(pickle.dumps(WHOLE)), "us") == sentence_in_units(
+        WHOLE, "us"
+    )
+    with pytest.raises(InputError, match="units must be one of"):
+        sentence_in_units(WHOLE, "imperial")
+
+
+@pytest.mark.parametrize(
+    ("text", "system", "shown"),
+    [
+        ("At 137895 Pa from 0.2359 m to 0.1588 m.", "metric", "At 137.9 kPa from 235.9 mm to 158.8 mm."),
+        ("At 137895 Pa from 0.2359 m to 0.1588 m.", "us", "At 20 psi from 9.287 in to 6.252 in."),
+        ("199 shapes, 158.8 to 235.7 mm, 15.3 um", "us", "199 shapes, 6.252 to 9.28 in, 0.0006024 in"),
+        ("199 shapes, 158.8 to 235.7 mm, 15.3 um", "metric", "199 shapes, 158.8 to 235.7 mm, 15.3 um"),
+        ("9.84e-05 m of 3 lengths in 1 gaps, 1.02 s", "metric", "0.0984 mm of 3 lengths in 1 gaps, 1.02 s"),
+        ("2 N/mm and 3 Nm, DMSP-20 N", "us", "2 N/mm and 3 Nm, DMSP-20 N"),
+    ],
+)  # fmt: skip
+def test_what_is_read_back_from_a_file_follows_the_units(
+    text: str, system: str, shown: str
+) -> None:
+    assert text_in_units(text, system) == shown
+    assert text_in_units(text_in_units(text, system), system) == shown

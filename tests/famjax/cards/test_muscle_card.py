@@ -22,10 +22,7 @@ L0, P = known.L0, 1.5
 NARROW = famjax.profiles.EllipticToroidEnds(1.7, 0.9, 1.1, 1.0)
 PROFILES = (
     famjax.profiles.Cylinder(1.0),
-    famjax.profiles.SteppedCylinder(1.2, 0.9, 1.1),
-    famjax.profiles.ConicFrustumEnds(1.4, 0.9, 1.1),
-    famjax.profiles.SemiEllipsoidEnds(1.5, 0.9, 1.1),
-    famjax.profiles.CircularArcEnds(1.6, 0.9),
+    famjax.profiles.EllipticToroidEnds(1.4, 0.9, 1.1),
     NARROW,
     famjax.surfaces.IsobaricProfile(
         famjax.surfaces.AssumedShapeFamily(known.INELASTIC, NARROW), 50.0
@@ -56,7 +53,6 @@ GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
 }
 SUMS_OF_TERMS = {
     "terms": famjax.Muscle(known.CYLINDER, [*known.TERMS.values()]),
-    "pressure friction": famjax.Muscle(known.CYLINDER, known.TERMS["pressure friction"]),
 }
 MUSCLES = [*GEOMETRIES, *known.LAWS, *SUMS_OF_TERMS]
 BASES = (
@@ -67,7 +63,6 @@ BASES = (
     famjax.profiles.AbstractProfile,
     famjax.surfaces.AbstractProfileFamily,
     famjax.terms.AbstractForceTerm,
-    famjax.terms.AbstractFriction,
     famjax.Bladder,
     famjax.Muscle,
 )
@@ -157,7 +152,7 @@ def test_units_are_in_the_keys() -> None:
     }
     assert held["margin"] == 0.01
     assert held["lengths_m"] == np.asarray(family().lengths).tolist()
-    assert held["profiles"][5]["arc_angle_rad"] == 1.0
+    assert held["profiles"][2]["arc_angle_rad"] == 1.0
     assert muscle_as_dict(muscle_named("ogden"))["material"]["exponents"] == [1.3, 5.0, -2.0]
     assert muscle_as_dict(muscle_named("terms"))["terms"][-1] == {
         "type": "Spring",
@@ -237,7 +232,7 @@ def test_a_card_that_was_edited_is_explained(path: tuple, value: object, message
 def test_what_a_class_refuses_is_explained() -> None:
     card = muscle_as_dict(muscle_named("average"))
     card["geometry"]["family"]["profiles"][-1]["a0_m"] = -1.0
-    with pytest.raises(InputError, match=r"profiles\[7\] of the muscle card is no FourierProfile"):
+    with pytest.raises(InputError, match=r"profiles\[4\] of the muscle card is no FourierProfile"):
         muscle_from_dict(card)
     card["geometry"]["family"]["profiles"] = {}
     with pytest.raises(InputError, match=r"family\.profiles of the muscle card must be a list"):

@@ -7,7 +7,7 @@ import pytest
 from jax.test_util import check_grads
 
 import famjax
-from famjax.control import Outcome, pressure_for_force
+from famjax.control import Antagonist, Outcome, Pulley, pressure_for_force
 
 HIGH = 6e5
 ROUND_TRIP = 1e-6  # Pa
@@ -93,3 +93,50 @@ def test_one_that_is_not_attained_leaves_the_derivatives_of_the_others(
     among = slope(40e3, jnp.array([400.0, 1e5, 10.0]), jnp.array([0.27, 0.27, -1.0]))
     np.testing.assert_allclose(among, alone, rtol=1e-12)
     np.testing.assert_allclose(alone, 1.0, rtol=1e-9)  # the deadband shifts all pressures
+
+
+def test_codes_to_words_in_one_call() -> None:
+    codes = jnp.array([[0, 1], [8, 11]])
+    assert Outcome.words(codes).tolist() == [
+        ["FEASIBLE", "FORCE_LOW"],
+        ["NO_STATE", "BEYOND_ANGLES"],
+    ]
+    assert Outcome.words(jnp.array(2)) == "FORCE_HIGH"
+    assert Outcome.words(2, messages=True) == f"FORCE_HIGH: {Outcome.FORCE_HIGH.message}"
+    assert str(Outcome.SLACK).startswith("SLACK: a muscle is too short for the least pull")
+    with pytest.raises(ValueError, match="99"):
+        Outcome.words([0, 99])
+
+
+def test_an_answer_shows_its_numbers_and_words(festo: famjax.Muscle) -> None:
+    one = pressure_for_force(festo, 100.0, 0.28, (0.0, HIGH))
+    assert repr(one) == (
+        f"InversePressure(pressure={float(one.pressure):.6g}, force={float(one.force):.6g}, "
+        "outcome=FEASIBLE)"
+    )
+    assert one.outcome == "FEASIBLE"
+    many = pressure_for_force(festo, np.array([100.0, 1e5]), 0.28, (0.0, HIGH))
+    assert many.outcome.tolist() == ["FEASIBLE", "FORCE_HIGH"]
+    assert "600000" in repr(many)
+    assert "FORCE_HIGH" in repr(many)
+    traced = []
+    jax.jit(lambda force: traced.append(repr(pressure_for_force(festo, force, 0.28, (0.0, HIGH)))))(
+        1.0
+    )
+    assert "InversePressure" in traced[0]  # without numbers, which are not known yet
+
+
+@pytest.mark.slow
+def test_an_angle_beyond_the_joint_has_an_outcome_of_its_own(festo: famjax.Muscle) -> None:
+    pair = Antagonist(
+        festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.275)), (0.0, HIGH), (-0.1, 0.1)
+    )
+    angles = np.array([-0.1, 0.1, 0.3, -0.3])
+    expected = ["FEASIBLE", "FEASIBLE", "BEYOND_ANGLES", "BEYOND_ANGLES"]
+    assert pair.torque_range(angles).outcome.tolist() == expected
+    range_ = pair.stiffness_range(angles)
+    assert range_.outcome.tolist() == expected
+    assert np.isnan(range_.lowest).tolist() == [False, False, True, True]
+    found = pair.pressures_for(angles, float(range_.lowest[0] + range_.highest[0]) / 2)
+    assert found.outcome.tolist() == expected
+    assert np.isnan(found.flexor).tolist() == [False, False, True, True]
