@@ -315,6 +315,19 @@ def _plants() -> Iterator[Row]:
             command="famjax.plant.simulate", data="simulated plant", part="fills, strokes, a dump",
         )  # fmt: skip
     yield from rows(
+        "tuned gains", "plants:tuned",
+        ("air, pressure RMS [psi]", "<=", 0.25, "the noise of the transducer"),
+        ("water, pressure RMS [psi]", "<=", 0.35, "the noise of the transducer, and the pump's lag"),
+        ("air, published gains over tuned", ">=", 2, "else nobody would tune"),
+        ("water, published gains over tuned", ">=", 2, "else nobody would tune"),
+        ("air, overshoot of 20 psi [%]", "<=", 10, "2 psi of a step"),
+        ("water, overshoot of 20 psi [%]", "<=", 10, "2 psi of a step"),
+        ("air, highest pressure [psi]", "<=", 115, "the limit: no trip"),
+        ("water, highest pressure [psi]", "<=", 115, "the limit: no trip"),
+        ("force between fluids [lbf]", "<=", 2, "five times the load cell's noise"),
+        command="famjax rig tune", data="simulated rig", part="8 of 16 plants, not tuned for", seed=0,
+    )  # fmt: skip
+    yield from rows(
         "plant, cost", "plants:costs",
         ("gradient over simulation", "<=", 8, "reverse mode, with what it keeps"),
         ("256 plants over one", "<=", 100, "else a loop would do"),

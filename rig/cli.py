@@ -133,7 +133,7 @@ def monitor(
 
     known = read_calibration(calibration) if calibration else None
     end = monotonic() + (seconds or math.inf)
-    with _opened(port, baud) as link:
+    with opened(port, baud) as link:
         while monotonic() < end:
             link.sleep(1.0)
             settings = link.session.settings
@@ -171,13 +171,13 @@ def acknowledge(
     from rig.protocol import TRIP
 
     known = read_calibration(calibration) if calibration else None
-    with _opened(port, baud) as link:
+    with opened(port, baud) as link:
         status = control.device_status(link)
         if status.state != TRIP:
             print("the device is not tripped")
             return 0
         print(f"tripped: {control.trip_text(status, known)}")
-        _confirm("Was the cause found? Type yes to acknowledge: ", "acknowledged", yes=yes)
+        confirm("Was the cause found? Type yes to acknowledge: ", "acknowledged", yes=yes)
         control.acknowledge(link, known)
     print("acknowledged: the device is in SAFE, its dump valve open")
     return 0
@@ -226,7 +226,7 @@ def calibrate_sensor(
     applied = [parse_quantity(text, sensor) for text in reference]
     counts, board = list(reading), 0
     if not counts:
-        with _opened(port, baud) as link:
+        with opened(port, baud) as link:
             board = numbered(link)
             for text in reference:
                 _typed(f"Apply {text} and press Enter: ")
@@ -285,14 +285,14 @@ def calibrate_pump(
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
     calibration = read_calibration(test.calibration)
-    _tell_preconditions(test)
+    tell_preconditions(test)
     what = f"{len(STEPS)} steps of the pump, the controller off"
-    _confirm(f"{what}. {PRESSURISE}", "started", yes=yes)
+    confirm(f"{what}. {PRESSURISE}", "started", yes=yes)
 
     def tell(output: int, pressure: float) -> None:
         print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
 
-    with _opened(port, baud) as link, rig_of(test, link, calibration) as rig:
+    with opened(port, baud) as link, rig_of(test, link, calibration) as rig:
         found = calibrate_feed_forward(rig, STEPS, tell=tell)
     update_calibration(test.calibration, "feed_forward", found)
     low, high = (pressure_text(P, test.unit) for P in found.pressure_range)
@@ -357,7 +357,7 @@ def run(
 
     test = read_plan(plan)
     entries = parse_entries(meta, "meta", "operator=A")
-    _tell_preconditions(test)
+    tell_preconditions(test)
     port = port if dry_run else _known_port(port)
     photographer = None if camera is None else CameraCommand(camera)
     calibration, first = prepare(test, output, resume=resume, camera=photographer)
@@ -368,12 +368,12 @@ def run(
         return 0
     if start == "asked" and not _at_terminal():
         raise RigError("--start asked waits for a word, and here is no terminal: at-once or load")
-    _confirm(f"{lasts} of strokes and rests. {PRESSURISE}", "started", yes=yes)
+    confirm(f"{lasts} of strokes and rests. {PRESSURISE}", "started", yes=yes)
     operator = operator_of(calibration, units)
     output.mkdir(parents=True, exist_ok=True)
     journal = output / JOURNAL
     try:
-        with _opened(port, baud) as link:
+        with opened(port, baud) as link:
             record_test(
                 test, link, calibration, journal, first_block=first, append=resume, meta=entries,
                 attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
@@ -568,7 +568,7 @@ def _known_port(port: str | None) -> str:
     )
 
 
-def _opened(port: str | None, baud: int) -> Any:
+def opened(port: str | None, baud: int) -> Any:
     """The link to a device at a port."""
     from rig import link
 
@@ -580,7 +580,7 @@ def _at_terminal() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _tell_preconditions(test: Any) -> None:
+def tell_preconditions(test: Any) -> None:
     """Print what must hold before the circuit of a test is pressurised and software cannot check."""
     from rig.calibration import pressure_text
 
@@ -597,7 +597,7 @@ def _typed(question: str) -> str:
         raise RigError("standard input ended before the question was answered") from None
 
 
-def _confirm(question: str, done: str, *, yes: bool) -> None:
+def confirm(question: str, done: str, *, yes: bool) -> None:
     """Ask a person, and end the command unless the answer is yes."""
     if yes:
         return

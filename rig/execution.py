@@ -27,6 +27,7 @@ from .protocol import Sample
 JOURNAL = "test.fam"  # name of a test's journal in its folder
 LOAD_TIME = 60.0  # s within which the load has to show the first stroke
 _SECOND = 20  # looks
+_RISING = 0.1  # s between two set pressures on the way to the next
 
 # An attendant's request: none; strokes are under way, or go on; pause with the pressure held, or go on.
 Request = Literal["", "begin", "pause"]
@@ -299,13 +300,25 @@ class _Run:
         for block, pressure in list(enumerate(plan.pressures))[first:]:
             self._block = block
             rig.note("block", block=block, pressure_Pa=pressure)
-            rig.set_pressure(pressure)
-            end = self._done + plan.settle
-            while self._done < end - 1e-9:
-                self._look("settling", end - self._done)
+            begin, before = self._done, self._begins()
+            rig.set_pressure(before if plan.rise else pressure)
+            while (left := begin + plan.settle - self._done) > 1e-9:
+                self._look("settling", min(left, _RISING if rig.set_point != pressure else left))
+                share = min((self._done - begin) / plan.rise, 1.0) if plan.rise else 1.0
+                if rig.set_point != pressure:
+                    sent = rig.link.now
+                    rig.set_pressure(
+                        pressure if share == 1 else before + share * (pressure - before)
+                    )
+                    self._done += rig.link.now - sent
             self._wait_for_the_first()
             self._strokes()
             rig.note("done", block=block)
+
+    def _begins(self) -> float:
+        """The set pressure [Pa] from which it rises, which the feed-forward knows."""
+        last, known = self._rig.set_point, self._rig.calibration.feed_forward.pressure_range[0]
+        return max(0.0 if math.isnan(last) else last, known)
 
     def _strokes(self) -> None:
         """Until the machine is done, or for as long as its strokes last, with photographs."""

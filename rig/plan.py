@@ -35,6 +35,7 @@ class Isobaric:
         stroke: of the test machine [m], > 0.
         rate: of the crosshead [m/s], > 0.
         settle: time at the pressure before the first stroke [s], >= 0.
+        rise: time [s] of it in which the set pressure goes evenly to the next one; 0 for a step.
         photograph_every: time between triggers of the camera during strokes [s]; 0 for none.
     """
 
@@ -47,9 +48,15 @@ class Isobaric:
     rate: Positive
     settle: NotNegative = 10.0
     photograph_every: NotNegative = 0.0
+    rise: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, RigError)
+        if self.rise > self.settle:
+            raise RigError(
+                f"the rise of the set pressure is a part of the settling: rise_s must be at most "
+                f"settle_s, {self.settle:g}; got {self.rise:g}"
+            )
 
     @property
     def stroke_seconds(self) -> float:
@@ -116,6 +123,7 @@ def read_plan(path: str | Path) -> PlanFile:
     stroke_in = 2.0
     rate_in_per_s = 0.04
     settle_s = 10
+    rise_s = 1
 
     [rig]
     circuit = "air"
@@ -187,7 +195,7 @@ class _RigTable:
 _LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
 _PLAN_FORM = Form(
     {"pressures": "pressure", "stroke": "length", "rate": "rate"}
-    | dict.fromkeys(("settle", "photograph_every"), "time")
+    | dict.fromkeys(("settle", "photograph_every", "rise"), "time")
 )
 _RIG_FORM = Form(
     {"pressure_limit": "pressure", "jump_limit": "pressure", "frozen": "time", "stall": "time"},

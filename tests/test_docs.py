@@ -25,7 +25,7 @@ LONG = [
     *(DOCS / "concepts" / "bands.md", DOCS / "concepts" / "shape.md"),
     *(
         HOW_TO / f"{page}.md"
-        for page in ("design", "robotics", "jax-modeller", "matlab", "large-work")
+        for page in ("design", "robotics", "jax-modeller", "matlab", "large-work", "tune-rig")
     ),
 ]
 """Pages whose examples take more than five seconds each."""

@@ -33,8 +33,9 @@ COMMANDS = (
     f"{_HERE}.dynamics:simulate", f"{_FITTING}.several:sweep",
 )  # fmt: skip
 """Where each command is, `module:function`."""
-RIG_COMMANDS = tuple(
-    f"{_HERE}.commands:rig_{name}" for name in ("characterise", "convert", "simulate")
+RIG_COMMANDS = (
+    *(f"{_HERE}.commands:rig_{name}" for name in ("characterise", "convert", "simulate")),
+    *(f"{_HERE}.tuning:rig_{name}" for name in ("step", "tune")),
 )
 """Commands of the rig that need the muscle or the records; all others are in `rig.cli`."""
 _MOUNTED = {f"{_HERE}.commands:measure": "imaging.cli:measure"}

@@ -199,11 +199,11 @@ def _controller(tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit") 
     return PressureController(
         gains.proportional_counts_per_psi * per_psi,
         gains.integral_counts_per_psi_s * per_psi,
-        _feed_forward(circuit),
+        feed_forward(circuit),
     )
 
 
-def _feed_forward(circuit: "AbstractCircuit") -> Any:
+def feed_forward(circuit: "AbstractCircuit") -> Any:
     """Coefficients of the output that holds a pressure, as a calibration of the rig finds them."""
     from famjax.units import PSI
     from rig.calibration import fit_feed_forward

@@ -78,6 +78,20 @@ def reference_muscle() -> famjax.Muscle:
     return famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), latex)
 
 
+def simulate_device(test: PlanFile, folder: str | Path, *, seed: int = 0) -> Path:
+    """Carry out a test against a simulated rig whose machine stays where it is; the journal's path.
+
+    Raises:
+        RigError: as `Rig` and `run`.
+    """
+    path, muscle = Path(folder) / JOURNAL, LinearMcKibben()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    machine = machine_for(muscle, MachineClock(), seed=seed + 2)
+    rig = SimulatedRig(CIRCUITS[test.circuit](), muscle, machine, seed=seed)
+    record_test(test, VirtualLink(rig), rig.calibration(), path)
+    return path
+
+
 def simulate(
     test: PlanFile,
     folder: str | Path,

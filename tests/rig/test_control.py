@@ -2,6 +2,7 @@
 
 # ruff: noqa: PT012 -- the way out of a with block is what is tested
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -187,6 +188,18 @@ def test_a_small_muscle_trips_on_a_large_step_until_the_plan_allows_it() -> None
     with pytest.raises(RigFault, match=r"TRIP by itself: jump.*raise jump_limit_<unit>"):
         step()
     assert step(jump_limit=60 * PSI) == pytest.approx(80 * PSI, abs=PSI)
+
+
+def test_the_set_pressure_rises_evenly_where_the_plan_says_so(tmp_path: Path) -> None:
+    path, sim = tmp_path / "run.fam", SimulatedRig()
+    with journal_of(path, sim) as journal, opened(sim, journal) as rig:
+        run(rig, dataclasses.replace(PLAN, rise=2.0), machine=sim.machine)
+    columns = table(read_journal(path))
+    block = (columns["block"] == 1) & (columns["state"] == RUN)
+    time, wanted = columns["time_s"][block], columns["set_pressure_Pa"][block] / PSI
+    even = np.interp(time - time[0], [0.0, 2.0], [20.0, 40.0])
+    assert np.abs(wanted - even).max() < 1.2  # steps of 0.1 s
+    assert wanted[-1] == pytest.approx(40, abs=0.01)
 
 
 def test_sync_raises_the_pin_for_whole_records(tmp_path: Path) -> None:

@@ -1,0 +1,337 @@
+"""The commands `famjax rig step` and `famjax rig tune`: a small test, and gains that suit the rig."""
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+from famjax.boundary.errors import InputError
+from famjax.boundary.files import write_all
+from famjax.boundary.units import parse_quantity, unit_system
+from famjax.compilation_cache import start_jax
+from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows, progress
+from rig.cli import ended_in_words
+
+if TYPE_CHECKING:
+    from famjax import AbstractMuscle
+    from famjax.plant import Plant
+    from fitting.plant import PlantRecord
+    from rig.journal import Record
+    from rig.plan import PlanFile
+
+_STEPS = 6  # up and down
+_RISE, _ROOM = 20.0, 15.0  # psi: of a step at most, and from its top to the limit
+_SETTLE, _HOLD = 4.0, 0.5  # s at each pressure
+_STAYS = 1e-4  # m: a machine that is not moved
+_DRAWS = 8
+_HELD = {"air": ("dead_volume", 0.3), "water": ("displacement", 0.05)}
+"""What a muscle at one length does not tell, as all flows could be larger alike; and its spread."""
+
+
+def rig_step(
+    plan: Path,
+    *,
+    port: str | None = None,
+    baud: int = 115200,
+    simulate: bool = False,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("famjax-step"),
+    yes: bool = False,
+) -> int:
+    """Record the small step test from which `famjax rig tune` learns the rig.
+
+    The pressure goes up and down between the lowest of the plan and at most 20 psi more, with the gains of
+    the plan, and trips 15 psi above that. Hold the muscle at its rest length; the machine stays where it
+    is. Writes `test.fam` into the output folder; the rig vents however this ends.
+
+    Parameters
+    ----------
+    plan
+        TOML file with the tables [plan] and [rig], of the test for which the gains are wanted.
+    port
+        A serial port or socket://host:port.
+    baud
+        Of the firmware.
+    simulate
+        Carry it out against a simulated rig.
+    output
+        Folder for the journal, created if missing.
+    yes
+        Start without asking, for scripts.
+    """
+    start_jax()
+    from rig import cli
+    from rig.execution import JOURNAL, prepare, record_test
+    from rig.plan import read_plan
+
+    with ended_in_words():
+        test = step_test(read_plan(plan))
+        if simulate:
+            from .simulation import simulate_device
+
+            simulate_device(test, output)
+        else:
+            cli.tell_preconditions(test)
+            calibration, _ = prepare(test, output)
+            cli.confirm(f"{_STEPS} steps of the pressure. {cli.PRESSURISE}", "started", yes=yes)
+            output.mkdir(parents=True, exist_ok=True)
+            with cli.opened(port, baud) as link:
+                record_test(test, link, calibration, output / JOURNAL)
+    print("written:", output / JOURNAL)
+    print(f"next: famjax rig tune {output / JOURNAL} --plan {plan}")
+    return 0
+
+
+def step_test(test: "PlanFile") -> "PlanFile":
+    """The step test for a plan: lower pressures and a lower limit, nothing else changed."""
+    from famjax.units import PSI
+
+    low = min(test.plan.pressures)
+    high = min(max(test.plan.pressures), low + _RISE * PSI)
+    if high <= low:
+        low, high = 0.6 * low, low
+    plan = dataclasses.replace(
+        test.plan, pressures=(low, high) * (_STEPS // 2), cycles=1, settle=_SETTLE, photograph_every=0.0,
+        stroke=_STAYS, rate=2 * _STAYS / _HOLD,
+    )  # fmt: skip
+    limit = min(test.pressure_limit, high + _ROOM * PSI)
+    return dataclasses.replace(test, plan=plan, pressure_limit=limit)
+
+
+def rig_tune(
+    journal: Path | None = None,
+    *,
+    plan: Path,
+    simulate: bool = False,
+    card: str | None = None,
+    own: tuple[str, ...] = (),
+    length: str | None = None,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("tuned.toml"),
+    seed: int = 0,
+    units: Units = "metric",
+    json_: bool = False,
+) -> int:
+    """Find gains and a rise time of the set pressure for a plan, and write them into a copy of it.
+
+    Identifies valve or pump from the journal of `famjax rig step`. Then optimises the gains, by gradients
+    through the simulated rig, to hold the pressure best at the plan's rate and steps, for all plants
+    that the journal allows. Prints what to expect of the plan's gains and of the new ones.
+
+    Parameters
+    ----------
+    journal
+        Of `famjax rig step`.
+    plan
+        TOML file with the tables [plan] and [rig].
+    simulate
+        Take assumed numbers of valve or pump, 5 to 30 % uncertain, in place of a journal.
+    card
+        A card of `famjax card`, or a bundled muscle; the reference work's 7/8 in muscle unless given.
+    own
+        A module that you trust, repeatable, with the classes of your own of which the card's muscle is
+        made.
+    length
+        Active length in the step test with its unit; the muscle's rest length unless given.
+    output
+        The plan with the new gains; it must not exist.
+    seed
+        Of the draws and of the noise.
+    units
+        Of the table: si, metric or us.
+    json_
+        Print one JSON object in SI to standard output and nothing else there.
+    """
+    start_jax()
+    from famjax.control.tuning import Duty, Gains, expect, tune
+    from famjax.units import PSI
+    from rig.plan import read_plan
+
+    if (journal is None) != simulate:
+        raise InputError(
+            "give the journal of `famjax rig step`, or --simulate for assumed numbers, and not both"
+        )
+    if output.exists():
+        raise InputError(f"{output} exists: name another file by --output")
+    if own:
+        add_cwd_to_path()
+    with ended_in_words():
+        test = read_plan(plan)
+        muscle = _muscle(card, own)
+        told: list[str] = []
+        if journal is None:
+            plants, forwards = _assumed(test, muscle, seed)
+        else:
+            plants, forwards, told = _identified(journal, test, muscle, length, seed)
+    given = test.plan
+    duty = Duty(given.pressures, given.stroke, given.rate, given.settle, test.pressure_limit)
+    control = test.control
+    largest = float(np.max(np.abs(np.diff([0.0, *given.pressures]))))
+    now = Gains(
+        control.proportional / 255, control.integral / 255,
+        largest / given.rise if given.rise else 1e3 * PSI,
+    )  # fmt: skip
+    with progress("optimising the gains") as show:
+        found = tune(plants, forwards, duty, seed=seed, progress=show)
+    proportional, integral, _ = found.in_counts()
+    rise = largest / found.ramp
+    text = tuned_text(plan.read_text(encoding="utf-8"), proportional, integral, rise)
+    write_all(output.parent, {output.name: text.encode()})
+    rows = [
+        {"gains": name, **_figures(expect(plants, forwards, one, duty, seed + 1), duty)}
+        for name, one in (("the plan's", now), ("tuned", found))
+    ]
+    gains = {
+        "proportional_counts_per_psi": proportional, "integral_counts_per_psi_s": integral,
+        "rise_s": rise,
+    }  # fmt: skip
+    if json_:
+        print_json({"gains": gains, "expected": rows, "notes": told, "file": str(output)})
+        return 0
+    for one in told:
+        print(f"note: {one}")
+    print(
+        f"proportional {proportional:.3g} counts/psi, integral {integral:.3g} counts/(psi s), "
+        f"rise {rise:.2g} s"
+    )
+    print_rows("Expected of the simulated rig, true pressures", in_units(rows, unit_system(units)))
+    if rows[1]["highest_pressure_Pa"] > test.pressure_limit:
+        print(
+            "note: the pressure comes above the limit where strokes turn: raise the limit, if muscle and "
+            "circuit are rated for it, or leave out the highest pressure"
+        )
+    print("written:", output)
+    return 0
+
+
+def _figures(seen: Any, duty: Any) -> dict[str, float]:
+    steps = np.abs(np.diff([0.0, *duty.pressures]))
+    return {
+        "rms_pressure_Pa": float(seen.rms.mean()),
+        "worst_rms_pressure_Pa": float(seen.rms.max()),
+        "overshoot_percent": float(100 * (seen.overshoot / np.where(steps, steps, np.inf)).max()),
+        "settled_rms_pressure_Pa": float(seen.late.mean()),
+        "highest_pressure_Pa": float(seen.highest.max()),
+    }
+
+
+def _muscle(card: str | None, own: tuple[str, ...]) -> Any:
+    from famjax.muscles import open_card
+    from famjax.plant import LinearMcKibben
+
+    return LinearMcKibben() if card is None else open_card(card, own=own).safe()
+
+
+def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
+    from famjax.plant import DahlFriction, DrivenLength, Plant
+
+    return Plant(circuit, muscle, DrivenLength(), DahlFriction())
+
+
+def _assumed(test: "PlanFile", muscle: Any, seed: int) -> tuple[list["Plant"], np.ndarray]:
+    """Plants of an unmeasured rig, each with the feed-forward that its calibration would have."""
+    from famjax.control.tuning import drawn_circuits
+    from rig.simulation import CIRCUITS
+
+    from .dynamics import feed_forward
+
+    drawn = drawn_circuits(CIRCUITS[test.circuit](), _DRAWS, seed)
+    return [_plant(one, muscle) for one in drawn], np.array([feed_forward(one) for one in drawn])
+
+
+def _identified(
+    journal: Path, test: "PlanFile", muscle: Any, length: str | None, seed: int
+) -> tuple[list["Plant"], np.ndarray, list[str]]:
+    """Plants that the journal of a step test allows, with the feed-forward of its rig."""
+    from fitting.plant import FREE, identify_plant
+    from rig.journal import read_journal, stored_calibration
+    from rig.simulation import CIRCUITS
+
+    record = read_journal(journal)
+    rest = float(muscle.rest_length) if length is None else parse_quantity(length, "length")
+    assumed = CIRCUITS[test.circuit]()
+    held, spread = _HELD[test.circuit]
+    free = [name for name in FREE[type(assumed)] if name != held]
+    rows = plant_record(record, rest)
+    fit = identify_plant(rows, _plant(assumed, muscle), free=free)
+    volume = float(muscle.volume(rest, rows.pressure.mean())) + float(
+        assumed.parameters().get("dead_volume", 0.0)
+    )
+    declared, rng, circuits = assumed.declared(), np.random.default_rng(seed), []
+    size = np.sqrt(np.diag(np.nan_to_num(fit.covariance)))
+    together = np.nan_to_num(
+        fit.covariance / np.where(size, size, 1.0) / np.where(size, size, 1.0)[:, None]
+    )
+    draws = size * rng.multivariate_normal(
+        np.zeros(len(free)), together, _DRAWS, check_valid="ignore"
+    )
+    factors = np.exp(spread * rng.standard_normal(_DRAWS))
+    draws[0], factors[0] = 0.0, 1.0
+    for draw, factor in zip(draws, factors, strict=True):
+        values = {e.name: e.value + off for e, off in zip(fit.estimates, draw, strict=True)}
+        values[held] = float(assumed.parameters()[held]) * factor
+        if held == "displacement":  # the same pressures, by other flows
+            values["needle"] *= factor
+            values["bulk_modulus"] /= factor
+        else:
+            values["conductance"] *= 1 + (values[held] - values[held] / factor) / volume
+        circuits.append(
+            assumed.with_parameters(
+                {n: float(np.clip(v, declared[n].low, declared[n].high)) for n, v in values.items()}
+            )
+        )
+    forward = stored_calibration(record).feed_forward
+    powers = forward.scale ** np.arange(len(forward.coefficients))
+    found = np.array(forward.coefficients) / 255 / powers
+    told = [
+        f"{one.name} {one.value:.4g} +- {one.stderr:.2g} {one.unit}".rstrip()
+        for one in fit.estimates
+    ]
+    return (
+        [_plant(one, muscle) for one in circuits], np.tile(found, (len(circuits), 1)),
+        [*told, *fit.warnings],
+    )  # fmt: skip
+
+
+def plant_record(record: "Record", length: float) -> "PlantRecord":
+    """The record of a journal in which the machine held the muscle at a length [m], for `identify_plant`.
+
+    A record's pressure is the mean of its ticks; it is taken to the time of its last tick.
+
+    Raises:
+        InputError: the device controlled for less than a second.
+    """
+    from fitting.plant import PlantRecord
+    from rig.protocol import RUN
+
+    from .isobaric import table
+
+    rows = table(record)
+    runs = np.flatnonzero(rows["state"] == RUN)
+    gaps = np.flatnonzero(np.diff(rows["seq"][runs]) != 1)
+    parts = np.split(runs, gaps + 1)
+    longest = max(parts, key=len)[:-1]
+    if longest.size < 100:
+        raise InputError(
+            f"{record.path}: the device controlled for {longest.size} records in a row, and a second has "
+            "100: record a test with `famjax rig step`"
+        )
+    pressure = 0.6 * rows["pressure_Pa"][longest] + 0.4 * rows["pressure_Pa"][longest + 1]
+    time = rows["device_time_s"][longest]
+    return PlantRecord(
+        time - time[0], rows["output"][longest] / 255, pressure, np.full(time.size, length),
+        name=str(record.path),
+    )  # fmt: skip
+
+
+def tuned_text(text: str, proportional: float, integral: float, rise: float) -> str:
+    """A plan's text with other gains and rise time; every other character stays."""
+    for key, value in (
+        ("proportional_counts_per_psi", proportional), ("integral_counts_per_psi_s", integral),
+    ):  # fmt: skip
+        text = re.sub(rf"^(\s*{key}\s*=\s*)[^\s#]+", rf"\g<1>{value:.4g}", text, flags=re.MULTILINE)
+    if re.search(r"^\s*rise_s\s*=", text, re.MULTILINE):
+        return re.sub(r"^(\s*rise_s\s*=\s*)[^\s#]+", rf"\g<1>{rise:.3g}", text, flags=re.MULTILINE)
+    return re.sub(r"^(\s*\[plan\][^\n]*\n)", rf"\g<1>rise_s = {rise:.3g}\n", text, count=1,
+                  flags=re.MULTILINE)  # fmt: skip

@@ -1,0 +1,332 @@
+"""Gains of a pressure controller and a ramp of its set pressure, by gradients through uncertain plants."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import minimize
+
+from .._arrays import RealArray
+from ..boundary.errors import InputError
+from ..plant import TICK, AbstractCircuit, Command, Plant, PressureController
+from ..units import PSI
+
+NOISE, CORRELATION = 0.25 * PSI, 0.01
+"""Standard deviation [Pa] and correlation time [s] of a reading of the pressure; ASSUMED."""
+_STEPS = 25  # of the search at most
+_LEG = 4.0  # s of a stroke there, and of it back: the second half stands for the rest of it
+_BEFORE = 1.0  # s in which a plant comes to rest at the pressure before
+_LATE = 1.0  # s at the end of the settling
+_OVERSHOOT = 0.08  # of a step: none that costs nothing
+_MARGIN = 2.0 * PSI  # below the limit
+_GOOD = 0.1 * PSI  # an error that matters as much as one in a hundred of overshoot too many
+_RANGE = np.log([(0.1, 40.0), (0.05, 200.0), (2.0, 200.0)])  # counts/psi, counts/(psi s), psi/s
+_PER_COUNT = np.array([1 / 255 / PSI, 1 / 255 / PSI, PSI])
+_SPREAD = {"displacement": 0.05, "needle": 0.05}
+_OTHERS = 0.3
+
+
+class Gains(NamedTuple):
+    """What is tuned.
+
+    Attributes:
+        proportional: K_p [1/Pa], part of the full output.
+        integral: K_i [1/(Pa s)].
+        ramp: of the set pressure [Pa/s].
+    """
+
+    proportional: float
+    integral: float
+    ramp: float
+
+    @classmethod
+    def per_psi(cls, proportional: float, integral: float, ramp: float) -> "Gains":
+        """Of counts (255 to the full output) per psi, counts per psi and second, and psi per second."""
+        return cls(*(np.array([proportional, integral, ramp]) * _PER_COUNT).tolist())
+
+    def in_counts(self) -> tuple[float, float, float]:
+        """Counts per psi, counts per psi and second, psi per second."""
+        proportional, integral, ramp = (np.array(self) / _PER_COUNT).tolist()
+        return proportional, integral, ramp
+
+
+@dataclasses.dataclass(frozen=True)
+class Duty:
+    """What a controller has to do: steps of the set pressure, and strokes at each.
+
+    Attributes:
+        pressures: set pressures [Pa], in their order, from 0.
+        stroke: of the machine [m].
+        rate: of the strokes [m/s].
+        settle: time from a step to the strokes [s].
+        limit: pressure [Pa] at which the device trips.
+    """
+
+    pressures: tuple[float, ...]
+    stroke: float
+    rate: float
+    settle: float
+    limit: float
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be done.
+
+        Raises:
+            InputError: no pressure, one at or above the limit, or times and rates that are not > 0.
+        """
+        if not self.pressures or not all(0 < one < self.limit for one in self.pressures):
+            raise InputError(
+                f"the set pressures must be one or more, above 0 and below the limit of {self.limit:g} Pa; "
+                f"got {self.pressures}"
+            )
+        if not (self.rate > 0 and self.stroke > 0 and self.settle > _LATE):
+            raise InputError(
+                f"stroke and rate must be > 0 and settle above {_LATE:g} s; got {self.stroke:g} m, "
+                f"{self.rate:g} m/s and {self.settle:g} s"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class Expected:
+    """What a controller does with every plant at every set pressure, shape (plants, pressures).
+
+    Attributes:
+        rms: of the pressure's error in strokes [Pa].
+        overshoot: beyond the set pressure [Pa], until the strokes begin.
+        late: root mean square error [Pa] at the end of the settling.
+        highest: pressure [Pa].
+        force: mean pull [N] in the strokes.
+    """
+
+    rms: Float[np.ndarray, "plants pressures"]
+    overshoot: Float[np.ndarray, "plants pressures"]
+    late: Float[np.ndarray, "plants pressures"]
+    highest: Float[np.ndarray, "plants pressures"]
+    force: Float[np.ndarray, "plants pressures"]
+
+
+class _Figures(NamedTuple):
+    rms: RealArray
+    overshoot: RealArray
+    late: RealArray
+    highest: RealArray
+    force: RealArray
+
+
+def drawn_circuits(
+    circuit: AbstractCircuit, count: int = 8, seed: int = 0
+) -> list[AbstractCircuit]:
+    """The circuit, and others whose numbers differ as those of a rig that nobody has measured.
+
+    Log-uniform: pump and needle within 5 %, all else within 30 %, in the range of each.
+
+    Args:
+        circuit: what is assumed.
+        count: with the circuit itself.
+        seed: of the draws.
+    """
+    rng, found = np.random.default_rng(seed), [circuit]
+    free = {
+        name: one for name, one in circuit.declared().items()
+        if name not in ("supply", "bias", "relief", "critical_ratio", "full_speed", "exponent")
+    }  # fmt: skip
+    for _ in range(count - 1):
+        values = {}
+        for name, one in free.items():
+            spread = _SPREAD.get(name, _OTHERS)
+            value = float(circuit.parameters()[name]) * math.exp(rng.uniform(-spread, spread))
+            values[name] = float(np.clip(value, one.low, one.high))
+        found.append(circuit.with_parameters(values))
+    return found
+
+
+def expect(
+    plants: Sequence[Plant],
+    feed_forwards: Float[np.ndarray, "plants k"],
+    gains: Gains,
+    duty: Duty,
+    seed: int = 0,
+) -> Expected:
+    """What a controller with these gains does.
+
+    Args:
+        plants: of one structure, each of one driven muscle.
+        feed_forwards: coefficients of the output that holds a set pressure, see `PressureController`.
+        gains: of the controller.
+        duty: what it has to do.
+        seed: of the noise of its readings.
+    """
+    figures = _figures(*_batched(plants), jnp.asarray(feed_forwards), jnp.log(jnp.array(gains)),
+                       *_course(duty, seed))  # fmt: skip
+    return Expected(*map(np.asarray, figures))
+
+
+def tune(
+    plants: Sequence[Plant],
+    feed_forwards: Float[np.ndarray, "plants k"],
+    duty: Duty,
+    *,
+    start: Gains | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], Any] | None = None,
+) -> Gains:
+    """Gains and ramp that hold the pressure best in strokes, over all plants.
+
+    Least of the mean square error in strokes and at the end of the settling, with a cost of overshoot
+    beyond 8 % of a step and of pressures within 2 psi of the limit. The gradient is through
+    the simulation; the readings of the pressure have noise, which large gains would amplify.
+
+    Args:
+        plants: as for `expect`.
+        feed_forwards: likewise.
+        duty: what the controller has to do.
+        start: of the search; moderate gains unless given.
+        seed: of the noise.
+        progress: called with the number of steps done and the largest number of them.
+
+    Raises:
+        InputError: no gains let every plant hold its pressures.
+    """
+    arrays, static = _batched(plants)
+    course, feed = _course(duty, seed), jnp.asarray(feed_forwards)
+    slowest = np.ptp([0.0, *duty.pressures]) / len(duty.pressures) / PSI / (0.6 * duty.settle)
+    box = np.array(_RANGE)
+    box[2, 0] = np.clip(math.log(slowest), *box[2])
+
+    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = _cost(arrays, static, feed, jnp.asarray(x), duty.limit, *course)
+        if not np.isfinite(value):
+            return 1e9, np.zeros(3)
+        return float(value), np.asarray(slope)
+
+    given = Gains.per_psi(4.0, 8.0, 20.0) if start is None else start
+    first = np.clip(np.log(np.maximum(given.in_counts(), 1e-6)), *box.T)
+    done = itertools.count(1)
+    found = minimize(
+        cost, first, jac=True, bounds=box, method="L-BFGS-B",
+        options={"maxiter": _STEPS, "ftol": 1e-5},
+        callback=progress and (lambda _: progress(next(done), _STEPS)),
+    )  # fmt: skip
+    if found.fun >= 1e9:
+        raise InputError(
+            "no gains were found that hold the pressures: the pressures cannot be reached by the pump or "
+            "supply, or the circuit's numbers are wrong"
+        )
+    return Gains.per_psi(*np.exp(found.x).tolist())
+
+
+def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
+    """The numbers of plants of one structure, stacked, and what is common."""
+    parts = [eqx.partition(one, eqx.is_array) for one in plants]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *(one[0] for one in parts)), parts[0][1]
+
+
+class _Counts(NamedTuple):
+    """Ticks before the step, until the strokes, of each leg that is simulated, and of a whole one."""
+
+    before: int
+    settle: int
+    leg: int
+    whole: int
+
+
+def _course(duty: Duty, seed: int) -> tuple[Array, Array, Array, Array, _Counts]:
+    """Set pressures before and after each step [Pa], rates [m/s], noise [Pa], and the ticks."""
+    leg = duty.stroke / duty.rate
+    counts = _Counts(*(round(t / TICK) for t in (_BEFORE, duty.settle, min(_LEG, leg), leg)))
+    legs = np.repeat(
+        [0.0, -duty.rate, duty.rate], [counts.before + counts.settle, *[counts.leg] * 2]
+    )
+    keep = math.exp(-TICK / CORRELATION)
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(scale=NOISE * math.sqrt(1 - keep**2), size=(legs.size, len(duty.pressures)))
+    for k in range(1, legs.size):
+        noise[k] += keep * noise[k - 1]
+    after = np.array(duty.pressures, float)
+    before = np.concatenate([[0.0], after[:-1]])
+    low, high, rates = map(jnp.asarray, (before, after, legs))
+    return low, high, rates, jnp.asarray(noise.T), counts
+
+
+@eqx.filter_jit
+def _figures(
+    arrays: Plant,
+    static: Plant,
+    feed: Float[Array, "plants k"],
+    gains: Float[Array, "3"],
+    before: Float[Array, " n"],
+    after: Float[Array, " n"],
+    rates: Float[Array, " ticks"],
+    noise: Float[Array, "n ticks"],
+    counts: _Counts,
+) -> _Figures:
+    proportional, integral, ramp = jnp.exp(gains)
+    time = TICK * (jnp.arange(rates.size) - counts.before)
+    ready = counts.before + counts.settle
+
+    def one(plant: Plant, forward: Array, low: Array, high: Array, noise: Array) -> _Figures:
+        controller = PressureController(proportional, integral, forward)
+        way = jnp.sign(high - low) * ramp * jnp.maximum(time, 0.0)
+        wanted = jnp.where(high > low, jnp.minimum(low + way, high), jnp.maximum(low + way, high))
+        wanted = jnp.where(time < 0, low, wanted)
+
+        def tick(carry: tuple, at: tuple) -> tuple[tuple, tuple]:
+            state, controlled, signal = carry
+            set_pressure, rate, error = at
+            state = plant.step(state, Command(signal, 0.0, rate), TICK)
+            reading = state.pressure + error
+            controlled, signal = controller.step(controlled, set_pressure, reading, TICK)
+            return (state, controlled, signal), (state.pressure, state.force)
+
+        held = jnp.polyval(forward[::-1], low)
+        at_rest = plant.start(plant.muscle.rest_length, low)
+        at_rest = eqx.tree_at(lambda one: one.opening, at_rest, plant.circuit.opening(held))
+        first = at_rest, controller.start(), held
+        _, (pressure, force) = jax.lax.scan(tick, first, (wanted, rates, noise))
+        error, late = pressure - high, ready - round(_LATE / TICK)
+        legs = error[ready:].reshape(2, counts.leg) ** 2
+        lasting = jnp.mean(legs[:, counts.leg // 2 :]) * (counts.whole - counts.leg)
+        beyond = jnp.sign(high - low) * error[counts.before : ready]
+        return _Figures(
+            jnp.sqrt((jnp.sum(legs) / 2 + lasting) / counts.whole),
+            jnp.maximum(jnp.max(beyond), 0.0),
+            jnp.sqrt(jnp.mean(error[late:ready] ** 2)),
+            jnp.max(pressure[counts.before :]),
+            jnp.mean(force[ready:]),
+        )
+
+    over_pressures = jax.vmap(one, (None, None, 0, 0, 0))
+    return jax.vmap(
+        lambda own, forward: over_pressures(eqx.combine(own, static), forward, before, after, noise)
+    )(arrays, feed)
+
+
+@eqx.filter_jit
+def _cost(
+    arrays: Plant,
+    static: Plant,
+    feed: Float[Array, "plants k"],
+    x: Float[Array, "3"],
+    limit: float,
+    *course: Any,
+) -> tuple[Array, Float[Array, "3"]]:
+    """The cost and its slope in the logarithms of the gains in counts and psi."""
+
+    def cost(x: Float[Array, "3"]) -> tuple[Array, Array]:
+        seen = _figures(arrays, static, feed, x + np.log(_PER_COUNT), *course)
+        step = jnp.abs(course[1] - course[0])
+        over = jnp.maximum(seen.overshoot / step - _OVERSHOOT, 0.0) / 0.01
+        near = jnp.maximum(seen.highest - limit + _MARGIN, 0.0) / _MARGIN
+        each = (seen.rms / _GOOD) ** 2 + (seen.late / _GOOD) ** 2 + over**2 + near**2
+        value = jnp.mean(each)
+        return value, value
+
+    slope, value = jax.jacfwd(cost, has_aux=True)(x)
+    return value, slope
