@@ -73,21 +73,6 @@ def _fits() -> Iterator[Row]:
         part=LOADED, seed=0, cost="quick",
     )  # fmt: skip
     yield from rows(
-        "optimum beside Clarabel's", "fits:independent_optimum",
-        ("largest relative difference of the objective", "<=", 1e-6, "the other solver's accuracy"),
-        data=BOTH, command="fitting.identify(data, order=, constraint=)", part=LOADED, seed=0,
-    )  # fmt: skip
-    yield from rows(
-        "optimum beside a fit by hand in SciPy", "fits:by_hand",
-        ("relative difference of the RMSE", "<=", 1e-6, "the same model in the same box"),
-        data=A1, command='fitting.identify(data, constraint="none")', part=LOADED, seed=0, of_its_data=True,
-    )  # fmt: skip
-    yield from rows(
-        "units of the file", "fits:file_units",
-        ("largest relative difference of an estimate", "<=", 1e-6, "the optimum does not know units"),
-        data=A1, command="fitting.identify(fitting.read_csv(file))", part=LOADED, seed=0,
-    )  # fmt: skip
-    yield from rows(
         "sweep of 48 fits", "fits:sweep",
         ("determined fits not certified", "<=", 0, "each is a convex programme"),
         ("undetermined fits not refused", "<=", 0, "nothing is made up"),
@@ -106,11 +91,6 @@ def _fits() -> Iterator[Row]:
                     cost="quick", **synthetic)  # fmt: skip
     yield from rows("truth found again, Ogden on a rig that gives", "fits:recovery", recovered, of="ogden",
                     seed=1, **synthetic)  # fmt: skip
-    yield from rows(
-        "truth in noise of 2 N", "fits:noisy",
-        ("largest error in standard errors", "<=", 3, "99.7 % of normal errors"), seed=5, cost="quick",
-        **synthetic,
-    )  # fmt: skip
     chance = "what one run in a thousand gives by chance"
     yield from rows(
         "intervals", "fits:coverage",
@@ -118,8 +98,6 @@ def _fits() -> Iterator[Row]:
         ("least probability of the hits of 95% intervals", ">=", 1e-3, chance), seed=11, cost="long",
         part="200 replicates", **synthetic,
     )  # fmt: skip
-    yield from rows("a ridge", "fits:ridge", ("named, 1 if so", ">=", 1, "it is no small error bar"),
-                    seed=0, cost="quick", **synthetic)  # fmt: skip
     yield from rows(
         "posterior", "posterior:sampled", ("largest R-hat", "<=", 1.01, "Vehtari et al. 2021"),
         ("smallest effective size, bulk and tails", ">=", 400, "Vehtari et al. 2021"),
@@ -204,11 +182,6 @@ def _default_answer() -> Iterator[Row]:
                         command="famjax ramps ... && famjax fit famjax-ramps/map.csv", seed=0,
                         of_its_data=True)  # fmt: skip
     yield from rows(
-        "one specimen from another", "default_answer:from_the_other",
-        ("RMSE [N]", "<=", 12, "the spread of two specimens of one make"), (inside, ">=", 0.88, HALF_WIDTH),
-        data="two specimens", command=f"{fit}, and predict --rest-length of the other", part=LOADED, seed=0,
-    )  # fmt: skip
-    yield from rows(
         "a series", "default_answer:series_out",
         ("RMSE [N]", "<=", 20.5, "the spread of specimens of one make"), (inside, ">=", 0.85, HALF_WIDTH),
         ("least part of a specimen's readings inside", ">=", 0.7, HALF_WIDTH), (width, "<=", 4, HALF_WIDTH),
@@ -255,14 +228,6 @@ def _speed() -> Iterator[Row]:
         cost: Cost = "long" if wait.long else "minutes"
         yield from rows(f"first answer, {name}", "first_answer:command_wait", *limits, of=name, data=DATA,
                         command=name, part="process and its children", cost=cost)  # fmt: skip
-    yield from rows(
-        "first answer, library", "first_answer:library_calls",
-        ("identify, first call after the imports, CPU [s]", "<=", 4, "a person waits"),
-        ("identify, a renamed specimen, programs compiled", "<=", 0, "a name is no part of a program"),
-        ("identify, another map of the same bucket, programs compiled", "<=", 0, "nor are numbers"),
-        ("famjax fit --law polynomial, empty cache, wall time [s]", "<=", 60, "the first minute"),
-        data=DATA, command="fitting.identify(data)", part="one process",
-    )  # fmt: skip
 
 
 def _photographs() -> Iterator[Row]:
@@ -278,13 +243,6 @@ def _photographs() -> Iterator[Row]:
         ("contraction over a stroke, error [in]", "<=", 0.002, "half a pixel"),
         ("scale from the ruler, relative", "<=", 5e-5, "a tenth of the diameter's error"),
         part="2650 x 1100 px", seed=0, **scenes,
-    )  # fmt: skip
-    honest = "standard errors that are those made"
-    yield from rows(
-        "photographs, standard errors", "photographs:own_errors",
-        ("largest RMS of error / standard error", "<=", 1.5, honest),
-        ("least RMS of error / standard error", ">=", 0.7, honest), part="100 scenes", seed=20, cost="long",
-        **scenes,
     )  # fmt: skip
     inside = "angle at z within its 95 % interval, part"
     yield from rows(
@@ -367,14 +325,6 @@ def _rig() -> Iterator[Row]:
             (f"{fluid}, least standard deviation [psi]", ">=", 0.15, "the sensor's noise is in it"),
             command="famjax rig simulate", part="10 to 100 psi, 3 cycles", seed=0, **rig,
         )  # fmt: skip
-    yield from rows(
-        "rig, its muscle identified", "rigs:datasets",
-        ("E_1, E_2, deadband, thread length, largest error in standard errors", "<=", 3,
-         "99.7 % of normal errors"),
-        ("force against the truth, largest RMS of a seed [N]", "<=", 1.6, "the noise of the load cell"),
-        command="famjax rig simulate && famjax fit dataset.csv --law polynomial", part="20 seeds", seed=0,
-        **rig,
-    )  # fmt: skip
 
 
 def _folders() -> Iterator[Row]:
@@ -397,11 +347,6 @@ def _folders() -> Iterator[Row]:
             yield from rows("clocks", "folders:clocks", (name, ">=", 0.8, stated),
                             (name, "<=", 1.2, stated), data="simulated tests", part="100 seeds", seed=0,
                             **twin)  # fmt: skip
-    yield from rows("killed evaluations", "folders:kills", ("files that differ", "<=", 0, "the same bytes"),
-                    data="the small twin of seed 3", part="10 kills", seed=3, **twin)  # fmt: skip
-    yield from rows("damaged folders", "folders:damages",
-                    ("not told at the right step", "<=", 0, "a mistake is found where it was made"),
-                    data="the small twin of seed 3", part="37 damages", seed=3, **twin)  # fmt: skip
 
 
 def _print_and_export() -> Iterator[Row]:

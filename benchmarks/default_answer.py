@@ -7,10 +7,8 @@ wrong; it is silently wrong where moreover the verdict states no doubt and the s
 inside. A verdict that doubts only because the rest length was not given states none: it says nothing
 of the force.
 
-Maps of others: beside READINGS.csv, which `famjax fit` takes, lies READINGS.truth.csv, with columns
-pressure_kPa,length_mm,force_N of states inside the measured range.
-
-The other figures are nested: a choice is made anew without the readings that it is judged on.
+Maps of others: READINGS.truth.csv beside READINGS.csv, with columns pressure_kPa,length_mm,force_N of states
+inside the measured range. Other figures are nested: a choice is made anew without what it is judged on.
 """
 
 import csv
@@ -29,7 +27,7 @@ from row import Case, command, tell
 from dense_truth import Group, TruthMap, maps
 
 import fitting
-from fitting import Choice, ForceData
+from fitting import Choice
 from fitting.choice import NestedValidation, validate_choice
 from fitting.prediction import static_rows
 from fitting.series import identify_series
@@ -303,26 +301,3 @@ def series_out(case: Case) -> dict[str, float]:
         found.append(LeftOut(F - force, np.abs(F - force) <= BAND * std, 2 * BAND * std))
     least = min(float(one.inside.mean()) for one in found)
     return LeftOut.of(found).figures() | {"least part of a specimen's readings inside": least}
-
-
-def from_the_other(case: Case) -> dict[str, float]:
-    """Each of two specimens of different lengths predicted from the fit of the other.
-
-    A prediction without a band covers nothing, and its width is not a number.
-    """
-
-    def predicted(seen: ForceData, other: ForceData) -> Iterator[tuple[float, bool, float]]:
-        fit = default_fit(seen.source)
-        for length in np.unique(other.length[other.loaded]):
-            at = other.loaded & (other.length == length)
-            rows = fitting.predict(
-                fit, np.array([length]), other.pressure[at], rest_length=other.specimen.rest_length
-            )
-            for row, force in zip(rows, other.force[at], strict=True):
-                low, high = (np.nan if (end := row[f"{side}_95_N"]) is None else end
-                             for side in ("low", "high"))  # fmt: skip
-                yield row["force_N"] - force, low <= force <= high, high - low
-
-    one, other = case.series
-    found = [*predicted(one, other), *predicted(other, one)]
-    return LeftOut(*(np.array(column) for column in zip(*found, strict=True))).figures()

@@ -8,23 +8,18 @@ children, the least of the repetitions, over that of
 
 which runs between them in the same way. Caches are in a temporary folder that nothing else uses.
 
-This file imports the standard library alone: it is also what runs in the measured processes
-(`python benchmarks/first_answer.py steps STEPS.json`) and makes what they read (`... inputs FOLDER MAP`).
+It also makes what the measured processes read (`python benchmarks/first_answer.py inputs FOLDER MAP`).
 """
 
 import dataclasses
-import json
 import math
 import os
 import re
-import runpy
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from row import Case
@@ -50,12 +45,6 @@ def polynomial(data: str) -> Step:
 FIT = polynomial("{data}")
 PREDICT = famjax("predict", "{inputs}/fit.json", "--length", "270mm,250mm", "--pressure", "5bar")
 MEASURE = famjax("measure", "{inputs}/photo.jpg", "--ruler", "{inputs}/ruler.jpg")
-_IMPORTS = 'import jax\njax.config.update("jax_enable_x64", True)\nimport famjax, fitting, row\n'
-
-
-def library(name: str = "{data}") -> Step:
-    """An identification by the library, imports included."""
-    return ("-c", f"{_IMPORTS}print('rmse_N', fitting.identify(row.load('{name}')).errors.rmse)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,13 +130,6 @@ class Machine:
             raise FailedRunError(f"exit code {process.returncode}: {last}")
         return used.ru_utime + used.ru_stime, said
 
-    def in_one_process(self, steps: Sequence[Step]) -> list[dict[str, Any]]:
-        """CPU time [s] and number of programs compiled, `seconds` and `programs`, of each step."""
-        plan = Path(tempfile.mkdtemp(dir=self.folder)) / "steps.json"
-        plan.write_text(json.dumps([self._filled(step) for step in steps]), encoding="utf-8")
-        self.run((__file__, "steps", str(plan)), None)
-        return json.loads(plan.read_text(encoding="utf-8"))
-
     def _filled(self, step: Step) -> list[str]:
         """The step with its places filled in, and its inputs made."""
         inputs = self.folder / "inputs"
@@ -201,58 +183,6 @@ def command_wait(case: "Case", name: str) -> dict[str, float]:
         return waited(_machine(case, folder), WAITS[name], case.repeat)
 
 
-def library_calls(case: "Case") -> dict[str, float]:
-    """Calls of the library in a process that has imported it, or has done the like."""
-    with tempfile.TemporaryDirectory(prefix="first-answer-") as folder:
-        machine = _machine(case, folder)
-        first = min(machine.in_one_process([("-c", _IMPORTS), library()])[-1]["seconds"]
-                    for _ in range(case.repeat))  # fmt: skip
-        again = [library("{inputs}/renamed.csv"), library("{inputs}/repeated.csv")]
-        _, renamed, repeated = machine.in_one_process([library(), *again])
-        begin = time.perf_counter()
-        machine.run(FIT, None)
-    return {
-        "identify, first call after the imports, CPU [s]": first,
-        "identify, a renamed specimen, programs compiled": renamed["programs"],
-        "identify, another map of the same bucket, programs compiled": repeated["programs"],
-        "famjax fit --law polynomial, empty cache, wall time [s]": time.perf_counter() - begin,
-    }
-
-
-def do_steps(plan: Path) -> None:
-    """Run the steps of a file one after the other in this process; write their figures in its place.
-
-    `seconds` of user and system time, children included, and `programs`, how many JAX has compiled or
-    loaded; those of the step that imports JAX are not counted.
-    """
-    programs: list[str] = []
-
-    def count(event: str, *_: object, **__: object) -> None:
-        if event == "/jax/core/compile/backend_compile_duration":
-            programs.append(event)
-
-    found, heard = [], False
-    for kind, *rest in json.loads(plan.read_text(encoding="utf-8")):
-        os.chdir(tempfile.mkdtemp(dir=plan.parent))  # outputs of one are no results of the next
-        before, known = os.times(), len(programs)
-        sys.argv = [kind, *rest]
-        try:
-            if kind == "-c":
-                exec(compile(rest[0], "<step>", "exec"), {"__name__": "__main__"})
-            else:
-                sys.argv = rest
-                runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
-        except SystemExit as end:
-            if end.code:
-                raise
-        seconds = sum(os.times()[:4]) - sum(before[:4])
-        found.append({"seconds": seconds, "programs": len(programs) - known})
-        if not heard and "jax" in sys.modules:
-            sys.modules["jax"].monitoring.register_event_duration_secs_listener(count)
-            heard = True
-    plan.write_text(json.dumps(found), encoding="utf-8")
-
-
 def make_inputs(folder: Path, name: str) -> None:
     """Maps derived from one, and photographs at the reference work's size; everything is seeded."""
     import numpy as np  # noqa: PLC0415
@@ -290,7 +220,4 @@ def make_inputs(folder: Path, name: str) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "steps":
-        do_steps(Path(sys.argv[2]))
-    else:
-        make_inputs(Path(sys.argv[2]), sys.argv[3])
+    make_inputs(Path(sys.argv[2]), sys.argv[3])

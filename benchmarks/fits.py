@@ -6,15 +6,13 @@ By public names alone, on any force map.
 import dataclasses
 import importlib
 import math
-import tempfile
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import jax
 import numpy as np
 from jaxtyping import Float
 from row import Case
-from scipy import optimize, sparse, stats
+from scipy import sparse, stats
 
 import famjax
 import fitting
@@ -139,89 +137,6 @@ def clarabel(A: Matrix, b: Vector, G: Matrix) -> Any:
     return solve
 
 
-def independent_optimum(case: Case) -> dict[str, float]:
-    """Objectives beside Clarabel's at the same geometry, its constraint on 4000 stations.
-
-    Of orders up to 4 those that the map determines: others are refused.
-    """
-    data, off = case.map, []
-    at, shortest = data.loaded, float(data.length.min())
-    strained = np.unique(data.lengths.level[data.strained]).size
-    for order in range(1, min(strained, 4) + 1):
-        for constraint in CONSTRAINTS:
-            found = fit(case, order=order, constraint=constraint)
-            geometry, deadband = found.geometry, found.muscle.deadband_pressure
-            A, rest = columns(geometry, deadband, data.length[at], data.pressure[at], order)
-            G = constraint_rows(
-                geometry, constraint, shortest, float(data.pressure[at].max()), order, 4000
-            )
-            b = data.force[at] - rest
-            sizes, size = np.linalg.norm(A, axis=0), float(np.linalg.norm(b))
-            G = G / sizes
-            lengths = np.linalg.norm(G, axis=1)
-            x = clarabel(A / sizes, b / size, G[lengths > 0] / lengths[lengths > 0, None])()
-            theirs = 0.5 * float(np.sum((A / sizes @ x - b / size) ** 2)) * size**2
-            off.append(abs(0.5 * float(np.sum(found.residuals**2)) / theirs - 1))
-    return {"largest relative difference of the objective": max(off)}
-
-
-def by_hand(case: Case) -> dict[str, float]:
-    """The unconstrained cubic fit beside one written with NumPy and SciPy alone, in the same box.
-
-    For threads inside the rubber: braid diameter, braid angle and deadband by bounded least squares from
-    16 starts, the three coefficients by linear least squares inside.
-    """
-    found, data = fit(case, order=3, constraint="none"), case.map
-    L0, t0 = data.specimen.rest_length, data.specimen.wall_thickness
-    P, L, F = (column[data.loaded] for column in (data.pressure, data.length, data.force))
-    names = ("braid_diameter", "braid_angle", "deadband_pressure")
-    low, high = (
-        np.array([getattr(found.estimate(n), end) for n in names]) for end in ("min", "max")
-    )
-
-    def residual(unit: Vector) -> Vector:
-        D0, angle, deadband = low + unit * (high - low)
-        B = L0 / np.sin(angle)
-        N = B * np.cos(angle) / (np.pi * D0)
-        R = np.sqrt(B**2 - L**2) / (2 * np.pi * N)
-        braid = (P - deadband) * (3 * L**2 - B**2) / (4 * np.pi * N**2)
-        V = np.pi * D0 * t0 * L0
-        axial, hoop, t = L / L0 - 1, 2 * R / D0 - 1, V / (2 * np.pi * R * L)
-        A = np.stack([
-            np.sign(axial) * abs(axial) ** n * V / L
-            - np.sign(hoop) * abs(hoop) ** n * t * L**2 / (2 * np.pi * R * N**2)
-            for n in (1, 2, 3)
-        ], axis=1)  # fmt: skip
-        A /= np.linalg.norm(A, axis=0)
-        return braid + A @ np.linalg.lstsq(A, F - braid, rcond=None)[0] - F
-
-    starts = np.random.default_rng(0).uniform(size=(16, 3))
-    ends = [optimize.least_squares(residual, start, bounds=(0, 1)) for start in starts]
-    best = float(np.sqrt(2 * min(end.cost for end in ends) / F.size))
-    return {"relative difference of the RMSE": abs(found.errors.rmse / best - 1)}
-
-
-def file_units(case: Case) -> dict[str, float]:
-    """Estimates from a file in psi, in, lbf beside those from one in kPa, mm, N."""
-    units = {"psi,in,lbf": (6894.757293168361, 0.0254, 4.4482216152605), "kPa,mm,N": (1e3, 1e-3, 1)}
-    data, found = case.map, []
-    of = dataclasses.asdict(data.specimen)
-    head = [f"# specimen: name = {of.pop('name')}",
-            f"# specimen: embedded = {str(of.pop('embedded')).lower()}"]  # fmt: skip
-    head += [f"# specimen: {key}_m = {value!r}" for key, value in of.items() if value is not None]
-    with tempfile.TemporaryDirectory() as folder:
-        for names, sizes in units.items():
-            P, L, F = names.split(",")
-            three = (data.pressure, data.length, data.force)
-            table = np.stack([one / size for one, size in zip(three, sizes, strict=True)], axis=1)
-            lines = [",".join(map(repr, row)) for row in table.tolist()]
-            path = Path(folder) / f"{P}.csv"
-            path.write_text("\n".join([*head, f"pressure_{P},length_{L},force_{F}", *lines]) + "\n")
-            found.append(fitting.identify(fitting.read_csv(path)))
-    one, other = (np.array([e.value for e in each.estimates]) for each in found)
-    return {"largest relative difference of an estimate": float(np.abs(one / other - 1).max())}
-
-
 def sweep(case: Case) -> dict[str, float]:
     """The 48 fits at the geometry that the standard fit finds."""
     result, data = fit(case), case.map
@@ -310,13 +225,6 @@ def _pulls(data: ForceData, noise: Vector, starts: int) -> list[float]:
     return [(result.estimate(k).value - v) / result.estimate(k).stderr for k, v in TRUTH.items()]
 
 
-def noisy(_: Case) -> dict[str, float]:
-    """One map with noise of 2 N."""
-    data = muscle_map()
-    noise = np.random.default_rng(5).normal(0, NOISE, data.force.size)
-    return {"largest error in standard errors": float(np.abs(_pulls(data, noise, 16)).max())}
-
-
 def coverage(_: Case) -> dict[str, float]:
     """Two-sided probability, over parameters the least, of so many hits of 200 intervals."""
     data, found = muscle_map(), {}
@@ -331,15 +239,3 @@ def coverage(_: Case) -> dict[str, float]:
             np.minimum(1, 2 * np.minimum(below, above)).min()
         )
     return found
-
-
-def ridge(_: Case) -> dict[str, float]:
-    """Two lengths alone leave rest length and end factor open, and the report says so."""
-    data = muscle_map()
-    two = np.isin(data.length, np.unique(data.length)[-2:])
-    part = dataclasses.replace(
-        data, force=data.force[two], pressure=data.pressure[two], length=data.length[two]
-    )
-    table = {"rest_length": Parameter(min=297.0, max=303.0, unit="mm"), **ENDS}
-    warned = " ".join(fitting.identify(part, order=1, parameters=table, starts=4).warnings)
-    return {"named, 1 if so": float("Ridge" in warned or "cannot be told apart" in warned)}

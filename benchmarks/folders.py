@@ -1,33 +1,24 @@
-"""Characterisation folders end to end: twins of known muscles, clocks, kills, and damaged folders.
+"""Characterisation folders end to end: twins of known muscles, and clocks.
 
 A twin is a folder made by the simulated rig and camera; it is evaluated by `famjax characterise`, as a
-person would, and its results are held against its truth. `kills` ends the evaluation with SIGKILL, with
-its workers, after random times, each run going on from the one before; its results must be the same
-bytes as those of an undisturbed run. `damages` makes each mistake of `DAMAGES` in a sound folder, whose
-pictures are measured: the evaluation must stop or warn at the right step with the right message.
+person would, and its results are held against its truth.
 """
 
 import csv
 import dataclasses
-import hashlib
 import json
 import os
-import re
-import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from row import Case, command, tell
+from row import Case, tell
 
 # isort: split
-from rendering import published_ruler, render_ruler
 from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH, drawn_truth, read_truth
 
@@ -43,7 +34,7 @@ from rig.control import Control
 from rig.plan import Isobaric, PlanFile
 from rig.simulation import MachineClock
 
-TWINS, CLOCKS, KILLS, SEED = 20, 100, 10, 3
+TWINS, CLOCKS = 20, 100
 HELD_OUT = np.array([55.0, 85.0]) * PSI
 """Set pressures between those of a small twin's test."""
 
@@ -184,246 +175,3 @@ def _by_motion(seed: int) -> tuple[float, float]:
     found = synchronise(taken, lengths, MachineLog(logged, displacement(logged), source="log"))
     apart = found.offset - offset - (rate - 1) * (found.reference - middle)
     return apart / found.offset_stderr, (found.rate - rate) / found.rate_stderr
-
-
-def kills(_: Case) -> dict[str, float]:
-    """Files of the results that differ after kills."""
-    rng, differing, done = np.random.default_rng(SEED), set(), 0
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place) / "muscle"
-        results, words = folder / "results", _characterise(folder, 2)
-
-        def digests() -> dict[str, str]:
-            return {str(path.relative_to(results)): hashlib.sha256(path.read_bytes()).hexdigest()
-                    for path in results.rglob("*") if path.is_file()}  # fmt: skip
-
-        def compare_and_empty() -> None:
-            """All but the date of the first run, which is a part of the results, is removed."""
-            again, date = digests(), (results / "first-run.json").read_bytes()
-            differing.update(n for n in sound.keys() | again.keys() if sound.get(n) != again.get(n))
-            shutil.rmtree(results)
-            results.mkdir()
-            (results / "first-run.json").write_bytes(date)
-
-        write_twin(folder, seed=SEED)
-        begin = time.monotonic()
-        _run(words)
-        whole, sound = time.monotonic() - begin, digests()
-        compare_and_empty()
-        while done < KILLS:
-            process = subprocess.Popen(
-                words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-            )
-            time.sleep(float(rng.uniform(0.02, 0.7)) * whole)
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                done += 1
-            else:
-                compare_and_empty()
-            process.wait()
-        _run(words)
-        compare_and_empty()
-    return {"files that differ": float(len(differing))}
-
-
-STEPS = ("records", "pictures", "shape")
-SHEET, LOG, JOURNAL, PICTURES = "characterisation.toml", "machine.csv", "test.fam", "photographs"
-# A laboratory whose sheet is right, so that what is changed in it is what is wrong.
-_EXACT = "[errors]\n" + "".join(
-    f"{name}_m = 0.0\n"
-    for name in ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness")
-)
-_OTHERS = {
-    "test": "[rig]\npressures_psi = [30, 60, 90]\nstroke_in = 1.9\nrate_in_per_s = 0.08\n"
-    "[camera]\npictures = 2\n",
-    "muscle": "[muscle]\nrest_length_in = 8.5\nbladder_diameter_in = 1.0\n[camera]\npictures = 12\n",
-}
-"""Folders that files are taken from: another test of the muscle, and another muscle."""
-
-Change = Callable[[Path], object]
-"""Does a mistake to a folder, beside which lie those of `_OTHERS`."""
-
-
-def _edit(name: str, old: str, new: str) -> Change:
-    def change(folder: Path) -> None:
-        text = (folder / name).read_text()
-        assert old in text, old
-        (folder / name).write_text(text.replace(old, new))
-
-    return change
-
-
-def _cut(name: str, part: float) -> Change:
-    def change(folder: Path) -> None:
-        content = (folder / name).read_bytes()
-        (folder / name).write_bytes(content[: round(part * len(content))])
-
-    return change
-
-
-def _from_test(*names: str) -> Change:
-    return lambda folder: [shutil.copy(folder.parent / "test" / n, folder / n) for n in names]
-
-
-def _columns(t: float = 1.0, x: float = 1.0, F: float = 1.0) -> Change:
-    """Time, displacement and force of the log multiplied."""
-
-    def change(folder: Path) -> None:
-        names, units, *rows = (folder / LOG).read_text().splitlines()
-        table = np.array([row.split(",") for row in rows], float) * [t, x, F, 1.0]
-        lines = [f"{a:.5f},{b:.7f},{c:.5f},{d:.0f}" for a, b, c, d in table.tolist()]
-        (folder / LOG).write_text("\n".join([names, units, *lines]) + "\n")
-
-    return change
-
-
-def _pictures(folder: Path) -> list[Path]:
-    return sorted((folder / PICTURES).iterdir())
-
-
-def _pictures_of_another_muscle(folder: Path) -> None:
-    shutil.rmtree(folder / PICTURES)
-    shutil.copytree(folder.parent / "muscle" / PICTURES, folder / PICTURES)
-
-
-def _ruler_off(inches: float) -> Change:
-    """The ruler as it is seen where it lies behind the plane of the axis."""
-
-    def change(folder: Path) -> None:
-        scene = published_ruler(size=(900, round(900 * 1100 / 2650)))
-        off = dataclasses.replace(scene, offset=inches * INCH)
-        render_ruler(off, 4).save(folder / "ruler.jpg")
-
-    return change
-
-
-def _stamp(path: Path) -> bytes:
-    found = re.search(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d", path.read_bytes())
-    assert found is not None
-    return found.group()
-
-
-def _times(of: Callable[[list[bytes]], list[bytes]]) -> Change:
-    """Other times, of the same length, in the EXIF data of the pictures."""
-
-    def change(folder: Path) -> None:
-        paths = _pictures(folder)
-        stamps = [_stamp(path) for path in paths]
-        for path, old, new in zip(paths, stamps, of(stamps), strict=True):
-            path.write_bytes(path.read_bytes().replace(old, new, 1))
-
-    return change
-
-
-def _shuffled(count: int) -> list[int]:
-    return np.random.default_rng(0).permutation(count).tolist()
-
-
-def _unlink(count: int, folder: Path) -> None:
-    for path in _pictures(folder)[count:]:
-        path.unlink()
-
-
-_WALL, _BORE, _REST, _PITCH = (
-    "wall_thickness_in = 0.0625", "bladder_diameter_in = 0.875", "rest_length_in = 9.28125",
-    "pitch_in = 0.125",
-)  # fmt: skip
-_NAMES = ("Extension,Load", "Load,Extension")
-DAMAGES: tuple[tuple[str, Change, str, str, bool], ...] = (
-    ("missing ruler", lambda f: (f / "ruler.jpg").unlink(), "", r"ruler\.jpg, which is not in", True),
-    ("missing log", lambda f: (f / LOG).unlink(), "", r"machine\.csv, which is not in", True),
-    ("a photograph of the muscle in place of the ruler",
-     lambda f: shutil.copy(_pictures(f)[3], f / "ruler.jpg"), "", "ruler", True),
-    ("empty journal", _cut(JOURNAL, 0), "records", "is not a journal", True),
-    ("empty log", _cut(LOG, 0), "records", r"machine\.csv", True),
-    ("wall of 1.5875 mm given as inches", _edit(SHEET, _WALL, "wall_thickness_in = 1.5875"), "",
-     r"wall of 40\.32 mm does not fit.*check the units", True),
-    ("columns of the log swapped", _edit(LOG, *_NAMES), "records", "unit|swapped|agree", True),
-    ("columns of the log swapped with their units",
-     lambda f: (_edit(LOG, *_NAMES)(f), _edit(LOG, "(mm),(N)", "(N),(mm)")(f)), "records",
-     "columns swapped or wrongly named", True),
-    ("mm in the log labelled inches", _edit(LOG, "(mm)", "(in)"), "records",
-     "check the unit of the displacement", True),
-    ("inches in the log labelled mm", _columns(x=1 / 25.4), "records", "ratio of inches and mm", True),
-    ("lbf in the log labelled N", _columns(F=1 / 4.4482216), "records", "ratio of lbf and N", True),
-    ("minutes in the log labelled seconds", _columns(t=1 / 60), "records",
-     "check the unit of its time", True),
-    ("sign of the force turned round", _columns(F=-1.0), "records", "pushing_positive must be true",
-     True),
-    ("sign of the displacement turned round", _columns(x=-1.0), "records",
-     "shortening_positive must be true", True),
-    ("decimal commas in a file with commas", _edit(LOG, ".", ","), "records", "decimal|column", True),
-    ("log of another test", _from_test(LOG), "records", "of (one|the same) test", True),
-    ("journal of another test", _from_test(JOURNAL), "records", "of (one|the same|two) tests?", True),
-    ("sync column that is none",
-     _edit(SHEET, 'machine_log = "machine.csv"', 'machine_log = "machine.csv"\nsync_column = "Sync"'),
-     "records", "no column 'Sync'", True),
-    ("half of the log", _cut(LOG, 0.55), "records", "complete strokes.*expected 6", False),
-    ("half of the journal", _cut(JOURNAL, 0.55), "records", "complete stroke", False),
-    ("rest length in mm that is in inches", _edit(SHEET, _REST, "rest_length_mm = 9.28125"), "records",
-     "rest_length", True),
-    ("wall of 0.0625 in given as mm", _edit(SHEET, _WALL, "wall_thickness_mm = 0.0625"), "records",
-     "wall_thickness over bladder_diameter.*units", False),
-    ("no pictures", lambda f: _unlink(0, f), "", "no pictures|there are no|photographs", True),
-    ("five pictures", lambda f: _unlink(5, f), "shape", "5 pictures were measured.*6", True),
-    ("journal and log of another test", _from_test(JOURNAL, LOG), "pictures", "length|displacement",
-     True),
-    ("pictures out of order: their times exchanged",
-     _times(lambda stamps: [stamps[k] for k in _shuffled(len(stamps))]), "pictures",
-     "of another test, or their times are not", True),
-    ("pictures without times", _times(lambda stamps: [b"0000:00:00 00:00:00"] * len(stamps)),
-     "pictures", "have a time in their EXIF", False),
-    ("photographs of another muscle", _pictures_of_another_muscle, "pictures",
-     "rest length.*another muscle|are of another test", True),
-    ("ruler 1 in nearer than the axis", _ruler_off(-1.0), "pictures",
-     r"as if the ruler had been 2[3-7](\.\d)? mm nearer", True),
-    ("ruler 1 in behind the axis", _ruler_off(1.0), "pictures",
-     r"as if the ruler had been 2[3-7](\.\d)? mm farther", True),
-    ("ruler of inches read as cm", _edit(SHEET, _PITCH, "pitch_cm = 0.125"), "pictures",
-     "ratio of inches and cm", True),
-    ("rest length wrong by 1 in", _edit(SHEET, _REST, "rest_length_in = 8.28125"), "pictures",
-     r"machine's zero, and the rest length: expected .* found 235\.\d mm", True),
-    ("bladder of 1.5 in in place of 0.875", _edit(SHEET, _BORE, "bladder_diameter_in = 1.5"),
-     "pictures", "narrower than its bladder", True),
-    ("bladder of 0.6 in in place of 0.875", _edit(SHEET, _BORE, "bladder_diameter_in = 0.6"),
-     "pictures", "check bladder_diameter", False),
-)  # fmt: skip
-"""Mistakes: name, what does it, step at which it must be told ("": before any), regular expression of what
-must be told, and whether the work must stop there; else it goes on with a warning."""
-
-
-def damages(_: Case) -> dict[str, float]:
-    """Damages that stop or warn elsewhere than they must, or with another message."""
-    wrong = 0
-    with tempfile.TemporaryDirectory() as name:
-        place = Path(name)
-        folder, sound = place / "muscle-under-test", place / "sound"
-        for other, text in {**_OTHERS, "sound": _EXACT}.items():
-            (place / "truth.toml").write_text(text)
-            write_twin(place / other, seed=SEED + (other != "sound"), flawed=False,
-                       truth=place / "truth.toml")  # fmt: skip
-        code, said = _evaluated(sound.rename(folder))
-        assert not code, said
-        assert "warning" not in said, said
-        folder.rename(sound)
-        for title, change, step, says, stops in DAMAGES:
-            shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(sound, folder)
-            change(folder)
-            code, said = _evaluated(folder)
-            text = " ".join(said.splitlines())
-            told = re.search(says, text)
-            before = text[: told.start()] if told else text
-            begun = re.findall(rf"\b({'|'.join(STEPS)})(?:: as before| \.\.\.)", before)
-            right = told and (begun or [""])[-1] == step and code == (2 if stops else 0)
-            if not right:
-                wrong += 1
-                tell(f"{title}: exit {code} at {begun[-1:]}: {said}")
-    return {"not told at the right step": float(wrong)}
-
-
-def _evaluated(folder: Path) -> tuple[int, str]:
-    """The steps of a folder before its fits."""
-    steps = [word for step in STEPS for word in ("--only", step)]
-    code, _, said = command("characterise", folder, *steps, "--jobs", 2)
-    return code, said

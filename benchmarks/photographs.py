@@ -24,7 +24,6 @@ from row import Case, command, tell
 # isort: split
 from rendering import (
     INCH,
-    CameraSensor,
     Jpeg,
     Lens,
     Light,
@@ -94,6 +93,20 @@ def _worst(scenes: Iterable[Scene]) -> dict[str, float]:
     return {name: float(np.abs([one[name] for one in found]).max()) for name in found[0]}
 
 
+def _rulers() -> dict[str, float]:
+    """Steel, wood and tilted rulers in the muscle's plane."""
+    changes: tuple[dict[str, Any], ...] = (
+        {}, {"rotation_deg": 2.0}, {"tilt_deg": 1.0}, {"tilt_deg": -3.0}, {"edge": "both"},
+        {"face": (0.62, 0.40, 0.17)}, {"edge": "right", "rotation_deg": -1.0},
+    )  # fmt: skip
+    off = []
+    for k, change in enumerate(changes):
+        photo = render_ruler(dataclasses.replace(published_ruler(size=SIZE), **change), k)
+        assert photo.truth is not None
+        off.append(calibrate_ruler(photo.rgb).px_per_m / photo.truth.px_per_m - 1)
+    return {"scale from the ruler, relative": float(np.abs(off).max())}
+
+
 def accuracy(_: Case) -> dict[str, float]:
     """Side-lit muscles, three weaves at each contraction, then harsh light, a stroke and rulers."""
     found = _worst(woven(published_scene(c, size=SIZE), k) for c in CONTRACTIONS for k in (1, 2, 3))
@@ -115,51 +128,6 @@ def accuracy(_: Case) -> dict[str, float]:
     L, true = (np.array([one[k].length for one in strokes]) for k in (0, 1))
     off = np.abs((1 - L / L[0]) - (1 - true / true[0])).max() * true[0] / INCH
     return figures | {"contraction over a stroke, error [in]": float(off), **_rulers()}
-
-
-def _rulers() -> dict[str, float]:
-    """Steel, wood and tilted rulers in the muscle's plane."""
-    changes: tuple[dict[str, Any], ...] = (
-        {}, {"rotation_deg": 2.0}, {"tilt_deg": 1.0}, {"tilt_deg": -3.0}, {"edge": "both"},
-        {"face": (0.62, 0.40, 0.17)}, {"edge": "right", "rotation_deg": -1.0},
-    )  # fmt: skip
-    off = []
-    for k, change in enumerate(changes):
-        photo = render_ruler(dataclasses.replace(published_ruler(size=SIZE), **change), k)
-        assert photo.truth is not None
-        off.append(calibrate_ruler(photo.rgb).px_per_m / photo.truth.px_per_m - 1)
-    return {"scale from the ruler, relative": float(np.abs(off).max())}
-
-
-def own_errors(_: Case) -> dict[str, float]:
-    """Errors over their standard errors, for muscles, lamps, lenses and places drawn at random."""
-    random, sigmas = np.random.default_rng(20), []
-    for k in range(DRAWN):
-        scene = woven(
-            published_scene(float(random.choice(CONTRACTIONS)), size=SIZE), 100 + k,
-            roll=np.radians(random.uniform(-2, 2)), x0=random.uniform(-0.3, 0.3) * INCH,
-            turns=random.uniform(0.8, 1.5), relief=random.uniform(0.0, 0.004) * INCH,
-        )  # fmt: skip
-        lambert = dataclasses.replace(Light.side(), reflectance="lambert")
-        scene = dataclasses.replace(
-            scene, light=(Light.side(), Light.frontal(), lambert)[random.integers(3)],
-            lens=Lens(blur_px=random.uniform(0.6, 1.6)),
-            sensor=CameraSensor(full_well=random.uniform(800, 8000), exposure=random.uniform(0.5, 1.5)),
-        )  # fmt: skip
-        try:
-            found, truth = photographed(scene, seed=k)
-        except ImagingError as error:
-            tell(f"scene {k}: {type(error).__name__}: {error}")
-            continue
-        sigmas.append([
-            (found.length - truth.length) / found.length_stderr,
-            (found.mean_diameter - truth.mean_diameter) / found.mean_diameter_stderr,
-            (found.volume - truth.volume) / found.volume_stderr,
-            float(np.sqrt(np.mean((diameter_error(found, truth) / found.diameter_stderr) ** 2))),
-        ])  # fmt: skip
-    rms = np.sqrt(np.mean(np.square(sigmas), axis=0))
-    return {"largest RMS of error / standard error": float(rms.max()),
-            "least RMS of error / standard error": float(rms.min())}  # fmt: skip
 
 
 def _any_weave(seed: int) -> Scene:

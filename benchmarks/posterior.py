@@ -51,13 +51,7 @@ def calibration(_: Case, censored: bool) -> dict[str, float]:
 
 
 def ranks(count: int, seed: int, *, censored: bool) -> dict[str, Float[np.ndarray, " count"]]:
-    """Part of the draws that lie below the truth, by parameter.
-
-    Args:
-        count: truths.
-        seed: of everything.
-        censored: whether the maps have slack and saturated readings, which take part.
-    """
+    """Part of the draws below the truth; with `censored` slack and saturated readings take part."""
     rng = np.random.default_rng(seed)
     parameters = {name: Parameter(prior=of, unit="Pa") for name, of in _LAW.items()}
     found: dict[str, list[float]] = {name: [] for name in (*_BOX, *_LAW, "noise")}

@@ -125,12 +125,6 @@ def test_tables_of_a_posterior_and_of_hysteresis() -> None:
     assert not unexplained([*labels, "error with one pressure left out"])
 
 
-def test_columns_of_a_prediction() -> None:
-    said = ("length", "pressure", "force", "force std", "low 95", "high 95", "band", "slack",
-            "model force", "inside", "outside", "onset pressure", "slack up to", "pulls from")  # fmt: skip
-    assert not unexplained(list(said))
-
-
 def labels_of_page(page: str) -> list[str]:
     """Headings, headers and first cells of a report, but for file names."""
     found = []
@@ -145,10 +139,3 @@ def labels_of_page(page: str) -> list[str]:
                     html.unescape(one) for one in re.findall(r"<td>([a-z ]+)</td></tr>", table)
                 ]
     return found
-
-
-def test_labels_of_a_page_are_found() -> None:
-    row = (
-        "<table><thead><tr><th scope='col'>what</th></tr></thead><tbody><tr><td>RMSE [N]</td></tr>"
-    )
-    assert labels_of_page(f"{row}</tbody></table>") == ["what", "RMSE [N]"]

@@ -356,6 +356,13 @@ class MuscleCard:
             ) from None
         except ValueError as error:
             raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
+        shape = cut_to_length(self.members[0].muscle, rest_length).geometry
+        wide = 2 * float(shape.dimensions(rest_length, 0.0).radius)
+        if rest_length < wide:
+            raise InputError(
+                f"{self.name} cannot be cut to {rest_length:.4g} m: its length must be above its diameter, "
+                f"{wide:.4g} m. Give a longer rest length"
+            )
         old = float(self.muscle.rest_length)
         ratio, hysteresis = rest_length / old, self.hysteresis
         if hysteresis is not None:

@@ -102,7 +102,7 @@ def dmsp_20(length: float | None = None) -> SafeMuscle:
     """A Festo DMSP-20 cut to a length, safe at any state.
 
     As `dmsp_10`: 126 readings of a muscle of 296 mm at up to 675 kPa and 25 % of contraction; RMSE
-    4.0 N of 1654 N.
+    3.2 N of 1654 N.
 
     Args:
         length: rest length [m] of the rubber between the fittings; 296 mm unless given.
@@ -118,7 +118,7 @@ def dmsp_20(length: float | None = None) -> SafeMuscle:
 
     >>> muscle = dmsp_20(length=0.3)
     >>> print(f"{muscle.blocked_force(5e5):.0f} N, {100 * muscle.free_contraction(5e5):.0f} %")
-    1195 N, 22 %
+    1196 N, 22 %
     """
     return _cut("DMSP-20", length)
 

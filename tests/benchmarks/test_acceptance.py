@@ -61,14 +61,6 @@ def test_every_row_is_complete() -> None:
         assert f"\ndef {function}(" in source, one.measure
 
 
-def test_rows_are_chosen_by_name_and_cost() -> None:
-    assert {one.name for one in acceptance.chosen(["certificate"], "long")} == {"certificate"}
-    assert {one.cost for one in acceptance.chosen([], "quick")} == {"quick"}
-    assert acceptance.chosen([], "long") == list(acceptance.ROWS)
-    with pytest.raises(ValueError, match="no row fits 'spam'"):
-        acceptance.chosen(["spam"], "quick")
-
-
 def test_data_are_maps_folders_and_places(csv: Path, tmp_path: Path) -> None:
     words = [f"bpa10 10cm={csv}", "DMSP-10-250", str(tmp_path)]
     assert acceptance.given_data(words) == ({"bpa10 10cm": str(csv)}, ["DMSP-10-250", str(csv)])
@@ -98,27 +90,6 @@ def test_verdicts(tiny, csv: Path) -> None:
     absent = row.judge(tiny, row.Case("bpa10 10cm"), own_data=True)
     assert absent.verdict == "not run"
     assert "--data 'bpa10 10cm=PATH'" in absent.why
-
-
-def test_what_is_computed_once_is_shared() -> None:
-    case = row.Case("a")
-    assert case.once("key", lambda: 1) == case.once("key", lambda: 2) == 1
-    assert dataclasses.replace(case, name="b").once("key", lambda: 3) == 3
-
-
-def test_other_maps_are_taken_once_and_places_with_their_limits(tiny, csv: Path) -> None:
-    twin = dataclasses.replace(tiny, data="DMSP-20-300")
-    elsewhere = dataclasses.replace(tiny, data="made-up muscles", name="made up")
-    every, file = [tiny, twin, elsewhere], str(csv)
-
-    def taken(places: dict[str, str], others: list[str]) -> list[tuple[str, bool]]:
-        found = acceptance.cases(every, places, others, row.Case())
-        return [(case.name, own) for _, case, own in found]
-
-    bundled = [("DMSP-10-250", True), ("DMSP-20-300", True), ("made-up muscles", True)]
-    assert taken({}, []) == bundled
-    assert taken({}, [file]) == [(file, False), ("made-up muscles", True)]
-    assert taken({"DMSP-20-300": file}, [])[1] == (f"DMSP-20-300={file}", True)
 
 
 def test_lines_file_and_exit_code(

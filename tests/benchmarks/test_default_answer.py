@@ -41,11 +41,6 @@ def test_the_physics_shares_nothing_with_famjax(name: str) -> None:
     assert not imported & {"famjax", "fitting", "imaging", "rig", "jax"}
 
 
-def test_rubber_at_rest_adds_nothing_to_the_braid(tube) -> None:
-    gaylord = 6e5 * np.pi * tube.braid_radius**2 * (2 * np.tan(tube.angle) ** 2 - 1)
-    assert tube.reading(0.25, 6e5) == pytest.approx(gaylord, rel=1e-9)
-
-
 def test_a_thin_wall_pulls_as_its_energy_at_one_radius_changes(tube) -> None:
     # An oracle without a quadrature: neo-Hookean rubber at the braid's radius alone.
     rubber = tubes.Rubber("mooney-rivlin", 5e5, (0.0,))
@@ -92,20 +87,6 @@ def test_the_rig_is_in_the_reading(tube) -> None:
     assert down < rigid < up
 
 
-def test_stretched_threads_make_a_longer_muscle_and_open_ends_a_weaker_one(tube) -> None:
-    rigid = tube.reading(0.22, 5e5)
-    soft = dataclasses.replace(tube, thread_stretch=1e-5).reading(0.22, 5e5)
-    domes = dataclasses.replace(tube, ends="domes", end_size=1.0).reading(0.22, 5e5)
-    cones = dataclasses.replace(tube, ends="cones", end_size=1.5)
-    assert soft != pytest.approx(rigid, rel=1e-3)
-    assert domes < rigid
-    assert cones.length(np.array(cones.cylinder), np.array(cones.thread)) == pytest.approx(0.25)
-
-
-def test_where_the_threads_are_straight_there_is_no_reading(tube) -> None:
-    assert np.isnan(tube.reading(0.29, 5e5))
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_a_seed_is_a_map_and_its_truth_lies_inside(seed: int, tmp_path) -> None:
     one, again = truth.own_map(seed), truth.own_map(seed)
@@ -126,15 +107,6 @@ def test_a_seed_is_a_map_and_its_truth_lies_inside(seed: int, tmp_path) -> None:
     assert np.unique(one.length[(one.length > second) & (one.length < first)]).size >= 8
 
 
-def test_states_beyond_the_hull_are_no_truth() -> None:
-    corner = truth.Readings(
-        np.array([0.2, 0.2, 0.1]), np.array([1e5, 2e5, 2e5]), np.array([1.0, 2.0, 1.0])
-    )
-    length, pressure = truth.states(corner)
-    assert length.size > 50
-    assert (length / 0.1 + pressure / 1e5 >= 3 - 1e-6).all()
-
-
 def test_a_hard_muscle_fits_the_real_map() -> None:
     one = truth.hard_map(3)
     real = load_bundled("DMSP-10-250")
@@ -143,16 +115,6 @@ def test_a_hard_muscle_fits_the_real_map() -> None:
     error = (rows[:, 2] - real.force)[real.loaded]
     assert np.sqrt(np.mean(error**2)) < 2.2  # 1.5 N of misfit and 1 N of noise
     assert "specimen" not in one.readings
-
-
-def test_variants_of_the_bundled_maps() -> None:
-    variants = list(truth.maps("bundled"))
-    assert len(variants) == 30
-    assert len({(one.name, one.about) for one in variants}) == 30
-    whole = next(one for one in variants if one.name == "DMSP-20-300")
-    assert whole.about == "whole, no lines"
-    rows = np.loadtxt(whole.readings.splitlines()[1:], delimiter=",")
-    assert rows[:, 2] == pytest.approx(load_bundled("DMSP-20-300").force)
 
 
 def _examined(force, half: float, *, reasons=(), inside=(1, 1, 1)):
@@ -184,34 +146,6 @@ def test_a_true_answer_is_neither_bad_nor_silent() -> None:
 def test_what_is_wrong(force, half: float, bad: bool) -> None:
     one = _examined(force, half)
     assert (one.bad, one.silent) == (bad, bad)
-
-
-def test_what_warns_of_a_wrong_answer() -> None:
-    told = _examined([0, 50, 120], 2.0, reasons=["A length is missed."])
-    assert (told.bad, told.silent) == (True, False)
-    assert not _examined([0, 50, 120], 2.0, inside=(1, 1, 0)).silent
-
-
-def test_states_without_an_answer_are_told() -> None:
-    assert "no answer at 1 of 3 states" in _examined([0, math.nan, 100], 2.0).why
-    assert "no answer" in str(_examined([math.nan] * 3, 2.0))
-
-
-def test_a_refused_map_stays_a_row() -> None:
-    at = np.array([0.2])
-    one = answers.examine(truth.TruthMap("own", "no map", 0, "", "force_N\n1\n", at, at, at))
-    assert one.why.startswith("InputError")
-    assert answers.summary([one])["maps without an answer"] == 1
-
-
-def test_maps_of_others(tmp_path: Path) -> None:
-    path = tmp_path / "mine.csv"
-    path.write_text("pressure_kPa,length_mm,force_N\n100,200,5\n")
-    with pytest.raises(FileNotFoundError, match="truth"):
-        next(answers.given_maps([str(path)]))
-    path.with_suffix(".truth.csv").write_text("pressure_kPa,length_mm,force_N\n100,200,5.5\n")
-    (one,) = answers.given_maps([str(path)])
-    assert (one.length[0], one.pressure[0], one.force[0]) == pytest.approx((0.2, 1e5, 5.5))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, PolynomialMa
 from famjax.boundary.errors import InputError
 from famjax.braids import LinearThread
 from famjax.equilibrium import Section
-from famjax.materials import MooneyRivlinMaterial, SaturatingMaterial
+from famjax.materials import MooneyRivlinMaterial
 
 PRINT = Specimen()  # inches, psi, lbf
 LATEX = PolynomialMaterial(list(PRINT.E))
@@ -182,14 +182,6 @@ def test_a_short_tapered_unequal_muscle_of_sections() -> None:
 
 
 @pytest.mark.slow
-def test_sections_of_one_kind_are_one_muscle(muscle: EquilibriumMuscle) -> None:
-    halves = EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=PRINT.end, other_end_diameter=PRINT.end,
-                               sections=[Section(0.5), Section(0.5)])  # fmt: skip
-    at = LENGTHS, 80.0
-    np.testing.assert_allclose(halves.force(*at), muscle.force(*at), rtol=1e-6)
-
-
-@pytest.mark.slow
 def test_elastic_threads_stretch_and_keep_the_books() -> None:
     def made(modulus: float) -> EquilibriumMuscle:
         braid = ElasticBraid(PRINT.B, PRINT.N, PRINT.braid, 144, LinearThread(modulus, 1.332e-4))
@@ -223,14 +215,6 @@ def test_single_precision_and_many_muscles(muscle: EquilibriumMuscle) -> None:
     many = pull(ends)
     assert float(many[1]) == pytest.approx(expected[1], rel=1e-9)
     assert float(many[0]) < float(many[1])
-
-
-@pytest.mark.slow
-def test_any_law_will_do() -> None:
-    for law in (MooneyRivlinMaterial(15.94, 31.32), SaturatingMaterial(100.0, 30.0, 0.2)):
-        made = EquilibriumMuscle(BRAID, TUBE, law, end_diameter=PRINT.end)
-        left, work = _cycle(made, (7.5, 9.0), (60.0, 100.0))
-        assert abs(left) < 1e-8 * work
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from famjax.materials import (
     AbstractHyperelastic,
     AbstractMaterial,
     AbstractUniaxialLaw,
-    OgdenMaterial,
     SaturatingMaterial,
 )
 
@@ -31,21 +30,6 @@ def test_law_is_odd_and_its_tangent_at_zero_is_the_first_coefficient(order: int)
     assert float(jax.jit(jax.grad(law.stress))(0.0)) == 1.0
     expected = sum((n + 1) * 0.5 ** (n + 1) for n in range(order))
     assert float(law.stress(0.5)) == pytest.approx(expected, rel=1e-14)
-
-
-def test_a_law_of_pressure_is_linear_between_nodes_and_beyond_two() -> None:
-    two, three = (
-        famjax.materials.PressurePolynomialMaterial(nodes, coefficients)
-        for nodes, coefficients in [
-            ([1e5, 3e5], [[1.0, 2.0], [3.0, 6.0]]),
-            ([1e5, 2e5, 3e5], [[1.0], [2.0], [5.0]]),
-        ]
-    )
-    pressure = np.array([1e5, 2e5, 3e5, 4e5])
-    np.testing.assert_allclose(two.stresses(-0.5, 1.0, pressure)[1], [3, 6, 9, 12])
-    np.testing.assert_allclose(two.stresses(-0.5, 1.0, pressure)[0], [-1, -2, -3, -4])
-    known = three.stresses(1.0, 1.0, jnp.array([0.5e5, 1e5, 2.5e5, 3e5, 3.1e5]))[0]
-    np.testing.assert_allclose(known, [np.nan, 1, 3.5, 5, np.nan])
 
 
 DIFFERENCE = 1e-6  # central differences
@@ -124,18 +108,6 @@ def test_small_strain_is_linear_elasticity_at_poissons_ratio_one_half(
     np.testing.assert_allclose(tangent, [[4 * mu, 2 * mu], [2 * mu, 4 * mu]], rtol=EXACT)
 
 
-def test_ogden_contains_neo_hookean_and_mooney_rivlin() -> None:
-    strain, hoop = np.linspace(-0.3, 1.5, 7), np.full(7, 0.4)
-    pairs = [
-        (OgdenMaterial([MU], [2.0]), HYPERELASTIC["neo-hookean"]),
-        (OgdenMaterial([2 * C10, -2 * C01], [2.0, -2.0]), HYPERELASTIC["mooney-rivlin"]),
-    ]
-    for ogden, law in pairs:
-        pair = zip(_stresses(ogden, strain, hoop), _stresses(law, strain, hoop), strict=True)
-        for one, other in pair:
-            np.testing.assert_allclose(one, other, rtol=EXACT, atol=EXACT)
-
-
 @pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)
 def test_stress_is_stretch_times_slope_of_the_energy(
     law: AbstractMaterial,
@@ -168,19 +140,6 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(
     lengths = np.array([0.22, 0.26, 0.296, 0.3])
     want = np.asarray(jax.jit(jax.vmap(jax.grad(stored)))(lengths))
     assert np.asarray(muscle.bladder_force(lengths, 2e5)) == pytest.approx(want, rel=1e-10)
-
-
-def test_saturating_law_has_its_two_moduli_and_is_odd() -> None:
-    E, S, s = 0.5, 0.3, 0.2
-    law = SaturatingMaterial(E, S, s)
-    strain = np.linspace(-1.5, 1.5, 31)
-    want = E * strain + S * (1 - np.exp(-abs(strain) / s)) * np.sign(strain)
-    np.testing.assert_allclose(law.stress(strain), want, rtol=EXACT, atol=EXACT)
-    tangent = E + S / s * np.exp(-abs(strain) / s)
-    np.testing.assert_allclose(law.tangent_modulus(strain), tangent, rtol=EXACT)
-    for zero in (0.0, -0.0):
-        assert float(jax.grad(law.stress)(zero)) == pytest.approx(E + S / s, rel=EXACT)
-    assert float(law.initial_modulus) == pytest.approx(E + S / s, rel=EXACT)
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Rounded ends, compliant braids, and rigs that give way: what each reduces to, and by what it differs."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +10,6 @@ import famjax
 from famjax.materials import SaturatingMaterial
 from famjax.muscle import SEATING_FORCE, give_way
 
-EXACT = 1e-12
 DIFFERENCE = 1e-6  # central differences of a function of order one
 
 
@@ -47,27 +45,6 @@ def test_stiffness_is_the_slope_of_the_force(muscle: famjax.Muscle) -> None:
     np.testing.assert_allclose(muscle.stiffness(L, P), slope, rtol=DIFFERENCE)
 
 
-@pytest.mark.parametrize("state", ["rest", "no pressure", "neutral"])
-def test_values_and_gradients_are_finite_at_the_edges(muscle: famjax.Muscle, state: str) -> None:
-    L, P = _states(muscle)
-    length, pressure = {
-        "rest": (muscle.geometry.rest_length, P[-1]),
-        "no pressure": (L[3], np.zeros(())),
-        "neutral": (muscle.geometry.braid.neutral_length, P[-1]),
-    }[state]
-
-    @eqx.filter_jit
-    def everything(muscle: famjax.Muscle, length: jnp.ndarray, pressure: jnp.ndarray) -> tuple:
-        return (
-            jax.value_and_grad(muscle.force, argnums=(0, 1))(length, pressure),
-            eqx.filter_grad(lambda m: m.force(length, pressure))(muscle),
-            jax.hessian(muscle.force)(length, pressure),
-        )
-
-    for leaf in jax.tree.leaves(everything(muscle, length, pressure)):
-        assert np.isfinite(leaf).all()
-
-
 def test_free_contraction_has_no_force_and_load_is_carried(muscle: famjax.Muscle) -> None:
     P = _states(muscle)[1][2:]
     blocked = muscle.blocked_force(P)
@@ -77,27 +54,6 @@ def test_free_contraction_has_no_force_and_load_is_carried(muscle: famjax.Muscle
     loaded = muscle.length_at_load(0.4 * blocked, P)
     np.testing.assert_allclose(muscle.force(loaded, P), 0.4 * blocked, rtol=1e-11)
     assert (np.diff(free) > 0).all()
-
-
-def test_without_bladder_the_free_contraction_is_the_braid_s(festo: famjax.Muscle) -> None:
-    limp = famjax.Muscle(festo.geometry, famjax.PolynomialMaterial([0.0]))
-    expected = 1 - festo.geometry.braid.neutral_length / festo.geometry.rest_length
-    assert float(limp.free_contraction(3e5)) == pytest.approx(float(expected), abs=1e-12)
-
-
-def test_path_modulus_of_a_linear_law_is_its_modulus(muscle: famjax.Muscle) -> None:
-    L, P = _states(muscle)
-    linear = famjax.PolynomialMaterial([3.5])
-    np.testing.assert_allclose(famjax.path_modulus(linear, muscle.geometry, L, P), 3.5, rtol=1e-12)
-
-
-def test_a_caller_who_forbids_rank_promotion_still_has_forces() -> None:
-    law = famjax.materials.OgdenMaterial([4e5], [2.0])
-    braid = famjax.Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
-    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.002)), law)
-    with jax.numpy_rank_promotion("raise"):
-        assert muscle.force(jnp.array([0.28, 0.3]), 4e5).shape == (2,)
-        assert famjax.path_modulus(law, muscle.geometry, jnp.array([0.28, 0.3]), 4e5).min() > 0
 
 
 @pytest.mark.parametrize("name", ["inelastic", "toe", "saturating"])
@@ -116,16 +72,6 @@ def test_path_modulus_is_the_slope_of_stress_along_the_path(name: str) -> None:
     strain = strains(steps) @ weights
     modulus = famjax.path_modulus(law, geometry, length, pressure)
     assert float(modulus) == pytest.approx(stress @ strain / (strain @ strain), rel=1e-8)
-
-
-def test_end_factor_of_one_is_no_end_effect(festo: famjax.Muscle) -> None:
-    ends = famjax.geometries.EndEffectGeometry(festo.geometry, 1.0)
-    muscle = famjax.Muscle(ends, festo.material, festo.deadband_pressure)
-    L, P = jnp.linspace(0.24, 0.296, 5), 4e5
-    np.testing.assert_allclose(muscle.force(L, P), festo.force(L, P), rtol=EXACT)
-    assert [float(end) for end in ends.length_range()] == pytest.approx(
-        [float(end) for end in festo.geometry.length_range()], rel=EXACT
-    )
 
 
 def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
@@ -171,20 +117,7 @@ def test_onset_pressure_is_where_the_force_begins(festo: famjax.Muscle) -> None:
     assert np.isnan(festo.onset_pressure(0.25, 1e4, throw=False))
 
 
-def test_without_deadband_a_muscle_at_rest_pulls_from_zero_pressure_on(
-    festo: famjax.Muscle,
-) -> None:
-    """At rest rounding alone keeps the force from zero; a stretched one pulls without pressure."""
-    for end_factor in (1.0, 1.1, 1.3):
-        ends = famjax.geometries.EndEffectGeometry(festo.geometry, end_factor)
-        muscle = famjax.Muscle(ends, festo.material, 0.0)
-        L0 = float(ends.rest_length)
-        assert float(muscle.onset_pressure(L0, 2e6)) == pytest.approx(0.0, abs=1e-3)  # Pa
-        assert np.isnan(muscle.onset_pressure(1.02 * L0, 2e6, throw=False))
-
-
 C = 1.8e-5  # m/N
-LINEAR_BELOW = 0.1  # N
 
 
 MUSCLE = famjax.Muscle(
@@ -203,15 +136,6 @@ def test_every_rig_gives_way_alike_at_the_seating_force(exponent: float) -> None
     np.testing.assert_allclose(give_way(-force, C, exponent), -give_way(force, C, exponent))
 
 
-def test_near_no_force_every_rig_is_linear() -> None:
-    force = np.array([1e-9, 1e-4, 1e-3])
-    slope = give_way(force, C, 0.4) / force
-    np.testing.assert_allclose(slope, slope[0], rtol=1e-3)
-    assert np.isfinite(float(jax.grad(lambda F: give_way(F, C, 0.4))(0.0)))
-    # As stiff as the power is at the force below which it is linear.
-    assert slope[0] == pytest.approx(C * (LINEAR_BELOW / SEATING_FORCE) ** -0.6, rel=1e-6)
-
-
 @pytest.mark.parametrize("exponent", [None, 1.0, 0.5, 0.3])
 def test_a_mounted_muscle_balances(exponent: float | None) -> None:
     mounted = famjax.MountedMuscle(MUSCLE, C, exponent)
@@ -221,20 +145,6 @@ def test_a_mounted_muscle_balances(exponent: float | None) -> None:
     assert (force < MUSCLE.force(x, P)).all()
     if exponent == 1.0:
         np.testing.assert_allclose(force, famjax.MountedMuscle(MUSCLE, C).force(x, P), rtol=1e-11)
-
-
-def test_another_muscle_in_the_same_rig() -> None:
-    mounted = famjax.MountedMuscle(MUSCLE, C, 0.5)
-    shorter = mounted.with_muscle(famjax.cut_to_length(MUSCLE, 0.2))
-    assert float(shorter.rest_length) == pytest.approx(0.2)
-    assert (shorter.compliance, shorter.exponent) == (C, 0.5)
-
-
-def test_its_numbers_are_declared() -> None:
-    declared = famjax.MountedMuscle(MUSCLE, C, 0.5).declared()
-    exponent = declared["series_exponent"]
-    assert (exponent.low, exponent.high, exponent.linear) == (0.3, 1.0, False)
-    assert "series_exponent" not in famjax.MountedMuscle(MUSCLE, C).declared()
 
 
 REST, OTHER = 0.3, 0.083
@@ -266,17 +176,6 @@ def test_without_ends_the_force_depends_on_contraction_alone(kind: str) -> None:
     np.testing.assert_allclose(
         short.force(OTHER * (1 - c), 4e5), long.force(REST * (1 - c), 4e5), rtol=1e-9
     )  # the elastic root is found to 1e-10
-
-
-def test_the_ends_keep_their_dead_length() -> None:
-    long = muscle("inextensible", 1.05)
-    short = famjax.cut_to_length(long, OTHER)
-    dead = REST * (1 - 1 / 1.05)
-    factor = short.geometry.end_factor
-    assert float(OTHER * (1 - 1 / factor)) == pytest.approx(dead, rel=EXACT)
-    again = famjax.cut_to_length(short, REST)
-    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(long), strict=True):
-        np.testing.assert_allclose(one, other, rtol=EXACT)
 
 
 class Wrapped(famjax.geometries.AbstractGeometry):

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import re
 from typing import Any
 
 import equinox as eqx
@@ -16,13 +15,11 @@ from muscles import (
     CYLINDER_10,
     GEOMETRIES,
     INELASTIC,
-    KEVLAR,
     L0,
     LATEX,
     MUSCLES,
     REST,
     RUBBER as PLAIN,
-    SPECIMEN,
     TERMS,
 )
 
@@ -73,55 +70,6 @@ def test_unreachable_members_spoil_nothing(name: str) -> None:
         np.testing.assert_allclose(*both, atol=SOLVED)
 
 
-def test_what_a_braid_gives_way_to_spoils_nothing() -> None:
-    """Soft threads under too much pressure, and those of a stiffer member of the same batch."""
-
-    def force(modulus: jax.Array, stiffness: jax.Array) -> jax.Array:
-        braid = eqx.tree_at(lambda b: b.thread.modulus, KEVLAR, modulus)
-        law = famjax.PolynomialMaterial(stiffness[None])
-        return famjax.Muscle(famjax.EstimatedGeometry(braid, SPECIMEN), law).force(9.0, 100.0)
-
-    moduli = jnp.array([0.05e6, 11.6e6])
-    batch = jax.jit(jax.vmap(force, (0, None)))(moduli, jnp.asarray(257.8))
-    np.testing.assert_array_equal(np.isnan(batch), [True, False])
-    slope = jax.jit(jax.jacrev(jax.vmap(force, (0, None)), 1))(moduli, jnp.asarray(257.8))
-    alone = jax.jit(jax.grad(force, 1))(moduli[1], jnp.asarray(257.8))
-    np.testing.assert_allclose(slope[1], alone, rtol=SOLVED)
-
-
-def test_pressures_that_a_law_does_not_know_spoil_nothing() -> None:
-    nodes = jnp.array([0.0, 3e5, 7e5]), jnp.array([[2e6, 1e6], [3e6, 0.0], [3e6, -1e6]])
-    muscle = famjax.Muscle(CYLINDER_10, famjax.materials.PlainPowerMaterial(*nodes))
-    pressures = jnp.array([2e5, 9e5, 6e5])
-
-    def forces(scale: jax.Array) -> jax.Array:
-        return muscle.with_parameters({"braid_diameter": 0.012 * scale}).force(0.22, pressures)
-
-    np.testing.assert_array_equal(np.isnan(forces(jnp.ones(()))), [False, True, False])
-    slopes = [np.asarray(jax.jit(mode(forces))(jnp.ones(()))) for mode in (jax.jacrev, jax.jacfwd)]
-    np.testing.assert_allclose(slopes[0][[0, 2]], slopes[1][[0, 2]], rtol=SOLVED)
-    assert np.isfinite(slopes[0][[0, 2]]).all()
-
-
-@pytest.mark.slow
-def test_equilibria_that_do_not_exist_spoil_nothing() -> None:
-    muscle = MUSCLES["muscle"]
-    loads = jnp.array([10.0, 1e6, 50.0])
-
-    def lengths(diameter: jax.Array) -> jax.Array:
-        other = muscle.with_parameters({"braid_diameter": diameter})
-        return other.length_at_load(loads, 4e5, throw=False)
-
-    got = lengths(jnp.asarray(0.012))
-    np.testing.assert_array_equal(np.isnan(got), [False, True, False])
-    reverse = jax.jit(jax.jacrev(lengths))(jnp.asarray(0.012))
-    forward = jax.jit(jax.jacfwd(lengths))(jnp.asarray(0.012))
-    difference = (lengths(jnp.asarray(0.012 + 1e-7)) - lengths(jnp.asarray(0.012 - 1e-7))) / 2e-7
-    for slope in (reverse, forward):
-        got, want = (np.asarray(values)[[0, 2]] for values in (slope, difference))
-        np.testing.assert_allclose(got, want, rtol=1e-5)
-
-
 # ---- every term
 
 
@@ -137,12 +85,6 @@ def test_terms_add_flat_in_any_order() -> None:
         total = famjax.Muscle(CYLINDER, terms).force(GOOD, P)
         each = [famjax.Muscle(CYLINDER, term).force(GOOD, P) for term in (braid, wall, spring)]
         np.testing.assert_allclose(total, sum(each), rtol=EXACT)
-
-
-def test_axial_and_hoop_are_the_wall() -> None:
-    parts = famjax.Muscle(CYLINDER, TERMS["axial"] + TERMS["hoop"])
-    whole = famjax.Muscle(CYLINDER, TERMS["wall"])
-    np.testing.assert_allclose(parts.force(GOOD, P), whole.force(GOOD, P), rtol=EXACT)
 
 
 def test_a_material_stands_for_braid_and_wall() -> None:
@@ -221,37 +163,6 @@ def test_every_method_of_every_model(name: str, caplog: pytest.LogCaptureFixture
     for method, values in mapped.items():
         np.testing.assert_allclose(values[0], eager[method], rtol=SOLVED, err_msg=method)
     assert np.isnan(batch).tolist() == [True, False]
-
-
-def test_the_log_would_show_a_trace(caplog: pytest.LogCaptureFixture) -> None:
-    with jax.log_compiles():
-        MUSCLES["muscle"].force(jnp.linspace(0.2, 0.25, 17), 4e5)
-    assert caplog.records
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", GEOMETRIES)
-def test_dimensions_are_one_program(name: str, caplog: pytest.LogCaptureFixture) -> None:
-    """Called outside of a trace: not one for each operation."""
-    geometry = GEOMETRIES[name]()
-    geometry.dimensions(np.linspace(8.0, 9.0, 11), 60.0)
-    with jax.log_compiles():  # of another size
-        geometry.dimensions(np.linspace(8.0, 9.0, 13), 60.0)
-    compiled = re.findall(r"Compiling jit\((\w+)\)", "\n".join(caplog.messages))
-    assert [one for one in compiled if one != "stage"] == [
-        "dimensions"
-    ]  # stage: JAX's, of a constant
-
-
-def test_methods_of_a_traced_muscle_can_be_compiled_twice() -> None:
-    @eqx.filter_jit
-    def twice(muscle: famjax.Muscle) -> jax.Array:
-        return eqx.filter_jit(muscle.force)(0.22, 4e5) + eqx.filter_jit(muscle.force)(0.24, 4e5)
-
-    muscle = MUSCLES["muscle"]
-    want = muscle.force(0.22, 4e5) + muscle.force(0.24, 4e5)
-    np.testing.assert_allclose(twice(muscle), want, rtol=EXACT)
-    assert eqx.tree_equal(muscle, famjax.Muscle(muscle.geometry, muscle.terms))
 
 
 # ---- the declared parameters of all of them
@@ -375,17 +286,3 @@ def test_a_term_returns_one_force_for_each_state(what: int, came: str) -> None:
         ValueError, match=rf"force\(at, pressure\) of Bad must return one.*got {came}"
     ):
         famjax.Muscle(CYLINDER_10, Bad(what)).force(jnp.array([0.24, 0.23]), 4e5)
-
-
-class OwnAngle(Tapered):
-    """A number of its own by the name of one of the cylinder's."""
-
-    braid_angle: Float[Array, ""] = famjax.parameter("rad", low=0.0, high=1.0, default=0.5)
-
-
-def test_of_two_numbers_of_one_name_none_is_lost() -> None:
-    values = OwnAngle(CYLINDER_10, 0.1, 0.4).parameters()
-    assert float(values["braid_angle"]) == pytest.approx(1.12, rel=1e-5)
-    assert float(values["braid_angle.braid_angle"]) == pytest.approx(0.4)
-    again = OwnAngle(CYLINDER_10, 0.1, 0.4).with_parameters({"braid_angle.braid_angle": 0.7})
-    assert float(again.braid_angle) == pytest.approx(0.7)

@@ -1,14 +1,9 @@
 """The house: what importing costs, who may know whom, and what the wheel holds."""
 
-import importlib
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
-
-import pytest
-
-from famjax._require import clashes
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,17 +19,6 @@ def test_importing_loads_no_camera_serial_or_plot_library_and_starts_no_backend(
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-def test_a_foreign_sibling_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert clashes() == []
-    (tmp_path / "rig.py").write_text("spam = 1\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.delitem(sys.modules, "rig", raising=False)
-    importlib.invalidate_caches()
-    (found,) = clashes()
-    assert "not famjax's own 'rig' package" in found
-    monkeypatch.delitem(sys.modules, "rig", raising=False)
 
 
 def test_wheel_holds_exactly_the_four_packages() -> None:

@@ -52,16 +52,6 @@ def test_a_law_is_named_by_its_class_alone(law: type[famjax.materials.AbstractMa
         assert one.low <= float(material.parameters()[name]) <= one.high
 
 
-def test_ogden_of_one_term_is_shear_modulus_and_exponent() -> None:
-    law = famjax.materials.OgdenMaterial([-2e5], [-3.0])
-    assert float(law.parameters()["shear_modulus"]) == pytest.approx(3e5)
-    other = law.with_parameters({"ogden_exponent": -4.0})
-    np.testing.assert_allclose(other.moduli, [-1.5e5])  # 2 G / alpha
-    np.testing.assert_allclose(other.initial_shear_modulus, 3e5)
-    several = famjax.materials.OgdenMaterial([0.63e6, 1.2e3], [1.3, 5.0])
-    assert [*several.parameters()] == ["mu_1", "mu_2", "alpha_1", "alpha_2"]
-
-
 def test_tangent_modulus_of_laws_without_interaction() -> None:
     h = 1e-6
     for law in (
@@ -106,21 +96,6 @@ def test_a_muscle_has_the_parameters_of_an_identification() -> None:
     assert declared["braid_compliance"].kind == "strain compliance"
 
 
-def test_geometry_is_diameter_and_angle_at_rest() -> None:
-    changed = EMBEDDED.with_parameters({"braid_diameter": 0.02, "rest_length": 0.2})
-    np.testing.assert_allclose(changed.braid.diameter(0.2), 0.02, rtol=EXACT)
-    np.testing.assert_allclose(changed.braid.braid_angle(0.2), 1.1, rtol=EXACT)
-    np.testing.assert_allclose(changed.bladder.rest_diameter, 0.02, rtol=EXACT)
-    np.testing.assert_allclose(changed.rest_length, 0.2)
-    under = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.296, 0.021, 1e-3))
-    changed = under.with_parameters({"braid_diameter": 0.024, "bladder_diameter": 0.022})
-    np.testing.assert_allclose(changed.bladder.rest_diameter, 0.022)
-    kept = under.with_parameters({"braid_diameter": 0.024})
-    np.testing.assert_allclose(kept.bladder.rest_diameter, 0.021)
-    untouched = EMBEDDED.with_parameters({"wall_thickness": 1e-3}).braid
-    assert eqx.tree_equal(untouched, BRAID)
-
-
 class Hose(famjax.terms.AbstractForceTerm):
     """Of somebody else: one declared number, one that is known, and springs within."""
 
@@ -146,23 +121,6 @@ def test_names_that_clash_say_where_they_stand() -> None:
     assert [float(spring.stiffness) for spring in hose.springs] == [3.0, 7.0]
     assert float(hose.pull) == 1.0
     assert float(hose.width) == 0.01
-
-
-def test_every_unit_has_its_kind() -> None:
-    class Many(famjax.terms.AbstractForceTerm):
-        a: Float[Array, ""] = famjax.parameter("N/m")
-        b: Float[Array, ""] = famjax.parameter("Pa")
-        c: Float[Array, ""] = famjax.parameter("Pa", kind="stress")
-        d: Float[Array, " 2"] = famjax.parameter(("m", "rad"), name=("x", "y"))
-
-        def force(self, at: famjax.geometries.Dimensions, pressure: famjax.Real) -> jax.Array:
-            return self.a * at.length
-
-    declared = Many(1.0, 2.0, 3.0, [4.0, 5.0]).declared()
-    kinds = [(name, one.kind) for name, one in declared.items()]
-    assert kinds == [
-        ("a", "N/m"), ("b", "pressure"), ("c", "stress"), ("x", "length"), ("y", "angle"),
-    ]  # fmt: skip
 
 
 # ---- taken apart
@@ -207,10 +165,3 @@ def test_the_box_and_the_whole_space() -> None:
     slopes = jax.jit(jax.vmap(jax.jacfwd(apart.scaled_from_unbounded)))(z)
     assert (np.diagonal(slopes, axis1=1, axis2=2) > 0).all()
     check_grads(bounded, (z[0],), order=1, atol=1e-6, rtol=1e-6)
-
-
-def test_a_muscle_prints_its_numbers_with_their_units() -> None:
-    braid = famjax.Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
-    text = repr(famjax.EstimatedGeometry(braid, famjax.Bladder(0.3, 0.02, 0.002)))
-    assert "braid: Braid" in text
-    assert "rest_length: 0.3 m" in text

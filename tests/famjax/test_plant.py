@@ -142,14 +142,6 @@ def test_a_closed_air_volume_is_polytropic() -> None:
     np.testing.assert_allclose(states.pressure, exact, rtol=CLOSED)
 
 
-def test_a_dumped_water_circuit_falls_to_zero_and_stays() -> None:
-    plant = Plant(HydraulicCircuit(), LinearMcKibben())
-    states = simulate(plant, Command(np.zeros(200), 1.0), TICK, start=plant.start(pressure=5e5))
-    falling = np.asarray(states.pressure)
-    assert falling.min() > -0.05 * PSI  # of the tick in which it arrives
-    assert np.abs(falling[40:]).max() < 1e-3  # Pa
-
-
 def test_the_rule_is_of_second_order() -> None:
     plant = Plant(PneumaticCircuit(), LinearMcKibben())
 
@@ -196,19 +188,6 @@ def test_a_stepped_plant_is_the_plant() -> None:
         stepped.step(128 / 255, 1.0, stepped.length)
         held.append(stepped.pressure)
     assert held[-1] == pytest.approx(held[-20], rel=1e-5)
-
-
-def test_the_linear_muscle_does_virtual_work_and_is_the_printed_one() -> None:
-    ideal = LinearMcKibben(bladder_stiffness=0.0, deadband_pressure=0.0)
-    for L in (0.16, 0.19, 0.2299):
-        swept = float(jax.grad(ideal.volume)(L, 3e5))
-        assert float(ideal.force(L, 3e5)) == pytest.approx(-3e5 * swept, rel=CLOSED)
-    pressures = np.array([20.0, 40.0, 60.0, 80.0, 100.0]) * PSI
-    muscle = LinearMcKibben()
-    blocked = np.asarray(muscle.blocked_force(pressures)) / LBF
-    assert blocked == pytest.approx([180, 403, 628, 850, 1058], rel=0.05)
-    free = np.asarray(muscle.free_contraction(pressures))
-    assert free[1:] == pytest.approx([0.312, 0.336, 0.348, 0.354], abs=0.03)
 
 
 @pytest.mark.slow
@@ -276,25 +255,6 @@ def test_a_moving_load_is_its_adaptive_solution(load: str) -> None:
     assert rms(fine.pressure - exact.pressure) < PRESSURE_RMS
 
 
-def test_a_held_load_comes_to_rest_where_the_muscle_carries_it() -> None:
-    plant = Plant(PneumaticCircuit(), LinearMcKibben(), MovingLoad.hung(60.0, damping=500.0))
-    rest = last(simulate(plant, Command(np.full(3000, 0.7)), TICK, start=plant.start(0.22, 3e5)))
-    assert float(rest.force) == pytest.approx(60 * 9.80665, rel=1e-6)
-    carried = plant.muscle.length_at_load(60 * 9.80665, rest.pressure)
-    assert float(rest.position) == pytest.approx(float(carried), rel=1e-6)
-
-
-def test_friction_turns_round_on_its_travel() -> None:
-    friction = DahlFriction(share=0.05, dry=3.0, travel=1e-3)
-    state = friction.start(0.2, 0.0)
-    there = friction.moved(state, 0.19, 0.0)
-    assert float(friction.added(there, 0.19, 0.0, 100.0)) == pytest.approx(-8.0, rel=1e-4)
-    back = friction.moved(there, 0.191, 0.0)
-    assert float(friction.added(back, 0.191, 0.0, 100.0)) == pytest.approx(
-        8 * (1 - 2 / np.e), rel=1e-4
-    )
-
-
 def test_slip_elements_are_a_friction() -> None:
     L0 = LinearMcKibben().rest_length
     elements = MaxwellSlip(SlipElements([0.002], [20.0]), SlipElements.none(), L0, 1e6)
@@ -343,22 +303,6 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke() -> None:
     pressures = simulate(regulated, command, TICK).plant.pressure / PSI
     assert float(jnp.abs(pressures[1500:] - 40).max()) < 2.0
     assert float(pressures[1999]) == pytest.approx(40.0, abs=0.4)
-
-
-def test_many_plants_at_once_and_half_the_precision() -> None:
-    def end(conductance):
-        plant = Plant(PneumaticCircuit(conductance=conductance), LinearMcKibben())
-        return simulate(plant, Command(np.full(200, 0.7)), TICK).pressure[-1]
-
-    each = jnp.linspace(1e-9, 4e-9, 5)
-    np.testing.assert_allclose(jax.vmap(end)(each), [end(one) for one in each], rtol=CLOSED)
-    single = jax.tree.map(
-        lambda x: x.astype(jnp.float32), Plant(PneumaticCircuit(), LinearMcKibben())
-    )
-    command = jax.tree.map(lambda x: x.astype(jnp.float32), Command(np.full(200, 0.7)))
-    found = simulate(single, command, jnp.float32(TICK)).pressure[-1]
-    assert found.dtype == jnp.float32
-    assert float(found) == pytest.approx(float(end(3.9e-9)), rel=1e-4)
 
 
 def test_newton_has_implicit_derivatives() -> None:

@@ -17,9 +17,6 @@ EXACT = 1e-12
 X = np.linspace(0, 1, 51)
 
 
-ROW = (1.27, [-0.83, 0.29, 0.18], [1.20, 0.75, 0.04], 4.347)  # Chambers 2021, 26.25 %
-
-
 def _by_hand(x: np.ndarray, a0: float, a: list[float], b: list[float], w: float) -> np.ndarray:
     total = np.full_like(x, a0)
     for n, (cosine, sine) in enumerate(zip(a, b, strict=True), start=1):
@@ -36,24 +33,6 @@ def test_series_of_any_number_of_terms(terms: int) -> None:
     np.testing.assert_allclose(profile.diameter(X, 9.0), by_hand, rtol=EXACT)
 
 
-def test_symmetric_is_symmetric_and_has_the_given_cosines() -> None:
-    a = np.array([-0.09, -0.07, -0.01])
-    profile = FourierProfile.symmetric(1.02, a, 5.596)
-    np.testing.assert_allclose(profile.diameter(X, 1.0), profile.diameter(1 - X, 1.0), rtol=EXACT)
-    np.testing.assert_array_equal(profile.a, a)
-    # Table 4.3 prints the sines of this row, rounded to 0.01.
-    np.testing.assert_allclose(profile.b, [0.03, 0.06, 0.02], atol=0.0051)
-
-
-def test_symmetrised_is_the_even_part() -> None:
-    profile = FourierProfile(*ROW)
-    even = profile.symmetrised()
-    expected = (profile.diameter(X, 1.0) + profile.diameter(1 - X, 1.0)) / 2
-    np.testing.assert_allclose(even.diameter(X, 1.0), expected, rtol=EXACT)
-    n = np.arange(1, 4)
-    np.testing.assert_allclose(even.b, even.a * np.tan(n * even.w / 2), rtol=EXACT)
-
-
 MIDDLE, END, A, LENGTH = 2.2, 0.9, 1.1, 6.0
 RADIUS = (MIDDLE - END) / 2
 CIRCULAR = EllipticToroidEnds(MIDDLE, END, RADIUS)
@@ -66,19 +45,6 @@ def test_a_toroid_is_symmetric_and_between_its_two_diameters(arc: float) -> None
     np.testing.assert_allclose(diameter, shape.diameter(1 - X, LENGTH), rtol=EXACT)
     np.testing.assert_allclose(diameter[np.array([0, 25])], [END, MIDDLE], rtol=EXACT)
     assert bool(jnp.all(jnp.diff(diameter[:26]) >= -EXACT))
-
-
-def test_a_quarter_of_a_round_toroid_is_a_circle() -> None:
-    z = np.linspace(0, RADIUS, 30)
-    height = np.asarray(CIRCULAR.diameter(z / LENGTH, LENGTH)) / 2 - END / 2
-    np.testing.assert_allclose((RADIUS - z) ** 2 + height**2, RADIUS**2, rtol=EXACT)
-
-
-def test_a_slight_arc_is_a_parabola() -> None:
-    toroid = EllipticToroidEnds(MIDDLE, END, A, 1e-3)
-    zeta = np.linspace(0, 1, 20)
-    parabola = END + (MIDDLE - END) * zeta * (2 - zeta)
-    np.testing.assert_allclose(toroid.diameter(zeta * A / LENGTH, LENGTH), parabola, rtol=1e-6)
 
 
 def test_kothera_is_the_length_between_the_arcs() -> None:

@@ -4,7 +4,6 @@ A new class is one line in a table of `tests/muscles.py` or of this file.
 """
 
 import inspect
-import pickle
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -354,14 +353,6 @@ def test_a_formula_holds_in_any_units(name: str) -> None:
     powers = [inch**i * psi**j for i, j in (*dimensions, result)]
     other = [value * power for value, power in zip(arguments, powers[:-1], strict=True)]
     np.testing.assert_allclose(function(*other), function(*arguments) * powers[-1], rtol=1e-13)
-
-
-@pytest.mark.parametrize("case", [one for one in EVERY if one.values[0].model is not None])
-def test_a_model_is_pickled_and_prints_its_class(case: Case) -> None:
-    model = case.made()
-    again = pickle.loads(pickle.dumps(model))
-    assert bool(eqx.tree_equal(again, model))
-    assert type(model).__name__ in repr(model)
 
 
 WITH_TESTS_OF_THEIR_OWN = {

@@ -17,7 +17,6 @@ from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 ROUNDING = 1e-9  # of the largest slope in the batch: of nested derivatives in float64
 JUMP = 1e-5  # of the same: what a C1 slope changes over 2e-8 of the range, bent on 1e-3 of it
-FLOAT32 = 2e-3  # of the largest stiffness or force of the region: second derivatives in float32
 
 SAME = 1e-11  # relative, of forces that begin at a thousandth of the largest: the compiler's order
 
@@ -123,24 +122,6 @@ def test_outside_nothing_falls_and_all_is_finite(kind, u, contraction, top, seed
 @pytest.mark.slow
 @QUICK
 @given(**MUSCLES)
-def test_derivatives_are_those_of_the_values(kind, u, contraction, top, seed) -> None:
-    of = safe(kind, u, contraction, top)
-    L, P = random_states(of, seed)
-    _, K, A, *_ = (np.asarray(one) for one in slopes(of, L, P))
-    for slope, (dL, dP) in ((K, (6e-7, 0.0)), (A, (0.0, 1e-6 * top))):
-        ahead, behind = (np.asarray(slopes(of, L + s * dL, P + s * dP)[0]) for s in (1, -1))
-        differences = (ahead - behind) / (2 * max(dL, dP))
-        np.testing.assert_allclose(differences, slope, rtol=0, atol=_bends(slope))
-
-
-def _bends(slope: np.ndarray) -> float:
-    """A kink would be of the order of the slope itself; the blend into slack bends the sharpest."""
-    return 2e-2 * float(np.abs(slope).max())
-
-
-@pytest.mark.slow
-@QUICK
-@given(**MUSCLES)
 def test_the_force_is_c1_across_every_edge(kind, u, contraction, top, seed) -> None:
     """Slopes on both sides of the region's edges and of the stops, at random places along them."""
     of = safe(kind, u, contraction, top)
@@ -174,56 +155,6 @@ def test_inside_it_is_the_model(kind, u, contraction, top, seed) -> None:
 
 
 LATEX = polynomial([0.5, 0.5, 0.5, 0.6, 0.4, 0.4, 0.5])
-
-
-@pytest.fixture(scope="module")
-def latex() -> SafeMuscle:
-    return SafeMuscle.of(LATEX, [0.24, 0.3], [5e4, 6e5])
-
-
-@pytest.mark.slow
-def test_equilibria_agree_with_the_force(latex: SafeMuscle) -> None:
-    for load in (0.3 * float(latex.slack_width), 50.0, 400.0):
-        length = latex.length_at_load(load, 3e5)
-        np.testing.assert_allclose(latex.force(length, 3e5), load, rtol=1e-9)
-    contraction = latex.free_contraction(1.5e5)
-    np.testing.assert_allclose(contraction, LATEX.free_contraction(1.5e5), rtol=1e-9)
-    onset = latex.onset_pressure(0.27, 6e5)
-    np.testing.assert_allclose(onset, LATEX.onset_pressure(0.27, 6e5), rtol=1e-9)
-    assert np.isnan(latex.length_at_load(-1.0, 3e5, throw=False))
-    # Twice the pressure of the data: no shorter than the braid goes.
-    lock = 1 - latex.continued.stops[0] / latex.rest_length
-    assert latex.free_contraction(1.2e6) < lock + 0.04
-
-
-@pytest.mark.slow
-def test_it_is_mapped_jitted_and_differentiated_in_its_own_numbers(latex: SafeMuscle) -> None:
-    L, P = jnp.array([0.1, 0.25, 0.29, 0.35, 0.6]), jnp.array([1e4, 2e5, 9e5, 4e5, 1.2e6])
-    one_by_one = [float(latex.force(float(a), float(b))) for a, b in zip(L, P, strict=True)]
-    np.testing.assert_allclose(jax.vmap(latex.force)(L, P), one_by_one, rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(eqx.filter_jit(latex.force)(L, P), one_by_one, rtol=1e-12, atol=1e-9)
-
-    def pull(scale: jax.Array) -> jax.Array:
-        rubber = famjax.PolynomialMaterial(scale * LATEX.material.coefficients)
-        muscle = famjax.Muscle(LATEX.geometry, rubber, LATEX.deadband_pressure)
-        at = Region([0.24, 0.3], [5e4, 6e5])
-        return SafeMuscle.within(muscle, at).force(0.23, 7e5)
-
-    slope = jax.grad(pull)(jnp.ones(()))
-    np.testing.assert_allclose(slope, (pull(1 + 1e-5) - pull(1 - 1e-5)) / 2e-5, rtol=1e-6)
-
-
-def test_float32(latex: SafeMuscle) -> None:
-    single = jax.tree.map(lambda leaf: leaf.astype(np.float32), latex)
-    rng = np.random.default_rng(0)
-    L, P = 0.6 * rng.random(N), 1.2e6 * rng.random(N)
-    found = slopes(single, L.astype(np.float32), P.astype(np.float32))
-    wanted = slopes(latex, L, P)
-    for one, other in zip(found[:3], wanted[:3], strict=True):
-        assert one.dtype == np.float32
-        assert np.isfinite(one).all()
-        assert one.min() >= 0 or -one.min() <= FLOAT32 * one.max()
-        np.testing.assert_allclose(one, other, rtol=0, atol=FLOAT32 * np.abs(other).max())
 
 
 def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
@@ -314,11 +245,6 @@ def plain() -> SafeMuscle:
     return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5])
 
 
-@pytest.fixture(scope="module")
-def loops() -> SafeMuscle:
-    return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=LOOPS)
-
-
 State = tuple[jax.Array, jax.Array]
 
 
@@ -391,22 +317,6 @@ def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [euler, rk4])
-def test_with_hysteresis_the_mass_comes_to_rest(loops: SafeMuscle, step: Callable) -> None:
-    L, v = (np.asarray(one) for one in hung(loops, STARTS, step, jnp.asarray(DT)))
-    E, scale = energies(loops, L, v)
-    tenth = STEPS // 10
-    # What the springs have stored at the start is given back at most: less than the loops' width.
-    stored = 73.0 * 2 * 0.02 * 0.3 * 2
-    above = (E - E[:, :1]).max(axis=1)
-    assert (above <= stored + (RK4_ERROR if step is rk4 else EULER_WAVE) * scale).all(), above
-    last = E[:, -tenth:].max(axis=1) - E[:, :tenth].max(axis=1)
-    assert (last <= 0).all()
-    # Of up to 400 J small motions are left: within the elements' thresholds nothing slides.
-    assert (0.5 * STARTS[:, 2] * (v[:, -tenth:] ** 2).max(axis=1) < 0.1).all()
-
-
-@pytest.mark.slow
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     st.lists(st.floats(0.02, 0.5), min_size=2, max_size=6),
@@ -456,26 +366,3 @@ def closed_loop(of: SafeMuscle, turns: jax.Array, P: jax.Array) -> tuple[jax.Arr
     _, works = jax.lax.scan(way, state, (ways[:-1], ways[1:]))
     second = len(turns) - 1
     return jnp.sum(works[second:]), jnp.sum(jnp.abs(jnp.diff(turns)))
-
-
-def test_without_hysteresis_the_state_is_empty(plain: SafeMuscle) -> None:
-    state = plain.start(0.28, 3e5)
-    assert state.wall.size == state.braid.size == 0
-    assert eqx.tree_equal(plain.moved(state, 0.25, 2e5), state)
-    np.testing.assert_array_equal(plain.pull(state, 0.26, 3e5), plain.force(0.26, 3e5))
-
-
-@pytest.mark.slow
-def test_both_branches_lie_about_the_static_map(loops: SafeMuscle) -> None:
-    """A ramp of pressure at one length, as in the records that the loops were fitted to."""
-    P = np.append(np.linspace(0, 6e5, 61), np.linspace(6e5, 0, 61))
-    state, pulls = loops.start(0.27, 0.0), []
-    for at in P:
-        pulls.append(float(loops.pull(state, 0.27, at)))
-        state = loops.moved(state, 0.27, at)
-    there, back = np.array(pulls[:61]), np.array(pulls[61:])[::-1]
-    static = np.asarray(loops.force(0.27, P[:61]))
-    loaded = (there > float(loops.slack_width)) & (static > float(loops.slack_width))
-    np.testing.assert_allclose((there + back)[loaded] / 2, static[loaded], rtol=1e-9, atol=1e-6)
-    assert (back - there)[loaded].min() > -1e-9
-    assert (back - there).max() > 5.0

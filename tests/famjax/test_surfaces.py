@@ -10,13 +10,10 @@ from scipy.interpolate import CubicSpline
 from slow_cases import slow_after
 
 import famjax
-from famjax import Braid
 from famjax.braids import AbstractBraid, diameter_from_length
-from famjax.measured import Meridian
-from famjax.profiles import EllipticToroidEnds, FourierProfile
+from famjax.profiles import FourierProfile
 from famjax.surfaces import (
     AbstractProfileFamily,
-    AssumedShapeFamily,
     MeasuredFamily,
     SampledSurface,
 )
@@ -102,19 +99,6 @@ def test_reproduces_polynomials_of_its_degree(count: int, degree: int) -> None:
     )
 
 
-def test_range_and_beyond() -> None:
-    family = _family(EVEN, margin=0.1)
-    shortest, longest = (float(end) for end in family.length_range())
-    span = 9.28 * 0.35
-    assert (shortest, longest) == pytest.approx((9.28 - 1.1 * span, 9.28 + 0.1 * span))
-    known = np.isfinite(
-        _diameter(
-            family, 0.5, np.array([shortest - 1e-3, shortest, longest, longest + 1e-3]), 100.0
-        )
-    )
-    assert known.tolist() == [False, True, True, False]
-
-
 def test_pressure_scales_by_the_triangle() -> None:
     family = _family(EVEN, ELASTIC)
     L, P = jnp.array([6.5, 9.0])[:, None], 30.0
@@ -125,31 +109,6 @@ def test_pressure_scales_by_the_triangle() -> None:
     low, high = (np.asarray(_diameter(family, X, L, np.array(at))) for at in (P, 100.0))
     np.testing.assert_allclose(low, high * np.asarray(scale[0]) / np.asarray(scale[1]), rtol=EXACT)
     assert (low < high).all()
-
-
-@pytest.mark.slow
-def test_kinks_are_those_of_every_profile() -> None:
-    shapes = [EllipticToroidEnds(1.2, 0.9, 1.0), EllipticToroidEnds(1.9, 0.9, 1.5)]
-    family = MeasuredFamily([10.0, 6.0], shapes, 100.0, Braid(12.0, 1.0))
-    np.testing.assert_allclose(family.kinks, [0.1, 0.25, 0.75, 0.9], rtol=EXACT)
-    # Each is a cylinder less what quarter ellipses leave of its ends; half-way D is the mean of the two.
-    left = 2 * (1 - np.pi / 4)
-    mean = (1.2 - (1.2 - 0.9) * 0.1 * left + 1.9 - (1.9 - 0.9) * 0.25 * left) / 2
-    at_8 = float(Meridian.of(family.at(100.0), 8.0).mean_diameter)
-    assert at_8 == pytest.approx(mean, rel=1e-9)
-
-
-def test_assumed_shape_follows_the_triangle() -> None:
-    family = AssumedShapeFamily(ELASTIC, EllipticToroidEnds(9.9, 0.863, 1.1))
-    L, P = jnp.array([6.5, 7.0, 8.0]), 80.0
-    triangle = diameter_from_length(L, ELASTIC.thread_length(L, jnp.array(P)), 1.09)
-    np.testing.assert_allclose(_diameter(family, 0.5, L, P), triangle, rtol=EXACT)
-    np.testing.assert_allclose(_diameter(family, 0.0, L, P), 0.863, rtol=EXACT)
-    volume = eqx.filter_jit(lambda profile, length: Meridian.of(profile, length).volume)
-    one = volume(EllipticToroidEnds(triangle[1], 0.863, 1.1), 7.0)
-    assert float(volume(family.at(P), 7.0)) == pytest.approx(float(one), rel=EXACT)
-    batch = volume(family.at(P), L)
-    assert float(batch[1]) == pytest.approx(float(one), rel=EXACT)
 
 
 STATIONS = np.linspace(0, 1, 21)
@@ -174,16 +133,3 @@ def test_between_them_it_is_the_spline_of_scipy(surface: SampledSurface) -> None
     over = CubicSpline(LENGTHS[::-1], along[:, ::-1], axis=1)(length)
     expected = over[0] + (pressure - 1e5) / 4e5 * (over[1] - over[0])
     np.testing.assert_allclose(surface.diameter(x, length, pressure), expected, rtol=1e-12)
-
-
-def test_one_pressure_is_a_shape_that_does_not_depend_on_it() -> None:
-    one = SampledSurface(LENGTHS, [0.0], diameters()[:1], BRAID)
-    low, high = (np.asarray(one.diameter(STATIONS, 0.26, P)) for P in (0.0, 7e5))
-    np.testing.assert_array_equal(low, high)
-
-
-def test_beyond_its_margin_the_shape_is_not_known(surface: SampledSurface) -> None:
-    low, high = (float(one) for one in surface.length_range())
-    assert (low, high) == pytest.approx((0.21 - 0.0045, 0.30 + 0.0045))
-    found = surface.diameter(0.5, np.array([low - 1e-6, low, high, high + 1e-6]), 1e5)
-    assert np.isfinite(found).tolist() == [False, True, True, False]

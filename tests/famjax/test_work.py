@@ -4,9 +4,7 @@ import pytest
 
 import famjax
 from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, EstimatedGeometry, Muscle
-from famjax.boundary.errors import InputError
 from famjax.braids import LinearThread
-from famjax.muscle import MeanMuscle
 from famjax.surfaces import SampledSurface
 from famjax.work import WorkBudget, work_budget
 
@@ -49,14 +47,6 @@ def test_gaylord_on_the_true_shape_makes_work_from_nothing() -> None:
     assert -0.3 < float(measured.left_over / measured.fluid) < -0.08
 
 
-def test_work_of_strokes_in_a_row_adds_up() -> None:
-    muscle = Muscle(EstimatedGeometry(BRAID, TUBE), LATEX)
-    one, two = (work_budget(muscle, 50.0, *ends) for ends in ((9.0, 8.0), (8.0, 7.0)))
-    both = work_budget(muscle, 50.0, 9.0, 7.0)
-    for name in ("load", "fluid", "stored"):
-        assert getattr(both, name) == pytest.approx(getattr(one, name) + getattr(two, name))
-
-
 def test_derivatives() -> None:
     def load(pressure: float) -> famjax.Real:
         return stroke(Muscle(EstimatedGeometry(BRAID, TUBE), LATEX), pressure).load
@@ -64,9 +54,3 @@ def test_derivatives() -> None:
     difference = (load(100.1) - load(99.9)) / 0.2
     assert jax.grad(load)(100.0) == pytest.approx(float(difference), rel=1e-7)
     assert np.isnan(work_budget(Muscle(EstimatedGeometry(BRAID, TUBE), LATEX), 1.0, 9.0, 12.0).load)
-
-
-def test_a_model_without_a_geometry_is_refused() -> None:
-    peer = MeanMuscle.__new__(MeanMuscle)
-    with pytest.raises(InputError, match="has no geometry"):
-        work_budget(peer, 1.0, 2.0, 1.0)

@@ -1,7 +1,6 @@
 """Censored readings: what a slack muscle and a load cell at its limit say, against SciPy's optimum."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from scipy.optimize import minimize
 
 import famjax
 import fitting
-from fitting import ForceData, Parameter
+from fitting import ForceData
 
 HELD = {"braid_diameter": (0.0236,) * 2, "braid_angle": (1.0776,) * 2,
         "deadband_pressure": (30e3,) * 2}  # fmt: skip
@@ -50,15 +49,6 @@ def test_coefficients_are_the_optimum_of_one_sided_squares(data: ForceData, limi
     np.testing.assert_allclose(result.coefficients[0], found.x * scale, rtol=1e-4)
 
 
-def test_readings_that_no_fit_violates_change_nothing(data: ForceData) -> None:
-    plain = fitting.identify(data)
-    censored = fitting.identify(data, censored=True)
-    assert not plain.errors.slack_violations
-    assert censored.errors.rmse == pytest.approx(plain.errors.rmse, rel=1e-9)
-    assert censored.degrees_of_freedom == plain.degrees_of_freedom
-    np.testing.assert_allclose(censored.coefficients, plain.coefficients, rtol=1e-7)
-
-
 def outside_brackets(result: fitting.Identification) -> float:
     """Sum over lengths [Pa] of how far the onset lies outside what slack and loaded readings bound."""
     data, outside = result.data, 0.0
@@ -93,29 +83,6 @@ def test_saturated_readings_are_no_data_but_information(data: ForceData) -> None
     ]
     assert max(off[1:]) < 0.2 * off[0]
     assert dropped.errors.n_points == capped.loaded.sum() == censored.errors.n_points
-
-
-def test_limit_in_a_file(tmp_path: Path, data: ForceData) -> None:
-    text = ("# specimen: rest_length_mm = 300\n# specimen: force_limit_kN = 0.5\n"
-            "pressure_kPa,length_mm,force_N\n100,300,30\n200,300,500\n")  # fmt: skip
-    (tmp_path / "map.csv").write_text(text)
-    read = fitting.read_csv(tmp_path / "map.csv")
-    assert read.force_limit == 500
-    assert read.saturated.tolist() == [False, True]
-    again = fitting.read_csv(fitting.write_csv(read, tmp_path / "again.csv"))
-    assert again.force_limit == 500
-    assert again.sha256 == dataclasses.replace(read, force_limit=500.0).sha256
-    with pytest.raises(fitting.InputError, match="force_limit must be a force > 0"):
-        dataclasses.replace(data, force_limit=-1.0)
-    with pytest.raises(fitting.InputError, match="at the limit of the load cell"):
-        dataclasses.replace(data, force_limit=1.0)
-
-
-def test_what_does_not_go_together(data: ForceData) -> None:
-    with pytest.raises(fitting.InputError, match="one-sided squares"):
-        fitting.identify(data, censored=True, objective="huber")
-    with pytest.raises(fitting.InputError, match="do not go together with series_compliance"):
-        fitting.identify(data, censored=True, parameters={"series_compliance": Parameter()})
 
 
 def test_validation_and_bootstrap_of_a_censored_fit(data: ForceData) -> None:

@@ -1,9 +1,7 @@
 """The league table against scipy, against the project's study of peers, and against itself."""
 
 import dataclasses
-import json
 import math
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +10,8 @@ import pytest
 from scipy import optimize
 
 from famjax import peers
-from fitting import ForceData, InputError, Specimen, identify, validate
-from fitting.comparison import PeerFit, comparable_models, compare, fit_peer, plot_comparison
+from fitting import ForceData, InputError
+from fitting.comparison import PeerFit, compare, fit_peer
 from fitting.model_families import peer_families
 from fitting.validation import LeftOut, leave_out_each
 
@@ -27,11 +25,6 @@ AFFINE = 1e-9  # relative: sums in another order, columns of very different size
 @pytest.fixture(scope="module")
 def sarosi(dmsp10: ForceData) -> PeerFit:
     return fit_peer("sarosi_6", dmsp10)
-
-
-@pytest.fixture(scope="module")
-def pillsbury(dmsp10: ForceData) -> PeerFit:
-    return fit_peer("pillsbury_2", dmsp10, starts=16)
 
 
 def _error(fit: PeerFit, data: ForceData) -> np.ndarray:
@@ -98,42 +91,6 @@ def test_sarosi_6_has_the_errors_of_the_study(dmsp10: ForceData, sarosi: PeerFit
     assert by_length.rmse == pytest.approx(81, abs=0.5)
 
 
-def test_refits_by_weights_are_refits_of_subsets(dmsp10: ForceData) -> None:
-    """One compiled call with weights, against fits of the smaller maps one by one."""
-    fit = fit_peer("polynomial_3", dmsp10)
-    ours = _left_out(fit, "pressure")
-    at, rest, terms = dmsp10.loaded, dmsp10.specimen.rest_length, peers.PolynomialSurface.terms(3)
-    eps, P, force = 1 - dmsp10.length[at] / rest, dmsp10.pressure[at] / 1e6, dmsp10.force[at]
-    A = np.stack([eps**i * P**j for i, j in terms], axis=1)
-    level = dmsp10.pressures.level[at]
-    for one in np.unique(level):
-        out = level == one
-        solved = np.linalg.lstsq(A[~out], force[~out], rcond=None)[0]
-        np.testing.assert_allclose(ours.error[out] + force[out], A[out] @ solved, rtol=1e-7)
-
-
-def test_positive_coefficients_are_those_of_nonnegative_least_squares(
-    dmsp10: ForceData, pillsbury: PeerFit
-) -> None:
-    at, linear = dmsp10.loaded, pillsbury.family.linear
-    given = {one: jnp.asarray(pillsbury.values[one]) for one in pillsbury.family.nonlinear}
-
-    def force(scales: np.ndarray) -> np.ndarray:
-        values = given | {one: jnp.asarray(s) for one, s in zip(linear, scales, strict=True)}
-        model = pillsbury.family.build(values)
-        return np.asarray(model.force(dmsp10.length[at], dmsp10.pressure[at]))
-
-    none = force(np.zeros(4))
-    A = np.stack([force(unit * 1e6) - none for unit in np.eye(4)], axis=1)
-    theirs, norm = optimize.nnls(A, dmsp10.force[at] - none)
-    ours = np.array([pillsbury.values[one] for one in linear])
-    np.testing.assert_allclose(ours / 1e6, theirs, atol=1e-6 * theirs.max())
-    assert np.linalg.norm(_error(pillsbury, dmsp10)) == pytest.approx(norm, rel=OPTIMUM)
-    reached = {one for one, value in zip(linear, theirs, strict=True) if value == 0}
-    assert reached == set(pillsbury.at_bound) & set(linear)
-    assert reached
-
-
 def test_known_parameters_are_recovered(dmsp10: ForceData) -> None:
     truth = peers.Sarosi.published("10 mm", rest_length=0.25)
     force = np.asarray(truth.force(dmsp10.length, dmsp10.pressure))
@@ -141,16 +98,6 @@ def test_known_parameters_are_recovered(dmsp10: ForceData) -> None:
     fit = fit_peer("sarosi_6", made)
     for name, value in fit.values.items():
         assert value == pytest.approx(float(getattr(truth, name)), rel=1e-6), name
-
-
-def test_a_muscle_of_ones_own_has_the_errors_of_its_validations(dmsp20: ForceData) -> None:
-    options = {"law": "neo-hookean"}
-    (row,) = compare(dmsp20, [], own=[("own", options)], starts=4).rows
-    result = identify(dmsp20, starts=4, **options)
-    pressure, length = (validate(result, kind) for kind in ("pressure", "length"))
-    assert row.lopo_rmse == pytest.approx(pressure.rmse, rel=1e-9)
-    assert row.lolo_rmse == pytest.approx(length.rmse, rel=1e-9)
-    assert row.lolo_interior_rmse == pytest.approx(length.interior_rmse, rel=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -184,57 +131,6 @@ def test_the_table_holds_every_model_the_best_first(table) -> None:
     assert seen[-1] == (4, 4, "")
 
 
-def test_a_comparison_that_was_stopped_goes_on(dmsp10: ForceData, tmp_path: Path) -> None:
-    names, file = ["polynomial_3", "martens_published", "gaylord_nominal"], tmp_path / "rows.jsonl"
-
-    def stop_at_the_third(done: int, total: int, name: str) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        compare(dmsp10, names, resume=file, progress=stop_at_the_third)
-    kept = file.read_bytes()
-    assert len(kept.splitlines()) == 3
-    with file.open("ab") as cut:
-        cut.write(b'{"index": 2, "pa')
-    with pytest.warns(UserWarning, match="line 4 .* is damaged"):
-        resumed = compare(dmsp10, names, resume=file)
-    assert file.read_bytes().startswith(kept)
-    assert len(file.read_bytes().splitlines()) == 4
-    assert resumed.as_dict() == compare(dmsp10, names).as_dict()
-    with pytest.raises(InputError, match="holds a comparison of other data or with other settings"):
-        compare(dmsp10, names[:1], resume=file)
-    with pytest.raises(InputError, match=r"tolerances was .*, now \[1000"):
-        compare(dataclasses.replace(dmsp10, pressure_tolerance=1e3), names, resume=file)
-
-
-def test_the_table_is_plain_json(table) -> None:
-    document = json.loads(json.dumps(table[0].as_dict(), allow_nan=False))
-    first, *_, last = document["models"]
-    assert list(first)[:3] == ["name", "label", "n_parameters"]
-    assert set(first) >= {
-        "rmse_N",
-        "mae_N",
-        "max_error_N",
-        "lopo_rmse_N",
-        "lolo_interior_rmse_N",
-        "lolo_rmse_N",
-        "at_bound",
-        "note",
-    }
-    assert last["lolo_interior_rmse_N"] is None or (
-        first["lolo_interior_rmse_N"] < last["lolo_interior_rmse_N"]
-    )
-    assert document["n_loaded"] == 40
-
-
-def test_the_picture_has_a_line_for_every_model(table) -> None:
-    axes = plot_comparison(table[0]).axes[0]
-    assert len(axes.get_yticklabels()) == len(table[0].rows)
-    best = axes.lines[0].get_xdata()
-    assert best[0] == pytest.approx(table[0].rows[0].rmse)
-
-
 def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyPatch) -> None:
     known = "unknown model 'sarosi'; known for this map are famjax_choice"
     with pytest.raises(InputError, match=known):
@@ -255,14 +151,3 @@ def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyP
         patched.setattr(jax.config, "read", lambda name: False)
         with pytest.raises(RuntimeError, match="fits need float64"):
             fit_peer("polynomial_3", dmsp10)
-
-
-def test_a_map_without_a_nominal_diameter_has_fewer_models(dmsp10: ForceData) -> None:
-    bare = dataclasses.replace(dmsp10, specimen=Specimen("bare", 0.25, 1.8e-3))
-    missing = set(comparable_models(dmsp10)) - set(comparable_models(bare))
-    assert missing == {
-        "martens",
-        "gaylord_nominal",
-        "sarosi_published_10_mm",
-        "martens_published",
-    }

@@ -5,12 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
-import famjax
 from fitting import ForceData, Parameter
 from fitting.engine import Batch, partial, predict, solve
 from fitting.posing import pose
 from fitting.problem import Problem
-from fitting.programs import linear_program, projected_program
 from fitting.search import descend, descend_many, latin_hypercube
 
 STEP = 1e-5  # of the box
@@ -87,16 +85,6 @@ def test_a_batch_is_the_fits_one_by_one(dmsp20: ForceData) -> None:
         np.testing.assert_allclose(one.u, other.u, rtol=0, atol=1e-9)
 
 
-def test_other_readings_and_specimens_meet_the_same_programs(
-    dmsp20: ForceData, dmsp10: ForceData
-) -> None:
-    few = dmsp10.part(np.arange(dmsp10.force.size) % 3 > 0)
-    descend(pose((dmsp20,), order=2).problem, np.full(3, 0.5))
-    before = linear_program.cache_info().misses, len(projected_program().known)
-    descend(pose((few,), order=2).problem, np.full(3, 0.5))
-    assert (linear_program.cache_info().misses, len(projected_program().known)) == before
-
-
 def test_a_problem_that_was_sent_is_the_same(dmsp10: ForceData) -> None:
     problem = pose((dmsp10,), order=2).problem
     sent = pickle.loads(pickle.dumps(problem))
@@ -127,18 +115,3 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(
             predict(alone, 0, p[part.at], one.x, *at),
             rtol=1e-9,
         )
-
-
-def test_predictions_of_any_number_are_those_of_the_muscle(dmsp20: ForceData) -> None:
-    problem = pose((dmsp20,), order=2).problem
-    p = problem.low + 0.4 * (problem.high - problem.low)
-    point = solve(problem, p)
-    values = dict(zip(problem.names, p, strict=True)) | dict(
-        zip(problem.linear, point.x, strict=True)
-    )
-    muscle = problem.parts[0].family.build(values)
-    assert isinstance(muscle, famjax.Muscle)
-    length = np.linspace(0.8, 1.0, 1200) * dmsp20.specimen.rest_length
-    pressure = np.linspace(1e5, 5e5, 1200)
-    found = predict(problem, 0, p, point.x, length, pressure)
-    np.testing.assert_allclose(found, muscle.force(length, pressure), rtol=1e-9)

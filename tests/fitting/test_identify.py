@@ -73,25 +73,6 @@ def test_wide_bounds_fit_better_and_leave_a_ridge(
     assert any("Ridge: braid_diameter and braid_angle" in warning for warning in result.warnings)
 
 
-def test_reported_errors_are_those_of_the_muscle(fitted20: Identification) -> None:
-    data = fitted20.data
-    model = np.asarray(fitted20.muscle.force(data.length, data.pressure))[data.loaded]
-    residual = model - data.force[data.loaded]
-    np.testing.assert_allclose(fitted20.residuals, residual, atol=1e-9)
-    assert fitted20.errors.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
-    assert fitted20.errors.max == pytest.approx(np.abs(residual).max(), rel=1e-12)
-    assert fitted20.estimate("E_2").value == float(fitted20.coefficients[0, 1])
-
-
-def test_a_parameter_at_its_bound_has_no_error_bar(fitted20: Identification) -> None:
-    stopped = [e for e in fitted20.estimates if e.at_bound]
-    assert [e.name for e in stopped] == ["braid_diameter"]
-    assert math.isnan(stopped[0].stderr)
-    assert any("braid_diameter: at the bound" in warning for warning in fitted20.warnings)
-    with pytest.raises(KeyError, match="no parameter 'spam'"):
-        fitted20.estimate("spam")
-
-
 @pytest.mark.parametrize(
     ("order", "dependence", "constraint"),
     [(order, "fixed", constraint) for order in (1, 2, 3, 4) for constraint in CONSTRAINTS]
@@ -192,26 +173,6 @@ def test_a_law_that_is_linear_in_pressure_is_recovered() -> None:
     np.testing.assert_allclose(linear.coefficients, law.node_coefficients, rtol=1e-6)
 
 
-def test_units_of_the_file_do_not_matter(
-    tmp_path, dmsp20: ForceData, fitted20: Identification
-) -> None:
-    from fitting import read_csv
-
-    path = tmp_path / "dmsp20.csv"
-    header = ["# specimen: name = DMSP-20-300", "# specimen: rest_length_mm = 296",
-              "# specimen: nominal_diameter_mm = 20", "# specimen: wall_thickness_mm = 1.8",
-              "# specimen: embedded = true", "pressure_psi,length_in,force_lbf"]  # fmt: skip
-    rows = [
-        f"{P / 6894.757293168361!r},{L / 0.0254!r},{F / 4.4482216152605!r}"
-        for P, L, F in zip(dmsp20.pressure, dmsp20.length, dmsp20.force, strict=True)
-    ]
-    path.write_text("\n".join(header + rows).replace("np.float64(", "").replace(")", ""))
-    result = identify(read_csv(path))
-    np.testing.assert_allclose(
-        [e.value for e in result.estimates], [e.value for e in fitted20.estimates], rtol=1e-7
-    )
-
-
 @pytest.mark.slow
 def test_elastic_braid_is_identified() -> None:
     """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
@@ -230,34 +191,6 @@ class Silent(famjax.EstimatedGeometry):
 
     def declared(self) -> dict[str, famjax.parameters.Declared]:
         return {}
-
-
-def test_known_geometry_is_taken_as_it_is() -> None:
-    truth = known_muscle(SOFTENING)
-    result = identify(readings(truth), geometry=truth.geometry, starts=2)
-    assert result.estimate("braid_diameter").fixed
-    assert result.derived == ()
-    np.testing.assert_allclose(result.coefficients[0], [4e6, -6e6, 6e6], rtol=1e-6)
-    box = {"braid_diameter": (0.020, 0.0236)}
-    named = identify(readings(truth), geometry=truth.geometry, bounds=box, starts=4)
-    assert named.estimate("braid_diameter").value == pytest.approx(0.022, rel=1e-6)
-    silent = Silent(truth.geometry.braid, truth.geometry.bladder)
-    with pytest.raises(InputError, match="braid_diameter: the known geometry says it already"):
-        identify(readings(truth), geometry=silent, bounds=box)
-    other = dataclasses.replace(SPECIMEN, rest_length=0.31)
-    with pytest.raises(InputError, match="the geometry's rest length, 300 mm, must be"):
-        identify(dataclasses.replace(readings(truth), specimen=other), geometry=truth.geometry)
-
-
-def test_same_seed_same_numbers(dmsp20: ForceData, fitted20: Identification) -> None:
-    again = identify(dmsp20)
-    np.testing.assert_array_equal(again.coefficients, fitted20.coefficients)
-
-
-def test_progress_is_reported(dmsp20: ForceData) -> None:
-    seen: list[tuple[int, int]] = []
-    identify(dmsp20, starts=10, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(done, 10) for done in range(1, 11)]
 
 
 def test_weights_follow_the_standard_deviations() -> None:
@@ -289,39 +222,6 @@ def test_weights_follow_the_standard_deviations() -> None:
 def test_what_cannot_be_fitted_is_refused(dmsp20: ForceData, options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         identify(dmsp20, **options)
-
-
-def _part(data: ForceData, rows: np.ndarray) -> ForceData:
-    return dataclasses.replace(
-        data, force=data.force[rows], pressure=data.pressure[rows], length=data.length[rows]
-    )
-
-
-def test_too_few_readings_and_one_pressure_are_refused(dmsp20: ForceData) -> None:
-    few = np.flatnonzero(dmsp20.loaded)[:5]
-    with pytest.raises(InputError, match="5 loaded readings cannot determine 6 parameters"):
-        identify(_part(dmsp20, few))
-    top = dmsp20.pressure == dmsp20.pressure.max()
-    with pytest.raises(InputError, match="needs readings at two pressures or more"):
-        identify(_part(dmsp20, top), dependence="linear", order=1)
-
-
-def test_lengths_that_no_braid_reaches_are_refused(dmsp20: ForceData) -> None:
-    too_long = dataclasses.replace(
-        dmsp20, length=np.where(dmsp20.length > 0.29, 0.4, dmsp20.length)
-    )
-    with pytest.raises(InputError, match="longer than its thread"):
-        identify(too_long)
-    specimen = dataclasses.replace(dmsp20.specimen, rest_length=0.5)
-    with pytest.raises(InputError, match="but no braid of at most 70 deg pulls when shorter"):
-        identify(dataclasses.replace(dmsp20, specimen=specimen))
-
-
-def test_everything_fixed_is_refused(dmsp20: ForceData) -> None:
-    held = {"braid_diameter": (0.02, 0.02), "braid_angle": (1.1, 1.1),
-            "deadband_pressure": (4e4, 4e4), "E_1": (2e6, 2e6)}  # fmt: skip
-    with pytest.raises(InputError, match="every parameter is fixed"):
-        identify(dmsp20, order=1, bounds=held)
 
 
 def test_float64_is_asked_for_with_the_line_that_enables_it(dmsp20: ForceData) -> None:

@@ -17,7 +17,6 @@ from fitting import (
     identify,
     identify_together,
     profile,
-    validate,
 )
 
 pytestmark = pytest.mark.slow
@@ -87,17 +86,6 @@ def test_noisy_estimates_lie_within_three_standard_errors(noisy: Identification)
         assert not estimate.at_bound
         assert abs(estimate.value - value) < 3 * estimate.stderr, name
     assert 1.2 < noisy.errors.rmse < 2.8  # 2 N of noise, seven parameters spent
-
-
-def test_what_is_left_out_is_predicted(noisy: Identification) -> None:
-    by_pressure, by_length = (validate(noisy, kind, starts=2) for kind in ("pressure", "length"))
-    np.testing.assert_allclose(by_pressure.values, np.unique(P))
-    assert noisy.errors.rmse < by_pressure.rmse < 2 * noisy.errors.rmse
-    assert by_length.interior_rmse < by_length.rmse  # extrapolation is harder
-    with pytest.raises(InputError, match="groups are one of pressure, length, specimen"):
-        validate(noisy, "colour")
-    with pytest.raises(InputError, match="leaving one specimen out needs two or more"):
-        validate(noisy, "specimen")
 
 
 def test_profile_agrees_with_the_standard_error(noisy: Identification) -> None:
@@ -197,14 +185,3 @@ def test_two_muscles_share_what_they_share() -> None:
 def test_tables_that_contradict_themselves_are_refused(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         identify(readings(known_muscle()), **options)
-
-
-def test_specimens_together_need_names_and_known_parameters() -> None:
-    data = readings(known_muscle())
-    with pytest.raises(InputError, match="need different names"):
-        identify_together([data, data])
-    other = dataclasses.replace(data, specimen=dataclasses.replace(SPECIMEN, name="other"))
-    with pytest.raises(InputError, match="own parameter 'spam'"):
-        identify_together([data, other], own=("spam",))
-    with pytest.raises(InputError, match="belongs to the law"):
-        identify_together([data, other], own=("E_1",))

@@ -55,19 +55,6 @@ def test_what_a_user_says_is_not_varied(dmsp20: ForceData) -> None:
     assert all(one.bounds == {"end_factor": (1.0, 1.1)} for one in bounded)
 
 
-@pytest.mark.parametrize("name", ["deadband_pressure", "series_compliance"])
-def test_what_makes_it_pull_late_is_not_varied_where_a_user_says_it(
-    dmsp20: ForceData, name: str
-) -> None:
-    assert not any(one.rig for one in ladder(dmsp20, {name: Parameter()})[0])
-
-
-def test_a_law_without_what_was_given_is_left_out(dmsp20: ForceData) -> None:
-    candidates, dropped = ladder(dmsp20, bounds={"ogden_exponent": (-8.0, -4.0)})
-    assert {one.law for one in candidates} == {"ogden"}
-    assert "The linear law has no ogden_exponent, which was given." in dropped
-
-
 def test_no_feature_of_a_law_is_finer_than_the_lengths(dmsp20: ForceData) -> None:
     level = dmsp20.lengths.level
     for data in (dmsp20, dmsp20.part(np.isin(level, np.unique(level[dmsp20.loaded])[::2]))):
@@ -82,9 +69,3 @@ def test_the_rounding_of_a_rest_length_is_told_by_its_digits(
     rest_length: float, half_a_unit: float
 ) -> None:
     assert rest_length_rounding(rest_length) == pytest.approx(half_a_unit)
-
-
-def test_a_law_has_no_more_coefficients_than_there_are_strained_lengths(dmsp20: ForceData) -> None:
-    candidates, dropped = ladder(of_lengths(dmsp20, 3))  # one of them is the rest length
-    assert "cubic" not in {one.law for one in candidates}
-    assert any(one.startswith("The cubic law needs 3 lengths") for one in dropped)

@@ -74,24 +74,6 @@ class ConicalEnds(famjax.geometries.AbstractGeometry):
         return self.cylinder.rest_length
 
 
-class ReturnSpring(famjax.terms.AbstractForceTerm):
-    """A spring beside the muscle that pulls it short."""
-
-    spring_rate: Float[Array, ""] = famjax.parameter("N/m", low=0.0, high=5e3)
-
-    def force(self, at, pressure):
-        return self.spring_rate * (at.length - 0.2)
-
-
-class Coulomb(famjax.terms.AbstractForceTerm):
-    """Dry friction while the muscle shortens."""
-
-    friction: Float[Array, ""] = famjax.parameter("N", low=0.0, high=50.0)
-
-    def force(self, at, pressure):
-        return -self.friction * jnp.ones_like(at.length)
-
-
 class Foreign(famjax.AbstractMuscle):
     """F = a P (1 - k eps)^2 - b: somebody else's model, with no geometry at all."""
 
@@ -162,55 +144,6 @@ def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
     assert min(row.rmse for row in known.rows) < 1e-6
 
 
-@pytest.mark.slow
-def test_a_spring_and_coulomb_friction(tmp_path: Path) -> None:
-    law, spring = famjax.PolynomialMaterial([4e6, -6e6, 6e6]), ReturnSpring(800.0)
-    terms = (
-        famjax.terms.PressurisedBraid(30e3) + famjax.terms.BladderWall(law) + spring + Coulomb(5.0)
-    )
-    data = readings(famjax.Muscle(CYLINDER, terms))
-    result = identify(
-        data, terms=ReturnSpring(0.0) + Coulomb(5.0), parameters={"spring_rate": Parameter()}
-    )
-    recovered(result, spring_rate=800.0, E_1=4e6)
-    assert result.estimate("spring_rate").stderr >= 0
-    assert fitting.saved.summary_as_dict(result, "us")["parameters"]["spring_rate"]["unit"] == "N/m"
-    saved(result, tmp_path)
-    known = fitting.sweep(data, CYLINDER, deadband=30e3, terms=spring + Coulomb(5.0), orders=(3,))
-    fixed = next(row for row in known.rows if (row.dependence, row.constraint) == ("fixed", "none"))
-    assert fixed.coefficients[0] == pytest.approx([4e6, -6e6, 6e6], rel=1e-6)
-    without = fitting.sweep(data, CYLINDER, deadband=30e3, orders=(3,), constraints=("none",))
-    assert (
-        min(row.rmse for row in without.rows) > 1.0
-    )  # N: the polynomial does not stand for a spring
-    own = [("spring", {"terms": ReturnSpring(0.0), "parameters": {"spring_rate": Parameter()}})]
-    (row,) = fitting.compare(data, [], own=own, starts=STARTS).rows
-    assert row.lolo_rmse < 3.0  # N; the friction is not among them
-
-
-@pytest.mark.slow
-def test_several_specimens_share_a_spring_and_conical_ends() -> None:
-    law = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
-    maps = []
-    for name, deadband in (("first", 30e3), ("second", 50e3)):
-        pull = famjax.terms.PressurisedBraid(deadband) + famjax.terms.BladderWall(law)
-        truth = famjax.Muscle(ConicalEnds(CYLINDER, 0.02), pull + ReturnSpring(800.0))
-        maps.append(readings(truth, name))
-    first, second = fitting.identify_together(
-        maps,
-        geometry=ConicalEnds,
-        terms=ReturnSpring(0.0),
-        parameters={"spring_rate": Parameter(), "cone_length": Parameter()},
-        starts=STARTS,
-    )
-    assert max(first.errors.rmse, second.errors.rmse) < 1e-4
-    assert first.estimate("spring_rate").value == pytest.approx(800.0, rel=1e-3)
-    assert second.estimate("cone_length").value == pytest.approx(0.02, rel=1e-3)
-    assert second.muscle.deadband_pressure == pytest.approx(50e3, rel=1e-3)
-    with pytest.raises(fitting.InputError, match="that of one specimen"):
-        fitting.identify_together(maps, geometry=ConicalEnds(CYLINDER, 0.02))
-
-
 def test_a_foreign_model_as_a_peer() -> None:
     data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
     family = ModelFamily.of(Foreign.template(rest_length=0.3), "somebody 2026")
@@ -223,68 +156,7 @@ def test_a_foreign_model_as_a_peer() -> None:
     assert jax.grad(fit.model.blocked_force)(5e5) == pytest.approx(4e-4, rel=1e-6)
 
 
-class Quadratic(famjax.materials.AbstractMaterial):
-    """It says that the stress is linear in its modulus, and squares it."""
-
-    modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
-    directions_interact: ClassVar[bool] = False
-    depends_on_pressure: ClassVar[bool] = False
-
-    def stresses(self, axial_strain, hoop_strain, pressure):
-        return self.modulus**2 / 1e6 * axial_strain, self.modulus**2 / 1e6 * hoop_strain
-
-
-def test_what_is_not_linear_is_found_out() -> None:
-    data = readings(famjax.Muscle(CYLINDER, Quadratic(2e6), 30e3))
-    with pytest.raises(InputError, match=r"modulus.*declared linear.*not affine"):
-        identify(data, law=Quadratic, starts=2)
-
-
-def test_a_slope_is_asked_of_laws_that_have_one() -> None:
-    data = readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3))
-    with pytest.raises(InputError, match="directions_interact"):
-        identify(data, law=Gent, constraint="slope")
-
-
 @pytest.mark.parametrize("path", ["nowhere:Gent", "math:pi", "famjax:Muscle"])
 def test_a_law_that_is_not_found_is_refused(path: str) -> None:
     with pytest.raises(InputError, match="law"):
         identify(readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3)), law=path)
-
-
-class Bent(Foreign):
-    """It says that the force is affine in the section, and squares it."""
-
-    def force(self, length, pressure):
-        return 1e4 * self.section * super().force(length, pressure)
-
-
-def test_a_peer_that_is_not_affine_has_no_figures() -> None:
-    data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
-    with pytest.raises(InputError, match=r"section.*not affine"):
-        fitting.comparison.fit_peer(ModelFamily.of(Bent.template(rest_length=0.3)), data, starts=2)
-    (row,) = fitting.compare(data, [], own=[Bent], starts=2).rows
-    assert "not affine" in row.note
-    assert math.isnan(row.rmse)
-
-
-def test_models_of_ones_own_are_given_as_they_come() -> None:
-    data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
-    rows = fitting.compare(
-        data, [], own=[Foreign, Foreign.template(rest_length=0.3)], starts=4
-    ).rows
-    assert [row.rmse < 1e-5 for row in rows] == [True, True]
-    with pytest.raises(InputError, match="identify has no option lawe"):
-        fitting.compare(data, [], own=[("typo", {"lawe": Gent})])
-
-
-def test_a_term_without_a_force_is_refused() -> None:
-    class Lost(famjax.terms.AbstractForceTerm):
-        def force(self, at, pressure):
-            return jnp.log(at.length - 1.0)
-
-    data = readings(famjax.Muscle(CYLINDER, famjax.PolynomialMaterial([4e6]), 30e3))
-    with pytest.raises(InputError, match="or a law or term is no number"):
-        identify(data, order=1, terms=Lost())
-    with pytest.raises(InputError, match="it has none at 36 of them"):
-        fitting.sweep(data, CYLINDER, terms=Lost(), orders=(1,))

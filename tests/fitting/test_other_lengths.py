@@ -66,24 +66,3 @@ def test_a_prediction_is_the_mean_of_the_accounts(
     assert row["force_N"] == pytest.approx(np.mean(forces), rel=1e-9)
     between = FROM_ONE * chosen[1].data.max_force
     assert row["force_std_N"] == pytest.approx(np.hypot(np.std(forces), between), rel=1e-9)
-
-
-@pytest.mark.slow
-def test_of_three_lengths_too_a_rig_is_an_account_though_it_is_not_chosen() -> None:
-    choice = choose(muscle_map(noise=0.5, seed=5, lengths=(0.97, 0.92, 0.87)))
-    assert choice.other_lengths is not None
-    assert any("rig" in name for name in choice.other_lengths.names)
-    assert all(np.isinf(one.held_out) for one in choice.tried if one.candidate.rig)
-
-
-@pytest.mark.slow
-def test_with_a_deadband_that_was_given_there_is_but_one_account(tmp_path: Path) -> None:
-    few = muscle_map(noise=0.5, seed=5, lengths=(0.97, 0.92, 0.87))
-    choice = choose(few, bounds={"deadband_pressure": (0.0, 3e4)})
-    assert choice.other_lengths is None
-    write_fit(choice.chosen, tmp_path, choice=choice)
-    (row,) = predict(
-        load_fit(tmp_path / "fit.json"), np.array([0.36]), np.array([4e5]), rest_length=0.4
-    )
-    assert row["band"] is None
-    assert row["low_95_N"] is None

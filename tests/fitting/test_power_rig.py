@@ -10,7 +10,6 @@ import famjax
 from fitting import (
     ForceData,
     Identification,
-    InputError,
     Parameter,
     choose,
     identify,
@@ -54,23 +53,6 @@ def test_it_is_recovered(identified: Identification) -> None:
     assert identified.mounted.exponent == pytest.approx(EXPONENT, rel=RECOVERED)
 
 
-def test_predictions_are_of_the_muscle_in_its_rig(identified: Identification) -> None:
-    L, P = np.array([0.249, 0.24, 0.22]), np.array([2e5, 4e5, 6e5])
-    np.testing.assert_allclose(
-        identified.predict(L, P), identified.mounted.force(L, P), rtol=ROUNDED
-    )
-
-
-def test_noisy_estimates_lie_within_three_standard_errors() -> None:
-    noisy = identify(
-        readings((COMPLIANCE, EXPONENT), noise=0.5), law="mooney-rivlin", parameters=POWER, starts=8
-    )
-    for name, value in {"series_compliance": COMPLIANCE, "series_exponent": EXPONENT}.items():
-        estimate = noisy.estimate(name)
-        assert abs(estimate.value - value) < 3 * estimate.stderr, name
-        assert estimate.stderr < 0.2 * value
-
-
 @pytest.mark.slow
 def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path: Path) -> None:
     write_fit(identified, tmp_path)
@@ -86,21 +68,6 @@ def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path
     card = card_of(saved)
     assert card.members[0].exponent == identified.mounted.exponent
     assert float(card.muscle.force(0.24, 4e5)) == pytest.approx(row["force_N"], rel=ROUNDED)
-
-
-def test_a_rig_in_proportion_has_no_exponent_in_its_file(tmp_path: Path) -> None:
-    data = readings((COMPLIANCE, None))
-    linear = {name: one for name, one in POWER.items() if name != "series_exponent"}
-    plain = identify(data, law="mooney-rivlin", parameters=linear, starts=4)
-    assert plain.mounted.exponent is None
-    write_fit(plain, tmp_path)
-    assert "series_exponent" not in (tmp_path / "fit.json").read_text()
-    assert load_fit(tmp_path / "fit.json").mounted.exponent is None
-
-
-def test_an_exponent_needs_a_compliance() -> None:
-    with pytest.raises(InputError, match="name series_compliance as well"):
-        identify(readings(None), law="polynomial", parameters={"series_exponent": Parameter()})
 
 
 @pytest.mark.slow

@@ -9,12 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxtyping import Array, Float
 
 import famjax
 import fitting
 from famjax.__main__ import main
-from famjax.boundary.units import sentence_in_units
 from fitting import (
     ForceData,
     Identification,
@@ -169,18 +167,6 @@ def test_the_band_is_the_delta_method(series: Series) -> None:
     assert len(muscle_spread(one)) <= sum(not e.fixed for e in one.estimates)
 
 
-def test_jigs_that_are_wrong_widen_the_band() -> None:
-    """Lengths half a millimetre off either way: the error between specimens says so."""
-    data = [specimen(SEEN[0], 1, stretch=5e-4), specimen(SEEN[1], 2, stretch=-5e-4)]
-    found = identify_series(data, laws=LAWS, parameters=NO_DEADBAND)
-    assert found.between > 4 * NOISE
-    L, P = points(0.15)
-    truth = np.asarray(in_rig(0.15, TRUTH).force(L, P))
-    force, std = found.predict(0.15, L, P)
-    pulls = truth > 0
-    assert (np.abs(force - truth) < 2 * std)[pulls].mean() > 0.9
-
-
 def test_what_is_no_series_is_refused() -> None:
     one = specimen(0.1, 0)
     with pytest.raises(InputError, match="two specimens or more, got 1"):
@@ -256,82 +242,6 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     assert f"of rest length {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in capsys.readouterr().out
 
 
-class Pull(famjax.terms.AbstractForceTerm):
-    """A preload of the rig, the same on every specimen."""
-
-    preload: Float[Array, ""] = famjax.parameter("N", low=0.0, high=50.0)
-
-    def force(self, at, pressure):
-        return self.preload * jnp.ones_like(at.length)
-
-
-class Stiffening(famjax.materials.AbstractHyperelastic):
-    """W = c1 (I1 - 3) + c2 (I2 - 3): Mooney and Rivlin's, by other names."""
-
-    first: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
-    second: Float[Array, ""] = famjax.parameter("Pa", kind="stress", linear=True)
-
-    def energy(self, axial_stretch, hoop_stretch):
-        through = 1 / (axial_stretch * hoop_stretch)
-        squares = axial_stretch**2, hoop_stretch**2, through**2
-        of_1, of_2 = sum(squares) - 3, sum(1 / one for one in squares) - 3
-        return self.first * of_1 + self.second * of_2
-
-    initial_shear_modulus = property(lambda self: 2 * (self.first + self.second))
-
-
-def test_a_law_of_ones_own_is_that_of_a_series(series: Series, tmp_path: Path) -> None:
-    """By its class, and by its name in a file of its own; it predicts what the known one does."""
-    maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
-    # With two specimens the deadband is neither refuted nor seen: it is held, as the other fit has it.
-    held = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}
-    found = identify_series(maps, laws=(Stiffening,), parameters=held, starts=4)
-    assert found.law.endswith(":Stiffening")
-    assert found.specimens[0].estimate("first").value == pytest.approx(
-        series.specimens[0].estimate("C10").value, rel=1e-4
-    )
-    L, P = points(0.15)
-    np.testing.assert_allclose(
-        found.predict(0.15, L, P)[0], series.predict(0.15, L, P)[0], atol=1e-3
-    )
-    path = tmp_path / "fit.json"
-    path.write_text(json.dumps(series_as_dict(found), allow_nan=False))
-    rows = predict(load_fit(path, own=(Stiffening,)), L[:3], P[:1], rest_length=0.15)
-    assert rows[0]["force_N"] == pytest.approx(found.predict(0.15, L[:1], P[:1])[0][0], rel=1e-9)
-
-
-def test_a_term_of_ones_own_is_shared_by_the_series() -> None:
-    maps = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
-    maps = [dataclasses.replace(one, force=one.force + 20.0) for one in maps]
-    held = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}  # it pulls alike
-    found = identify_series(
-        maps, laws=LAWS, terms=Pull(0.0), parameters={"preload": Parameter(), **held}, starts=4
-    )
-    one, other = (fit.estimate("preload").value for fit in found.specimens)
-    assert one == other
-    assert max(fit.errors.rmse for fit in found.specimens) < 3 * NOISE
-    lengths = 0.12 * np.linspace(0.9, 1, 3)
-    force, std = found.predict(0.12, lengths, np.full(3, 4e5))
-    truth = np.asarray(in_rig(0.12, TRUTH).force(lengths, 4e5)) + 20.0
-    assert (np.abs(force - truth) < 3 * std).all()
-    with pytest.raises(InputError, match="needs a method cut_to_length"):
-        identify_series(maps, laws=LAWS, geometry=NeverCut)
-
-
-class NeverCut(famjax.geometries.AbstractGeometry):
-    """Of one length only."""
-
-    inner: famjax.geometries.AbstractGeometry
-
-    def dimensions(self, length, pressure):
-        return self.inner.dimensions(length, pressure)
-
-    def length_range(self):
-        return self.inner.length_range()
-
-    rest_length = property(lambda self: self.inner.rest_length)
-
-
 def test_its_verdict_is_that_of_all_specimens(series: Series, saved: Path) -> None:
     """Specimens of one make, and one of them in another unit."""
     judged = judge_series(series.specimens, series.left_out)
@@ -344,14 +254,3 @@ def test_its_verdict_is_that_of_all_specimens(series: Series, saved: Path) -> No
     assert not judged.passed
     assert "270 mm" in judged.reasons[0] or "90 mm" in judged.reasons[0]
     assert "another make" in judged.reasons[0]
-
-
-def test_specimens_that_differ_are_a_doubt(series: Series) -> None:
-    """Two in a jig with wrong lengths; what differs is said in the unit that is asked for."""
-    off = [specimen(SEEN[0], 7, stretch=-1e-3), specimen(SEEN[1], 8)]
-    found = identify_series(off, laws=LAWS)
-    judged = judge_series(found.specimens, found.left_out)
-    assert judged.level == "identified with doubts"
-    assert "The specimens differ" in judged.reasons[0]
-    assert " N" in judged.reasons[0]
-    assert " lbf" in sentence_in_units(judged.reasons[0], "us")

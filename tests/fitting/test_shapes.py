@@ -62,21 +62,6 @@ def test_its_bands_cover_the_truth() -> None:
     assert 0.88 < np.mean(inside) < 0.99
 
 
-def test_the_scale_s_error_is_in_lengths_and_diameters_alike() -> None:
-    found = shape_surface(photographed(80, scale=2e-3), draws=400)
-    assert found.draw_scales.std() == pytest.approx(2e-3, rel=0.1)
-    relative = found.draws[:, 0, 8, 100] / found.diameters[0, 8, 100]
-    np.testing.assert_allclose(relative, found.draw_scales, atol=1e-4)
-
-
-def test_what_all_pictures_have_in_common_does_not_average_out() -> None:
-    pictures = dataclasses.replace(photographed(80), mean_std=1e-5, local_std=np.full(201, 4e-5))
-    found = shape_surface(pictures, draws=600)
-    local = found.draws[:, 0, 8].std(axis=0)
-    assert np.median(local) == pytest.approx(4e-5, rel=0.1)
-    assert 1e-5 < found.draws[:, 0, 8].mean(axis=1).std() < 2e-5
-
-
 def test_pictures_held_out_are_as_near_as_expected() -> None:
     found = shape_surface(photographed(200, 0.0006 * INCH)).held_out
     assert found.pictures == 40
@@ -100,39 +85,6 @@ def test_pictures_of_two_muscles_are_no_surface() -> None:
     other = one.diameter * np.where(np.arange(120) % 4 == 0, 1.05, 1.0)[:, None]
     with pytest.raises(InputError, match="scatter by 2"):
         shape_surface(dataclasses.replace(one, diameter=other))
-
-
-def test_a_campaign_with_many_faults_is_refused_by_name() -> None:
-    sound = photographed(120, 0.0006 * INCH)
-    diameter = sound.diameter.copy()
-    diameter[::7] *= 1.004
-    with pytest.raises(InputError, match=r"more than a tenth .* DSC_0"):
-        shape_surface(dataclasses.replace(sound, diameter=diameter))
-
-
-def test_too_few_pictures_are_refused() -> None:
-    sound = photographed(120)
-    with pytest.raises(InputError, match="needs 6 or more"):
-        sound.part(np.arange(5))
-    same = dataclasses.replace(sound, length=np.full(120, 0.2))
-    with pytest.raises(InputError, match="1 different lengths"):
-        shape_surface(same)
-
-
-@pytest.mark.slow
-def test_a_geometry_asks_for_what_it_lacks() -> None:
-    found = shape_surface(photographed(60))
-    inside = Specimen(name="DMSP", rest_length=REST, wall_thickness=1e-3, embedded=True)
-    with pytest.raises(InputError, match="not the threads inside it"):
-        found.geometry(inside)
-    filled = found.geometry(dataclasses.replace(SPECIMEN, bladder_diameter=None))
-    at_rest = true_diameter(np.array([0.5]), np.array([REST]), np.array([55 * PSI]), 0.0)
-    assert float(filled.bladder.rest_diameter) == pytest.approx(
-        float(at_rest[0, 0]) - 0.022 * INCH, rel=1e-3
-    )
-    longer = dataclasses.replace(SPECIMEN, bladder_diameter=None, rest_length=1.1 * REST)
-    with pytest.raises(InputError, match="photograph the muscle at rest"):
-        found.geometry(longer)
 
 
 def test_the_triangle_of_true_threads_is_found() -> None:
@@ -171,14 +123,6 @@ def test_a_series_is_the_muscles_own_profile() -> None:
     profile = famjax.profiles.FourierProfile(fit.mean, fit.cosines, fit.sines, fit.frequency)
     spread = np.abs(fit.cosines).sum() + np.abs(fit.sines).sum() + abs(fit.mean)
     np.testing.assert_allclose(profile.diameter(Z, 1.0), fit.diameter(Z), atol=1e-9 * spread)
-
-
-def test_more_terms_fit_no_worse() -> None:
-    noise = 2e-5 * np.random.default_rng(0).normal(size=Z.size)
-    shape = np.asarray(published_shape(0.35)(Z)) + noise
-    errors = [fit_fourier(Z, shape, n_terms=k).rmse for k in range(1, 6)]
-    assert np.all(np.diff(errors) <= 1e-7)  # what the cut of singular values leaves
-    assert errors[2] < 0.001 * INCH < errors[0]
 
 
 @pytest.mark.parametrize(

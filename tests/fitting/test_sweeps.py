@@ -11,12 +11,9 @@ from scipy import sparse
 import famjax
 from fitting import ForceData, InputError, Specimen, sweep
 from fitting.convex import Status
-from fitting.sweep_fits import PathTable
 from fitting.sweeps import FEASIBLE, Sweep, SweepRow
 
 OBJECTIVE = 1e-6  # relative; Clarabel's accuracy, and 4000 stations in place of the path
-EXACT = 1e-9  # noise-free data, condition numbers up to 1e4
-SAME = 1e-12  # of the largest coefficient: one programme, solved beside others
 REST, PRESSURES, STATIONS = 0.2, np.array([1e5, 2e5, 3e5]), 4000
 SOFTENING = np.array([2.5e6, -4.5e6, 2.4e6])  # its tangent falls below zero and rises again
 
@@ -176,22 +173,6 @@ def test_a_perfect_law_is_found_by_either_objective() -> None:
         np.testing.assert_allclose(one.coefficients[0], SOFTENING, rtol=1e-6)
 
 
-def test_cubics_follow_functions_with_corners() -> None:
-    """The minimum between nodes, at a corner that no node is at, and of a path of its own."""
-
-    def evaluate(path: np.ndarray, s: np.ndarray) -> np.ndarray:
-        corner = np.array([0.123, 0.777])[path, None]
-        return np.stack([np.abs(s - corner), np.exp(s)], axis=-1)
-
-    table = PathTable.of(evaluate, 2, 32)
-    s = np.random.default_rng(0).uniform(size=(2, 50))
-    expected = evaluate(np.arange(2), s)
-    np.testing.assert_allclose(table.at(np.arange(2)[:, None], s), expected, atol=1e-9)
-    least, where = table.weakest(np.tile([2.0, 0.1], (2, 1)))
-    np.testing.assert_allclose(where, [0.123, 0.777], atol=1e-8)
-    np.testing.assert_allclose(least, 0.1 * np.exp(where), atol=1e-8)
-
-
 def test_nothing_is_violated_between_the_stations(swept: Sweep) -> None:
     stable = [r for r in swept.rows if r.constraint == "drucker"]
     assert all(r.margin > -FEASIBLE * np.abs(r.coefficients).max() for r in stable)
@@ -241,25 +222,6 @@ def test_scores(swept: Sweep) -> None:
             assert r.cross_validated_rmse > r.pooled_rmse
 
 
-def test_free_contraction_errors_are_averaged_where_there_are_any() -> None:
-    """At the lowest pressure the two shortest readings are alike: no line leads to zero force."""
-    keep = (DATA.pressure > 1e5) | (DATA.length > 0.91 * REST)
-    columns = {name: getattr(DATA, name)[keep] for name in ("force", "pressure", "length")}
-    flat = (columns["pressure"] == 1e5) & (columns["length"] < 0.935 * REST)
-    columns["force"][flat] = columns["force"][flat].mean()
-    data = ForceData(**columns, specimen=DATA.specimen)
-    (found,) = sweep(
-        data, geometry(), deadband=1e4, orders=(2,), dependences=("fixed",), constraints=("none",)
-    ).rows
-    errors = found.free_contraction_error_by_pressure
-    np.testing.assert_array_equal(np.isnan(errors), [True, False, False])
-    assert found.free_contraction_error == pytest.approx(np.abs(errors[1:]).mean(), rel=1e-14)
-
-
-def test_a_sweep_is_printed_as_a_line(swept: Sweep) -> None:
-    assert repr(swept) == "Sweep(24 fits of softening, 24 of them solved, sum_of_squares)"
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -274,30 +236,3 @@ def test_a_sweep_is_printed_as_a_line(swept: Sweep) -> None:
 def test_bad_options_are_refused(change: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         sweep(**{"data": DATA, "geometry": geometry(), **change})
-
-
-def test_pictures(swept: Sweep) -> None:
-    from fitting.sweeps import plot_curves, plot_errors
-
-    errors = plot_errors(swept)
-    assert len(errors.axes) == 4
-    assert all(len(axes.lines) == 3 * 4 for axes in errors.axes)  # forms, constraints
-    for axes in errors.axes:
-        assert axes.get_ylim()[1] > max(np.nanmax(line.get_ydata()) for line in axes.lines)
-    curves = plot_curves(swept, list(swept.rows[:2]), "us")
-    assert len(curves.axes) == 2
-    lines, readings = curves.axes[0].collections
-    assert len(lines.get_paths()) == swept.pressures.size
-    assert len(readings.get_offsets()) == DATA.loaded.sum()
-
-
-def test_only_what_was_chosen_is_computed(swept: Sweep) -> None:
-    chosen = {"orders": (3,), "dependences": ("free", "fixed"), "constraints": ("drucker",)}
-    found = sweep(DATA, geometry(), deadband=1e4, **chosen)
-    assert [(r.dependence, r.order, r.constraint) for r in found.rows] == [
-        ("fixed", 3, "drucker"), ("free", 3, "drucker"),
-    ]  # fmt: skip
-    for r in found.rows:
-        whole = row(swept, r.dependence, r.order, r.constraint)
-        size = np.abs(whole.coefficients).max()
-        np.testing.assert_allclose(r.coefficients, whole.coefficients, rtol=0, atol=SAME * size)

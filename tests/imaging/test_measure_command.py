@@ -18,10 +18,10 @@ from rendering import (
 )
 
 from famjax.__main__ import main
-from imaging import ImagingError, Recipe, Scale, read_recipe
+from imaging import Recipe, Scale, read_recipe
 from imaging.cli import RecipeOptions, command_recipe
 from imaging.errors import AmbiguousRuler, MixedSizes
-from imaging.pictures import check_sizes, parse_scale
+from imaging.pictures import check_sizes
 
 IN = 0.0254
 SIZE = (660, 280)
@@ -151,33 +151,6 @@ def test_input_that_cannot_be_used_is_code_2_before_any_work(
     assert not (tmp_path / "out").exists()
 
 
-def test_mixed_sizes_are_code_2(lab, tmp_path, capsys):
-    render(published_scene(0.1, size=(500, 220)), 3).save(tmp_path / "small.jpg")
-    code = run(lab.photos / "img1.jpg", lab.photos / "img2.jpg", tmp_path / "small.jpg",
-               "--scale", "56 px/in", "--output", tmp_path / "out")  # fmt: skip
-    assert code == 2
-    assert "MixedSizes" in capsys.readouterr().err
-
-
-def test_a_stop_says_how_to_go_on(lab, tmp_path, capsys, monkeypatch):
-    import imaging.campaign
-
-    def stopped(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(imaging.campaign, "run_tasks", stopped)
-    code = run(lab.photos / "img1.jpg", "--scale", "56 px/in", "--output", tmp_path / "out")
-    assert code == 130
-    assert "Run the same command again to go on" in capsys.readouterr().err
-
-
-def test_a_scale_by_hand_has_the_error_given_or_that_of_its_digits():
-    scale = parse_scale("226.63+-0.02 px/in")
-    assert scale.px_per_m == pytest.approx(226.63 / IN)
-    assert scale.stderr == pytest.approx(0.02 / IN)
-    assert parse_scale("9 px/mm").stderr == pytest.approx(1000 / np.sqrt(12))
-
-
 def test_options_override_the_recipe_file(tmp_path):
     from imaging import write_recipe
 
@@ -213,13 +186,6 @@ def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
 
 
-def test_a_crop_needs_its_frame():
-    with pytest.raises(ImagingError, match="needs the frame_size"):
-        command_recipe(RecipeOptions(scale="226.63 px/in", crop_offset="2234,531"))
-    own = RecipeOptions(scale="226.63 px/in", crop_offset="0,0", frame_size="1200,2700")
-    assert command_recipe(own)[0].frame_size == (1200, 2700)
-
-
 def test_a_ruler_of_another_size_is_refused_with_its_ratio(tmp_path):
     """Other pixels; or the same ones, of a frame that the camera took with others."""
     from PIL import Image
@@ -243,10 +209,3 @@ def test_a_ruler_of_another_size_is_refused_with_its_ratio(tmp_path):
     whole = saved("whole.jpg", (600, 400), (600, 400))
     cropped = Recipe(Scale.manual(9000.0), crop_offset=(10, 10), frame_size=(600, 400))
     check_sizes(whole, [muscle], cropped)
-
-
-def test_a_picture_that_is_not_there_is_missed_before_its_ruler(capsys, tmp_path):
-    with pytest.raises(SystemExit) as stop:
-        main(["measure", str(tmp_path / "none.jpg"), "--output", str(tmp_path / "o")])
-    assert stop.value.code == 2
-    assert "none.jpg is no file, no folder with pictures" in capsys.readouterr().err

@@ -66,28 +66,6 @@ def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise() -> None:
         FeedForward.bias(300.0).output(0.0)
 
 
-@pytest.mark.parametrize(
-    ("fit", "first", "second", "message"),
-    [
-        (fit_sensor, [1, 2], [0, 1], "three references or more, got 2"),
-        (fit_sensor, [1, 2, 3], [5, 5, 5], "all references are 5"),
-        (fit_sensor, [1, 2, 5115], [0, 1, 2], "reading 3 is 5115 counts, the end of the converter"),
-        (fit_sensor, [0, 2, 3], [0, 1, 2], "reading 1 is 0 counts"),
-        (fit_sensor, [1, 2, np.nan], [0, 1, 2], "finite"),
-        (fit_sensor, [1, 2, 3], [0, 1], "one shape"),
-        (fit_sensor, [10, 12, 9, 11, 10], [0, 1, 2, 3, 4], "do not follow the references"),
-        (fit_feed_forward, [1, 2, 3, 4], [10, 20, 30, 40], "five steps"),
-        (fit_feed_forward, [1, 2, 3, 4, 5, 6], [10, 30, 60, 50, 30, 10], "must rise"),
-        (fit_feed_forward, [1, 1, 1, 2, 2, 2], [10, 30, 60, 70, 80, 90], "five steps of four"),
-    ],
-)
-def test_a_table_that_is_no_calibration_is_refused(
-    fit: object, first: list, second: list, message: str
-) -> None:
-    with pytest.raises(RigError, match=message):
-        fit(first, second)
-
-
 def test_a_file_gives_back_the_same_numbers(tmp_path: Path) -> None:
     path, rng, P = tmp_path / "rig.toml", np.random.default_rng(5), np.linspace(2e4, 7e5, 12)
     force = fit_sensor(2500 - REFERENCES / 400, REFERENCES / 300)

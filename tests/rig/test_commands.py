@@ -11,11 +11,11 @@ import pytest
 from benches import PSI, Typed, calibrated, run, write_plan
 
 from fitting import read_csv
-from rig import cli as rig_cli, read_journal
+from rig import read_journal
 from rig.calibration import read_calibration, write_calibration
 from rig.journal import stored_calibration
 from rig.link import VirtualLink
-from rig.protocol import SAFE, TRIP, Sample, frame
+from rig.protocol import SAFE, TRIP, frame
 from rig.simulation import HydraulicCircuit, SimulatedRig
 
 
@@ -87,21 +87,6 @@ def test_characterise_repeats_what_simulate_found(
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
-def test_characterise_takes_columns_that_the_log_does_not_tell(
-    simulated: Path, tmp_path: Path, capsys: Capsys
-) -> None:
-    """A second load is refused by name; the option that the message asks for chooses."""
-    lines = (simulated / "machine.csv").read_text().splitlines()
-    more = [",Load 2", ",(N)", *[",7.5"] * (len(lines) - 2)]
-    log = tmp_path / "two.csv"
-    log.write_text("\n".join(a + b for a, b in zip(lines, more, strict=True)))
-    command = ("characterise", simulated / "test.fam", log, "--rest-length", "9.28125in",
-               "--output", tmp_path)  # fmt: skip
-    code, _, err = run(capsys, *command)
-    assert (code, "--column force=" in err) == (2, True)
-    assert run(capsys, *command, "--column", "force=Load")[0] == 0
-
-
 def test_characterise_says_which_stroke_a_torn_journal_costs(
     simulated: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
@@ -163,16 +148,6 @@ def test_bad_input_ends_in_a_sentence(simulated: Path, tmp_path: Path, capsys: C
         code, _, err = run(capsys, *arguments)
         assert (code, sentence in err) == (2, True), err
     assert not (tmp_path / "o").exists()
-
-
-def test_values_are_a_line_with_units() -> None:
-    assert rig_cli.values(None, None, "us") == "no record yet"
-    sample = Sample(1, 7, 40, 1000, 200, 500, 131, 0, 3 + 16 * 2)
-    line = "record 7  pressure 200 counts  force 100 counts  output 131  TRIP  fault: over-pressure"
-    assert rig_cli.values(sample, None, "us") == line
-    known = SimulatedRig().calibration()
-    shown = rig_cli.values(sample, known, "us", wanted=10 * PSI)
-    assert f"pressure {float(known.pressure.value(1000)) / PSI:.5g} of 10 psi  force" in shown
 
 
 # ---- calibration ----
@@ -295,13 +270,6 @@ def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(
 
 
 # ---- what `run` asks and refuses before a port is opened ----
-
-
-def test_run_prints_what_no_software_can_see(tmp_path: Path, capsys: Capsys) -> None:
-    for circuit in ("air", "water"):
-        code, out, err = run(capsys, "run", write_plan(tmp_path, circuit=circuit))
-        assert (code, "dump valve" in out, "which port?" in err) == (2, True, True)
-        assert ("relief valve" in out) == (circuit == "water")
 
 
 def test_a_dry_run_prints_the_plan_and_its_duration(tmp_path: Path, capsys: Capsys) -> None:

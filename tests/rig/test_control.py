@@ -11,7 +11,6 @@ import pytest
 from benches import LIMIT, PSI, journal_of, opened, vented
 
 from famjax.app.isobaric import analyse, convert, table
-from famjax.app.simulation import Watcher
 from famjax.plant import HydraulicCircuit, LinearMcKibben
 from fitting.records import read_machine_log
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
@@ -202,19 +201,6 @@ def test_the_set_pressure_rises_evenly_where_the_plan_says_so(tmp_path: Path) ->
     assert wanted[-1] == pytest.approx(40, abs=0.01)
 
 
-def test_sync_raises_the_pin_for_whole_records(tmp_path: Path) -> None:
-    sim = SimulatedRig(baud=500000)
-    with journal_of(tmp_path / "run.fam", sim) as journal, opened(sim, journal) as rig:
-        rig.sync(0.25)
-        rig.wait(1.0)
-        with pytest.raises(RigError, match=r"refuses 'sync 0'"):
-            rig.sync(0.001)
-    record = read_journal(tmp_path / "run.fam")
-    (note,) = record.notes_of("sync")
-    high = record.column("seq")[record.column("flags") & 4 > 0]
-    assert high.tolist() == list(range(note["seq"], note["seq"] + 25))
-
-
 # ---- ways out ----
 
 
@@ -371,15 +357,6 @@ def test_begin_is_not_obeyed_before_the_pressure_is_held() -> None:
     assert "pressure NOT held" in person.told[0]
     assert "do not start" in person.told[0]
     assert person.told[1].startswith("not yet: the pressure is not held")
-
-
-def test_progress_is_reported_every_second() -> None:
-    seen: list[tuple[float, float]] = []
-    watcher = Watcher(lambda done, planned: seen.append((done, planned)))
-    for k in range(100):
-        watcher.look(Situation("strokes", 0, 0, 1, 1, 0.0, 0.0, 0.05 * k, 5 - 0.05 * k, None))
-    assert [done for done, _ in seen] == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
-    assert {planned for _, planned in seen} == {5.0}
 
 
 # ---- the pump ----

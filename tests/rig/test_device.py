@@ -85,16 +85,6 @@ def test_stop_acts_in_the_tick_that_reads_it_and_cancels_a_start(bench: Bench) -
         assert all(sample.state == SAFE for sample in bench.samples[1:])
 
 
-def test_run_again_changes_nothing(bench: Bench) -> None:
-    bench.start()
-    bench.ticks(50)
-    before = bench.samples[-1].integral
-    assert before > 0
-    bench.command("run")
-    assert bench.device.state == RUN
-    assert bench.samples[-1].integral >= before
-
-
 # ---- guards ----
 
 
@@ -269,22 +259,6 @@ def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench: Bench)
     assert len(bench.of(Hello)) == 3
 
 
-def test_a_person_may_type(bench: Bench) -> None:
-    for text in (b"trip 600\r\n", b"set 40.5\n", b"  gain   4  2 \r"):
-        bench.send(text)
-        bench.ticks(10)
-    settings = bench.of(DeviceSettings)[-1]
-    assert (settings.trip, settings.law.set_point_psi, settings.law.gains) == (600, 40.5, (4, 2))
-
-
-def test_more_bytes_than_there_is_room_for_are_counted(bench: Bench) -> None:
-    bench.device.feed(b"0 hb\n" * 40)
-    bench.ticks(100)
-    bench.send(b"\n")
-    bench.command("status")
-    assert bench.of(DeviceStatus)[-1].overrun == 200 - 127
-
-
 # ---- records ----
 
 
@@ -375,16 +349,6 @@ def test_records_are_repeated_on_request_and_what_is_too_old_is_told_once(bench:
     assert len(repeated) > 40
 
 
-def test_requests_that_make_no_sense_are_not_answered(bench: Bench) -> None:
-    bench.ticks(200)
-    bench.said.clear()
-    for body in ("", "5", "x 1", "5 g", "4294967296 1", "5 1 1", "1000 ffff"):
-        bench.send(frame(f"0 rp {body}".strip()))
-        bench.ticks(30)
-    assert [s.seq for s in bench.samples] == sorted({s.seq for s in bench.samples})
-    assert not bench.of(StoredRange)
-
-
 def test_sync_pin_is_high_for_whole_records_and_they_say_so(bench: Bench) -> None:
     bench.ticks(11)
     since = bench.command("sync", 3).seq
@@ -420,14 +384,6 @@ def test_no_line_is_dropped_under_a_full_load(bench: Bench) -> None:
     bench.command("status")
     status = bench.of(DeviceStatus)[-1]
     assert (status.dropped, status.overrun, status.bad) == (0, 0, 0)
-
-
-def test_options_and_counts_out_of_range_are_refused() -> None:
-    for ring, bytes_per_tick in ((0, 21), (1025, 21), (64, 1), (64, 201)):
-        with pytest.raises(ValueError, match="must be"):
-            Device(ring=ring, bytes_per_tick=bytes_per_tick)
-    with pytest.raises(ValueError, match="0 to 1023, got -1, 0"):
-        Device().tick(-1, 0)
 
 
 # ---- one firmware, two executions: byte for byte ----
@@ -498,17 +454,6 @@ def test_they_agree_at_the_edges_of_every_number(tmp_path: Path) -> None:
         for _ in range(r.randint(1, 120)):
             both(b"", min(max(pressure + r.choice((-1, 0, 0, 1)), 0), 1019))
     assert port.state == core.state == RUN
-
-
-@needs_cc
-def test_makefile_builds_the_same_core(tmp_path: Path) -> None:
-    if shutil.which("make") is None:
-        pytest.skip("no make")
-    make = ["make", "-C", str(firmware_folder()), f"BUILD={tmp_path}", "host"]
-    built = subprocess.run(make, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
-    core = NativeDevice(tmp_path / "famrig_host.so")
-    assert same(Device(), core, Fuzz(21), TICKS // 10) > TICKS // 10
 
 
 # ---- the C core with the compiler's sanitizers ----

@@ -5,7 +5,6 @@ import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -177,22 +176,6 @@ def test_what_is_no_journal_is_refused(path: Path) -> None:
         opened(path.parent / "none.fam", append=True)
 
 
-def test_a_hanging_disk_is_told(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    go_on, write = threading.Event(), os.write
-
-    def hang(file: int, data: bytes) -> int:
-        assert go_on.wait(10)
-        return write(file, data)
-
-    monkeypatch.setattr("rig.journal.os", SimpleNamespace(**{**vars(os), "write": hang}))
-    journal = opened(path)
-    journal.lines(record(0) * 200_000)
-    with pytest.raises(RigFault, match=r"MB wait for the disk"):
-        journal.check()
-    go_on.set()
-    journal.close()
-
-
 def test_recording_stops_at_the_reserve(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [10**9]
     usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=free[0]))
@@ -238,21 +221,6 @@ def test_killing_the_recorder_loses_no_more_than_the_last_lines(path: Path) -> N
     assert found.column("seq").max() >= max([100, *handed_over]) - 20
     assert found.missing == ()
     assert found.damaged_bytes < len(record(0))
-
-
-def test_notes_are_numbered_across_threads(path: Path) -> None:
-    with opened(path) as journal:
-
-        def write() -> None:
-            for _ in range(200):
-                journal.note("x")
-
-        threads = [threading.Thread(target=write) for _ in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    assert [note["n"] for note in read_journal(path).notes] == list(range(801))
 
 
 def test_time_goes_on_where_the_ticks_wrap(path: Path) -> None:

@@ -1,8 +1,5 @@
 """The session: each record once, none wrong, nothing lost that could be had; and the thread of a port."""
 
-# ruff: noqa: PT012 -- what is told comes at some time, not at the first call
-
-import itertools
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -74,21 +71,6 @@ def test_a_damaged_line_loses_nothing_and_lets_nothing_wrong_through(
     assert clean if not chances else session.recovered > 300  # it was damaged indeed
 
 
-def test_what_cannot_be_had_is_told() -> None:
-    """Three damaged bytes in a hundred are more than 115200 baud can make good."""
-    recorder = Recorder(BareRig(7, damage=0.03))
-    recorder.run(25.0)
-    session = recorder.link.session
-    lost = [alarm for alarm in recorder.link.alarms if isinstance(alarm, Lost)]
-    numbers = {sample.seq for sample in recorder.samples}
-    told = {seq for event in lost for seq in range(event.first, event.first + event.records)}
-    made = set(range(min(numbers), session.newest.seq + 1))
-    assert recorder.wrong() == 0
-    assert len(told) > 100
-    assert not told & numbers
-    assert made - numbers - told == {seq for seq in made if seq in session.gaps}
-
-
 @pytest.mark.parametrize(
     "forged",
     [
@@ -121,16 +103,6 @@ def test_a_jump_is_believed_when_the_next_record_bears_it_out_or_it_comes_twice(
     assert seqs(session.feed(odd, 0.1)) == []
     assert b"0 rp 3 1*" in session.poll(0.1)
     assert seqs(session.feed(odd, 0.12)) == [3]
-
-
-def test_requests_are_masks_and_ask_for_what_is_not_on_its_way() -> None:
-    session = begun()
-    session.feed(records(4, 6, 7, 10), 0.1)
-    assert session.poll(0.1) == frame("0 rp 3 65")  # 3, 5, 8, 9
-    assert session.poll(0.104) == b""
-    assert session.poll(0.1125) == frame("0 rp 8 3")  # 3 and 5 are on their way
-    session.feed(records(3, 5, 8, 9), 0.12)
-    assert session.poll(1.0) == b""
 
 
 def test_a_gap_longer_than_the_ring_is_lost_at_once_and_the_rest_is_asked_for() -> None:
@@ -306,18 +278,6 @@ def test_a_port_that_stays_away_is_told_as_silence() -> None:
         until(lambda: any(isinstance(alarm, Silent) for alarm in link.alarms))
         with pytest.raises(RigFault, match=r"failed: "):
             link.command("status")
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_thread_that_ends_is_told_to_who_waits() -> None:
-    with Link(InProcessPort().open) as link:
-        link.command("hello")
-        link.watch = lambda _: 1 / 0
-        with pytest.raises(RigFault, match=r"the link has ended"):
-            for _ in itertools.count():
-                link.command("status")
-        with pytest.raises(RigFault, match=r"the link has ended"):
-            link.check()
 
 
 def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch: pytest.MonkeyPatch) -> None:

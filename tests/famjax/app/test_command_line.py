@@ -1,7 +1,6 @@
 """The command as a person types it: exit codes, what is printed where, what is written."""
 
 import datetime
-import io
 import json
 import re
 import subprocess
@@ -118,16 +117,6 @@ def test_version_and_help(run: Callable) -> None:
         assert option in out
 
 
-@pytest.mark.slow
-def test_doctor_reports_versions_and_devices(run: Callable) -> None:
-    code, out, err = run("doctor")
-    assert code == 0, out + err
-    for needed in (f"famjax {famjax.__version__}", "jax ", "devices: ", "float64: ", "no problems"):
-        assert needed in out
-    for name in ("mujoco", "optax", "blackjax"):
-        assert f"  {name} " in out
-
-
 @pytest.fixture
 def foreign(tmp_path: Path) -> Path:
     """A folder with packages of other people by our names; one of them cannot be imported here."""
@@ -183,15 +172,3 @@ def test_an_interrupt_is_answered_whatever_is_going_on(
     assert done.returncode == 130
     assert done.stderr.strip().endswith(f"famjax: stopped; {left}" if command == "fit" else left)
     assert "Traceback" not in done.stderr
-
-
-@pytest.mark.slow
-def test_a_map_comes_from_standard_input_and_what_is_replaced_is_told(
-    force_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable
-) -> None:
-    text = force_map.read_text()
-    for replaced in (False, True):
-        monkeypatch.setattr(sys, "stdin", io.StringIO(text))
-        code, said, _ = run("fit", "-", "--law", "polynomial", "--output", tmp_path / "out")
-        assert code == 0
-        assert ("replaced earlier files: fit.json, fit.png, report.html" in said) == replaced

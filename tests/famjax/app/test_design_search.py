@@ -59,20 +59,3 @@ def test_nothing_feasible_is_said_with_exit_code_1(run: Callable, tmp_path: Path
     assert document["exclusions"][0]["constraint"] == "force"
     assert document["nearest"][0]["force_lbf"] < 1500
     assert [path.name for path in tmp_path.iterdir()] == ["design.json"]
-
-
-@pytest.mark.slow
-def test_objectives_and_units_of_ones_own(run: Callable, tmp_path: Path) -> None:
-    code, out, _ = run(
-        "design", *ASKED, "--search", "1e3", "--units", "metric", "--objective", "force", "--vary",
-        "pressure_bar=6", "--no-end-fittings", "--output", tmp_path,
-    )  # fmt: skip
-    assert code == 0
-    assert "Refined design" in out
-    with (tmp_path / "feasible.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    front = json.loads((tmp_path / "design.json").read_text())["front"]
-    assert len(front) == 1
-    most = max(float(row["force_N"]) for row in rows)
-    assert front[0]["force_N"] == pytest.approx(most, rel=0.01)
-    assert {row["pressure_kPa"] for row in rows} == {"600"}

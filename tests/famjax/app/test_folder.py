@@ -9,12 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from browser import Browser, check_page
 from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH
 
 from famjax.__main__ import main
-from famjax.app.folder import SHEET, read_sheet, skeleton
+from famjax.app.folder import SHEET, read_sheet
 from famjax.boundary.errors import InputError
 
 SPECIMEN = """
@@ -49,20 +48,6 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path: Path, run: Callable
     assert "names test.fam, which is not in" in err
 
 
-def test_every_commented_entry_of_the_skeleton_is_one(tmp_path: Path) -> None:
-    """Each by itself, in the place of what it stands for."""
-    for line in skeleton().splitlines():
-        entry = line.removeprefix("# ").partition("#")[0].strip()
-        if not line.startswith("# ") or "=" not in entry:
-            continue
-        text = skeleton().replace(line, entry)
-        if entry.startswith("force_map"):
-            text = text.replace("journal =", "# ").replace("machine_log =", "# ")
-        if entry.startswith("scale"):
-            text = text.replace("ruler = ", "# ")
-        read_sheet(sheet(tmp_path, text))
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -90,11 +75,6 @@ def test_every_commented_entry_of_the_skeleton_is_one(tmp_path: Path) -> None:
 def test_what_is_wrong_with_a_sheet_is_said(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         read_sheet(sheet(tmp_path, text))
-
-
-def test_a_folder_without_a_sheet_is_told_how_to_get_one(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"famjax new .* writes one"):
-        read_sheet(tmp_path)
 
 
 TRUE = (TRUTH, TRUE_LENGTHS)
@@ -161,26 +141,6 @@ def test_the_report_is_whole(twin: Path) -> None:
         "complete strokes in journal and log: expected 6 or more, found 5",
     ):
         assert words in page
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [390, 1280])
-def test_the_report_stands_on_a_screen(headless: Browser, twin: Path, width: int) -> None:
-    parts = ("What to do next", "Figures", "Errors and cross-checks", "Notes", "Provenance")
-    check_page(headless, twin / "results" / "report" / "report.html", width, parts)
-
-
-@pytest.mark.slow
-def test_the_same_folder_gives_the_same_bytes(twin: Path, tmp_path: Path, run: Callable) -> None:
-    before = {path: path.read_bytes() for path in (twin / "results").rglob("*") if path.is_file()}
-    code, _, err = run("characterise", twin)
-    assert code == 0
-    assert err.count("as before") == 9
-    for step in ("records", "pictures", "cylinder"):
-        code, _, err = run("characterise", twin, "--force", step, "--only", step)
-        assert code == 0
-    after = {path: path.read_bytes() for path in before}
-    assert [path for path in before if before[path] != after[path]] == []
 
 
 PICTURES = """

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from famjax.app.cli import farewell
-
 DESIGN = ("design", "--require", "pressure_psi=100")
 ASKED = (*DESIGN, "--search", "1e3")
 AT = ("--length", "270mm", "--pressure")
@@ -40,7 +38,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("predict", "MAP", *AT, "-3bar"), "parameter --pressure requires an argument"),
     (("rig", "simulat"), "Try 'famjax rig --help'"),
     (("series", "MAP"), "predict --rest-length"),
-    (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "shorter than its rounded ends"),
+    (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "must be above its diameter"),
     (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
     ((*DESIGN, "--require", "force_dyn=3"), "force_dyn has the unknown unit 'dyn'"),
     ((*DESIGN, "--require", "contraction=30"), "a fraction in [0, 1)"),
@@ -113,9 +111,3 @@ def test_numbers_out_of_range_are_refused_before_any_work(
         monkeypatch.setattr(module, "load_fitting", load)
     monkeypatch.chdir(force_map.parent)
     check_refusal(run, force_map, words, said)
-
-
-def test_what_is_left_of_a_stopped_command() -> None:
-    text = farewell(["characterise", "folder"])
-    assert text.endswith("kept in results, and the same command goes on from there")
-    assert farewell(["fit"]).endswith("nothing was written")

@@ -1,7 +1,6 @@
 """The simulated rig as its host sees it, and whole tests through files, against what is true."""
 
 import dataclasses
-import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,24 +9,20 @@ import pytest
 
 from famjax.app.isobaric import analyse
 from famjax.app.simulation import SimulatedTest, simulate
-from famjax.boundary.errors import InputError
 from famjax.plant import LinearMcKibben
 from fitting import read_csv
 from fitting.records import read_machine_log
-from rig import Journal, Rig, RigFault, audit, read_journal
+from rig import Rig, RigFault, audit, read_journal
 from rig.control import Control
-from rig.link import VirtualLink, mean_counts
+from rig.link import VirtualLink
 from rig.plan import Isobaric, PlanFile
-from rig.protocol import Hello, Sample, Splitter, parse
+from rig.protocol import Sample, Splitter, parse
 from rig.simulation import (
     ByteChannel,
     HydraulicCircuit,
     MachineClock,
     PneumaticCircuit,
     SimulatedRig,
-    load_cell,
-    machine_for,
-    pressure_transducer,
 )
 
 PSI, INCH, POUND = 6894.757293168361, 0.0254, 4.4482216152605
@@ -58,39 +53,12 @@ def test_the_bytes_do_not_depend_on_the_steps() -> None:
     assert len(streams[0]) > 4000
 
 
-def test_seeds_decide_the_noise() -> None:
-    heard = []
-    for seed in (1, 1, 2):
-        rig = SimulatedRig(seed=seed)
-        rig.advance(1.0)
-        heard.append(rig.read())
-    assert heard[0] == heard[1] != heard[2]
-
-
 @pytest.mark.parametrize("rate", [-2e-3, 0.0, 3e-3])
 def test_the_device_counts_by_its_own_clock(rate: float) -> None:
     rig = SimulatedRig(clock_rate=rate)
     rig.advance(20.0)
     last = samples(rig.read())[-1]
     assert last.tick * 2e-3 == pytest.approx(20.0 * (1 + rate), abs=0.02)  # a record and its line
-
-
-def test_the_calibration_reads_what_is_true() -> None:
-    rig = SimulatedRig(pressure_sensor=pressure_transducer(noise=0.5 * PSI, correlation_time=0.0))
-    rig.plant.pressure = 40 * PSI
-    closed = PneumaticCircuit(leak=0.0, dump_conductance=0.0)  # keeps its air
-    rig.plant.plant = dataclasses.replace(rig.plant.plant, circuit=closed)
-    talk(rig, "trip 900", "man 128", seconds=0.05)
-    rig.read()
-    rig.advance(0.5)
-    pressure, force = rig.pressure, rig.force
-    heard = samples(rig.read())
-    calibration = rig.calibration()
-    found = calibration.pressure.value(np.mean([s.pressure_sum for s in heard]))
-    assert float(found) == pytest.approx(pressure, abs=4 * 0.5 * PSI / math.sqrt(5 * len(heard)))
-    pull = calibration.force.value(np.mean([s.force_sum for s in heard]))
-    count = 1 / rig.force_sensor.counts_per_unit
-    assert float(pull) == pytest.approx(force, abs=count)  # hardly any noise: quantised
 
 
 def rig_under_control(sim: SimulatedRig, fluid: str) -> Rig:
@@ -132,35 +100,6 @@ def test_an_unplugged_sensor_trips_and_vents(fluid: str) -> None:
         held(sim, fluid, 60 * PSI, unplug)
 
 
-def test_a_device_without_its_host_vents_within_a_second_and_a_bit() -> None:
-    sim = SimulatedRig()
-
-    def cut() -> None:
-        sim.to_device.cut = True
-        assert 0.75 < until_off(sim) < 1.05  # the last heartbeat was up to 0.2 s before
-
-    with pytest.raises(RigFault, match="SAFE by itself: silence"):
-        held(sim, "air", 60 * PSI, cut)
-
-
-def test_a_blocked_needle_is_beyond_software() -> None:
-    """The study's warning in the whole loop: trip within milliseconds, pressure far above the limit."""
-    stiff = {"relief": None, "dump": 0.0, "bulk_modulus": 200e6}
-    sim = SimulatedRig(HydraulicCircuit(**stiff))
-
-    def block() -> None:
-        blocked = HydraulicCircuit(needle=0.0, **stiff)
-        sim.plant.plant = dataclasses.replace(sim.plant.plant, circuit=blocked)
-        peak = 0.0
-        for _ in range(500):
-            sim.advance(2e-3)
-            peak = max(peak, sim.pressure)
-        assert peak > 2 * LIMIT
-
-    with pytest.raises(RigFault, match="TRIP"):
-        held(sim, "water", 50 * PSI, block)
-
-
 def whole_test(folder: Path, fluid: str, pressures: tuple[float, ...], **options) -> SimulatedTest:
     plan = Isobaric(
         tuple(p * PSI for p in pressures), cycles=1, stroke=options.pop("stroke", 3.4 * INCH),
@@ -192,14 +131,6 @@ def test_a_whole_test_finds_the_muscle_that_was_simulated(air: SimulatedTest) ->
         assert bar.free_contraction == pytest.approx(float(free), abs=0.003)
 
 
-def test_its_clocks_are_laid_onto_each_other(air: SimulatedTest) -> None:
-    alignment = air.analysis.alignment
-    for true in (20.0, 100.0, 180.0):
-        shown = MachineClock(12.345, 50e-6).reading(true)
-        # The host's clock is the truth but for the line's latency, about 4 ms.
-        assert float(alignment.journal_time(np.array(shown))) == pytest.approx(true, abs=0.01)
-
-
 def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air: SimulatedTest) -> None:
     found = audit(read_journal(air.paths[0]))
     assert found.sound
@@ -218,48 +149,6 @@ def test_published_gains_hold_the_published_pressure(fluid: str, tmp_path: Path)
     for bar in done.analysis.characterisation.isobars:
         assert abs(bar.pressure - bar.set_pressure) < 0.1 * PSI
         assert 0.15 * PSI < bar.pressure_std < 0.45 * PSI
-
-
-def test_sync_pulses_align_the_clocks_as_well(tmp_path: Path) -> None:
-    muscle = LinearMcKibben()
-    machine = machine_for(muscle, MachineClock(-40.0, 2e-4))
-    sim = SimulatedRig(
-        muscle=muscle, machine=machine, force_sensor=load_cell(6000.0), clock_rate=-1e-3
-    )
-    link = VirtualLink(sim)
-    journal = Journal(tmp_path / "j.fam", lambda: link.now)
-    with Rig(
-        link, sim.calibration(), pressure_limit=LIMIT, control=GAINS["air"], journal=journal
-    ) as rig:
-        for pressure, settle in ((30, 3.0), (50, 4.0), (70, 5.5)):
-            rig.set_pressure(pressure * PSI)
-            rig.wait(settle)
-            rig.sync(0.2)
-            machine.start(1, 0.3 * INCH)
-            while machine.busy:
-                rig.wait(0.5)
-    journal.close()
-    machine.write_log(tmp_path / "m.csv")
-    found = analyse(
-        read_journal(tmp_path / "j.fam"),
-        read_machine_log(tmp_path / "m.csv"),
-        rest_length=float(muscle.rest_length),
-        sync_column="Digital input (-)",
-    )
-    assert found.alignment.method == "pulses"
-    assert found.alignment.n == 6  # both edges
-    assert len(found.characterisation.isobars) == 3
-    for true in (10.0, 50.0):
-        shown = machine.clock.reading(true)
-        # Edges are known to half an interval of either record, and the line's latency comes on top.
-        assert float(found.alignment.journal_time(np.array(shown))) == pytest.approx(true, abs=0.03)
-    with pytest.raises(InputError, match="no column 'Sync'"):
-        analyse(
-            read_journal(tmp_path / "j.fam"),
-            read_machine_log(tmp_path / "m.csv"),
-            rest_length=float(muscle.rest_length),
-            sync_column="Sync",
-        )
 
 
 @pytest.mark.slow
@@ -294,34 +183,3 @@ def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(seed: int, tmp_path: 
         # Three standard errors; the host hears of a record up to 2 ms late.
         assert abs(float(found.journal_time(at)) - true) < 3 * found.offset_error + 2e-3
         assert found.offset_error < 0.006 * step
-
-
-def test_a_rig_has_the_baud_rates_of_the_firmware() -> None:
-    for baud, ring in ((115200, 64), (500000, 32)):
-        rig = SimulatedRig(baud=baud)
-        talk(rig, "hello")
-        (hello,) = [m for m in map(parse, rig.read().split(b"\n")) if isinstance(m, Hello)][:1]
-        assert hello.ring == ring
-        assert 0.75 * baud < hello.bytes_per_tick * hello.tick_hz * 10 <= baud
-    with pytest.raises(InputError, match="115200 or 500000 baud, got 9600"):
-        SimulatedRig(baud=9600)
-
-
-def test_what_cannot_be_simulated_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="longer than the"):
-        whole_test(tmp_path, "air", (20,), stroke=5 * INCH)
-    with pytest.raises(InputError, match="the limit is"):
-        whole_test(tmp_path / "b", "air", (120,))
-    with pytest.raises(InputError, match="clock_rate"):
-        SimulatedRig(clock_rate=0.5)
-    with pytest.raises(InputError, match="time passes forwards"):
-        SimulatedRig().advance(-1.0)
-
-
-def test_a_load_cell_that_ends_too_low_shows_its_end() -> None:
-    sim = SimulatedRig(force_sensor=load_cell(100 * POUND))
-    with rig_under_control(sim, "air") as rig:
-        rig.set_pressure(60 * PSI)
-        rig.wait(5.0)
-        _, counts = mean_counts(rig.link, 0.5, rig.wait)
-    assert counts == 5 * 1023

@@ -5,7 +5,6 @@ import math
 import tomllib
 from typing import Any, Literal
 
-import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -15,13 +14,10 @@ from famjax.boundary.toml_file import (
     NotNegative,
     Positive,
     Text,
-    check_fields,
     from_entries,
-    read_toml,
     to_entries,
     toml_text,
 )
-from famjax.boundary.units import UNITS
 
 VALUES = st.one_of(
     st.booleans(),
@@ -54,27 +50,6 @@ FORM = Form(
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class Checked:
-    width: Positive
-    widths: tuple[NotNegative, ...] = ()
-    count: int | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
-def test_a_dataclass_made_in_a_program_is_checked_by_its_annotations() -> None:
-    Checked(np.float64(0.1), tuple(np.linspace(0, 1, 3)), 3)
-    for fields, message in (
-        ((0.0,), "width must be a number > 0 and finite, got 0.0"),
-        ((1.0, (1.0, math.nan)), "widths must be numbers in brackets"),
-        ((1.0, (), 2.5), "count must be a whole number, got 2.5"),
-    ):
-        with pytest.raises(InputError, match=message):
-            Checked(*fields)
-
-
 @settings(deadline=None)  # the first example imports what it needs
 @given(
     plain=st.dictionaries(st.sampled_from("abc"), st.one_of(VALUES, st.lists(VALUES, max_size=3))),
@@ -83,14 +58,6 @@ def test_a_dataclass_made_in_a_program_is_checked_by_its_annotations() -> None:
 def test_what_is_written_is_read_back_to_the_same_bits(plain: dict, table: dict) -> None:
     entries = {**plain, "table": table}
     assert repr(tomllib.loads(toml_text(entries))) == repr(entries)
-
-
-@pytest.mark.parametrize("unit", UNITS["length"])
-def test_every_unit_of_the_kind_is_read(unit: str) -> None:
-    entries = {f"length_{unit}": 2, f"lengths_{unit}": 3, f"ends_{unit}": [1, 2]}
-    factor = UNITS["length"][unit]
-    found = from_entries(Outer, entries, FORM)
-    assert found == Outer(2 * factor, (3 * factor,), (factor, 2 * factor))
 
 
 @pytest.mark.parametrize(
@@ -133,19 +100,3 @@ def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
 def test_what_cannot_be_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         from_entries(Outer, {"length_m": 1.0, **change}, FORM, where="F: ")
-
-
-def test_what_is_missing_is_named_with_its_units() -> None:
-    with pytest.raises(InputError, match=r"length_<unit> is missing: a number > 0 .* length_mm"):
-        from_entries(Outer, {}, FORM)
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
-    with pytest.raises(InputError, match=r"none\.toml: cannot read the plan: No such file"):
-        read_toml(tmp_path / "none.toml", "plan")
-    path = tmp_path / "a.toml"
-    path.write_text("\ufeffa = 1\n", encoding="utf-8")
-    assert read_toml(path, "plan") == {"a": 1}
-    path.write_text("a = \n", encoding="utf-8")
-    with pytest.raises(InputError, match="cannot read the plan: it is not a TOML file: "):
-        read_toml(path, "plan")

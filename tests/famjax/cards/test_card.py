@@ -6,7 +6,6 @@ from pathlib import Path
 
 import equinox as eqx
 import jax
-import msgspec
 import numpy as np
 import pytest
 
@@ -16,14 +15,12 @@ from famjax.cards import (
     MuscleCard,
     card_as_document,
     card_from_document,
-    draw,
     read_card,
     schema,
     write_card,
 )
-from famjax.cards.card import CardDocument
 from famjax.continuation import Region
-from famjax.muscle import MountedMuscle, flatten
+from famjax.muscle import MountedMuscle
 from famjax.muscles import bundled_card
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -60,11 +57,6 @@ def test_a_card_of_every_version_is_read_and_says_the_same(path: Path) -> None:
         np.testing.assert_allclose(values, wanted[name], rtol=0, atol=OTHER_MACHINE * scale)
 
 
-def test_there_is_a_golden_file_of_the_present_version() -> None:
-    written = {json.loads(path.read_text()).get("schema") for path in GOLDEN.glob("*.json")}
-    assert schema()["$id"] in written
-
-
 def test_a_card_comes_back_to_the_last_digit(golden: MuscleCard, tmp_path: Path) -> None:
     path = write_card(golden, tmp_path / "new" / "card.json")
     again = read_card(path)
@@ -82,24 +74,6 @@ def test_a_card_comes_back_to_the_last_digit(golden: MuscleCard, tmp_path: Path)
 def test_the_schema_file_is_that_of_the_classes() -> None:
     """`python -c "import json; from famjax.cards import schema; ..."` writes it: see its test."""
     assert SCHEMA_FILE.read_text() == json.dumps(schema(), indent=1) + "\n"
-
-
-def test_the_file_says_region_stops_and_volume(golden: MuscleCard) -> None:
-    document = msgspec.to_builtins(card_as_document(golden))
-    assert document["schema"] == "famjax-card/1"
-    assert document["data"] == {"length_m": [0.24, 0.3], "pressure_Pa": [5e4, 6e5]}
-    np.testing.assert_array_equal(document["monotone"]["length_m"], golden.region.length)
-    np.testing.assert_array_equal(document["stops_m"], golden.safe().continued.stops)
-    table = document["volume"]
-    L, P = np.array(table["length_m"]), np.array(table["pressure_Pa"])
-    np.testing.assert_allclose(table["volume_m3"], golden.volume(L[:, None], P), rtol=1e-14)
-    assert [one["weight"] for one in document["members"]] == [0.5, 0.5]
-    document["members"][0]["series_compliance_m_per_N"] = 1e-6
-    mounted = card_from_document(msgspec.convert(document, CardDocument))
-    assert float(mounted.members[0].compliance) == 1e-6
-    # The mean is of the first in its mounting, and of the second as it is.
-    in_mean = [float(one.force(0.28, 4e5)) for one in mounted.members]
-    np.testing.assert_allclose(mounted.muscle.force(0.28, 4e5), np.mean(in_mean), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -133,48 +107,6 @@ def test_a_damaged_card_is_explained(
     (tmp_path / "card.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=message):
         read_card(tmp_path / "card.json")
-
-
-def test_what_is_no_file_or_no_card_is_explained(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot read"):
-        read_card(tmp_path / "none.json")
-    (tmp_path / "text.json").write_text("F = 3")
-    with pytest.raises(InputError, match="is not a JSON file"):
-        read_card(tmp_path / "text.json")
-
-
-def test_the_sample_is_seeded_and_spreads_as_it_was_told(golden: MuscleCard) -> None:
-    members, region = golden.members[:1], golden.data
-    flat = np.asarray(flatten(members[0])[0])
-    directions = np.diag(0.01 * flat)[flat > 1e4]
-    weights = np.ones(1)
-    drawn = draw(members, weights, directions, region, seed=3, count=200)
-    again = draw(members, weights, directions, region, seed=3, count=200)
-    other = draw(members, weights, directions, region, seed=4, count=200)
-    assert drawn == again
-    assert drawn.rows != other.rows
-    moved, rows = flat > 1e4, np.array(drawn.rows)
-    np.testing.assert_array_equal(rows[:, ~moved], np.tile(flat[~moved], (200, 1)))
-    spread = rows[:, moved].std(axis=0, ddof=1) / (0.01 * flat[moved])
-    np.testing.assert_allclose(spread, 1.0, atol=4 / np.sqrt(2 * 200))
-    assert drawn.numbers[int(np.flatnonzero(moved)[-1])].endswith("deadband_pressure")
-    with pytest.raises(InputError, match="directions must be of 11 numbers"):
-        draw(members, weights, np.ones((1, 3)), region)
-    with pytest.raises(InputError, match="the fit determines too little"):
-        draw(members, weights, 1e6 * directions, region, count=4)
-
-
-@pytest.mark.slow
-def test_the_muscles_of_the_sample_are_asked_at_once(golden: MuscleCard) -> None:
-    muscles = golden.sample
-    assert muscles is not None
-    forces = eqx.filter_vmap(lambda one: one.force(0.28, 4e5))(muscles)
-    assert len(set(np.asarray(forces).tolist())) == 3
-    # Of two members the first is drawn, and the pull moves by as much as its own does.
-    assert golden.draws is not None
-    row = flatten(golden.members[0])[1](np.array(golden.draws.rows[0]))
-    shift = row.force(0.28, 4e5) - golden.members[0].force(0.28, 4e5)
-    np.testing.assert_allclose(forces[0], golden.muscle.force(0.28, 4e5) + shift, rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -154,61 +154,6 @@ def test_feasible_set_against_brute_force(
 
 
 @pytest.mark.slow
-def test_extrema_inside_the_curve_count() -> None:
-    pair = _pair(Bent(), Bent(5e-4))
-    curve = pair.at(jnp.array(0.2)).curve(jnp.array(0.0))
-    ends = np.sort([float(curve.stiffness(jnp.array(share))) for share in (0.0, 1.0)])
-    range_ = pair.stiffness_range(0.2)
-    assert float(range_.highest) > ends[1] + 0.01 * ends[1]
-    between = 0.5 * (ends[1] + float(range_.highest))
-    found = pair.pressures_for(0.2, between)
-    assert int(found.code) == Outcome.FEASIBLE
-    np.testing.assert_allclose(pair.stiffness(0.2, found.flexor, found.extensor), between)
-
-
-@pytest.mark.slow
-def test_codes_and_the_nearest_state(festo: famjax.Muscle) -> None:
-    pair = _pair(festo, festo)
-    angle = np.array([0.1, 0.1, 0.1, 0.1, 0.1, np.nan, 8.0])
-    stiffness = np.array([0.01, 1e4, 10.0, 10.0, 10.0, 10.0, 10.0])
-    torque = np.array([0.0, 0.0, -100.0, 100.0, 0.0, 0.0, 0.0])
-    found = pair.pressures_for(angle, stiffness, torque)
-    names = [Outcome(code).name for code in found.code.tolist()]
-    assert names[:4] == ["STIFFNESS_LOW", "STIFFNESS_HIGH", "TORQUE_LOW", "TORQUE_HIGH"]
-    assert names[5:] == ["NO_STATE", "BEYOND_ANGLES"]
-    range_, torques = pair.stiffness_range(0.1), pair.torque_range(0.1)
-    np.testing.assert_allclose(found.stiffness[:2], [range_.lowest, range_.highest], rtol=1e-12)
-    np.testing.assert_allclose(found.torque[2:4], [torques.lowest, torques.highest], rtol=1e-12)
-    np.testing.assert_allclose(
-        pair.torque(0.1, found.flexor[2:4], found.extensor[2:4]), found.torque[2:4], rtol=1e-9
-    )
-    assert np.isnan(found.flexor[5:]).all()
-    exchanged = Antagonist(festo, festo, pair.paths[::-1], pair.pressures, pair.angles)
-    assert int(exchanged.stiffness_range(0.1).code) == Outcome.MOMENT_ARM
-    short = Antagonist(festo, festo, (Pulley(0.02, 0.19), Pulley(-0.02, 0.275)), (0, HIGH), (-1, 1))
-    assert int(short.torque_range(0.0).code) == Outcome.SLACK
-
-
-@pytest.mark.slow
-def test_slack_muscles_pull_with_nothing(festo: famjax.Muscle) -> None:
-    pair = _pair(festo, festo)
-    flexor, extensor = pair.pulls(0.5, 4e5, 0.0)
-    assert float(flexor) > 0
-    lone = Antagonist(festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.2)), (0, HIGH), (-1, 1))
-    assert float(lone.pulls(-0.1, 3e5, 0.0)[1]) == 0
-    np.testing.assert_allclose(
-        lone.torque(-0.1, 3e5, 0.0), 0.02 * festo.force(0.277, 3e5), rtol=1e-12
-    )
-    np.testing.assert_allclose(
-        lone.stiffness(-0.1, 3e5, 0.0), 0.02**2 * festo.stiffness(0.277, 3e5), rtol=1e-9
-    )
-    none = pair.equilibrium(HIGH, 0.0, 1e4)
-    assert int(none.code) == Outcome.NO_EQUILIBRIUM
-    assert np.isnan(float(none.angle))
-    assert float(extensor) >= 0
-
-
-@pytest.mark.slow
 def test_derivatives(festo: famjax.Muscle, softer: famjax.Muscle) -> None:
     pair = _pair(festo, softer, "lever")
 
@@ -233,16 +178,3 @@ def test_derivatives(festo: famjax.Muscle, softer: famjax.Muscle) -> None:
         return pair.equilibrium(x[0] * 3e5, x[1] * 2e5, x[2]).angle
 
     check_grads(jax.jit(rests), (x,), order=1, atol=1e-5, rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_float32(festo: famjax.Muscle) -> None:
-    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), _pair(festo, festo))
-    f = jnp.float32
-    found = single.pressures_for(f(0.2), f(8.0), f(1.0))
-    double = _pair(festo, festo).pressures_for(0.2, 8.0, 1.0)
-    assert found.flexor.dtype == jnp.float32
-    assert int(found.code) == int(double.code) == Outcome.FEASIBLE
-    np.testing.assert_allclose(found.flexor, double.flexor, rtol=1e-3)
-    rests = single.equilibrium(found.flexor, found.extensor, f(1.0))
-    assert float(rests.angle) == pytest.approx(0.2, abs=1e-5)

@@ -52,48 +52,6 @@ def test_bundled_braids_are_those_of_table_2_2():
         assert "Chambers 2021" in braid.source
 
 
-def test_bundled_bladders_and_tubes_are_those_offered():
-    catalogue = load_catalogue()
-    sizes = {
-        (round(b.diameter / INCH, 6), round(b.thickness / INCH, 6)) for b in catalogue.bladders
-    }
-    diameters, walls = (0.5, 0.625, 0.75, 0.875, 1.0), (0.0625, 0.125, 0.1875)
-    assert sizes == {(d, t) for d in diameters for t in walls}
-    walls = [round(tube.thickness / INCH, 6) for tube in catalogue.tubes]
-    assert walls == [0.035, 0.049, 0.058, 0.065]
-    assert all(tube.outer_diameter == pytest.approx(INCH) for tube in catalogue.tubes)
-
-
-def test_a_users_file_extends_the_bundled_catalogue(tmp_path):
-    catalogue = read(tmp_path, BRAID, bundled=True)
-    assert len(catalogue.braids) == 4
-    mine = catalogue.braids[-1]
-    assert mine.diameter_range == pytest.approx((0.010, 0.025))
-    assert (mine.name, mine.angle_range, mine.source) == ("PET 20 mm", None, "a vendor")
-
-
-def test_threads_are_read(tmp_path):
-    more = "n_threads = 90\nbreaking_load_N = 200\n"
-    (braid,) = read(tmp_path, BRAID + more).braids
-    assert (braid.n_threads, braid.breaking_load) == (90, 200)
-    threads = [(b.n_threads, b.breaking_load) for b in load_catalogue().braids]
-    assert threads == [(None, None), (144, pytest.approx(59.3 * units.LBF)), (None, None)]
-
-
-def test_a_row_has_a_name_and_a_source_of_its_own_where_it_says_so(tmp_path):
-    text = BLADDER.replace("[1, 2]", "1")
-    (bladder,) = read(tmp_path, text + 'name = "natural"\nsource = "a drawer"\n').bladders
-    assert (bladder.name, bladder.source) == ("natural", "a drawer")
-
-
-def test_the_rubber_of_a_bladder_is_read(tmp_path):
-    more = 'coefficients_MPa = [1.5, -0.4]\ncoefficients_source = "own tensile test"\n'
-    for bladder in read(tmp_path, BLADDER + more).bladders:
-        assert bladder.coefficients == pytest.approx((1.5e6, -0.4e6))
-        assert bladder.coefficients_source == "own tensile test"
-    assert {bladder.coefficients for bladder in load_catalogue().bladders} == {None}
-
-
 def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
     catalogue = read(tmp_path, BLADDER)
     assert (catalogue.braids, catalogue.tubes) == ((), ())
@@ -153,16 +111,3 @@ def test_a_wrong_row_is_refused_with_the_reason(tmp_path, text, old, new, messag
     assert old in text
     with pytest.raises(CatalogueError, match=message):
         read(tmp_path, text.replace(old, new))
-
-
-def test_a_name_in_two_files_is_refused(tmp_path):
-    with pytest.raises(CatalogueError, match=r"'Kevlar 2\.0 in' is there twice"):
-        read(tmp_path, BRAID.replace("PET 20 mm", "Kevlar 2.0 in"), bundled=True)
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(CatalogueError, match=r"none\.toml: cannot read the catalogue"):
-        load_catalogue([tmp_path / "none.toml"])
-    (tmp_path / "latin.toml").write_bytes(b'source = "M\xfcller"')
-    with pytest.raises(CatalogueError, match="not a UTF-8 text file"):
-        load_catalogue([tmp_path / "latin.toml"])

@@ -68,37 +68,6 @@ def test_table_2_3(name, diameter, printed):
     assert verdict is (Feasibility.BOUNDARY if boundary else Feasibility.FEASIBLE)
 
 
-def test_the_printed_jamming_angles_follow_from_the_printed_diameters():
-    ends = [
-        (math.degrees(fam_angle(diameter, braid.nominal_diameter)), math.degrees(printed))
-        for braid in load_catalogue().braids
-        for diameter, printed in zip(braid.diameter_range, braid.angle_range, strict=True)
-    ]
-    assert len(ends) == 6
-    for implied, printed in ends:
-        assert abs(implied - printed) < LAST_DIGIT
-
-
-def test_the_ends_of_the_ranges_belong_to_them_whatever_the_unit():
-    braid = braid_named("Kevlar 2.0 in")
-    assert feasibility(0.76 * INCH, braid) is Feasibility.FEASIBLE
-    assert feasibility(19.304e-3, braid) is Feasibility.FEASIBLE
-    assert feasibility(19.05e-3, braid) is Feasibility.BOUNDARY
-    assert feasibility(19.04e-3, braid) is Feasibility.INFEASIBLE
-    assert feasibility(2.24 * INCH, braid) is Feasibility.INFEASIBLE
-
-
-def test_the_braid_on_the_bladder_is_at_rest_what_the_rule_says():
-    combination = the_7_8_in()
-    braid, length = combination.braid, combination.rest_length
-    assert combination.diameter(0.0) == pytest.approx(0.875 * INCH, rel=ROUNDING)
-    assert braid.braid_angle(length) == pytest.approx(float(combination.braid_angle), rel=ROUNDING)
-    assert combination.outer_diameter(0.0) == pytest.approx((0.875 + 0.022) * INCH, rel=ROUNDING)
-    # The same sleeve at 45 deg has its nominal diameter.
-    at_45 = braid.rest_thread_length * math.sin(math.pi / 4)
-    assert braid.diameter(at_45) == pytest.approx(2.0 * INCH, rel=ROUNDING)
-
-
 def test_ideal_force_is_the_virtual_work_of_the_pressure():
     combination = the_7_8_in()
     braid, length, pressure = combination.braid, combination.rest_length, 100 * PSI
@@ -120,12 +89,6 @@ def test_the_ideal_braid_contracts_to_its_neutral_angle_when_nothing_jams():
     assert abs(combination.force(usable, 100 * PSI)) < 1e-12 * blocked
 
 
-def test_a_pressure_that_does_not_move_the_bladder_has_no_usable_contraction():
-    usable = the_7_8_in().usable_contraction(np.array([0.0, 60.0]) * PSI, latex())
-    assert not usable[0] > 1e-12
-    assert usable[1] > 0.2
-
-
 def test_the_braid_jams_at_its_largest_diameter_and_not_before():
     combination = the_7_8_in()
     least, greatest = combination.contraction_range()
@@ -138,14 +101,6 @@ def test_the_braid_jams_at_its_largest_diameter_and_not_before():
     for beyond in (greatest + 1e-6, least - 1e-6):
         assert np.isnan(combination.diameter(beyond))
         assert np.isnan(combination.force(beyond, 100 * PSI))
-
-
-def test_a_boundary_combination_works_from_rest():
-    combination = Combination.of(bladder_of(1.0), braid_named("Kevlar 2.5 in"))
-    least, greatest = combination.contraction_range()
-    assert least == 0
-    assert greatest > 0.3
-    assert np.isfinite(combination.force(0.0, 100 * PSI))
 
 
 def test_force_with_a_bladder_is_the_muscles():

@@ -39,16 +39,6 @@ def test_c_is_the_model(
     assert np.abs(back - P[told]).max() < pressure_error
 
 
-@needs_gcc
-def test_ends_of_the_inverse(subject: Subject, tmp_path: Path) -> None:
-    inverse = compiled(subject, tmp_path, "double")("pressure")
-    pull = subject.pull
-    asked = [(0.28, 1e6), (pull.lengths[-1] + 0.05, 100.0), (0.27, 0.0), (0.27, -5.0), (0.29, 0.3)]
-    found = inverse(*np.array(asked).T)
-    assert found == pytest.approx([pull.pressure(*one) for one in asked], abs=1e-6)
-    assert np.isnan(inverse(np.array([np.nan, 0.27]), np.array([5.0, np.nan]))).all()
-
-
 @pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize("real", ["double", "float"])
@@ -71,36 +61,6 @@ def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
     sizes = code_sections(source, "-mmcu=atmega328p", compiler="avr-gcc", size="avr-size")
     assert sizes[".text"] < 5500
     assert sizes[".rodata"] + sizes[".data"] + sizes[".bss"] < 64  # tables stay in the flash
-
-
-@needs_gcc
-def test_a_name_and_an_origin_that_c_would_read(odd_subject: Subject, tmp_path: Path) -> None:
-    force = compiled(odd_subject, tmp_path, "double")("force")
-    assert force(np.array([0.28]), np.array([4e5]))[0] == odd_subject.pull.force(0.28, 4e5)
-
-
-@needs_gcc
-def test_the_header_is_also_one_of_cpp(subject: Subject, tmp_path: Path) -> None:
-    if shutil.which("g++") is None:
-        pytest.skip("no g++ on this machine")
-    export(subject, ["c"], tmp_path)
-    main = tmp_path / "main.cpp"
-    main.write_text('#include "test_20.h"\nint main() { return test_20_force(0.28, 4e5) > 0; }\n')
-    program = tmp_path / "program"
-    parts = [tmp_path / "test_20.o", main]
-    subprocess.run(["gcc", "-c", tmp_path / "test_20.c", "-o", parts[0]], check=True)
-    subprocess.run(["g++", "-Wall", "-Werror", *parts, "-o", program], check=True)
-    assert subprocess.run([program], check=False).returncode == 1
-
-
-@pytest.mark.slow
-def test_the_head_says_what_and_how_near(dmsp_20: Subject, tmp_path: Path) -> None:
-    for file in export(dmsp_20, ["c", "mujoco", "csv"], tmp_path):
-        text = file.read_text()
-        assert "DMSP-20, exported by famjax" in text
-        assert "sha256" in text
-        assert "largest difference from the model" in text
-        assert f"{dmsp_20.errors.force:.1e} in that region" in text
 
 
 @needs_avr

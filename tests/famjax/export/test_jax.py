@@ -10,7 +10,6 @@ import pytest
 from targets import rollout, rollout_derivatives
 
 import famjax
-from famjax.boundary.errors import InputError
 from famjax.export import Subject, export
 
 STEPS = 50
@@ -40,13 +39,6 @@ def test_a_process_without_famjax_computes_force_and_gradient(
     expected = np.asarray(subject.muscle.stiffness(L, P))
     assert [*map(float, stiffness)] == pytest.approx(expected, rel=1e-10)
     assert famjax_there == ["False"]
-
-
-def test_mjx_needs_a_card(subject: Subject, tmp_path: Path) -> None:
-    bare = Subject("bare", subject.muscle)
-    with pytest.raises(InputError, match="from a card"):
-        export(bare, ["c", "mjx"], tmp_path)
-    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.slow

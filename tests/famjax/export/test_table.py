@@ -12,7 +12,7 @@ from targets import exported_states
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.export import Subject, TabulatedPull, tabulated
+from famjax.export import Subject, tabulated
 
 
 @pytest.mark.slow
@@ -78,12 +78,6 @@ def test_the_inverse(subject: Subject) -> None:
     assert math.isnan(pull.force(math.nan, 3e5))
 
 
-def test_nodes_stand_where_they_are_needed(subject: Subject, dmsp_20: Subject) -> None:
-    assert len(subject.table["pressure_Pa"]) == 2  # affine in the pressure
-    gaps = np.diff(dmsp_20.table["length_m"])
-    assert gaps.max() > 4 * gaps.min()
-
-
 class Rippled(famjax.AbstractMuscle):
     """A spring with more ripples than a table has nodes."""
 
@@ -100,26 +94,3 @@ def test_a_model_with_ripples_is_refused() -> None:
     muscle = famjax.SafeMuscle.of(Rippled(), [0.2, 0.3], [0.0, 5e5])
     with pytest.raises(InputError, match="not smooth enough for a table"):
         tabulated(muscle)
-
-
-def test_a_table_needs_float64(subject: Subject) -> None:
-    jax.config.update("jax_enable_x64", False)
-    try:
-        with pytest.raises(InputError, match="float64"):
-            tabulated(subject.muscle)
-    finally:
-        jax.config.update("jax_enable_x64", True)
-
-
-def test_a_table_is_plain_data(subject: Subject) -> None:
-    again = TabulatedPull({**subject.table})
-    assert again.force(0.27, 4e5) == subject.pull.force(0.27, 4e5)
-    assert {type(one) for one in subject.table["length_m"]} == {float}
-
-
-@pytest.mark.parametrize(
-    ("name", "identifier"),
-    [("DMSP-20", "dmsp_20"), ("20 mm", "muscle_20_mm"), ("Größe 3", "gr_e_3"), ("--", "muscle")],
-)
-def test_identifiers(name: str, identifier: str, subject: Subject) -> None:
-    assert Subject(name, subject.muscle).identifier == identifier

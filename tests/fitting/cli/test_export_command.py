@@ -2,15 +2,10 @@
 
 import json
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
-import famjax
 from famjax.__main__ import main
-from famjax.export import TARGETS
-from famjax.muscles import bundled_card
-from fitting.cli.muscle import Target, export
 
 
 def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
@@ -18,38 +13,6 @@ def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, st
         main([*map(str, arguments)])
     captured = capsys.readouterr()
     return int(stop.value.code or 0), captured.out, captured.err
-
-
-def test_the_help_has_every_target() -> None:
-    assert get_args(Target) == tuple(TARGETS)
-    paragraphs = (export.__doc__ or "").split("\n\n")
-    for name in TARGETS:
-        assert any(name in line.partition(":")[0] for line in paragraphs), name
-
-
-@pytest.mark.slow
-def test_a_bundled_muscle_cut_to_length(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
-    code, out, _ = run(
-        capsys, "export", "dmsp-10", "--to", "c", "--to", "csv", "--length", "300mm",
-        "-o", tmp_path / "c",
-    )  # fmt: skip
-    assert code == 0
-    assert out.count("written: ") == 3
-    text = (tmp_path / "c" / "dmsp_10.h").read_text()
-    rest = float(bundled_card("DMSP-10").muscle.geometry.rest_length)
-    assert f"cut from {rest:.6g} to 0.3 m" in text
-    assert "by `famjax" in text
-
-
-@pytest.mark.slow
-def test_a_card(capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
-    card = famjax.muscles.bundled_card("dmsp-10")
-    famjax.cards.write_card(card, tmp_path / "mine.json")
-    code, _, _ = run(
-        capsys, "export", tmp_path / "mine.json", "--to", "mujoco", "-o", tmp_path / "out"
-    )
-    assert code == 0
-    assert "of mine.json, sha256 " in (tmp_path / "out" / "dmsp_10_mujoco.py").read_text()
 
 
 @pytest.mark.parametrize(

@@ -97,80 +97,10 @@ def test_pascals_labelled_kilopascals_are_refused(fit: Fit, sound: ForceData) ->
     assert "a pressure of a muscle lies between" in " ".join(err.split())
 
 
-@pytest.mark.slow
-def test_json_of_a_map_that_ends_uncertified(fit: Fit, sound: ForceData) -> None:
-    code, out, _, _ = fit(metric(sound, pressure=sound.pressure / 6.894757), *QUICK, "--json")
-    assert code == 1
-    assert any("psi, not kPa" in cause for cause in json.loads(out)["suspicions"])
-
-
-@pytest.mark.slow
-def test_no_pressure_at_all(fit: Fit, sound: ForceData) -> None:
-    force = np.where(sound.loaded, 300 + np.arange(85.0), 0.0)
-    code, out, err, _ = fit(metric(sound, pressure=np.zeros(85), force=force), *QUICK)
-    assert code in (1, 2)
-    assert "Traceback" not in out + err
-
-
-@pytest.mark.slow
-def test_a_wall_of_nine_tenths_of_the_bore(fit: Fit, sound: ForceData) -> None:
-    code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "wall_thickness_mm=9")
-    assert code == 1
-    told = " ".join(out.split())
-    assert "Not identified." in told
-    assert "The wall of 9 mm is 90% of nominal_diameter, 10 mm" in told
-    assert "check wall_thickness and nominal_diameter" in told
-
-
 def test_a_muscle_of_250_mm_labelled_25(fit: Fit, sound: ForceData) -> None:
     code, _, err, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=25")
     assert code == 2
     assert "rest length was in cm, not mm" in " ".join(err.split())
-
-
-@pytest.mark.slow
-def test_a_wrong_rest_length_is_named_and_no_unit_is_blamed(fit: Fit, sound: ForceData) -> None:
-    code, out, _, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=275")
-    told = " ".join(out.split())
-    assert code == 1
-    assert "It seems that the rest length is 250 mm or so, not 275 mm" in told
-    assert " not kPa" not in told
-    assert " not N" not in told
-
-
-@pytest.mark.parametrize("typed", ["rest_length_mm=9.8425", "rest_length_m=250"])
-def test_a_unit_of_the_rest_length_is_not_blamed_on_the_lengths(
-    fit: Fit, sound: ForceData, typed: str
-) -> None:
-    inches = csv_text(sound, "us")
-    for text in (inches, metric(sound)):
-        code, _, err, _ = fit(text, *QUICK, "--specimen", typed)
-        told = " ".join(err.split())
-        assert code == 2
-        assert "It looks as if the rest length was in " in told or "It looks like mm" in told
-        assert "the lengths were" not in told
-
-
-def test_a_rest_length_that_is_a_little_short_is_blamed(fit: Fit, sound: ForceData) -> None:
-    code, _, err, _ = fit(metric(sound), *QUICK, "--specimen", "rest_length_mm=225")
-    assert code == 2
-    told = " ".join(err.split())
-    assert "Check the unit of the length column and the rest length" in told
-
-
-@pytest.mark.slow
-def test_the_verdict_says_what_it_could_not_check(fit: Fit, sound: ForceData) -> None:
-    bare = "\n".join(one for one in metric(sound).splitlines() if not one.startswith("#")) + "\n"
-    code, out, _, folder = fit(bare, *QUICK)
-    told = " ".join(out.split())
-    assert code == 0
-    assert "Identified with doubts" in told
-    assert "Not checked, as it is not said of the specimen: the rest length" in told
-    saved = json.loads((folder / "fit.json").read_text())
-    assert "the bore" in saved["unchecked"]
-    code, out, _, folder = fit(metric(sound), *QUICK)
-    assert "Not checked" not in out
-    assert json.loads((folder / "fit.json").read_text())["unchecked"] is None
 
 
 def test_numbers_of_notes_and_verdict_follow_the_units(fit: Fit, sound: ForceData) -> None:
@@ -201,19 +131,6 @@ def test_contractions_in_percent_are_read_and_ten_times_a_percent_is_not(
     assert (code, "write percent in a column contraction_%" in " ".join(err.split())) == (2, True)
     code, _, err, _ = fit(head + "length_mm\n" + "\n".join(percent) + "\n", *QUICK)
     assert (code, "contraction_%, in percent" in " ".join(err.split())) == (2, True)
-
-
-@pytest.mark.slow
-def test_gross_errors_propose_huber_and_huber_shows_its_result(fit: Fit, sound: ForceData) -> None:
-    rows = np.flatnonzero(sound.loaded)[[3, 14, 22, 35]]
-    force = sound.force.copy()
-    force[rows] += 0.35 * sound.max_force
-    code, out, _, _ = fit(metric(sound, force=force), *QUICK)
-    assert (code, "--objective huber" in out) == (1, True)
-    assert "4 readings are outliers" in " ".join(out.split())
-    code, out, _, _ = fit(metric(sound, force=force), *QUICK, "--objective", "huber")
-    assert (code, "Identified with doubts" in out) == (0, True)
-    assert "readings lie so far off" in " ".join(out.split())
 
 
 @pytest.mark.slow

@@ -126,35 +126,3 @@ def test_the_band_holds_the_error_of_the_hysteresis(fitted: Path) -> None:
         )
         assert row["force_std_N"] == pytest.approx(np.hypot(alone["force_std_N"], missed), rel=1e-9)
         assert (row["high_95_N"] + row["low_95_N"]) / 2 == pytest.approx(row["force_N"], rel=1e-9)
-
-
-def test_what_cannot_be_done_is_said(
-    capsys: pytest.CaptureFixture, records: list[str], fitted: Path, tmp_path: Path
-) -> None:
-    def error(*arguments: object) -> str:
-        code, _, err = run(capsys, *arguments)
-        assert code != 0
-        return " ".join(err.split())
-
-    out = ("--output", tmp_path / "o")
-    assert "takes one force map, got 4" in error("fit", *records, *out)
-    assert "--atmosphere" in error("ramps", *records, *out)
-    assert "rest length of the muscle must be given" in error(
-        "ramps", *records, "--atmosphere", "9kPa", *out
-    )
-    history = tmp_path / "history.csv"
-    history.write_text("length_mm,pressure_kPa\n270,0\n270,400\n")
-    assert "leave out --length" in error(
-        "predict", fitted / "fit.json", "--history", history, "--length", "270mm"
-    )
-    document = json.loads((fitted / "fit.json").read_text())
-    del document["hysteresis"]["left_out"]["length"]["rms_N"]
-    damaged = tmp_path / "damaged.json"
-    damaged.write_text(json.dumps(document))
-    told = error("predict", damaged, "--history", history)
-    assert "is damaged: it has no entry 'rms_N'" in told
-    del document["hysteresis"]
-    plain = tmp_path / "plain.json"
-    plain.write_text(json.dumps(document))
-    assert "the fit has no hysteresis" in error("predict", plain, "--history", history)
-    assert "a prediction needs a length" in error("predict", plain)

@@ -38,20 +38,6 @@ def test_every_name_is_known_everywhere(
 
 
 @pytest.mark.slow
-def test_a_card_predicts_and_says_what_needs_a_fit(
-    capsys: pytest.CaptureFixture, tmp_path: Path
-) -> None:
-    path = famjax.cards.write_card(famjax.muscles.bundled_card("DMSP-10"), tmp_path / "mine.json")
-    code, out, _ = run(
-        capsys, "predict", path, "--length", "230mm,100mm", "--pressure", "5bar", "--onset"
-    )
-    assert code == 0
-    assert "continued beyond" in " ".join(out.split())
-    code, _, err = run(capsys, "predict", path, "--length", "230mm", "--force", "100N")
-    assert (code, "--force needs a fit" in " ".join(err.split())) == (2, True)
-
-
-@pytest.mark.slow
 def test_what_was_not_identified_says_so_wherever_it_is_used(
     capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:

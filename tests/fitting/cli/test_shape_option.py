@@ -83,22 +83,6 @@ def test_the_law_and_the_turns_come_back(folder: Path, capsys: pytest.CaptureFix
         assert abs(found[name]["value"] - true) < 4 * found[name]["stderr"]
 
 
-def test_turns_that_were_counted_are_held(folder: Path, capsys: pytest.CaptureFixture) -> None:
-    code, out, _ = fit(
-        folder, capsys, "--shape", folder / "measurements.nc", "--bounds", "turns=1.09", "--json"
-    )
-    assert code == 0
-    assert json.loads(out)
-
-
-def test_lengths_that_no_picture_shows_are_refused(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    code, _, err = fit(folder, capsys, "--shape", write_table(tmp_path, 0.2))
-    assert code == 2
-    assert "lie outside the lengths of the pictures" in err
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -131,21 +115,3 @@ def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(
     part = 0.05e-3 * (0.875 - 2 * 0.0625) / (0.0625 * INCH) / (0.875 - 0.0625)
     assert by_source["wall_thickness"]["E_1"] / (LAW[0]) == pytest.approx(part, rel=0.15)
     assert by_source["shape"]["turns"] > 0
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ("wall_thickness=0.05", "wall_thickness_mm"),
-        ("wall_thickness_mm", "must read name=value"),
-        ("colour=1", "colour"),
-        ("pressure_reading=-1", ">= 0"),
-        ("pressure_reading=small", "not a number"),
-    ],
-)
-def test_an_error_that_is_none_is_refused(
-    given: str, words: str, folder: Path, capsys: pytest.CaptureFixture
-) -> None:
-    code, _, err = fit(folder, capsys, "--error", given)
-    assert code == 2
-    assert words in err

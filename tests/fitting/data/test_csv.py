@@ -1,9 +1,5 @@
 """Reading force maps: units, specimen, and every way in which a file can be wrong."""
 
-import io
-import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -123,39 +119,6 @@ def test_what_is_wrong_is_said(map_file: Path, old: str, new: str, message: str)
         read_csv(_spoil(map_file, old, new))
 
 
-def test_what_spreadsheets_make_of_a_map_is_read(map_file: Path, tmp_path: Path) -> None:
-    """Filled up to the width of the widest line, with empty rows, and with decimal commas."""
-    text = "# specimen: wall_thickness_mm = 1.5\n" + map_file.read_text()
-    map_file.write_text(text)
-    expected, path = read_csv(map_file), tmp_path / "saved.csv"
-    filled = "".join(f"{line},,\n" for line in text.splitlines())
-    path.write_text(f"\ufeff,,,,\n{filled},,,,\n\n", encoding="utf-8")
-    assert read_csv(path).specimen.wall_thickness == 1.5e-3
-    for name in ("force", "pressure", "length"):
-        np.testing.assert_array_equal(getattr(read_csv(path), name), getattr(expected, name))
-    halves = [(0.5 * k, 300 - 10.25 * k, 10 * k) for k in range(1, 5)]
-    for separator in ";\t":
-        head = separator.join(("force_N", "length_mm", "pressure_kPa"))
-        rows = [separator.join(map(str, row)).replace(".", ",") for row in halves]
-        path.write_text("\n".join([head, *rows]) + "\n")
-        np.testing.assert_allclose(read_csv(path).length, [row[1] / 1e3 for row in halves])
-        np.testing.assert_allclose(read_csv(path).force, [row[0] for row in halves])
-
-
-@pytest.mark.parametrize(
-    ("row", "message"),
-    [
-        ("100.000;300,5;20", "'100.000' has a point and '300,5' a comma"),
-        ("100,000;300;20", "'100,000' may be 100.000 or 100000: say which sign"),
-    ],
-)
-def test_a_doubtful_decimal_sign_is_refused(tmp_path: Path, row: str, message: str) -> None:
-    path = tmp_path / "map.csv"
-    path.write_text(f"pressure_Pa;length_mm;force_N\n{row}\n")
-    with pytest.raises(InputError, match=message):
-        read_csv(path)
-
-
 def test_contractions_are_lengths_of_the_rest_length(map_file: Path, tmp_path: Path) -> None:
     text = "# specimen: rest_length_mm = 300\n# specimen: name = map\n" + map_file.read_text()
     map_file.write_text(text)
@@ -218,15 +181,6 @@ def test_arrays_are_checked_like_files() -> None:
         Specimen("s", 0.3, 0.01, bladder_diameter=0.02)
 
 
-def test_hash_follows_the_numbers_not_the_format(tmp_path: Path) -> None:
-    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
-    a.write_text("# specimen: name = x\npressure_kPa,length_mm,force_N\n100,250,10\n")
-    b.write_text("# specimen: name = x\nforce_N;pressure_Pa;length_m\n10;100000;0.25\n")
-    assert read_csv(a).sha256 == read_csv(b).sha256
-    b.write_text("# specimen: name = x\nforce_N;pressure_Pa;length_m\n10;100001;0.25\n")
-    assert read_csv(a).sha256 != read_csv(b).sha256
-
-
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
@@ -261,83 +215,3 @@ def test_a_file_may_say_which_readings_are_at_one_level(tmp_path: Path) -> None:
         path.write_text(f"# level: {line}\n" + readings)
         with pytest.raises(InputError, match=message):
             read_csv(path)
-
-
-def test_a_map_is_read_from_a_stream() -> None:
-    text = "\ufeff" + "# specimen: rest_length_mm = 100\n# specimen: nominal_diameter_mm = 10\n"
-    text += "pressure_kPa,length_mm,force_N\n100,100,50\n200,100,90\n200,90,40\n"
-    assert read_csv(io.StringIO(text)).force.tolist() == [50.0, 90.0, 40.0]
-    with pytest.raises(InputError, match="a stream: the file is empty"):
-        read_csv(io.StringIO(""))
-
-
-SPREADSHEET = [
-    "Pressure (kPa),Length (mm),Force [N]",
-    "PRESSURE [kpa],length mm,Force (n)",
-    "pressure_kPa,Length_mm,force_N",
-]
-
-
-@pytest.mark.parametrize("header", SPREADSHEET)
-def test_headers_as_a_spreadsheet_has_them(tmp_path: Path, header: str) -> None:
-    path = tmp_path / "map.csv"
-    path.write_text(f"{header}\n100,250,300\n200,250,400\n100,240,200\n")
-    data = read_csv(path)
-    assert data.pressure.tolist() == [1e5, 2e5, 1e5]
-    assert data.length.tolist() == [0.25, 0.25, 0.24]
-    assert data.units == {"pressure": "kPa", "length": "mm", "force": "N"}
-
-
-@pytest.mark.parametrize(
-    ("header", "says"),
-    [
-        ("Presure (psi),length_mm,force_N", "did you mean pressure_psi?"),
-        ("pressure_kPa,lenght_mm,force_N", "did you mean length_mm?"),
-        ("pressure_mpa,length_mm,force_N", "unknown unit 'mpa'"),  # milli or mega: not guessed
-        ("pressure_kPa,Pressure (psi),length_mm,force_N", "2 columns for pressure"),
-        ("Pressure,length_mm,force_N", "has no unit"),
-    ],
-)
-def test_what_is_near_a_known_name_is_named_and_what_is_ambiguous_refused(
-    tmp_path: Path, header: str, says: str
-) -> None:
-    path = tmp_path / "map.csv"
-    path.write_text(f"{header}\n" + "1," * header.count(",") + "1\n")
-    with pytest.raises(InputError, match=re.escape(says)):
-        read_csv(path)
-
-
-@pytest.mark.parametrize(
-    ("key", "near"),
-    [("rest_lenght_mm", "rest_length_mm"), ("rest_length", "rest_length_m"),
-     ("nominal_diamter_in", "nominal_diameter_in"), ("embeded", "embedded")],
-)  # fmt: skip
-def test_a_misspelt_key_of_the_specimen_has_a_hint(key: str, near: str) -> None:
-    with pytest.raises(InputError, match=re.escape(f"did you mean {near}")):
-        parse_specimen([f"{key}=1"])
-
-
-def test_a_bore_that_holds_no_bladder_names_bore_and_wall() -> None:
-    with pytest.raises(InputError, match="check wall_thickness and nominal_diameter"):
-        Specimen("a", 0.25, 1.8e-3, bladder_diameter=3e-3)
-
-
-@pytest.mark.slow
-def test_a_file_that_has_not_been_read_is_no_map() -> None:
-    """In a process whose annotations are not checked, as a user's."""
-    script = """if True:
-        import jax, fitting
-        jax.config.update("jax_enable_x64", True)
-        together = lambda one: fitting.identify_together([one])
-        swept = lambda one: fitting.sweep(one, None)
-        for use in fitting.identify, fitting.choose, swept, fitting.compare, together:
-            try:
-                use("map.csv")
-            except fitting.InputError as error:
-                print(error)
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    said = "a force map must be a fitting.ForceData, got 'map.csv': fitting.read_csv(path) reads a file"
-    assert [line.startswith(said) for line in done.stdout.splitlines()] == [True] * 5

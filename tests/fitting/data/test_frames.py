@@ -1,7 +1,5 @@
 """Maps, fits and sweeps as tables of pandas, xarray and notebooks."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -29,32 +27,6 @@ def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> No
     assert frame.loc["braid_angle", "unit"] == "rad"
     shown = found._repr_html_()
     assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
-
-
-def test_a_fit_that_depends_on_pressure_names_its_nodes(found: fitting.Identification) -> None:
-    free = fitting.identify(found.data, order=1, dependence="linear", starts=1)
-    names = list(free.to_pandas().index)
-    assert sum(name.startswith("E_1_at_") for name in names) == 2
-
-
-def test_a_sweep_is_a_table_of_its_forms(found: fitting.Identification) -> None:
-    swept = fitting.sweep(
-        found.data, found.muscle.geometry, orders=(1, 2), dependences=("fixed", "linear"),
-        constraints=("none", "drucker"),
-    )  # fmt: skip
-    frame = swept.to_pandas()
-    assert len(frame) == len(swept.rows) == 8
-    assert frame["rmse"].tolist() == [row.rmse for row in swept.rows]
-
-
-def test_a_missing_extra_is_named(
-    found: fitting.Identification, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(
-        fitting.InputError, match=r"pandas comes with the extra 'tables'.*pip install"
-    ):
-        found.to_pandas()
 
 
 def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) -> None:

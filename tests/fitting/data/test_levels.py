@@ -1,16 +1,10 @@
 """Levels: what counts as one pressure or one length in a map of measured values."""
 
-import dataclasses
-import math
-
 import numpy as np
 import pytest
 
-from fitting import ForceData, InputError, Specimen, load_bundled
-from fitting.checks import check_count
+from fitting import ForceData, InputError, Specimen
 from fitting.data import MOST_APART, groups_of_levels, levels_of
-from fitting.families import law_named
-from fitting.parameters import complete_table
 
 SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
 
@@ -42,14 +36,6 @@ def test_no_levels_are_seen_where_there_are_none(seed: int) -> None:
     assert "no gaps divide them" in found.note
 
 
-def test_nominal_values_are_taken_as_they_are() -> None:
-    """A fine grid beside a coarse one, each value measured twice: nothing is merged."""
-    values = np.tile([5e3, 6e3, 7e3, 300e3, 600e3], 2)
-    found = levels_of(values, "pressure")
-    np.testing.assert_array_equal(found.level, values)
-    assert found.note == ""
-
-
 def gauge_of_1_kpa(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Readings at seven set pressures and eight lengths, rounded so that most values repeat."""
     P, L = (grid.ravel() for grid in np.meshgrid(np.arange(1, 8) * 70e3, np.arange(8) * 5e-3 + 0.2))
@@ -73,18 +59,6 @@ def test_neighbours_that_were_set_at_one_length_are_two_levels() -> None:
     np.testing.assert_array_equal(found.level, P)
 
 
-def test_a_given_tolerance_is_kept_to_or_refused() -> None:
-    values = np.array([70.0e3, 70.4e3, 80.0e3, 80.3e3])
-    found = levels_of(values, "pressure", 1e3)
-    np.testing.assert_allclose(found.level, [70.2e3, 70.2e3, 80.15e3, 80.15e3])
-    assert "(given): 4 values on 2 levels" in found.note
-    assert levels_of(values, "pressure", 0.0).tolerance == 0
-    with pytest.raises(InputError, match="chain into one pressure, wider than the gap to another"):
-        levels_of(np.append(np.arange(0.0, 10e3, 0.9e3), 15e3), "pressure", 1e3)
-    with pytest.raises(InputError, match="tolerance of a length must be >= 0"):
-        levels_of(values, "length", -1.0)
-
-
 def test_a_measured_pressure_is_left_out_with_its_neighbours() -> None:
     nominal = np.array([100e3, 200e3, 300e3])
     pressure = measured(nominal, 4, 60.0, seed=1)
@@ -93,54 +67,6 @@ def test_a_measured_pressure_is_left_out_with_its_neighbours() -> None:
     levels, counts = np.unique(data.left_out_as("pressure"), return_counts=True)
     assert counts.tolist() == [4, 4, 4]
     np.testing.assert_allclose(levels, nominal, atol=150)
-
-
-def test_the_rest_length_is_one_level_too() -> None:
-    """A reading a hundredth of a millimetre from rest strains no bladder."""
-    length = np.array([0.29999, 0.30001, 0.27999, 0.28001, 0.26, 0.26001])
-    data = ForceData(np.ones(6), np.full(6, 1e5), length, SPECIMEN)
-    np.testing.assert_array_equal(data.strained, [False, False, True, True, True, True])
-    exact = dataclasses.replace(data, length_tolerance=0.0)
-    assert exact.strained.all()
-
-
-def test_copies_weigh_by_their_number() -> None:
-    force, length = (
-        np.array([5.0, 7.0, 6.0, 7.0, 0.0, 7.0]),
-        np.array([0.3, 0.29, 0.3, 0.29, 0.26, 0.29]),
-    )
-    data = ForceData(force, np.full(6, 1e5), length, SPECIMEN)
-    assert (data.force.tolist(), data.count.tolist()) == (
-        [5.0, 7.0, 6.0, 0.0],
-        [1.0, 3.0, 1.0, 1.0],
-    )
-    assert (
-        "2 of 6 readings repeat another to the last digit, such as 7 N at 100 kPa and 290 mm (3 times)"
-        in data.notes[-1]
-    )
-    assert data.part(data.force > 5.5).count.tolist() == [3.0, 1.0]
-    assert ForceData.from_pandas(data.to_pandas(), SPECIMEN).count.tolist() == data.count.tolist()
-    known = ForceData(force, np.full(6, 1e5), length, SPECIMEN, force_std=np.full(6, 0.3))
-    assert known.force_std == pytest.approx([0.3, 0.3 / 3**0.5, 0.3, 0.3])
-
-
-def test_specimens_are_counted_together_and_shared_parameters_once() -> None:
-    """Six parameters, three specimens: enough readings for shared ones, too few for own ones."""
-    law = law_named("polynomial", 3)
-    length = np.array([0.30, 0.29, 0.28])
-    data = [
-        ForceData(np.ones(3), np.full(3, 3e5), length, dataclasses.replace(SPECIMEN, name=name))
-        for name in "abc"
-    ]
-    shared = complete_table(SPECIMEN, law.coefficients, {}, {})
-    check_count(data, law, "fixed", shared)
-    angle = shared.pop("braid_angle")
-    own = {f"braid_angle[{name}]": angle for name in "abc"} | shared
-    with pytest.raises(InputError, match="9 loaded readings cannot determine 14 parameters"):
-        check_count(data, law, "fixed", own, own_law=True)
-    with pytest.raises(InputError, match="3 loaded readings cannot determine 6 parameters"):
-        check_count(data[:1], law, "fixed", shared | {"braid_angle": angle})
-    assert math.isfinite(angle.max)
 
 
 def test_a_part_keeps_its_levels_and_every_column() -> None:
@@ -171,17 +97,3 @@ def test_levels_are_left_out_one_by_one_and_many_of_them_with_their_neighbours()
     group = groups_of_levels(many, np.unique(many))
     assert np.bincount(group).tolist() == [10] * MOST_APART
     assert (np.diff(group[np.argsort(many)]) >= 0).all()
-
-
-def test_a_map_says_what_is_left_out_with_each_reading() -> None:
-    bundled = load_bundled("DMSP-20-300")
-    assert (bundled.left_out_as("pressure") == bundled.levels("pressure")).all()
-    rng = np.random.default_rng(1)
-    away = rng.uniform(0.24, 0.29, 300)
-    data = ForceData(
-        force=rng.uniform(10, 900, 300), pressure=rng.uniform(1e5, 5e5, 300), length=away,
-        specimen=SPECIMEN,
-    )  # fmt: skip
-    middles, count = np.unique(data.left_out_as("length"), return_counts=True)
-    assert middles.size == MOST_APART
-    assert set(count) == {7, 8}

@@ -1,13 +1,11 @@
 """Errors on what was left out, and the error of predictions that is made of them."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
 from fitting import ForceData, Identification, identify, validate
-from fitting.bands import ModelError, model_error, spline_variance
+from fitting.bands import spline_variance
 from fitting.validation import LeftOut, leave_out_each
 
 
@@ -68,61 +66,7 @@ def test_the_spline_is_the_natural_one() -> None:
     assert spline_variance(known, at) == pytest.approx(expected)
 
 
-def test_a_map_may_have_thousands_of_levels() -> None:
-    known = np.sort(np.random.default_rng(0).uniform(0.2, 0.3, 20_000))  # 3 GB as a dense system
-    middles = (known[1:] + known[:-1]) / 2
-    assert spline_variance(known, known) == pytest.approx(0, abs=1e-12)
-    # The widest gap is 6e-4 of the range, and its cube 2e-10: the variance is of that size.
-    assert 0 < spline_variance(known, middles).max() < 1e-8
-    assert spline_variance(known[[0, -1]], middles).max() > 0.1
-
-
 def test_one_level_tells_nothing_but_distance() -> None:
     assert spline_variance(np.array([2.0]), np.array([2.0, 3.0, 4.0])) == pytest.approx(
         [0, 0.125, 1.0]
     )
-
-
-def test_the_error_survives_its_file(fitted20: Identification) -> None:
-    left = left_out_of(fitted20, length=(None, 1), pressure=(None, 1))
-    found = model_error(fitted20.data, fitted20.residuals, left, fitted20.n_parameters)
-    again = ModelError.from_dict(found.as_dict())
-    at = np.array([0.2, 0.26, 0.33]), np.array([1e5, 4e5, 9e5])
-    assert (again.std(*at) == found.std(*at)).all()
-    assert again.factor() == found.factor()
-    assert "left out" in found.covers
-    assert (found.std(*at) >= found.noise).all()
-
-
-def test_few_lengths_are_said_to_be_a_priors(fitted20: Identification) -> None:
-    found = model_error(fitted20.data, fitted20.residuals, {}, fitted20.n_parameters)
-    assert "With too few lengths to leave one out" in found.covers
-    assert found.length.scale == pytest.approx(found.pressure.scale)
-
-
-def test_levels_that_all_but_coincide_have_an_error(fitted20: Identification) -> None:
-    """Lengths that differ by micrometres are known from one another to the last digit."""
-    data, residual = fitted20.data, fitted20.residuals
-    level = data.lengths.level[data.loaded] + 1e-9 * np.arange(residual.size)
-    twins = dataclasses.replace(
-        data, length=data.length + 1e-9 * np.arange(data.length.size), length_tolerance=1e-12
-    )
-    left = LeftOut("length", level, np.arange(residual.size), residual)
-    found = model_error(twins, residual, {"length": left}, 6)
-    assert np.isfinite(found.length.scale)
-
-
-def test_levels_close_together_say_little_of_the_error_between_others(dmsp20: ForceData) -> None:
-    """Noise at 100 kPa, left out beside 101 kPa, is no proof of a law that is off by the whole force."""
-    rng, noise = np.random.default_rng(4), 5.0
-    levels = np.array([100e3, 101e3, 102e3, 200e3, 300e3, 301e3, 400e3, 500e3])
-    pressure, length = (g.ravel() for g in np.meshgrid(levels, np.linspace(0.25, 0.3, 6)))
-    data = ForceData(np.full(48, 1e3) + np.arange(48), pressure, length, dmsp20.specimen)
-    data = dataclasses.replace(data, pressure_tolerance=0.0)
-    residual = rng.normal(0, noise, 48)
-    group = np.searchsorted(levels, pressure)
-    out = LeftOut("pressure", pressure, group, rng.normal(0, 1.3 * noise, 48))
-    found = model_error(data, residual, {"pressure": out}, 6)
-    half = found.factor() * found.std(np.array([0.28, 0.28]), np.array([250e3, 600e3]))
-    assert (half > 2 * noise).all()
-    assert (half < 0.2 * data.max_force).all()

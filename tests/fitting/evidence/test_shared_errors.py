@@ -8,7 +8,6 @@ import pytest
 
 import famjax
 import fitting
-from fitting.bands import pull
 from fitting.data import ForceData
 from fitting.evidence import Carried, Move, SharedErrors, carry, gather, moves_of
 
@@ -47,33 +46,6 @@ def test_the_effect_is_that_of_readings_moved_and_fitted_again(
     apart = np.abs(numbers(moved) - numbers(found)) / scale
     effect = carried.effects[carried.sources.index(source)] / scale
     np.testing.assert_allclose(effect, apart, rtol=FIRST_ORDER, atol=1e-6)
-
-
-def test_the_force_moves_with_the_muscle(found: fitting.Identification, carried: Carried) -> None:
-    """A direction of the muscle's numbers gives the force that the moved fit gives."""
-    moved = fit(STATED.moved(found.data, "pressure_reading"))
-    length, pressure = np.array([0.24, 0.26, 0.28]), np.full(3, 4e5)
-    mounted = famjax.MountedMuscle(found.muscle, np.asarray(0.0))
-    row = carried.directions[[carried.sources.index("pressure_reading")]]
-    std = pull(mounted, row, length, pressure).std
-    apart = np.abs(moved.predict(length, pressure) - found.predict(length, pressure))
-    np.testing.assert_allclose(std, apart, rtol=FIRST_ORDER)
-
-
-def test_draws_count_by_their_mean_square(found: fitting.Identification) -> None:
-    """Two draws, one of twice the size of the other, are as one of the root of 2.5."""
-    once, twice = (
-        Move(SharedErrors(force_reading=size).moved(found.data, "force_reading"))
-        for size in (1e-3, 2e-3)
-    )
-    one, both = carry(found, {"cell": [once]}), carry(found, {"cell": [once, twice]})
-    np.testing.assert_allclose(both.effects, one.effects * np.sqrt(2.5), rtol=1e-9, atol=1e-12)
-    squares = [np.sum(which.directions**2, axis=0) for which in (one, both)]
-    np.testing.assert_allclose(squares[1], squares[0] * 2.5, rtol=1e-9, atol=1e-20)
-
-
-def test_what_is_held_does_not_move(found: fitting.Identification, carried: Carried) -> None:
-    assert carried.std["braid_diameter"] == 0
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 import fitting
 from fitting import Identification
-from fitting.posterior import Posterior, load_blackjax, posterior_as_dict, posterior_warnings
+from fitting.posterior import Posterior, load_blackjax
 
 pytest.importorskip("blackjax")
 
@@ -49,12 +49,6 @@ def test_ridge_at_a_bound(posterior: Posterior, result: Identification) -> None:
 
 
 @pytest.mark.slow
-def test_same_seed_same_draws(posterior: Posterior, result: Identification) -> None:
-    again = fitting.sample(result, draws=300)
-    np.testing.assert_array_equal(again.samples, posterior.samples)
-
-
-@pytest.mark.slow
 def test_arviz_reads_the_groups(posterior: Posterior) -> None:
     groups = posterior.groups()
     assert {a.shape for a in groups["posterior"].values()} == {(4, 300)}
@@ -64,19 +58,6 @@ def test_arviz_reads_the_groups(posterior: Posterior) -> None:
     table = arviz.summary(data)
     assert list(table.index) == list(posterior.names)
     np.testing.assert_array_equal(data["posterior"]["E_1"].values, posterior.draws("E_1"))
-
-
-@pytest.mark.slow
-def test_report(posterior: Posterior) -> None:
-    told = posterior_as_dict(posterior)
-    assert told["parameters"]["E_1"]["r_hat"] < 1.01
-    assert not posterior_warnings(posterior, 7.5)
-
-
-@pytest.mark.slow
-def test_draws_of_an_unknown_name(posterior: Posterior) -> None:
-    with pytest.raises(KeyError, match="there are braid_diameter"):
-        posterior.draws("E_9")
 
 
 def test_refusals(result: Identification) -> None:

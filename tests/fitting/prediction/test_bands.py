@@ -76,33 +76,3 @@ def test_a_band_grows_with_the_distance_and_says_what_it_covers(
     assert "pressure" in rows[0.28, 9e5]["outside"]
     said = command("predict", tmp_path / "fit.json", "--length", "340mm", "--pressure", "5bar")
     assert "no standard errors" not in said
-
-
-def test_three_lengths_are_fitted_and_bounded_by_a_prior(
-    dmsp10: ForceData, tmp_path: Path, command: Callable[..., str]
-) -> None:
-    """A law of three coefficients refused such a map; the band now says that it is a prior's."""
-    level = dmsp10.lengths.level
-    lengths = np.unique(level[dmsp10.loaded])[-3:]
-    path = write_csv(dmsp10.part(level >= lengths[0]), tmp_path / "three.csv", system="metric")
-    said = " ".join(command("fit", path, "--output", tmp_path, "--verbose").split())
-    assert "too few lengths to leave one out" in said
-    assert "were left out" in said
-
-
-def test_an_onset_lies_between_the_readings_at_its_length(
-    dmsp10: ForceData, tmp_path: Path, command: Callable[..., str]
-) -> None:
-    """A slack reading is not thrown away: at 250 mm the model alone begins 10 kPa below one."""
-    asked = "--law", "ogden", "--free", "braid_compliance", "--output", tmp_path
-    command("fit", "DMSP-10-250", *asked)
-    at = np.abs(dmsp10.length - 0.25) < 1e-6
-    slack = dmsp10.pressure[at & ~dmsp10.loaded].max()
-    pulls = dmsp10.pressure[at & dmsp10.loaded].min()
-    asked = "--length", "250mm,240mm", "--onset", "--json"
-    measured, between = json.loads(command("predict", tmp_path / "fit.json", *asked))
-    assert measured["slack_up_to_Pa"] == pytest.approx(slack)
-    assert measured["pulls_from_Pa"] == pytest.approx(pulls)
-    assert slack <= measured["onset_pressure_Pa"] <= pulls
-    assert between["slack_up_to_Pa"] is None
-    assert between["onset_pressure_Pa"] > measured["onset_pressure_Pa"]

@@ -1,7 +1,6 @@
 """Predictions by one program against the muscle's own methods."""
 
 import dataclasses
-from collections.abc import Callable
 
 import jax
 import numpy as np
@@ -10,7 +9,7 @@ from slow_cases import slow_after
 
 import famjax
 from fitting import Identification, predict
-from fitting.bands import ROWS, pull
+from fitting.bands import pull
 from fitting.prediction import onset_pressure, pressures_for
 from fitting.result import Outlook
 from tests.fitting.bare import bare_fit
@@ -79,26 +78,6 @@ def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
     np.testing.assert_allclose(found.std, np.sqrt(np.sum(np.square(slopes), axis=0)), rtol=1e-6)
 
 
-def test_any_number_of_rows_is_predicted_by_the_same_program(
-    count_compilations: Callable[[], int],
-) -> None:
-    fit = saved(muscle(40e3))
-    few = predict(fit, LENGTHS[:2], np.array([3e5]), onset=True)
-    before = count_compilations()
-    pressures = np.linspace(1e5, 6e5, 3 * ROWS)
-    many = predict(fit, LENGTHS, pressures, onset=True)
-    other = predict(saved(muscle(10e3)), LENGTHS, pressures)
-    assert count_compilations() == before
-    assert len(many) == 7 * 3 * ROWS + 7
-    expected = np.asarray(muscle(40e3).force(LENGTHS[:, None], pressures)).ravel()
-    forces = [row["force_N"] for row in many[:-7]]
-    np.testing.assert_allclose(forces, np.maximum(expected, 0.0), rtol=1e-11, atol=1e-9)
-    assert many[-7:][0]["onset_pressure_Pa"] == few[-2:][0]["onset_pressure_Pa"]
-    strongest = int(np.argmax(forces))
-    assert other[strongest]["force_N"] > forces[strongest]
-    assert all(row["force_std_N"] is None and row["band"] is None for row in many[:-7])
-
-
 @pytest.mark.parametrize("factor", [1.0, 1.08])
 def test_why_a_state_is_not_inside(factor: float) -> None:
     one = muscle(40e3)
@@ -125,28 +104,8 @@ def test_why_a_state_is_not_inside(factor: float) -> None:
     assert "beyond the thread's" in onset["outside"]
 
 
-def test_a_muscle_much_longer_or_shorter_than_the_one_specimen_is_not_inside() -> None:
-    fit = saved(muscle(40e3))
-    for rest_length, near in ((0.1, True), (0.9, True), (0.08, False), (1.1, False)):
-        at = np.array([0.9 * rest_length])
-        (row,) = predict(fit, at, np.array([3e5]), rest_length=rest_length)
-        assert row["inside"] is near
-        if not near:
-            assert row["outside"] == (
-                "the rest length is beyond 3.4 times the specimen's either way, as far as was tried: "
-                "87.06 mm to 1006 mm"
-            )
-
-
 def _numbers(one: famjax.Muscle) -> int:
     return 1 + sum(np.size(leaf) for leaf in jax.tree.leaves(one))
-
-
-@pytest.fixture
-def count_compilations() -> Callable[[], int]:
-    names: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: names.append(name))
-    return lambda: sum(name.endswith("backend_compile_duration") for name in names)
 
 
 def test_a_force_is_turned_into_its_pressure_and_back() -> None:

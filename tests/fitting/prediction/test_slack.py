@@ -6,7 +6,7 @@ import pytest
 
 import famjax
 from fitting import Identification, predict
-from fitting.prediction import pressures_for, reported, seen_slack
+from fitting.prediction import reported, seen_slack
 from fitting.result import Outlook
 from tests.fitting.bare import bare_fit
 
@@ -108,16 +108,6 @@ def test_nothing_is_said_beyond_the_limits_of_the_braid() -> None:
         assert [row[key] for key in keys] == [None] * 7
     (row,) = predict(fit, np.array([1.001 * lock]), np.array([3e5]))
     assert row["force_N"] == 0
-
-
-def test_no_force_has_the_highest_pressure_at_which_the_muscle_is_slack() -> None:
-    fit = measured(muscle(40e3))
-    short, rest = pressures_for(fit, np.array([0.2, REST]), np.array([0.0]))
-    assert short["pressure_Pa"] == 6e5  # slack up to the highest
-    assert rest["pressure_Pa"] == pytest.approx(40e3, rel=1e-6)
-    (below,) = pressures_for(fit, np.array([0.15]), np.array([0.0]))
-    assert below["pressure_Pa"] is None
-    assert "below the braid's lock" in below["outside"]
 
 
 def test_the_force_of_a_muscle_stays_smooth_through_zero() -> None:

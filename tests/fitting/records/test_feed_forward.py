@@ -95,25 +95,6 @@ def test_the_tracking_error_is_halved(
     assert errors[1] <= HALF * errors[0]
 
 
-def test_the_model_itself_follows_its_commands(muscle: famjax.Muscle, model: CentredSlip) -> None:
-    wanted = _trajectory()[:60]
-    known = pressure_along(muscle, model.slip, wanted, LOAD, (0.0, TOP))
-    back = _followed(muscle, model.slip, known.pressure, wanted[0])
-    np.testing.assert_allclose(back[5:], wanted[5:], atol=1e-4)
-
-
-def test_state_by_state_is_the_fit_along_a_history(model: CentredSlip) -> None:
-    L, P = _trajectory(), np.linspace(1e5, 5e5, 160)
-
-    def step(state: object, at: tuple) -> tuple:
-        after = model.moved(state, *at)
-        return after, model.added(after, *at)
-
-    first = model.start(L[0], P[0])
-    forces = jax.lax.scan(step, first, (jnp.asarray(L), jnp.asarray(P)))[1]
-    np.testing.assert_allclose(forces, model.along(L, P), atol=1e-9)
-
-
 @pytest.mark.slow
 def test_codes_and_derivatives(muscle: famjax.Muscle, model: CentredSlip) -> None:
     wanted = _trajectory()[:12]

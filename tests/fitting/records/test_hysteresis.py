@@ -1,5 +1,4 @@
 import dataclasses
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -122,15 +121,6 @@ def test_records_and_lengths_left_out_are_predicted() -> None:
     }  # fmt: skip
 
 
-def test_what_is_left_out_is_not_seen() -> None:
-    """A record that nothing resembles is predicted badly, and said to be."""
-    odd = _ramp(TRUTH, 0.12)
-    odd = dataclasses.replace(odd, half_difference=-odd.half_difference)
-    fit = leave_out(fit_hysteresis(BranchPairs.joined([_ramp(TRUTH, 0.1), odd])))
-    assert fit.left_out[0].ratio > 1
-    assert any("does not predict a record" in text for text in hysteresis_warnings(fit))
-
-
 @pytest.mark.parametrize(
     "cycle",
     [ReferenceCycle("ramp", 0.0, TOP, False), ReferenceCycle("stroke", REST, 0.85 * REST, True)],
@@ -153,33 +143,6 @@ def test_the_static_map_is_the_middle_of_its_cycles(cycle: ReferenceCycle) -> No
     assert np.isfinite(model.middle(L, 1.3 * P)).all()
 
 
-def test_cycles_lose_energy() -> None:
-    fit = fit_hysteresis(_ramps(noise=1.0))
-    lost = [fit.heat(k) for k in range(4)]
-    assert lost[0] == pytest.approx(0.0, abs=1e-12)
-    assert all(a < b for a, b in itertools.pairwise(lost))
-    loops = _strokes()
-    fit = fit_hysteresis(loops, thresholds=(WALL, BRAID), shrinkage=0.0)
-    for k in range(3):
-        mine = loops.at(loops.record == k)
-        L = np.concatenate([[REST], mine.length, [0.85 * REST]])
-        half = np.concatenate([[0.0], mine.half_difference, [0.0]])
-        area = -2 * float(np.trapezoid(half, L))
-        assert fit.heat(k) == pytest.approx(area, rel=0.03)  # of the chords of 30 steps
-
-
-def test_branches_the_other_way_round_have_no_elements() -> None:
-    ramp = _ramp(TRUTH, 0.1)
-    fit = leave_out(
-        fit_hysteresis(dataclasses.replace(ramp, half_difference=-ramp.half_difference))
-    )
-    assert not _strengths(fit).any()
-    assert not np.asarray(fit.centred.along(np.full(3, 0.2), np.array([0, TOP, 0]))).any()
-    texts = hysteresis_warnings(fit)
-    assert "No element" in texts[0]
-    assert "one record" in texts[1]
-
-
 def test_saved_and_read_back() -> None:
     fit = leave_out(fit_hysteresis(_ramps(noise=0.1)))
     document = hysteresis_as_dict(fit)
@@ -196,23 +159,6 @@ def test_saved_and_read_back() -> None:
     assert header[1] == "lbf"
     assert float(rows[0][1]) == pytest.approx(fit.pairs.measured_rms / 4.4482216, rel=1e-3)
     assert any(row[0] == "duality gap" for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"thresholds": (np.array([0.0]), BRAID)}, "thresholds must be > 0"),
-        ({"modulus": 0.0}, "modulus must be > 0"),
-        ({"shrinkage": -1.0}, "shrinkage >= 0"),
-        (
-            {"thresholds": (np.array([0.01, 0.01]), BRAID), "shrinkage": 0.0},
-            "tell 5 elements apart",
-        ),
-    ],
-)
-def test_bad_options(change: dict, match: str) -> None:
-    with pytest.raises(InputError, match=match):
-        fit_hysteresis(_ramps(), **change)
 
 
 def test_bad_pairs() -> None:

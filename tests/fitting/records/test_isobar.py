@@ -1,6 +1,5 @@
 """Characterisation of loops whose ends, areas and differences are known in closed form."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from fitting.records import (
     MachineLog,
     characterise,
     combine,
-    force_rmse,
     write_dataset,
 )
 
@@ -87,22 +85,6 @@ def test_pressure_statistics_are_those_of_the_strokes() -> None:
     assert 3 * 500 < bar.largest_pressure_error < 6 * 500 + 200
 
 
-def test_rmse_between_fluids_is_their_constant_difference() -> None:
-    a, b = characterise(record(1)), characterise(record(2, offset=7.0))
-    for rmse in force_rmse(a, b).values():
-        assert rmse == pytest.approx(7.0, abs=GRID_ERROR / np.sqrt(10))
-    assert force_rmse(a, a) == {1e5: 0.0, 3e5: 0.0}
-    with pytest.raises(InputError, match="no set pressure is common"):
-        force_rmse(a, characterise(record(pressures=(9e5,))))
-
-
-def test_first_strokes_can_be_left_out() -> None:
-    assert characterise(record(), skip_cycles=2).isobars[0].cycles == 1
-    assert np.isnan(characterise(record(), skip_cycles=2).isobars[0].force_std).all()
-    with pytest.raises(InputError, match="no complete stroke"):
-        characterise(record(), skip_cycles=3)
-
-
 def test_an_incomplete_stroke_is_named_and_left_out() -> None:
     whole = record(pressures=(2e5,))
     stop = whole.time.size - round((5.0 + 30.0) / DT)
@@ -131,27 +113,6 @@ def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
     assert np.abs(bar.force - other.force).max() < GRID_ERROR
     with pytest.raises(InputError, match=r"no complete stroke.*stroke 1 lacks 4.0"):
         characterise(torn(record(pressures=(2e5,), cycles=1, rest=130.0)))
-
-
-def test_a_stroke_that_turns_at_no_load_has_its_free_contraction() -> None:
-    """As a machine does that turns at zero: the last force of the branch is just above it."""
-    pressure, slope = 2e5, 2e5 / 100 / 0.05
-    stroke = 0.05 - HALF / slope
-    (bar,) = characterise(record(pressures=(pressure,), stroke=stroke)).isobars
-    assert bar.free_contraction == pytest.approx(stroke / L0, abs=2 / slope / L0)
-    assert np.isnan(bar.mean_free_contraction) or bar.mean_free_contraction > bar.free_contraction
-
-
-def test_a_stroke_that_turns_while_the_muscle_pulls_has_no_free_contraction() -> None:
-    (bar,) = characterise(record(pressures=(3e5,), stroke=0.03)).isobars
-    assert np.isnan(bar.free_contraction)
-    assert np.isnan(bar.mean_free_contraction)
-
-
-def test_no_rest_gives_no_held_force() -> None:
-    (bar,) = characterise(record(pressures=(3e5,), rest=0.0)).isobars
-    assert np.isnan(bar.blocked_force)
-    assert bar.moving_blocked_force == pytest.approx(3000, abs=HALF)
 
 
 def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
@@ -198,42 +159,6 @@ def test_every_reading_of_the_dataset_has_the_pressure_that_was_measured_there(
     assert np.unique(data.length).size == 30  # common to both
 
 
-def test_pressures_that_part_the_branches_are_no_friction(tmp_path: Path) -> None:
-    """At a low pressure it is the held pressure that parts them, by a quarter; friction is 2 %."""
-    friction, whole = 0.02, record(pressures=(5e4, 3e5, 5e5), stroke=0.02)
-    away = {5e4: 0.25, 3e5: 0.003, 5e5: 0.002}
-    lengthens = np.sign(np.gradient(whole.length))
-    held = whole.set_pressure * (1 + lengthens * np.vectorize(away.get)(whole.set_pressure))
-
-    def static(length: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        """Slack below 20 kPa at every length, and proportional to the pressure beyond."""
-        return (pressure - 2e4) / 100 * (1 - (L0 - length) / 0.05)
-
-    force = (1 + friction * lengthens) * static(whole.length, held)
-    swings = IsobaricRecord(
-        whole.time, whole.length, force, held, whole.set_pressure, rest_length=L0
-    )
-    specimen = {"wall_thickness_mm": 1.6, "nominal_diameter_mm": 22.0}
-    data = read_csv(write_dataset(characterise(swings), tmp_path / "set.csv", specimen=specimen))
-    low = data.pressure < 1e5
-    assert low.any()
-    error = np.abs(data.force - static(data.length, data.pressure))
-    assert error[low].max() < 0.01 * data.force[low].max()
-
-
-def test_a_stroke_too_short_for_its_log_is_left_out_and_the_others_stay() -> None:
-    long, short = record(pressures=(3e5,)), record(pressures=(1e5,), stroke=2e-4)
-    later = short.time + long.time[-1] + DT
-    names = ("length", "force", "pressure", "set_pressure")
-    both = IsobaricRecord(
-        np.append(long.time, later),
-        *(np.append(getattr(long, one), getattr(short, one)) for one in names), rest_length=L0,
-    )  # fmt: skip
-    found = characterise(both)
-    assert [bar.set_pressure for bar in found.isobars] == [3e5]
-    assert any("The strokes at 100000 Pa were left out" in note for note in found.notes)
-
-
 def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
     fields = {
         "time": found.time + 50.0, "displacement": found.length - L0, "force": found.force,
@@ -243,21 +168,6 @@ def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
 
 
 AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6, 1.0, 100, "load")
-
-
-def test_combining_takes_the_nearest_pressure_and_the_set_point_in_force() -> None:
-    truth = record()
-    journal_time = np.arange(-1.0, truth.time[-1] + 1, 0.01)
-    pressure = 1e5 + 10 * journal_time
-    found = combine(
-        log_of(truth), AHEAD, journal_time, pressure, [(0.0, 1e5), (100.0, 3e5), (200.0, np.nan)],
-        rest_length=L0,
-    )  # fmt: skip
-    assert np.allclose(found.time, truth.time)
-    assert np.allclose(found.length, truth.length)
-    assert np.abs(found.pressure - (1e5 + 10 * truth.time)).max() <= 10 * 0.005 + 1e-6
-    assert np.isnan(found.set_pressure[found.time >= 200]).all()
-    assert set(found.set_pressure[found.time < 200]) == {1e5, 3e5}
 
 
 def test_signs_and_zero_of_the_machine_are_honoured() -> None:
@@ -298,35 +208,3 @@ def test_where_the_journal_is_silent_there_is_no_row() -> None:
         combine(log_of(truth), AHEAD, t + 1e6, np.full(t.size, 1e5), [(0.0, 1e5)], rest_length=L0)
     with pytest.raises(InputError, match="no set point"):
         combine(log_of(truth), AHEAD, t, np.full(t.size, 1e5), [], rest_length=L0)
-
-
-def test_a_log_that_is_too_slow_for_the_grid_is_refused() -> None:
-    found = record(pressures=(2e5,))
-    thin = slice(None, None, 200)
-    columns = (
-        getattr(found, n)[thin] for n in ("time", "length", "force", "pressure", "set_pressure")
-    )
-    with pytest.raises(InputError, match="log faster, or take a coarser grid"):
-        characterise(IsobaricRecord(*columns, rest_length=L0))
-
-
-def test_a_reading_beside_a_turn_is_not_drawn_to_the_readings_on_its_one_side(
-    tmp_path: Path,
-) -> None:
-    """There the force bends as no polynomial does, and a mean over one side is another reading's."""
-
-    def steep(length: np.ndarray) -> np.ndarray:
-        return 1e3 * (1 - (L0 - length) / 0.05) + 300 * np.exp(-(L0 - length) / 0.004)
-
-    found = characterise(record())
-    bars = [
-        dataclasses.replace(
-            bar, shortening=steep(bar.length), lengthening=steep(bar.length),
-            shortening_pressure=np.full(bar.length.size, bar.set_pressure),
-            lengthening_pressure=np.full(bar.length.size, bar.set_pressure),
-        )
-        for bar in found.isobars
-    ]  # fmt: skip
-    steady = dataclasses.replace(found, isobars=tuple(bars))
-    data = read_csv(write_dataset(steady, tmp_path / "set.csv"))
-    assert np.abs(data.force - steep(data.length)).max() < 0.5

@@ -111,12 +111,6 @@ def test_every_form_gives_the_same_numbers(name: str, tmp_path: Path) -> None:
     assert log.interval == pytest.approx(0.02)
 
 
-def test_other_columns_are_kept_as_printed(tmp_path: Path) -> None:
-    log = read_machine_log(write(tmp_path, *FORMS["Instron"]))
-    assert set(log.others) == {"Tensile stress (MPa)"}
-    assert np.abs(log.others["Tensile stress (MPa)"] - FORCE / 50).max() < 6e-4
-
-
 def simple(
     keep: Callable[[int], bool] = lambda k: True, header: str = "time_s,displacement_mm,force_N"
 ):
@@ -129,32 +123,6 @@ def test_missing_rows_are_reported_and_not_filled(tmp_path: Path) -> None:
     assert [(round(after, 3), rows) for after, rows in log.gaps] == [(0.18, 1), (0.98, 3)]
     assert log.missing_rows == 4
     assert log.time.size == TIME.size - 4
-
-
-def test_lines_that_are_no_numbers_are_reported(tmp_path: Path) -> None:
-    lines = simple().splitlines()
-    lines[30] = "*** machine paused by operator ***"
-    lines[31] = lines[31].replace(lines[31].split(",")[2], "----")
-    lines.append("End of test")
-    log = read_machine_log(write(tmp_path, "\n".join(lines)))
-    assert log.unread == (31, 32)
-    assert log.missing_rows == 2
-
-
-def test_a_header_repeated_in_the_middle_is_no_row(tmp_path: Path) -> None:
-    lines = simple().splitlines()
-    lines[75:75] = ["", lines[0]]
-    log = read_machine_log(write(tmp_path, "\n".join(lines)))
-    assert log.time.size == TIME.size
-    assert log.unread == (77,)
-
-
-def test_a_time_that_stands_still_is_reported(tmp_path: Path) -> None:
-    lines = simple().splitlines()
-    lines.insert(20, lines[19])
-    log = read_machine_log(write(tmp_path, "\n".join(lines)))
-    assert log.repeated == (21,)
-    assert log.time.size == TIME.size
 
 
 @pytest.mark.parametrize(
@@ -174,77 +142,6 @@ def test_a_time_that_stands_still_is_reported(tmp_path: Path) -> None:
 def test_what_would_have_to_be_guessed_is_refused(header: str, match: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=match.replace("(", r"\(")):
         read_machine_log(write(tmp_path, simple(header=header)))
-
-
-def test_no_header_at_all_needs_columns_and_units(tmp_path: Path) -> None:
-    path = write(tmp_path, "\n".join(simple().splitlines()[1:]))
-    with pytest.raises(InputError, match="no column for time"):
-        read_machine_log(path)
-    log = read_machine_log(
-        path,
-        columns={"time": "1 [s]", "displacement": "2 [mm]", "force": "3 [N]"},
-    )
-    assert np.abs(log.force - FORCE).max() < 1e-3
-
-
-def test_two_loads_must_be_told_apart(tmp_path: Path) -> None:
-    text = simple(header="Time (s),Extension (mm),Load cell (N)").splitlines()
-    text = [f"{line},{'Load cell 2 (N)' if k == 0 else '7'}" for k, line in enumerate(text)]
-    path = write(tmp_path, "\n".join(text))
-    with pytest.raises(InputError, match="2 columns for force"):
-        read_machine_log(path)
-    assert read_machine_log(path, columns={"force": "Load cell 2"}).force[0] == 7.0
-    assert read_machine_log(path, columns={"force": "Load cell (N)"}).force[0] == 4000.0
-
-
-def test_a_plain_name_does_not_decide_between_two_loads(tmp_path: Path) -> None:
-    text = simple(header="Time (s),Extension (mm),Load (N)").splitlines()
-    text = [f"{line},{'Load 2 (N)' if k == 0 else '7'}" for k, line in enumerate(text)]
-    path = write(tmp_path, "\n".join(text))
-    with pytest.raises(InputError, match=r"2 columns for force \(Load \(N\), Load 2 \(N\)\)"):
-        read_machine_log(path)
-    assert read_machine_log(path, columns={"force": "Load 2"}).force[0] == 7.0
-
-
-def test_a_rate_beside_a_load_and_a_second_time_need_no_choice(tmp_path: Path) -> None:
-    text = simple(header="Time (s),Extension (mm),Load (N)").splitlines()
-    more = [",Load rate (N/s),Cycle time (s)", *[",1.5,0.5"] * (len(text) - 1)]
-    path = write(tmp_path, "\n".join(a + b for a, b in zip(text, more, strict=True)))
-    assert read_machine_log(path).force[0] == pytest.approx(4000.0)
-
-
-def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
-    text = "time_s,displacement_mm,force_N\n" + rows(
-        lambda t, x, F: f"{comma(t)},{comma(x * 1e3)},{comma(F)}"
-    )
-    with pytest.raises(
-        InputError, match=r"line 2 has 6 numbers under 3 names: are they decimal commas"
-    ):
-        read_machine_log(write(tmp_path, text))
-
-
-def test_mega_and_milli_are_not_confused(tmp_path: Path) -> None:
-    for unit, scale in (("mN", 1e-3), ("MN", 1e6), ("KN", 1e3), ("kn", 1e3)):
-        log = read_machine_log(
-            write(tmp_path, simple(header=f"time_s,displacement_mm,force ({unit})"))
-        )
-        assert log.force[0] == pytest.approx(4000 * scale)
-    with pytest.raises(InputError, match="unknown unit 'mn'"):
-        read_machine_log(write(tmp_path, simple(header="time_s,displacement_mm,force (mn)")))
-
-
-def test_a_comma_that_may_be_either_is_refused(tmp_path: Path) -> None:
-    text = "time_s;displacement_mm;force_N\n" + "\n".join(f"{k};1,234;2,345" for k in range(20))
-    path = write(tmp_path, text)
-    with pytest.raises(InputError, match=r"'1,234' may be 1.234 or 1234: say which sign"):
-        read_machine_log(path)
-    assert read_machine_log(path, columns={"decimal": ","}).force[0] == pytest.approx(2.345)
-    assert read_machine_log(path, columns={"decimal": "."}).force[0] == pytest.approx(2345)
-
-
-def test_two_tests_in_one_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"time goes back from 2.98 s to 0 s at line 152"):
-        read_machine_log(write(tmp_path, simple() + "\n".join(simple().splitlines()[1:])))
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from fitting.data import ForceData, Specimen, csv_text, read_csv, write_csv
+from fitting.data import Specimen, csv_text, read_csv, write_csv
 from fitting.records import (
     QuasiStatic,
     RampRecord,
     StaticMap,
     find_staircase,
-    parse_atmosphere,
     quasi_static,
     ramps_command,
     read_ramps,
@@ -150,14 +149,6 @@ def test_clamp_and_slack_are_marked_and_nothing_is_dropped(points: QuasiStatic) 
     assert points.force.size == 6 * 38
 
 
-def test_a_low_hold_is_no_clamp() -> None:
-    """Without noise, the least force of a hold repeats exactly, but at one pressure only."""
-    assert quasi_static(_staircase(LENGTHS[0], noise=0.0), atmosphere=ZERO).clamp is None
-    clamped = quasi_static(_staircase(LENGTHS[0]), atmosphere=ZERO, clamp=50.0)
-    assert clamped.clamp == 50
-    assert clamped.clamped[clamped.force < 49].all()
-
-
 def test_readings_of_a_coarse_sensor_are_resolved() -> None:
     """Medians fall on the sensor's steps; spread over the step they do not."""
     fine = _staircase(LENGTHS[0], seed=5)
@@ -187,40 +178,6 @@ def test_the_map_is_the_mean_of_the_branches(static: StaticMap) -> None:
     assert (static.n_records[pulling] == 3).all()
     assert static.slack[(static.length == LENGTHS[1]) & (static.pressure <= 1.5e5)].all()
     assert np.isin(np.arange(2e5, 6e5, 25e3), static.pressure[pulling]).all()
-
-
-def test_the_summary_counts(points: QuasiStatic, static: StaticMap) -> None:
-    for one, records in zip(static.lengths, (points.records[:3], points.records[3:]), strict=True):
-        assert (one["n_records"], one["n_unused"], one["n_fill"], one["n_vent"]) == (3, 0, 60, 54)
-        assert one["n_glitches"] == sum(int((r.valve_state == 7444).sum()) for r in records) > 0
-        assert one["n_repeated_stamps"] > 1000
-        assert one["noise"] == pytest.approx(NOISE, rel=0.05)
-        # 90 values of the standard deviation 0.1 N between equal records.
-        assert one["repeatability_fill"] == pytest.approx(one["stderr"], rel=0.5)
-        assert one["half_width_rms"] == pytest.approx(HALF_WIDTH / np.sqrt(2), rel=0.2)
-    assert static.lengths[0]["n_slack"] == 0
-    assert static.lengths[1]["n_clamped"] > 0
-
-
-def test_repeatability_enters_the_standard_deviation_but_not_the_hysteresis() -> None:
-    offsets = (-3.0, 0.0, 3.0)
-    records = [_staircase(LENGTHS[0], seed=i, offset=o) for i, o in enumerate(offsets)]
-    made = static_map(quasi_static(records, atmosphere=ZERO))
-    (one,) = made.lengths
-    for spread in (one["repeatability_fill"], one["repeatability_vent"], one["repeatability"]):
-        assert spread == pytest.approx(3.0, rel=0.05)
-    np.testing.assert_allclose(made.force_std, 3.0 / np.sqrt(3), rtol=0.05)
-    inner = (made.pressure > 5e4) & (made.pressure < 0.8 * TOP)
-    assert np.abs(made.half_width - _half_width(made.pressure))[inner].max() < 0.8
-
-
-def test_a_length_without_repeats_has_the_spread_of_the_others(points: QuasiStatic) -> None:
-    records = [_staircase(LENGTHS[0], seed=i, offset=3.0 * i) for i in range(2)]
-    made = static_map(quasi_static([*records, points.records[3]], atmosphere=ZERO))
-    assert np.isnan(made.lengths[1]["repeatability"])
-    single = made.length == LENGTHS[1]
-    np.testing.assert_allclose(made.force_std[single], made.lengths[0]["repeatability"], rtol=0.01)
-    assert "repeatability of the other lengths" in made.force_data(SPECIMEN).notes[-1]
 
 
 @pytest.mark.parametrize("length", LENGTHS)
@@ -257,24 +214,6 @@ def test_the_map_is_data_and_reads_back(static: StaticMap, tmp_path: Path) -> No
         csv_text(data, "imperial")
 
 
-def test_records_that_never_vent() -> None:
-    fill_only = [_staircase(LENGTHS[0], seed=1, venting=False)]
-    points = quasi_static(fill_only, atmosphere=ZERO)
-    assert points.filling.all()
-    with pytest.raises(
-        InputError, match=r"has both branches .* show the fill branch .--branches fill."
-    ):
-        static_map(points)
-    made = static_map(points, branches="fill")
-    assert np.isnan(made.half_width).all()
-    fill = _static(made.pressure, LENGTHS[0]) - _half_width(made.pressure)
-    assert np.abs(made.force - fill).max() < SIGMAS * 0.11 + 0.25
-    mixed = static_map(quasi_static([*fill_only, _staircase(LENGTHS[0])], atmosphere=ZERO))
-    assert mixed.lengths[0]["n_unused"] == 1
-    assert (mixed.n_records == 1).all()
-    assert "1 records lack the branches" in mixed.force_data(SPECIMEN).notes[2]
-
-
 def test_without_noise_only_the_method_is_left() -> None:
     ramp = static_map(quasi_static(_ramp(LENGTHS[0], noise=0.0), atmosphere=ZERO, kind="ramp"))
     # Curvature in a bin, 2e-10 w^2 / 24 = 0.005 N, and that of the half-width, which cancels.
@@ -289,54 +228,10 @@ def test_without_noise_only_the_method_is_left() -> None:
     assert miss[~below].max() < 0.5
 
 
-def test_exact_records_have_no_standard_deviation() -> None:
-    held = np.array([0.0, 1e5, 2e5, 3e5, 4e5, 5e5, 4e5, 3e5, 2e5, 1e5, 0.0])
-    P = np.repeat(held, 100)
-    record = RampRecord(
-        force=10 + 1e-3 * P, pressure=P, time=np.arange(P.size) * 1e-2, length=LENGTHS[0]
-    )
-    made = static_map(quasi_static(record, atmosphere=0.0))
-    np.testing.assert_allclose(made.force, 10 + 1e-3 * made.pressure, rtol=1e-12)
-    # The step between the readings, 100 N, is the sensor's for all that the record shows.
-    np.testing.assert_allclose(made.force_std, 100 / np.sqrt(12) / np.sqrt(2), rtol=1e-12)
-    ramp = dataclasses.replace(
-        record,
-        pressure=5e5 * np.interp(np.arange(P.size), [0, 550, 1099], [0, 1, 0]),
-        force=5e2 * np.interp(np.arange(P.size), [0, 550, 1099], [0, 1, 0]) + 10,
-    )
-    data = static_map(quasi_static(ramp, atmosphere=0.0)).force_data(SPECIMEN)
-    assert data.force_std is None
-    assert "no noise" in data.notes[-1]
-
-
 def test_unsettled_holds_are_marked_and_not_used() -> None:
     record = _staircase(LENGTHS[0])
     strict = quasi_static(record, atmosphere=ZERO, part=(0.02, 0.9))
     assert 0 < strict.settled.sum() < strict.settled.size
-
-
-def test_holds_with_too_few_readings_are_counted() -> None:
-    record = _staircase(LENGTHS[0])
-    kept = (record.time < 2.1) | (record.time > 2.4)  # of the hold from 2.05 to 2.45 s
-    columns = ("force", "pressure", "time", "valve_state")
-    gap = dataclasses.replace(record, **{c: getattr(record, c)[kept] for c in columns})
-    points = quasi_static(gap, atmosphere=ZERO, part=(0.5, 0.85))
-    assert points.n_short == (1,)
-    assert points.force.size == 37
-
-
-def test_valve_states_that_contradict_the_pressure_are_counted() -> None:
-    record = _staircase(LENGTHS[0])
-    swapped = RampRecord(
-        force=record.force,
-        pressure=record.pressure,
-        time=record.time,
-        length=record.length,
-        valve_state=3 - np.where(record.valve_state == 7444, 1.0, record.valve_state),
-    )
-    points = quasi_static(swapped, atmosphere=ZERO)
-    assert points.mislabelled.mean() > 0.95
-    assert points.filling.tolist() == [True] * 20 + [False] * 18
 
 
 BAD: list[tuple[Callable[[], object], str]] = [
@@ -403,22 +298,6 @@ def test_holds_lie_between_the_pulses(period: float, rate: float, noise: float) 
     )
 
 
-def test_a_known_period_is_taken_and_a_wrong_one_refused() -> None:
-    P, t, _ = _stairs(0.5, 500.0, 300.0)
-    found = find_staircase(P, t, period=0.5)
-    assert found is not None
-    assert found.period == 0.5
-    assert find_staircase(P, t, period=0.37) is None
-
-
-@pytest.mark.parametrize("duration", [0.2, 2.0, 20.0])
-def test_a_continuous_ramp_is_no_staircase(duration: float) -> None:
-    t = np.arange(0, 3 * duration, 1e-3)
-    P = 6e5 * np.clip(np.minimum(t, 2 * duration - t) / duration, 0, None)
-    P = P + 400 * np.random.default_rng(0).standard_normal(t.size)
-    assert find_staircase(P, t) is None
-
-
 def _write(record: RampRecord, path: Path) -> str:
     columns = (record.force, record.pressure / 1e3, record.time, record.valve_state)
     np.savetxt(path, np.stack(columns, axis=1), delimiter=",", fmt="%.10g")  # type: ignore[arg-type]
@@ -464,27 +343,6 @@ def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
     assert [record.source for record in again] == [f"{i}.csv" for i in range(6)]
 
 
-@pytest.mark.parametrize(
-    ("call", "match"),
-    [
-        (lambda f: read_ramps([]), "no records"),
-        (lambda f: read_ramps([f"{f}=3"]), "has no unit"),
-        (lambda f: read_ramps([f"{f}=3mm", f"{f}=4mm"]), "named twice"),
-        (lambda f: read_ramps([f]), "is no list of records"),
-        (lambda f: read_ramps([f + "x"]), "no such file"),
-        (lambda f: parse_atmosphere("8.94"), "has no unit"),
-        (lambda f: parse_atmosphere("xkPa"), "a number with its unit"),
-        (lambda f: ramps_command([f"{f}=3mm"], atmosphere=ZERO), "rest length"),
-        (lambda f: ramps_command([], atmosphere=ZERO, system="cgs"), "units must be one of"),
-    ],
-)
-def test_commands_that_cannot_be(call: Callable[[str], object], match: str, tmp_path: Path) -> None:
-    path = tmp_path / "ramp.csv"
-    path.write_text("force_N,pressure_kPa,time_s\n1,2,3\n")
-    with pytest.raises(InputError, match=match):
-        call(str(path))
-
-
 @pytest.fixture(scope="module")
 def bpa10_maps() -> dict[str, StaticMap]:
     if not bpa10.FOLDER.is_dir():
@@ -511,14 +369,3 @@ def test_bpa10_is_as_its_study_says(bpa10_maps: dict[str, StaticMap]) -> None:
         assert 0.2 < unkinked["repeatability_fill"] < 1.5
         assert all(0.3 < one["repeatability_vent"] < 2 for one in made.lengths)
         assert all(one["n_glitches"] == 0 and one["n_repeated_stamps"] == 3 for one in made.lengths)
-
-
-def test_bpa10_as_data(bpa10_maps: dict[str, StaticMap]) -> None:
-    data: dict[str, ForceData] = bpa10.bpa10_data(bpa10_maps)
-    assert data["10cm"].max_force == pytest.approx(310, abs=3)
-    assert data["30cm"].max_force == pytest.approx(427, abs=3)
-    for one in data.values():
-        assert one.loaded.all()
-        assert one.force.min() >= bpa10.LEAST_PULL
-        assert np.unique(one.length).size == 4
-        assert 45 <= one.force.size <= 52

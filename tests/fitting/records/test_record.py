@@ -1,6 +1,5 @@
 """Columns and branches of records that are known, with noise, holds and faults."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 from famjax.boundary.errors import InputError
 from fitting.records import read_history, read_ramp
-from fitting.records.record import checked_columns, noise_of, split_branches
+from fitting.records.record import checked_columns, split_branches
 
 RAMP = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]", "valve_state": "4"}
 PLAIN = {key: RAMP[key] for key in ("force", "pressure", "time")}
@@ -38,34 +37,6 @@ def test_branches_of_a_known_record(noise: float, hold: int) -> None:
         assert abs(branch.stop - (start + rows + 1)) <= slack
     if noise == 0:
         assert all(np.ptp(x[branch.rows]) == 1 for branch in branches)
-
-
-def test_scale_offset_and_direction_do_not_matter() -> None:
-    x = _triangle(3, 50, 5)
-    rows = [(b.start, b.stop) for b in split_branches(x)]
-    assert [(b.start, b.stop) for b in split_branches(2.5 - 40 * x)] == rows
-    assert [b.rising for b in split_branches(-x)] == [False, True] * 3
-
-
-def test_small_wiggles_and_parts_count_from_min_travel_on() -> None:
-    t = np.linspace(0, 3, 1501)
-    x = 1 - np.cos(2 * np.pi * t) + 0.3 * np.sin(40 * np.pi * t)  # wiggles of 0.6 in a range of 2.4
-    assert len(split_branches(x)) == 6
-    assert len(split_branches(x, min_travel=0.02)) > 60
-    part = np.concatenate([np.linspace(0, 1, 51), np.linspace(0.98, 0.4, 30)])
-    assert [len(split_branches(part, min_travel=least)) for least in (0.5, 0.7)] == [2, 1]
-    assert split_branches(np.ones(10)) == ()
-
-
-def test_branches_meet_at_the_turns() -> None:
-    branches = split_branches(_triangle(3, 20)[10:])  # starts half-way up
-    assert len(branches) == 6
-    assert all(b.start == a.stop - 1 for a, b in itertools.pairwise(branches))
-
-
-def test_noise_is_found_on_a_ramp() -> None:
-    values = np.linspace(0, 500, 20001) + 0.9 * np.random.default_rng(0).standard_normal(20001)
-    assert noise_of(values) == pytest.approx(0.9, rel=0.03)  # three standard errors of the median
 
 
 @pytest.mark.parametrize(
@@ -108,17 +79,6 @@ def test_units_are_in_the_header(tmp_path: Path) -> None:
     np.testing.assert_allclose(timed.time, [0.0, 5e-6])
 
 
-def test_columns_may_be_given_and_left_out(tmp_path: Path) -> None:
-    rows = "1,8.94,0,1,x\n2,9.5,0.001,7444,x\n3,20,0.001,2,x\n"
-    record = read_ramp(_file(tmp_path, rows), length=0.1, columns=RAMP)
-    assert record.valve_state is not None
-    assert record.valve_state.tolist() == [1, 7444, 2]
-    named = _file(tmp_path, "F,P,t,s,?\n" + rows)
-    names = {"force": "F [N]", "pressure": "P [kPa]", "time": "t [s]", "valve_state": "s"}
-    renamed = read_ramp(named, length=0.1, columns=names)
-    np.testing.assert_array_equal(renamed.pressure, record.pressure)
-
-
 @pytest.mark.parametrize(
     ("text", "columns", "match"),
     [
@@ -142,20 +102,3 @@ def test_ramps_that_cannot_be_read(
 ) -> None:
     with pytest.raises(InputError, match=match):
         read_ramp(_file(tmp_path, text), length=0.3, columns=columns)
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("length_mm,pressure_kPa\n", "a header but no readings"),
-        ("length_mm,force_N\n250,1\n", "no column for pressure"),
-        ("length_mm,pressure_kPa\n250,-1\n", "gauge pressures >= 0"),
-        ("length_mm,pressure_kPa\n0,1\n", "lengths must be > 0"),
-        ("time_s,length_mm,pressure_kPa\n1,250,1\n0,250,1\n", "backwards, and does at reading 2"),
-    ],
-)
-def test_histories_that_cannot_be_read(tmp_path: Path, text: str, match: str) -> None:
-    with pytest.raises(InputError, match=match):
-        read_history(_file(tmp_path, text))
-    with pytest.raises(InputError, match="no such file"):
-        read_history(tmp_path / "none.csv")

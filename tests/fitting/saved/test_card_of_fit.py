@@ -1,13 +1,11 @@
 """The card of a saved fit, by the library and by the command."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from famjax.__main__ import main
-from famjax.boundary.errors import InputError
 from famjax.cards import read_card
 from fitting.prediction import predict
 from fitting.saved import card_of, load_fit
@@ -61,16 +59,3 @@ def test_the_covariance_is_that_of_the_fit(fit_json: Path) -> None:
         assert value == estimate["value"]
         std = np.sqrt(known.matrix[row][row]) * scale
         np.testing.assert_allclose(std, estimate["stderr"], rtol=1e-12)
-
-
-def test_without_errors_there_is_no_sample(fit_json: Path) -> None:
-    fit = load_fit(fit_json)
-    assert card_of(fit, count=0).sample is None
-    with pytest.raises(InputError, match="must be >= 0, got -1"):
-        card_of(fit, count=-1)
-
-
-def test_the_command_says_json(fit_json: Path, capsys: pytest.CaptureFixture) -> None:
-    run("card", str(fit_json), "--sample", "0", "--json")
-    assert json.loads(capsys.readouterr().out)["schema"] == "famjax-card/1"
-    assert fit_json.with_name("card.json").exists()

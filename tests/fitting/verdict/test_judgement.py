@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from fitting import ForceData, Identification, identify
+from fitting import Identification
 from fitting.faults import Suspicion
 from fitting.validation import LeftOut
 from fitting.verdict import judge, runs_deviation
@@ -58,23 +58,6 @@ def test_a_grave_suspicion_is_the_first_reason_and_another_is_a_doubt(
     assert mild.reasons[0] == SUSPICION.sentence
 
 
-def test_pulled_slack_readings(fitted20: Identification) -> None:
-    pulled = dataclasses.replace(
-        fitted20.errors, max_slack_force=0.2 * fitted20.errors.max_force, slack_violations=3
-    )
-    verdict = judge(dataclasses.replace(fitted20, errors=pulled))
-    assert not verdict.passed
-    assert "readings that are slack" in verdict.reasons[0]
-
-
-def test_misfit_against_the_noise_of_the_readings(fitted20: Identification) -> None:
-    std = np.full(fitted20.data.force.size, 1.0)
-    of_noise = dataclasses.replace(fitted20.data, force_std=std)
-    verdict = judge(dataclasses.replace(with_misfit(fitted20, 1.5), data=of_noise))
-    assert verdict.level == "identified with doubts"
-    assert any("standard deviation of the readings" in one for one in verdict.reasons)
-
-
 def test_residuals_that_keep_their_sign_are_a_doubt(fitted20: Identification) -> None:
     poor = with_misfit(fitted20, 1.5)
     told = "keep their sign from reading to reading"
@@ -118,21 +101,6 @@ def test_lengths_that_disagree_are_a_doubt(fitted20: Identification) -> None:
     assert any("missed by" in one and "left out" in one for one in verdict.reasons)
 
 
-def test_outliers_that_huber_counts_little_do_not_condemn_the_others(dmsp20: ForceData) -> None:
-    """10 % gross errors: RMSE above 5 % of the largest force under the sum of squares."""
-    random = np.random.default_rng(5)
-    rows = random.choice(np.flatnonzero(dmsp20.loaded), 6, replace=False)
-    force = dmsp20.force.copy()
-    force[rows] += 0.3 * dmsp20.max_force
-    data = dataclasses.replace(dmsp20, force=force)
-    robust = identify(data, objective="huber", starts=4)
-    assert robust.errors.rmse_percent > 5
-    verdict = judge(robust)
-    assert verdict.level == "identified with doubts"
-    assert any(f"6 of {robust.residuals.size} readings lie so far off" in one
-               for one in verdict.reasons)  # fmt: skip
-
-
 def test_runs_have_the_mean_and_the_variance_of_all_orders() -> None:
     """By counting the runs of every order of 6 positive and 5 negative residuals."""
     counts = []
@@ -142,19 +110,3 @@ def test_runs_have_the_mean_and_the_variance_of_all_orders() -> None:
     residuals = np.array([1.0] * 6 + [-1.0] * 5)
     expected = (2 - np.mean(counts)) / np.std(counts)
     assert runs_deviation(residuals) == pytest.approx(expected, rel=1e-12)
-
-
-def test_runs_of_few_residuals_say_nothing() -> None:
-    assert runs_deviation(np.ones(9)) == 0.0
-    assert runs_deviation(np.ones(12)) == -math.inf
-
-
-def test_one_pressure_tells_no_deadband(dmsp20: ForceData) -> None:
-    loaded = dmsp20.part(dmsp20.loaded)
-    levels = np.unique(loaded.pressures.level)
-    one = loaded.part(loaded.pressures.level == levels[-1])
-    result = identify(one, law="ogden", starts=2)
-    assert any("readings are at one pressure, " in reason for reason in judge(result).reasons)
-    two = loaded.part(loaded.pressures.level >= levels[-2])
-    reasons = judge(identify(two, law="ogden", starts=2)).reasons
-    assert not any("at one pressure" in reason for reason in reasons)

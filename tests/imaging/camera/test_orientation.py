@@ -6,7 +6,6 @@ from PIL import Image, ImageOps
 from rendering import published_scene, render
 
 from imaging import Recipe, Scale, measure, read_image
-from imaging.campaign import common_size
 
 SCENE = published_scene(0.175, size=(1060, 440))
 ORIENTATION = 0x0112
@@ -47,16 +46,3 @@ def test_a_portrait_from_a_phone_is_measured(orientation, photo, tmp_path):
     found = measure(path, Recipe(Scale.manual(camera.px_per_m), camera.distance))
     assert abs(found.length - photo.truth.length) < 4 * found.length_stderr
     assert abs(found.mean_diameter - photo.truth.mean_diameter) < 4 * found.mean_diameter_stderr
-
-
-def test_pictures_of_a_campaign_have_one_size_as_shown(photo, tmp_path):
-    paths = [str(saved(photo.rgb, k, tmp_path / f"{k}.jpg")) for k in (1, 6, 8)]
-    assert common_size(paths) == (440, 1060)
-
-
-def test_an_orientation_that_cannot_be_is_none(photo, tmp_path):
-    exif = Image.Exif()
-    exif[ORIENTATION] = 77
-    path = tmp_path / "odd.jpg"
-    Image.fromarray(photo.rgb).save(path, exif=exif)
-    assert read_image(path).shape == photo.rgb.shape

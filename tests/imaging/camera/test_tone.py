@@ -6,8 +6,6 @@ from rendering import CameraSensor
 
 from imaging import Tone
 
-BRACKET_S = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0)
-DEBEVEC = 0.06  # relative, from value 30 up: six JPEG pictures with the noise of ISO 3200
 ROUNDING = 1e-4  # of a table of 65536 entries
 
 
@@ -30,18 +28,3 @@ def test_sensor_and_tone_undo_each_other():
         encoded = sensor.encoded(sensor.tone().table)
         np.testing.assert_allclose(encoded, np.arange(256) / 255, atol=ROUNDING)
     np.testing.assert_allclose(CameraSensor().tone().table, Tone.srgb().table, atol=ROUNDING)
-
-
-def test_equal_tables_are_equal_curves():
-    assert Tone.srgb() == Tone(Tone.srgb().table)
-    assert hash(Tone.srgb()) == hash(Tone(Tone.srgb().table))
-    assert Tone.srgb() != Tone(np.linspace(0, 1, 256))
-
-
-def test_curves_that_are_none_are_refused():
-    with pytest.raises(ValueError, match="256 finite"):
-        Tone(np.linspace(0, 1, 255))
-    with pytest.raises(ValueError, match="never falls"):
-        Tone(np.linspace(1, 0, 256))
-    with pytest.raises(ValueError, match="never falls"):
-        Tone(np.ones(256))

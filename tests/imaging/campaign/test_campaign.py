@@ -16,8 +16,7 @@ from rendering import published_scene, render
 
 import imaging.campaign
 import imaging.measurement
-from famjax.boundary.errors import InputError
-from imaging import ImagingError, Recipe, Scale, process
+from imaging import Recipe, Scale, process
 from imaging.errors import MixedSizes, NoMuscle
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1), distance=1.524)
@@ -99,14 +98,6 @@ def test_any_executor_gives_the_same_table(photos, executor):
     np.testing.assert_array_equal(table.diameter, reference.diameter)
 
 
-def test_progress_counts_every_picture_once(photos):
-    told = []
-    process(photos.paths, RECIPE, executor=Serial(), progress=lambda *done: told.append(done))
-    assert told[0] == (0, 20)
-    assert told[-1] == (20, 20)
-    assert sorted(told) == told
-
-
 def test_a_stopped_campaign_goes_on_where_it_was(photos):
     def stop(done, total):
         if done >= 8:
@@ -166,23 +157,6 @@ def test_kill_minus_9_loses_no_picture_and_repeats_none_that_was_kept(photos, wh
     np.testing.assert_allclose(table["length"], [float(Path(n).read_text()) for n in names])
 
 
-def test_pictures_may_be_added_and_left_out(photos):
-    process(photos.paths[:12], RECIPE, photos.output, Serial())
-    photos.seen.clear()
-    table = process(photos.paths[6:], RECIPE, photos.output, Serial())
-    assert photos.seen == [str(path) for path in photos.paths[12:]]
-    assert list(table.path) == [str(path) for path in photos.paths[6:]]
-
-
-def test_relative_and_absolute_names_are_one_picture(photos, monkeypatch):
-    process(photos.paths, RECIPE, photos.output, Serial())
-    photos.seen.clear()
-    monkeypatch.chdir(photos.paths[0].parent)
-    table = process([path.name for path in photos.paths], RECIPE, photos.output, Serial())
-    assert photos.seen == []
-    assert table.path[0] == "img00.jpg"
-
-
 def test_another_recipe_or_picture_is_measured_again_and_one_only_touched_is_not(photos):
     process(photos.paths, RECIPE, photos.output, Serial())
     os.utime(photos.paths[1], (1, 1))
@@ -207,20 +181,6 @@ def test_a_damaged_row_is_measured_again(photos):
     assert photos.seen == [str(photos.paths[3])]
 
 
-def test_an_executor_that_breaks_keeps_what_is_done(photos):
-    class Breaking(Serial):
-        def submit(self, fn, /, path):
-            if "img07" in path:
-                raise BrokenProcessPool("a worker ended")
-            return super().submit(fn, path)
-
-    with pytest.raises(InputError, match="the same call goes on from there"):
-        process(photos.paths, RECIPE, photos.output, Breaking())
-    photos.seen.clear()
-    assert process(photos.paths, RECIPE, photos.output, Serial()).ok.sum() == 19
-    assert photos.seen == [str(path) for path in photos.paths[7:]]
-
-
 def test_mixed_sizes_are_refused_before_any_work(tmp_path, photos):
     from PIL import Image
 
@@ -231,35 +191,6 @@ def test_mixed_sizes_are_refused_before_any_work(tmp_path, photos):
     with pytest.raises(MixedSizes, match=r"2 have 60 x 40 px, but not .*2.png \(40 x 60\)"):
         process(paths, RECIPE, executor=Serial())
     assert photos.seen == []
-
-
-def test_a_crop_outside_of_its_frame_is_refused_before_any_work(tmp_path, photos):
-    from PIL import Image
-
-    Image.new("RGB", (60, 40)).save(tmp_path / "a.png")
-    recipe = dataclasses.replace(RECIPE, crop_offset=(50, 0), frame_size=(100, 100))
-    with pytest.raises(ImagingError, match="does not fit the pictures"):
-        process([tmp_path / "a.png"], recipe, executor=Serial())
-    assert photos.seen == []
-
-
-def test_what_cannot_be_a_campaign_is_refused(photos, tmp_path):
-    with pytest.raises(ImagingError, match="no pictures"):
-        process([], RECIPE)
-    with pytest.raises(InputError, match="at least one worker"):
-        process(photos.paths, RECIPE, executor=0)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ImagingError, match="cannot be used"):
-        process(photos.paths, RECIPE, tmp_path / "file", Serial())
-
-
-def test_rows_survive_the_disk_to_the_last_bit(photos, tmp_path):
-    fresh = process(photos.paths, RECIPE, photos.output, Serial())
-    back = process(photos.paths, RECIPE, photos.output, Serial())
-    assert fresh.error == back.error
-    for name in fresh.columns:
-        np.testing.assert_array_equal(fresh[name], back[name])
-    np.testing.assert_array_equal(fresh.diameter_stderr, back.diameter_stderr)
 
 
 # Real pictures and real processes
@@ -298,22 +229,3 @@ def test_spawned_workers_measure_as_this_process_does(rendered):
         expected = np.interp(table.position * found.length, found.z, found.diameter)
         np.testing.assert_allclose(table.diameter[k], expected, rtol=1e-12)
         assert table["volume_stderr"][k] == found.volume_stderr
-
-
-@pytest.mark.slow
-def test_few_pictures_are_measured_here_with_the_numbers_of_a_process(rendered, tmp_path):
-    here = process([rendered.paths[0]], small_recipe(), tmp_path / "here")
-    there = process([rendered.paths[0]], small_recipe(), executor=1)
-    assert here.csv_text() == there.csv_text()
-    np.testing.assert_array_equal(here.diameter, there.diameter)
-
-
-def test_a_row_is_flushed_before_it_counts_as_done(photos, monkeypatch):
-    order = []
-    real = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda file: (order.append("sync"), real(file)))
-    process(
-        photos.paths[:3], RECIPE, photos.output, Serial(),
-        progress=lambda done, _: order.append(done),
-    )  # fmt: skip
-    assert order[-7:] == [0, "sync", 1, "sync", 2, "sync", 3]

@@ -1,22 +1,17 @@
 """Which files are pictures, and what is drawn of a campaign for a check by eye."""
 
-import cv2
 import numpy as np
 import pytest
-from rendering import published_scene
 
-from imaging import ImagingError, Recipe, Scale, Table
-from imaging.campaign import POSITION, Row, measured_row
+from imaging import ImagingError, Table
+from imaging.campaign import POSITION, Row
 from imaging.errors import ScaleContradiction
 from imaging.pictures import (
     by_contraction,
     check_known_sizes,
-    draw_overlays,
-    draw_profiles,
     expand,
     skipped,
 )
-from tests.imaging.photographs import photograph
 
 
 def table(n_good, n_failed):
@@ -50,24 +45,6 @@ def test_pictures_to_look_at_are_spread_over_the_stroke(good, failed, drawn):
     assert len(set(chosen)) == drawn
     if good == 100:
         assert {0, 99} <= set(chosen) <= set(range(good))
-
-
-def test_overlays_are_of_the_pictures_that_were_measured_and_are_still_there(tmp_path):
-    scene = published_scene(0.1, size=(400, 166))
-    good = photograph(scene, 1).save(tmp_path / "good.jpg")
-    recipe = Recipe(Scale.manual(scene.camera.px_per_m))
-    rows = [measured_row(str(good), recipe), Row("bad.jpg", error="NoMuscle: none")]
-    rows.append(Row(**{**vars(rows[0]), "path": str(tmp_path / "gone.jpg")}))
-    folder = draw_overlays(Table.from_rows(rows), recipe, tmp_path / "overlays", 12)
-    (drawn,) = folder.iterdir()
-    assert drawn.name == "000001_good.jpg"
-    blue, green, red = cv2.split(cv2.imread(str(drawn)).astype(np.int32))
-    assert np.count_nonzero((red - green > 60) & (red - blue > 60)) > 100
-
-
-@pytest.mark.parametrize("parts", [(30, 3), (0, 3), (1, 0)])
-def test_profiles_are_drawn_of_any_campaign(tmp_path, parts):
-    assert draw_profiles(table(*parts), tmp_path / "profiles.png", "metric").stat().st_size > 1000
 
 
 @pytest.mark.parametrize(

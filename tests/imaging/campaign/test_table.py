@@ -2,16 +2,14 @@
 
 import csv
 import io
-import sys
 
 import numpy as np
 import pytest
 from rendering import stroke_log, triangle_stroke
 
 from famjax.app.photographs import with_log
-from famjax.boundary.errors import InputError
 from fitting.records import MachineLog, synchronise
-from imaging import ImagingError, Table
+from imaging import Table
 from imaging.campaign import POSITION, Row
 
 IN = 0.0254
@@ -78,20 +76,6 @@ def test_the_csv_has_one_row_per_picture_in_the_units_of_its_columns(system, len
     assert rows[3]["tape_blur_px"] == ""
 
 
-def test_the_columns_are_there_when_every_picture_failed():
-    found = Table.from_rows([Row("a.jpg", error="NoMuscle: none")])
-    (only,) = cells(found.csv_text("us"))
-    for name in ("length_in", "length_stderr_in", "mean_diameter_in", "mean_diameter_stderr_in",
-                 "volume_in3", "contraction", "px_per_in", "roll_deg"):  # fmt: skip
-        assert only[name] == ""
-    assert "No picture was measured" in found.notes[0]
-
-
-def test_an_unknown_unit_system_is_refused():
-    with pytest.raises(InputError, match="us"):
-        table().csv_text("imperial")
-
-
 def test_contraction_against_a_picture_loses_the_error_of_the_scale():
     found = table()
     longest = int(np.nanargmax(found["length"]))
@@ -101,24 +85,6 @@ def test_contraction_against_a_picture_loses_the_error_of_the_scale():
     expected[longest] = 0
     np.testing.assert_allclose(found["contraction_stderr"], expected, rtol=1e-6)
     assert f"img{longest}.jpg" in found.notes[0]
-
-
-def test_contraction_against_a_given_length_keeps_it():
-    found = table(rest_length=REST)
-    np.testing.assert_allclose(found["contraction"], 1 - found["length"] / REST, rtol=1e-12)
-    np.testing.assert_allclose(
-        found["contraction_stderr"], found["length_stderr"] / REST, rtol=1e-12
-    )
-    assert "as given" in found.notes[0]
-
-
-def test_pictures_without_a_stamp_and_whole_seconds_are_told():
-    rows = [row(0, 0.2), row(1, 0.21)]
-    rows[1] = Row(**{**vars(rows[1]), "seconds": np.nan, "resolution": np.nan})
-    rows[0] = Row(**{**vars(rows[0]), "resolution": 1.0})
-    notes = " ".join(Table.from_rows(rows).notes)
-    assert "1 of 2 pictures have no time stamp" in notes
-    assert "whole seconds" in notes
 
 
 def test_the_log_gives_each_picture_its_force_with_the_error_of_interpolation():
@@ -139,17 +105,6 @@ def test_the_log_gives_each_picture_its_force_with_the_error_of_interpolation():
     assert any("clock" in note for note in merged.notes)
 
 
-def test_pictures_outside_the_log_have_no_force():
-    found = table()
-    t = np.arange(0, 150, 0.1)
-    log = MachineLog(t, STROKE(t) * REST, force=t)
-    merged = with_log(found, log, synchronise(found["time"], found["length"], log))
-    outside = TIMES > 150
-    assert np.isnan(merged["force"][outside]).all()
-    assert np.isfinite(merged["force"][~outside]).all()
-    assert any(f"{outside.sum()} pictures lie outside" in note for note in merged.notes)
-
-
 def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
     xarray = pytest.importorskip("xarray")
     found = table(provenance={"recipe": "method = 'limb'\n", "ruler_sha256": "ab" * 32})
@@ -168,14 +123,3 @@ def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
         assert data.attrs["rest_length_m"] == found.rest_length
         middle = data["diameter_m"].sel(picture=10).interp(position=0.5)
         assert float(middle) == pytest.approx(found.diameter[10, 100])
-
-
-def test_a_dataset_without_xarray_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImagingError, match=r"famjax\[tables\]"):
-        table().to_xarray()
-
-
-def test_a_table_that_cannot_be_written_says_so(tmp_path):
-    with pytest.raises(ImagingError, match="cannot be written"):
-        table().write_csv(tmp_path / "no" / "table.csv")

@@ -23,12 +23,9 @@ from imaging.ends import on_cylinder
 from imaging.outline import (
     Outline,
     Side,
-    aligned_windows,
     density_left_over,
     find_outline,
-    part_to_keep,
     smooth,
-    smooth_robustly,
     variance_of_smooth,
     without_dents,
 )
@@ -38,7 +35,6 @@ LIMB = 2e-4  # interpolation in a table of 4001 values
 DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian
 DISK_PX = 0.06  # an edge under a disk of defocus; a Gaussian alone errs by up to 0.4 px
 SHIFT_PX = 2e-3  # parabola through a maximum sampled at 0.1 px
-CYLINDER_PX = 0.05  # limb law to second order, 8-bit values
 NOISY_PX = 0.05  # the same with the noise of ISO 3200, after smoothing
 HARSH_PX = (
     0.12  # where the limb is as dark as a twelfth of the middle, its step is 4 levels of noise
@@ -59,11 +55,6 @@ def test_the_ramp_is_a_blurred_root(t, blur):
 
     expected, _ = quad(integrand, 0, max(t, 0) + 9 * blur, limit=200, epsabs=1e-10)
     assert ramp(t, blur, R) == pytest.approx(expected, abs=LIMB)
-
-
-def test_the_ramp_is_continuous_where_its_table_ends():
-    t = np.linspace(39.5, 40.5, 101)
-    assert np.abs(np.diff(ramp(t, 1.0, 200.0), 2)).max() < LIMB
 
 
 @pytest.mark.parametrize("disk", [0.05, 0.4, LARGEST_DISK])
@@ -93,20 +84,6 @@ def test_a_manufactured_shift_is_found(blur):
     np.testing.assert_allclose(found, shifts, atol=SHIFT_PX)
 
 
-def test_a_shift_out_of_reach_stays_at_the_end():
-    t = np.arange(-12.0, 13.0)
-    windows = step(t - 6, 1.0)[None]
-    assert best_shift(windows, t, lambda x: step(x, 1.0), 2.0, 0.1) == pytest.approx(2.0)
-
-
-def test_the_smoother_keeps_parabolas_and_halves_its_wave():
-    x = np.arange(600.0)
-    parabola = 3 - 0.2 * x + 0.001 * x**2
-    np.testing.assert_allclose(smooth(parabola, 83.0), parabola, atol=1e-5)
-    wave = smooth(np.sin(2 * np.pi * x / 83), 83.0)
-    assert wave[200:400].max() == pytest.approx(0.5, abs=0.005)
-
-
 def test_the_smoothers_variance_is_that_of_repeats():
     random = np.random.default_rng(0)
     curves = np.array([smooth(y, 41.0) for y in random.normal(size=(1500, 300))])
@@ -124,25 +101,6 @@ def test_what_is_left_over_says_what_has_passed():
         noisy = 30 * np.sin(x / 250) + 0.3 * random.normal(size=x.size)
         found.append(density_left_over(noisy - smooth(noisy, 45.0), 45.0))
     assert np.mean(found) == pytest.approx(0.3**2, rel=0.1)  # 60 times 20 waves: 3 %
-
-
-def test_a_short_wave_left_over_is_no_noise_that_passes():
-    x = np.arange(900.0)
-    weave = 0.3 * np.sin(2 * np.pi * x / 11)
-    assert density_left_over(weave - smooth(weave, 45.0), 45.0) < 0.01 * 0.3**2
-
-
-def test_stray_rows_are_thrown_out():
-    random = np.random.default_rng(1)
-    x = np.arange(500.0)
-    true = 40 + 5 * np.sin(x / 90)
-    noisy = true + 0.1 * random.normal(size=x.size)
-    noisy[100:120] += 9
-    noisy[random.integers(0, 500, 20)] -= 6
-    curve, keep = smooth_robustly(noisy, 83.0)
-    assert not keep[100:120].any()
-    assert np.abs(curve - true).max() < 0.3
-    assert keep.mean() > 0.9
 
 
 def cylinder(limb, blur, noise, seed=0, radius=70.3, rows=300, disk=0.0):
@@ -209,18 +167,6 @@ def test_black_threads_leave_no_dents():
     assert np.abs(found.left.column - left).max() < 0.5
 
 
-def test_amounts_are_linear_in_light():
-    tone = Tone.srgb()
-    cloth, braid = np.array([22.0, 24.0, 26.0]), np.array([190.0, 165.0, 120.0])
-    table = amount_of_luma(tone, cloth, braid)
-    light = [np.interp(colour, np.arange(256), tone.table) for colour in (cloth, braid)]
-    for q in (0.0, 0.2, 0.5, 1.0, 1.3):
-        mixed = np.interp(light[0] + q * (light[1] - light[0]), tone.table, np.arange(256))
-        luma = mixed @ [0.299, 0.587, 0.114]
-        assert np.interp(luma, np.arange(256), table) == pytest.approx(q, abs=0.002)
-    assert table.max() == pytest.approx(1.6)
-
-
 def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to() -> None:
     """One radius in three thousand has a square below that of its own array."""
     camera = Camera(9000.0, 1.5, (550.0, 1300.0))
@@ -257,30 +203,6 @@ def test_a_dent_of_one_side_is_as_the_other_side_is_there(depth, bow):
     assert np.abs((found.right.column - outline.right.column)[near]).max() == 0
 
 
-def test_dents_do_not_pull_the_mid_line_towards_them():
-    at = 150, 330, 400, 640, 700, 1000
-    outline, left = dented(0.02, depth=3.0, at=at)
-    found = without_dents(outline)
-    error = found.left.column - left
-    assert abs(np.mean(outline.left.column - left)) > 0.7
-    assert abs(np.mean(error)) < 0.1
-    assert np.abs(error).max() < 1.0
-
-
-@pytest.mark.parametrize("row", [0, 1199])
-def test_a_dent_at_an_end_is_not_carried_over_to_the_other_side(row):
-    outline, left = dented(0.02, depth=-1.5, at=(row,))
-    found = without_dents(outline)
-    assert abs(outline.left.column - left)[row] > 1.2
-    assert abs(found.left.column - left)[row] < 0.5
-    assert abs(found.right.column - outline.right.column)[row] == 0
-
-
-def test_an_outline_without_hidden_threads_stays():
-    outline, _ = dented(0.0)
-    assert without_dents(outline) is outline
-
-
 def test_black_threads_in_the_outline_are_seen_as_hidden():
     hidden = []
     for flecks in (0.0, 0.05):
@@ -310,22 +232,6 @@ def test_the_strength_of_a_limb_is_that_of_its_root(kappa, radius):
     assert limb_strength(0.6 * light, t, 1.0, radius) == pytest.approx(kappa, abs=1e-9)
 
 
-def test_threads_of_another_brightness_leave_the_strength_of_a_limb():
-    random = np.random.default_rng(2)
-    threads = 1 + 0.4 * random.standard_normal((900, 12)).clip(-1.5, 1.5)
-    surface = np.repeat(np.repeat(threads, 24, axis=0), 4, axis=1).astype(np.float32)
-    light = np.pad(surface, ((0, 0), (20, 0)))
-    t = np.arange(-12, 40.0)
-    windows = aligned_windows(light, np.full(light.shape[0], 19.5), 1, t, 150.0)
-    limb, inside = (t > 1) & (t < 5), t > 8
-    rise = [
-        mean[inside].mean() / mean[limb].mean() - 1 for mean in (windows.light, windows.profile)
-    ]
-    assert abs(rise[0]) < 0.01
-    assert rise[1] > 0.05
-    assert abs(limb_strength(windows.light, t, 1.0, 150.0)) < 0.005
-
-
 def woven_limb(t, blur, phase, *, depth=0.95, amplitude=0.05, radius=158.0):
     """A limb whose light waves as the azimuth does, first at `depth` px, and less at grazing sight."""
     fine = np.arange(0.01, t[-1] + 20, 0.02)
@@ -345,21 +251,3 @@ def test_the_light_of_the_first_thread_says_how_far_the_edge_is_off(blur, monkey
     monkeypatch.setattr("imaging.edge._first_thread", lambda *_: 0.0)
     by_fit = np.std([woven_limb(t, blur, phase).shifts[0] for phase in phases])
     assert told < 0.7 * by_fit
-
-
-def test_a_smooth_limb_has_no_first_thread(monkeypatch):
-    t = np.arange(-10.0, 61.0)
-    told = woven_limb(t, 1.0, 0.0, amplitude=0.0).shifts[0]
-    monkeypatch.setattr("imaging.edge._first_thread", lambda *_: 0.0)
-    assert told == pytest.approx(woven_limb(t, 1.0, 0.0, amplitude=0.0).shifts[0], abs=SHIFT_PX)
-
-
-@pytest.mark.parametrize(("gain", "after"), [(2.0, 0.0), (1.2, 0.0), (0.9, 0.01)])
-def test_passes_that_overshoot_settle_on_the_edge(gain, after):
-    """Steps are `gain` times what is missing, on the left, and just that on the right."""
-    gains, missing, last = np.array([gain, 1.0]), np.array([0.1, -0.2]), np.zeros(2)
-    for _ in range(2):
-        last = part_to_keep(gains * missing, last) * gains * missing
-        missing = missing - last
-    assert np.abs(missing[0]) == pytest.approx(after * 0.1, abs=1e-12)
-    assert missing[1] == pytest.approx(0, abs=1e-12)

@@ -7,8 +7,8 @@ import pytest
 from rendering import INCH, published_ruler, render_ruler
 from slow_cases import slow_after
 
-from imaging import Scale, calibrate_ruler
-from imaging.errors import AmbiguousRuler, RulerNotFound, UnreadableImage
+from imaging import calibrate_ruler
+from imaging.errors import AmbiguousRuler
 from imaging.ruler import marks_of, numbered
 
 SCALE = 5e-5  # relative; the aim is 1e-5 at full resolution, and these pictures have half of it
@@ -46,14 +46,6 @@ def test_the_scale_of_any_ruler(base, case):
     assert abs(scale.px_per_m / photo.truth.px_per_m - 1) < 5 * scale.relative_stderr
 
 
-def test_it_may_lie(base):
-    photo = render_ruler(dataclasses.replace(base, tilt_deg=1.0), 3)
-    upright = calibrate_ruler(photo.rgb)
-    lying = calibrate_ruler(np.ascontiguousarray(np.rot90(photo.rgb)))
-    assert lying.px_per_m == pytest.approx(upright.px_per_m, rel=SCALE)
-    assert abs(lying.tilt_deg) == pytest.approx(1.0, abs=TILT_DEG)
-
-
 def test_printing_errors_show_in_the_residual_and_the_standard_error(base):
     photo = render_ruler(dataclasses.replace(base, print_error=0.002 * INCH, print_seed=5), 1)
     scale = calibrate_ruler(photo.rgb)
@@ -68,19 +60,6 @@ def test_a_misplaced_ruler_cannot_be_seen_but_can_be_declared(base):
     assert blind.px_per_m / photo.truth.px_per_m - 1 == pytest.approx(-0.1 / 60, rel=0.05)
     told = calibrate_ruler(photo.rgb, placement_stderr=0.1 * INCH)
     assert told.relative_stderr == pytest.approx(0.1 / 60, rel=0.01)
-
-
-@pytest.mark.parametrize("marks", [3, 6])
-def test_too_few_marks_are_no_ruler(base, marks):
-    photo = render_ruler(dataclasses.replace(base, marks=marks, numbers=False), 1)
-    with pytest.raises(RulerNotFound, match="8 or more"):
-        calibrate_ruler(photo.rgb)
-
-
-def test_cloth_is_no_ruler():
-    random = np.random.default_rng(0)
-    with pytest.raises(RulerNotFound):
-        calibrate_ruler(random.integers(10, 40, (600, 300, 3)).astype(np.uint8))
 
 
 def two_scales():
@@ -166,15 +145,6 @@ def test_an_edge_that_changes_its_column_as_often_as_numbers_come_is_no_number(
     assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=0.001)
 
 
-def test_marks_too_fine_to_be_told_apart_give_no_scale(base):
-    scene = dataclasses.replace(
-        base, pitch=INCH / 32, marks=353, other_pitch=INCH / 16, edge="both"
-    )
-    photo = render_ruler(scene, 7)
-    with pytest.raises((RulerNotFound, AmbiguousRuler)):
-        calibrate_ruler(photo.rgb, pitch=INCH / 32)
-
-
 def test_marks_are_found_to_a_hundredth_of_a_pixel():
     x = np.arange(700.0)
     places = 20.3 + 24.17 * np.arange(27)
@@ -195,24 +165,3 @@ def test_missing_and_false_marks_do_not_shift_the_numbers():
     a, b, c = fit.coefficients
     first = fit.number[0]
     np.testing.assert_allclose((a + b * (n + first)) / (1 + c * (n + first)), places, atol=0.05)
-
-
-@pytest.mark.parametrize(("scale", "stderr"), [(0.0, 0.0), (-1.0, 0.0), (np.nan, 0.0), (1.0, -1.0)])
-def test_an_impossible_scale_is_refused(scale, stderr):
-    with pytest.raises(ValueError, match="scale"):
-        Scale.manual(scale, stderr)
-
-
-def test_the_error_names_the_file(tmp_path):
-    path = tmp_path / "ruler.jpg"
-    with pytest.raises(UnreadableImage, match=r"ruler\.jpg"):
-        calibrate_ruler(path)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"pitch": 0.0}, {"distance": -1.0}, {"expected_px_per_m": 0.0}, {"placement_stderr": -1e-3}],
-)
-def test_impossible_options_are_refused(wrong):
-    with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be finite and >"):
-        calibrate_ruler(np.zeros((100, 100, 3), np.uint8), **wrong)

@@ -9,9 +9,7 @@ import pytest
 from rendering import INCH, PUBLISHED_FRAME, CameraSensor, Lens, Light, published_scene
 from slow_cases import slow_after
 
-import imaging
-from fitting.shapes import fit_fourier
-from imaging import Camera, Recipe, Scale, Tone, measure, measure as measure_directly
+from imaging import Camera, Recipe, Scale, Tone, measure
 from tests.imaging.photographs import photograph
 
 HALF = (1325, 550)
@@ -177,17 +175,6 @@ def test_a_broken_assumption_is_within_the_error_that_is_told(case):
     assert abs(found.length - shown.truth.length) < SIGMAS * found.length_stderr
 
 
-def test_the_error_grows_with_what_the_lens_model_cannot_say():
-    made = scene(contraction=0.175, weave_seed=22)
-    told = []
-    for halo in (0.0, 0.1, 0.2):
-        shown = photo(dataclasses.replace(made, lens=Lens(halo=halo)))
-        found = measure(shown.rgb, recipe_of(made))
-        told.append((found.quality.misfit, found.errors.edge, found.errors.ends))
-    assert all(np.diff(column).min() > 0 for column in np.transpose(told))
-    assert told[1][1] > 2 * told[0][1]
-
-
 @pytest.mark.parametrize("hue", slow_after(1, [222.0, 130.0, 355.0]))
 def test_the_dark_rim_of_a_thick_tape_is_no_edge_of_the_braid(hue):
     """The rims are 0.4 px wide in the picture, in the shade, and belong to the tapes."""
@@ -239,47 +226,6 @@ def test_the_scales_error_enters_every_figure():
     assert np.all(found.diameter_stderr > 0.0099 * found.diameter)
 
 
-def test_derived_figures_are_their_definitions():
-    made = scene()
-    found = measure(photo(made).rgb, recipe_of(made))
-    D, z = found.diameter, found.z
-    assert found.maximum_diameter == D.max()
-    assert found.volume == pytest.approx(np.trapezoid(np.pi / 4 * D**2, z))
-    fit = fit_fourier(found.z / found.length, found.diameter, n_terms=3)
-    true = photo(made).truth
-    x = np.linspace(0, 1, 200)
-    off = fit.diameter(x) - np.interp(x, true.z / true.length, true.diameter)
-    assert np.sqrt(np.mean(off**2)) * true.px_per_m < 2 * RMS_PX
-
-
-def test_the_time_and_the_path_are_kept(tmp_path):
-    made = scene()
-    shown = photo(made)
-    path = shown.save(tmp_path / "muscle.jpg")
-    found = measure(path, recipe_of(made))
-    assert found.path == str(path)
-    direct = measure(shown.rgb, recipe_of(made))
-    assert direct.path == ""
-    np.testing.assert_array_equal(direct.diameter, found.diameter)
-    read = []
-
-    def reader(place):
-        read.append(place)
-        return shown.rgb
-
-    assert measure("elsewhere", recipe_of(made), reader=reader).length == direct.length
-    assert read == ["elsewhere"]
-
-
-def test_colours_in_the_wrong_order_measure_the_same():
-    made = scene()
-    shown = photo(made)
-    right = measure(shown.rgb, recipe_of(made))
-    wrong = measure(np.ascontiguousarray(shown.rgb[..., ::-1]), recipe_of(made))
-    assert wrong.length == pytest.approx(right.length, abs=0.3 / made.camera.px_per_m)
-    assert wrong.mean_diameter == pytest.approx(right.mean_diameter, abs=0.1 / made.camera.px_per_m)
-
-
 @pytest.mark.parametrize("hue", slow_after(1, [0.0, 352.0, 120.0]))
 def test_tapes_of_any_hue(hue):
     made = scene()
@@ -319,21 +265,6 @@ def test_the_right_tone_curve_undoes_the_cameras():
     assert bias["its own"] < bias["srgb"]
 
 
-def test_a_matching_tape_diameter_passes():
-    made = scene()
-    tape = dataclasses.replace(made.muscle.upper, diameter=0.95 * INCH)
-    made = dataclasses.replace(
-        made, muscle=dataclasses.replace(made.muscle, upper=tape, lower=tape)
-    )
-    shown = photo(made)
-    measure(shown.rgb, recipe_of(made, tape_diameter=0.95 * INCH))
-
-
-def test_the_package_offers_it_lazily():
-    assert imaging.measure is measure_directly
-    assert {"measure", "Recipe", "Scale", "calibrate_ruler"} <= set(dir(imaging))
-
-
 @pytest.mark.parametrize(
     ("options", "match"),
     [
@@ -347,15 +278,3 @@ def test_the_package_offers_it_lazily():
 def test_a_recipe_that_cannot_be_followed_is_refused(options, match):
     with pytest.raises(ValueError, match=match):
         Recipe(Scale.manual(9000.0), **options)
-
-
-def test_a_crop_outside_its_frame_is_refused():
-    recipe = Recipe(Scale.manual(9000.0), crop_offset=(100.0, 0.0), frame_size=(600, 2000))
-    with pytest.raises(ValueError, match="crop_offset"):
-        measure(np.zeros((1000, 550, 3), np.uint8), recipe)
-
-
-@pytest.mark.parametrize("shape", [(100, 100), (100, 100, 4), (10, 100, 3)])
-def test_an_array_that_is_no_picture_is_refused(shape):
-    with pytest.raises(ValueError, match="picture is RGB"):
-        measure(np.zeros(shape, np.uint8), Recipe(Scale.manual(9000.0)))

@@ -28,17 +28,3 @@ def test_lines_lie_where_the_edges_were_found():
     assert set(v) == {20, 180}
     v, u = marked(drawn, CYAN)
     assert set(u) == {60}
-
-
-def test_the_picture_itself_is_left_alone_and_cut_down_to_the_muscle():
-    image = np.zeros((400, 300, 3), np.uint8)
-    drawn = draw_overlay(image, trace())
-    assert not image.any()
-    assert drawn.shape[0] < 260
-    assert drawn.shape[1] < 140
-    assert len(marked(drawn, RED)[0]) > 150
-
-
-def test_a_picture_that_was_turned_is_drawn_turned():
-    lying = np.zeros((120, 200, 3), np.uint8)
-    assert draw_overlay(lying, trace(turned=True), crop=False).shape == (200, 120, 3)

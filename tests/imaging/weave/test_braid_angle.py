@@ -9,9 +9,9 @@ import pytest
 from rendering import INCH, CameraSensor, Jpeg, Lens, random_scene
 from slow_cases import slow_after
 
-from imaging import BraidAngle, Recipe, Scale, Table, measure, triangle_angle
+from imaging import BraidAngle, Recipe, Scale, Table, measure
 from imaging.campaign import Row, measured_row
-from imaging.weave import Unrolled, Waves, count_yarns, directions, shines
+from imaging.weave import Unrolled, Waves, count_yarns, shines
 from tests.imaging.photographs import photograph
 
 PX_PER_IN = (150.0, 170.0)
@@ -104,39 +104,6 @@ def test_next_to_the_tapes_there_is_no_angle_and_a_reason():
     assert 0 < stderr[1] < WITHIN < angle[1]
 
 
-def test_without_a_weave_there_is_no_angle():
-    made = scene(1, lens=Lens(blur_px=3.2))
-    muscle = dataclasses.replace(made.muscle, strands=144, albedo_spread=0.0, sparkle=0.0)
-    _, found = measured(dataclasses.replace(made, muscle=muscle))
-    assert not found.braid.resolved.any()
-    assert found.braid.refusal == "no two families of yarns are seen"
-    assert math.isnan(found.braid.mean)
-
-
-def test_noise_is_no_weave():
-    random = np.random.default_rng(0)
-    y = np.arange(900) * 1e-4
-    noise = random.normal(0, 0.1, (y.size, 301)).astype(np.float32)
-    surface = Unrolled(np.linspace(-1.3, 1.3, 301), y, y, np.full(y.size, 0.0115), noise)
-    seen = directions(surface, 1e-4)
-    assert seen is not None
-    assert seen.contrast < 0.35
-
-
-def test_the_angle_is_not_asked_for_by_default_and_changes_nothing_else():
-    photo, with_angle = measured(scene(1))
-    without = measure(photo.rgb, recipe_of(scene(1), braid_angle=False))
-    assert without.braid is None
-    assert without.length == with_angle.length
-    np.testing.assert_array_equal(without.diameter, with_angle.diameter)
-
-
-def test_the_cylinder_of_the_same_size_has_nearly_the_angle():
-    photo, found = measured(scene(1))
-    by_truth = triangle_angle(found.length, photo.truth.turns, found.mean_diameter)
-    assert abs(by_truth - found.braid.mean) < math.radians(3)
-
-
 def test_a_table_holds_the_angle(tmp_path):
     photo, _ = measured(scene(1))
     path = photo.save(tmp_path / "one.jpg")
@@ -154,12 +121,6 @@ def test_a_table_holds_the_angle(tmp_path):
     rows = [measured_row(str(path), recipe_of(scene(1), n_threads=60))]
     note = "1 of 1 pictures show no braid angle, first one.jpg: about 72 threads are seen, not 60."
     assert note in Table.from_rows(rows).notes
-
-
-def test_a_recipe_refuses_what_has_no_angle():
-    made = scene(1)
-    with pytest.raises(ValueError, match="even number"):
-        recipe_of(made, n_threads=71)
 
 
 def test_a_twisted_muscle_has_two_angles():

@@ -1,9 +1,6 @@
 """Tasks on every engine: the same parts, what breaks is said, what is done is kept."""
 
-import functools
 import multiprocessing
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -11,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
 
@@ -102,20 +98,6 @@ def test_a_part_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     assert np.signbit(back["double"][1, 1])
 
 
-def test_a_line_that_was_cut_off_is_done_again(tmp_path: Path) -> None:
-    file = tmp_path / "a.jsonl"
-    store = Store(file, "test", {}, 3)
-    for index in range(3):
-        store.keep(index, {"name": index})
-    whole = file.read_bytes()
-    file.write_bytes(whole[:-9])
-    with pytest.warns(UserWarning, match=r"line 4 of .*a.jsonl is damaged; its part is done again"):
-        again = Store(file, "test", {}, 3)
-    assert [index in again for index in range(3)] == [True, True, False]
-    again.keep(2, {"name": 2})
-    assert file.read_bytes() == whole
-
-
 def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     Store(file, "sweep", {"orders": [1, 2], "seed": 0}, 3)
@@ -128,17 +110,6 @@ def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path: Path) -
         Store(tmp_path, "sweep", {}, 3)
     with pytest.raises(InputError, match="arrays and plain values, got a Store"):
         Store(tmp_path / "b.jsonl", "sweep", {}, 1).keep(0, {"store": Store(None, "x", {}, 1)})
-
-
-def test_what_is_there_is_not_done_again() -> None:
-    store = Store(None, "test", {}, 4)
-    for index in (0, 2):
-        store.keep(index, "kept")
-    told: list[tuple[int, int]] = []
-    run_tasks(str, range(4), store=store, progress=lambda *done: told.append(done))
-    assert list(store) == ["kept", "1", "kept", "3"]
-    assert told == [(2, 4), (3, 4), (4, 4)]
-    assert list(run_tasks(str, range(3))) == ["0", "1", "2"]
 
 
 @pytest.mark.timeout(60)
@@ -159,16 +130,6 @@ def test_a_pool_that_breaks_says_what_is_kept(executor: int | str, tmp_path: Pat
     assert [part["name"] for part in store] == [f"part {index}" for index in range(6)]
 
 
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize("executor", [None, 2])
-def test_an_error_of_the_function_has_the_name_of_the_item(executor: int | None) -> None:
-    store = Store(None, "test", {}, 5)
-    with pytest.raises(ValueError, match="no root") as caught:
-        run_tasks(chunk_work.failing, range(5), executor=executor, store=store)
-    assert caught.value.__notes__[-1] == "in item 3"
-    assert {0, 1, 2} <= set(store)
-
-
 @pytest.mark.parametrize("executor", [None, 2])
 def test_an_interrupt_keeps_what_is_done(executor: int | None) -> None:
     def stop(done: int, total: int) -> None:
@@ -180,37 +141,3 @@ def test_an_interrupt_keeps_what_is_done(executor: int | None) -> None:
         run_tasks(str, range(9), executor=executor, store=store, progress=stop)
     assert 2 <= len(list(store)) < 9
     assert run_tasks(str, range(9), store=store)[8] == "8"
-
-
-def test_threads_take_turns() -> None:
-    running: list[int] = []
-    with ThreadPoolExecutor(4) as pool:
-        work = functools.partial(chunk_work.alone, running)
-        assert max(run_tasks(work, range(8), executor=pool)) == 1
-
-
-@pytest.mark.timeout(60)
-def test_a_worker_is_set_up_as_its_host_is() -> None:
-    (found,) = run_tasks(chunk_work.surroundings, [0], executor=2)
-    assert found["threads"] == ["1", "1", "1"]
-    assert found["x64"]
-    assert found["cache"] == jax.config.values["jax_compilation_cache_dir"]
-    assert found["pid"] != os.getpid()
-
-
-def test_what_takes_no_tasks_is_refused() -> None:
-    with pytest.raises(InputError, match="at least one worker is needed, got 0"):
-        run_tasks(str, [0], executor=0)
-
-
-@pytest.mark.timeout(60)
-def test_a_script_learns_what_is_wrong_with_it(tmp_path: Path) -> None:
-    (tmp_path / "script.py").write_text(
-        "from famjax.boundary.tasks import run_tasks\nrun_tasks(str, [0], executor=1)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert done.returncode == 1
-    assert 'needs its calls under `if __name__ == "__main__":`' in done.stderr
