@@ -7,7 +7,7 @@ wrong; it is silently wrong where moreover the verdict states no doubt and the s
 inside. A verdict that doubts only because the rest length was not given states none: it says nothing
 of the force.
 
-Maps of others: READINGS.truth.csv beside READINGS.csv, with columns pressure_kPa,length_mm,force_N of states
+Maps of others: READINGS.truth.csv beside READINGS.csv, with pressure_kPa,length_mm,force_N of states
 inside the measured range. Other figures are nested: a choice is made anew without what it is judged on.
 """
 
