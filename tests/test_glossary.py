@@ -105,6 +105,7 @@ def test_parameters_of_every_law_and_the_table_of_families() -> None:
     assert not unexplained([word for row in table[2] for word in row[0].split(", ")])
 
 
+@pytest.mark.slow
 def test_tables_of_a_posterior_and_of_hysteresis() -> None:
     draws = np.random.default_rng(0).normal(size=(4, 40, 1))
     none = np.zeros((4, 40))

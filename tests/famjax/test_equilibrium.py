@@ -63,6 +63,7 @@ def test_a_long_muscle_has_a_cylinder_between_its_shoulders(aspect: float, cylin
     assert force == pytest.approx(shooting(one, length, 100.0)[0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_figures_of_the_reference_specimen(muscle: EquilibriumMuscle) -> None:
     # A second derivation with codes of its own, nothing fitted.
     free = muscle.free_contraction(PRESSURES)

@@ -32,6 +32,7 @@ def test_a_bare_cylinder_closes(braid: Braid) -> None:
     assert (float(abs(budget.stored)) > 1) == (braid is SOFT)
 
 
+@pytest.mark.slow
 def test_gaylord_on_the_true_shape_makes_work_from_nothing() -> None:
     """The force of a cylinder, taken on the shape that mechanics gives."""
     shaped = EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=0.863)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 import famjax
 import fitting
@@ -23,7 +24,7 @@ def readings(muscle: famjax.Muscle, seed: int, noise: float = NOISE) -> ForceDat
     return ForceData(force, P, L, SPECIMEN)
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", slow_after(1, [3, 4, 5]))
 @pytest.mark.parametrize("options", [{"order": 3}, {"order": 6}, {"order": 3, "dependence": "linear"},
                                      {"law": "yeoh"}, {"order": 3, "constraint": "slope"}])  # fmt: skip
 def test_it_is_certified_where_the_law_touches_the_constraint(seed: int, options: dict) -> None:
@@ -55,6 +56,7 @@ def test_standard_errors_are_those_of_repeated_tests() -> None:
     np.testing.assert_allclose(carried[1:], spread[1:], rtol=0.3)
 
 
+@pytest.mark.slow
 def test_no_law_at_all_is_an_optimum_of_a_sweep() -> None:
     """Forces above those of the braid alone: whatever must not pull the muscle back is zero."""
     above = famjax.Muscle(SHAPE, famjax.PolynomialMaterial([-1e6]), 0.0)

@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from slow_cases import slow_after
 
 import famjax
 from fitting import ForceData
@@ -42,7 +43,7 @@ def weighed(dmsp10: ForceData) -> ForceData:
     return dataclasses.replace(dmsp10, force_std=np.full(dmsp10.force.shape, 2.0))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_after(1, NAMES))
 def test_a_family_has_the_same_fit_by_its_own_program(weighed: ForceData, name: str) -> None:
     problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
     assert problem.parts[0].within is not None
@@ -54,7 +55,7 @@ def test_a_family_has_the_same_fit_by_its_own_program(weighed: ForceData, name: 
         np.testing.assert_allclose(found, wanted, rtol=0, atol=ROUNDING * size, err_msg=of)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_after(1, NAMES))
 def test_its_muscle_has_the_same_force(weighed: ForceData, name: str) -> None:
     problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
     point = solve(problem, problem.parameters(np.full(len(problem.free), 0.4)))

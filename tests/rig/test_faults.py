@@ -203,6 +203,7 @@ print(vented(test.sim))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs setrlimit")
 def test_a_file_that_may_not_grow_keeps_all_that_it_took(path: Path) -> None:
     """A true short write in the middle of a line, then a refusal, in a process of its own."""

@@ -15,6 +15,7 @@ import famjax
 from fitting import load_fit
 
 
+@pytest.mark.slow
 def test_json_is_one_object_and_nothing_else(
     run: Callable, force_map: Path, tmp_path: Path
 ) -> None:

@@ -131,6 +131,7 @@ def test_a_whole_test_finds_the_muscle_that_was_simulated(air: SimulatedTest) ->
         assert bar.free_contraction == pytest.approx(float(free), abs=0.003)
 
 
+@pytest.mark.slow
 def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air: SimulatedTest) -> None:
     found = audit(read_journal(air.paths[0]))
     assert found.sound

@@ -100,6 +100,7 @@ def test_a_tiny_space_is_what_a_loop_over_it_finds():
         assert not better[found.feasible].any()
 
 
+@pytest.mark.slow
 def test_the_refined_design_keeps_to_everything_and_is_better(of_all):
     end, (first, *_) = of_all.refined, of_all.front
     assert end["gain"] > 0.01

@@ -30,6 +30,7 @@ def test_bpa10_records_and_lengths_left_out() -> None:
         assert max(ratios.values()) <= LIMIT, (name, ratios)
 
 
+@pytest.mark.slow
 def test_festo10_lengths_left_out() -> None:
     if not festo10.FOLDER.is_dir():
         pytest.skip(festo10.ABSENT)

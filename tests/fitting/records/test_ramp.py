@@ -350,6 +350,7 @@ def bpa10_maps() -> dict[str, StaticMap]:
     return bpa10.bpa10_maps()
 
 
+@pytest.mark.slow
 def test_bpa10_is_as_its_study_says(bpa10_maps: dict[str, StaticMap]) -> None:
     """Figures of an independent evaluation of the seven specimens of the series, rounded there."""
     assert sum(made.points.force.size for made in bpa10_maps.values()) == pytest.approx(
