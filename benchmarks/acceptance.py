@@ -276,8 +276,6 @@ def _plants() -> Iterator[Row]:
         "tuned gains", "plants:tuned",
         ("air, pressure RMS [psi]", "<=", 0.25, "the noise of the transducer"),
         ("water, pressure RMS [psi]", "<=", 0.35, "the noise of the transducer, and the pump's lag"),
-        ("air, published gains over tuned", ">=", 2, "else nobody would tune"),
-        ("water, published gains over tuned", ">=", 2, "else nobody would tune"),
         ("air, overshoot of 20 psi [%]", "<=", 10, "2 psi of a step"),
         ("water, overshoot of 20 psi [%]", "<=", 10, "2 psi of a step"),
         ("air, highest pressure [psi]", "<=", 115, "the limit: no trip"),

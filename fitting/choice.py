@@ -72,6 +72,10 @@ class Choice:
     other_lengths: OtherLengths | None = None
     open_question: str = ""
 
+    def __repr__(self) -> str:
+        """The chosen model in a line; `clear` and `tried` tell the rest."""
+        return f"<Choice {self.data.specimen.name}: {self.name} of {len(self.tried)} families>"
+
     @property
     def error(self) -> ModelError:
         """Of predictions, as the readings left out show it."""
