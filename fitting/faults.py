@@ -271,6 +271,15 @@ def suspect(
     return tuple([*plain, *found][:3])
 
 
+def suspect_refused(data: ForceData) -> tuple[Suspicion, ...]:
+    """The likeliest mistake in a map to which no model can be fitted at all; none that explains it.
+
+    Args:
+        data: the map.
+    """
+    return tuple(_explained([*_lengths(data), *_swapped(data)], math.inf))
+
+
 @dataclasses.dataclass(frozen=True)
 class Fault:
     """A mistake that changed a whole column, or the specimen.
@@ -343,10 +352,11 @@ def _named(
     cause: str, here: float, better: float, of: str = "", *, grave: bool = True
 ) -> Suspicion:
     """The suspicion of a cause, from the misfits with it and without it."""
+    stands = f"it is {100 * here:.2g} %" if math.isfinite(here) else "no muscle has a force there"
     sentence = Sentence(
         *("The data look wrong. It seems that ", cause),
-        f": read so, the misfit{of} is {100 * better:.2g} % of the largest force; as the file stands, it "
-        f"is {100 * here:.2g} %.",
+        f": read so, the misfit{of} is {100 * better:.2g} % of the largest force; as the file stands, "
+        f"{stands}.",
     )
     return Suspicion(cause, sentence, better, grave)
 
@@ -405,6 +415,19 @@ def _rest_lengths(data: ForceData, *, grave: bool) -> Iterator[Fault]:
                 lambda then, least: then.misfit < min(GOOD, least / _FAR_BETTER),
                 unlikely, grave,
             )  # fmt: skip
+
+
+def _lengths(data: ForceData) -> Iterator[Fault]:
+    """Lengths in another unit than the specimen's rest length."""
+    said = data.units.get("length", "mm")
+    for true in ("m", "cm", "mm", "in"):
+        factor = UNITS["length"][true] / UNITS["length"][said]
+        if true != said and data.length.max() * factor <= 1.05 * data.specimen.rest_length:
+            yield Fault(
+                f"the lengths were in {true.replace('in', 'inches')}, not {said}",
+                _changed(data, length=data.length * factor, length_std=None),
+                lambda then, _: then.misfit < GOOD,
+            )
 
 
 def _swapped(data: ForceData) -> Iterator[Fault]:

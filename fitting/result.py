@@ -444,8 +444,8 @@ def of_parameters(result: Identification) -> list[Remark]:
     ]  # fmt: skip
     found: tuple[tuple[Any, int, str], ...] = (
         (beyond, 0, f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the "
-         "rounded ends and the wall. Do not take them for dimensions of the braid, or the volume for that of "
-         "the muscle; changes of volume hold."),
+         "rounded ends and the wall. Do not take them for dimensions of the braid, or its volume for the "
+         "muscle's; changes of volume hold."),
         (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at the bound of the search. The "
          "data alone would go further, so there is no standard error; the other errors hold with this "
          "value fixed."),

@@ -13,6 +13,7 @@ from famjax.boundary.files import write_all
 from famjax.boundary.units import parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows, progress
+from famjax.units import PSI
 from rig.cli import ended_in_words
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ _RISE, _ROOM = 20.0, 15.0  # psi: of a step at most, and from its top to the lim
 _SETTLE, _HOLD = 4.0, 0.5  # s at each pressure
 _STAYS = 1e-4  # m: a machine that is not moved
 _DRAWS = 8
+_MISSED = 1.0 * PSI  # root mean square: four times the noise of a transducer
 _HELD = {"air": ("dead_volume", 0.3), "water": ("displacement", 0.05)}
 """What a muscle at one length does not tell, as all flows could be larger alike; and its spread."""
 
@@ -86,8 +88,6 @@ def rig_step(
 
 def step_test(test: "PlanFile") -> "PlanFile":
     """The step test for a plan: lower pressures and a lower limit, nothing else changed."""
-    from famjax.units import PSI
-
     low = min(test.plan.pressures)
     high = min(max(test.plan.pressures), low + _RISE * PSI)
     if high <= low:
@@ -145,7 +145,6 @@ def rig_tune(
     """
     start_jax()
     from famjax.control.tuning import Duty, Gains, expect, tune
-    from famjax.units import PSI
     from rig.plan import read_plan
 
     if (journal is None) != simulate:
@@ -249,12 +248,29 @@ def _identified(
     from rig.simulation import CIRCUITS
 
     record = read_journal(journal)
+    if any(note["stroke_m"] > 2 * _STAYS for note in record.notes_of("strokes")):
+        raise InputError(
+            f"{journal} is of a test whose machine moved: record a step test with `famjax rig step`"
+        )
+    forward = stored_calibration(record).feed_forward
+    circuit = "water" if any(forward.coefficients[1:]) else "air"
+    if circuit != test.circuit:
+        raise InputError(
+            f"{journal} is of a circuit of {circuit}, the plan's circuit is {test.circuit}: take the plan "
+            "of the step test"
+        )
     rest = float(muscle.rest_length) if length is None else parse_quantity(length, "length")
     assumed = CIRCUITS[test.circuit]()
     held, spread = _HELD[test.circuit]
     free = [name for name in FREE[type(assumed)] if name != held]
     rows = plant_record(record, rest)
     fit = identify_plant(rows, _plant(assumed, muscle), free=free)
+    if not fit.pressure_rms < _MISSED:
+        raise InputError(
+            f"the {test.circuit} circuit of the plan misses the record's pressure by "
+            f"{fit.pressure_rms / PSI:.2g} psi RMS: check that the journal is of this circuit, and the "
+            "supply, and that nothing leaks"
+        )
     volume = float(muscle.volume(rest, rows.pressure.mean())) + float(
         assumed.parameters().get("dead_volume", 0.0)
     )
@@ -281,7 +297,6 @@ def _identified(
                 {n: float(np.clip(v, declared[n].low, declared[n].high)) for n, v in values.items()}
             )
         )
-    forward = stored_calibration(record).feed_forward
     powers = forward.scale ** np.arange(len(forward.coefficients))
     found = np.array(forward.coefficients) / 255 / powers
     told = [

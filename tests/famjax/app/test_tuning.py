@@ -127,7 +127,12 @@ def test_a_rig_is_tuned_from_its_step_test(run: Callable, tmp_path: Path, fluid:
     assert code == 0
     assert "written:" in out
     assert read_plan(tmp_path / "tuned.toml").plan.rise > 0
-    for words, said in ((asked, "exists"), ((*asked, "--simulate"), "not both")):
+    other = tmp_path / "other.toml"
+    other.write_text(PLAN.replace("water", "air" if fluid == "water" else "water"))
+    wrong = (*asked[:3], "--plan", other, "-o", tmp_path / "new.toml")
+    for words, said in (
+        (asked, "exists"), ((*asked, "--simulate"), "not both"), (wrong, "of a circuit of"),
+    ):  # fmt: skip
         code, _, err = run(*words)
         assert code == 2
         assert said in err
