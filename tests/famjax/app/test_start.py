@@ -24,7 +24,13 @@ def loaded(code: str) -> set[str]:
 
 def test_importing_the_library_loads_nothing_until_a_name_is_used() -> None:
     assert not loaded("import famjax, fitting; famjax.units; fitting.InputError") & set(HEAVY)
-    assert {"jax"} <= loaded("from famjax import Muscle")
+    used = loaded(
+        "from famjax import Muscle; from fitting import read_csv; from jax._src import xla_bridge\n"
+        "assert not xla_bridge.backends_are_initialized()\n"
+        "assert not __import__('jax').config.read('jax_enable_x64')"
+    )
+    assert "jax" in used
+    assert not used & {"cv2", "skimage", "serial", "matplotlib", "pint"}
     assert not loaded("import imaging, rig") & (set(HEAVY) - {"numpy", "scipy"})
 
 
