@@ -75,7 +75,7 @@ def workbook(*sheets: list[list[object]], declared: str = "") -> bytes:
 def bomb() -> bytes:
     held = io.BytesIO()
     with (
-        zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open("xl/a.xml", "w") as part,
     ):
         for _ in range(6):

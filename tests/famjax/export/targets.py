@@ -59,16 +59,7 @@ def _mujoco() -> Any:
 
 
 def compiled(subject: Subject, folder: Path, real: str) -> Callable[[str], Function]:
-    """The exported functions by what they return: force, stiffness, pressure.
-
-    Args:
-        subject: the muscle.
-        folder: of the files.
-        real: double or float.
-
-    Raises:
-        subprocess.CalledProcessError: the compiler warns.
-    """
+    """The exported functions by what they return: force, stiffness, pressure."""
     export(subject, ["c"], folder)
     name, shared = subject.identifier, folder / f"{real}.so"
     define = f"-D{name.upper()}_REAL={real}"
@@ -87,14 +78,7 @@ def compiled(subject: Subject, folder: Path, real: str) -> Callable[[str], Funct
 def code_sections(
     source: Path, *options: str, compiler: str = "gcc", size: str = "size"
 ) -> dict[str, int]:
-    """Bytes of each section of a C source compiled for size.
-
-    Args:
-        source: of C.
-        options: of the compiler, beside the strict ones.
-        compiler: its command.
-        size: the command that measures.
-    """
+    """Bytes of each section of a C source compiled for size."""
     target = str(source.with_suffix(".o"))
     subprocess.run(
         [compiler, *STRICT, "-Os", *options, "-c", "-o", target, str(source)], check=True
@@ -145,11 +129,6 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
     The first six tenths of the time a servo swings it at 0.5 Hz so far that both muscles become
     shorter and longer than in their data, at pressures from none to 1.3 times the highest. Then the
     servo is off, the pressures are held, and it must come to rest. MuJoCo's default step.
-
-    Args:
-        pull: of both muscles.
-        overrun: beyond either end of the stroke, in strokes.
-        seconds: of simulated time.
     """
     mujoco = _mujoco()
     short, long = pull.lengths[0], pull.lengths[-1]
@@ -345,12 +324,7 @@ def cubic_card() -> MuscleCard:
 
 
 def rollout(folder: Path, steps: int) -> tuple[Callable[[Real], jax.Array], float]:
-    """The height [m] of the load after some steps as a function of E_1 [Pa], and E_1 itself.
-
-    Args:
-        folder: for the files of `famjax export --to mjx` of `cubic_card`.
-        steps: of MuJoCo's default length.
-    """
+    """The height [m] of the load after some steps as a function of E_1 [Pa], and E_1 itself."""
     from mujoco import mjx
 
     export(Subject.of_card(cubic_card()), ["mjx"], folder)
