@@ -83,13 +83,9 @@ def test_a_term_of_somebody_else_takes_part_in_everything() -> None:
 # ---- every model
 
 CALLS: dict[str, tuple] = {
-    "force": (0.93 * REST, 4e5),
-    "stiffness": (0.93 * REST, 4e5),
-    "blocked_force": (4e5,),
-    "length_at_load": (20.0, 4e5),
-    "free_contraction": (4e5,),
-    "onset_pressure": (0.9 * REST, 6e5),
-}
+    "force": (0.93 * REST, 4e5), "stiffness": (0.93 * REST, 4e5), "blocked_force": (4e5,),
+    "length_at_load": (20.0, 4e5), "free_contraction": (4e5,), "onset_pressure": (0.9 * REST, 6e5),
+}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -134,7 +134,7 @@ def foreign(tmp_path: Path) -> Path:
         (("fit",), 2),
         (("rig", "check", "x.fam"), 2),
     ],
-)
+)  # fmt: skip
 def test_a_clash_is_named_by_whatever_meets_it(
     foreign: Path, arguments: tuple[str, ...], code: int
 ) -> None:

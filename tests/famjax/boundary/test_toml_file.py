@@ -66,7 +66,7 @@ def test_what_is_written_is_read_back_to_the_same_bits(plain: dict, table: dict)
         Outer(0.1),
         Outer(0.3, (0.1, 0.7), (1e-3, 2.0), 4, "water", "b", None, Inner(1 / 3)),
     ],
-)
+)  # fmt: skip
 def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
     entries = to_entries(part, FORM)
     assert from_entries(Outer, tomllib.loads(toml_text(entries)), FORM) == part
@@ -91,12 +91,9 @@ def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
         ({"kind": "oil"}, "kind must be air or water, got 'oil'"),
         ({"name": " "}, "name must be a text in quotes, got ' '"),
         ({"inner": 3}, "inner must be a table, got 3"),
-        (
-            {"inner": {"gap_m": -1}},
-            r"^F: \[inner\]: gap_m must be a number >= 0 and finite, got -1",
-        ),
+        ({"inner": {"gap_m": -1}}, r"^F: \[inner\]: gap_m must be a number >= 0 and finite, got -1"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         from_entries(Outer, {"length_m": 1.0, **change}, FORM, where="F: ")
