@@ -226,6 +226,7 @@ LOOPS = CentredSlip(
     ),
     ReferenceCycle("ramp", 0.0, 6e5, True),
 )
+AFTER_STROKES = CentredSlip(LOOPS.slip, ReferenceCycle("stroke", 0.3, 0.25, False))
 G = 9.81
 
 # Length at the start, pressure, mass: about the middle of the data; from the braid's straight
@@ -318,26 +319,14 @@ def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) 
 @given(
     st.lists(st.floats(0.02, 0.5), min_size=2, max_size=6),
     st.floats(0.0, 1.2e6),
-    st.integers(0, 1),
+    st.sampled_from([LOOPS, AFTER_STROKES]),
 )
-def test_every_closed_loop_takes_energy_up(turns: list[float], P: float, kind: int) -> None:
+def test_every_closed_loop_takes_energy_up(turns: list[float], P: float, loops) -> None:
     """Also where the muscle is slack for a part of it; the second round closes the state as well."""
-    of = LOOPED[kind]()
+    of = SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=loops)
     padded = np.array((turns * 6)[:6])
     work, path = closed_loop(of, jnp.append(padded, padded[0]), jnp.asarray(P))
     assert float(work) >= -ROUNDING * 3000.0 * float(path)
-
-
-def _looped() -> SafeMuscle:
-    return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=LOOPS)
-
-
-def _after_strokes() -> SafeMuscle:
-    strokes = CentredSlip(LOOPS.slip, ReferenceCycle("stroke", 0.3, 0.25, False))
-    return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=strokes)
-
-
-LOOPED = (_looped, _after_strokes)
 
 
 @eqx.filter_jit
