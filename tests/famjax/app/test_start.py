@@ -2,10 +2,10 @@
 
 import importlib
 import inspect
-import subprocess
 import sys
 
 import pytest
+from processes import python
 
 import famjax
 from famjax.app import cli
@@ -17,7 +17,7 @@ HEAVY = ("jax", "numpy", "scipy", "matplotlib", "pint", "cv2", "skimage", "seria
 def loaded(code: str) -> set[str]:
     """Top-level packages in a fresh process that has run the code."""
     code += "\nimport sys; print('loaded:', *sorted({m.partition('.')[0] for m in sys.modules}))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python("-c", code)
     assert done.returncode == 0, done.stderr
     return set(done.stdout.rpartition("loaded:")[2].split())
 
