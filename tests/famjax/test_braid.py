@@ -77,22 +77,10 @@ def test_angle_from_the_slope_of_blocked_force(angle: float) -> None:
 
 
 ROUNDED = 1e-13  # a few roundings in the laws of threads
-THREADS: dict[str, AbstractThread] = {
-    "linear": known.KEVLAR.thread,
-    "toe": known.TOE,
-    "sharp toe": ToeThread(16.9e6, known.AREA, 0.01, 1e-3),
-    "no toe": ToeThread(16.9e6, known.AREA, 0.0, 2.0),
-}
-
-
-@pytest.fixture(params=THREADS)
-def thread(request: pytest.FixtureRequest) -> AbstractThread:
-    return THREADS[request.param]
-
-
 TENSIONS = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 40)])
 
 
+@pytest.mark.parametrize("thread", known.THREADS.values(), ids=known.THREADS)
 def test_laws_keep_the_contract_of_the_root_solve(thread: AbstractThread) -> None:
     """Concave, from zero, between T / k and T / k + offset, with the compliance going to 1 / k."""
     k = float(thread.far_stiffness)

@@ -103,9 +103,7 @@ def test_small_strain_is_linear_elasticity_at_poissons_ratio_one_half(
 
 
 @pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)
-def test_stress_is_stretch_times_slope_of_the_energy(
-    law: AbstractMaterial,
-) -> None:
+def test_stress_is_stretch_times_slope_of_the_energy(law: AbstractMaterial) -> None:
     assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
     z, c, h = 0.8, 2.1, 1e-5
     stored = eqx.filter_jit(law.energy)

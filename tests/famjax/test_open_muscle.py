@@ -22,6 +22,7 @@ from muscles import (
     RUBBER as PLAIN,
     TERMS,
 )
+from slow_cases import slow_after
 
 import famjax
 
@@ -200,16 +201,14 @@ OWN = famjax.Muscle(Tapered(CYLINDER_10, 0.1), PLAIN.material, 3e4)
 PULL = famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
 WHOLE = {
     "a geometry of one's own": OWN,
-    "one's own in a rig": famjax.MountedMuscle(OWN, 1e-5),
     **{name: MUSCLES[name] for name in ("sarosi", "bolen", "hunt", "gaylord", "tondu_lopez")},
+    "one's own in a rig": famjax.MountedMuscle(OWN, 1e-5),
 }
 PARTS = jnp.array([0.99, -0.9, 0.8, 3.6, jnp.nan, 0.96])  # of the length at rest
 PRESSED = jnp.array([1.0, 1.0, 1.25, 1.0, 1.0, jnp.nan])
 
 
-@pytest.mark.parametrize(
-    "name", [*WHOLE, *(pytest.param(name, marks=pytest.mark.slow) for name in GEOMETRIES)]
-)
+@pytest.mark.parametrize("name", slow_after(len(WHOLE) - 1, [*WHOLE, *GEOMETRIES]))
 def test_members_that_cannot_be_spoil_nothing(name: str) -> None:
     """Values, and derivatives in every number, forward and reverse, of a batch and of a good one."""
     model = WHOLE[name] if name in WHOLE else famjax.Muscle(GEOMETRIES[name](), PULL)

@@ -11,11 +11,7 @@ from scipy.interpolate import CubicSpline
 import famjax
 from famjax.braids import AbstractBraid, diameter_from_length
 from famjax.profiles import FourierProfile
-from famjax.surfaces import (
-    AbstractProfileFamily,
-    MeasuredFamily,
-    SampledSurface,
-)
+from famjax.surfaces import AbstractProfileFamily, MeasuredFamily, SampledSurface
 
 EXACT = 1e-12
 

@@ -50,9 +50,7 @@ GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
     "photographed": lambda: famjax.MeasuredGeometry(surface(), known.SPECIMEN, 8),
     "average": lambda: famjax.measured.AverageDiameterGeometry(family(), known.SPECIMEN),
 }
-SUMS_OF_TERMS = {
-    "terms": famjax.Muscle(known.CYLINDER, [*known.TERMS.values()]),
-}
+SUMS_OF_TERMS = {"terms": famjax.Muscle(known.CYLINDER, [*known.TERMS.values()])}
 MUSCLES = [*GEOMETRIES, *known.LAWS, *SUMS_OF_TERMS]
 BASES = (
     famjax.geometries.AbstractGeometry, famjax.materials.AbstractMaterial,

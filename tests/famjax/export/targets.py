@@ -254,11 +254,7 @@ class Course:
         install(model, {name: self.compiled(folder)})
         try:
             for at, signal, dump, velocity in self._ticks():
-                data.qpos[0], data.qvel[0], data.ctrl[0] = (
-                    longest - at,
-                    -velocity,
-                    signal - dump,
-                )
+                data.qpos[0], data.qvel[0], data.ctrl[0] = (longest - at, -velocity, signal - dump)
                 _mujoco().mj_step(model, data)
                 data.qpos[0], data.qvel[0] = longest - at - velocity * TICK, -velocity
                 _mujoco().mj_forward(model, data)

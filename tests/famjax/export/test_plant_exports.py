@@ -11,13 +11,7 @@ from targets import STRICT, Course
 from famjax.__main__ import main
 from famjax.boundary.errors import InputError
 from famjax.export import Subject, export
-from famjax.plant import (
-    DahlFriction,
-    HydraulicCircuit,
-    Plant,
-    PneumaticCircuit,
-    SlipFriction,
-)
+from famjax.plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, SlipFriction
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
 SLIP = MaxwellSlip(SlipElements([0.01, 0.03], [20, 10]), SlipElements([0.005], [30]), 0.296, 1e6)
