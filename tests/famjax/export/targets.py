@@ -108,19 +108,14 @@ def telling(subject: Subject, length: np.ndarray, pressure: np.ndarray) -> np.nd
 
 @dataclasses.dataclass(frozen=True)
 class KneeRun:
-    """What a knee did.
+    """What a knee did."""
 
-    Attributes:
-        overrun: by how much it left the identified stroke at either end, the lesser, in strokes [-].
-        fastest: largest speed [rad/s] of all 10 s.
-        at_rest: largest speed in the last second, the drive being off [rad/s].
-        finite: whether every state was.
-    """
-
-    overrun: float
-    fastest: float
-    at_rest: float
-    finite: bool
+    overrun: (
+        float  # by how much it left the identified stroke at either end, the lesser, in strokes
+    )
+    fastest: float  # largest speed of all 10 s [rad/s]
+    at_rest: float  # that of the last second, the drive being off [rad/s]
+    finite: bool  # whether every state was
 
 
 def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 10.0) -> KneeRun:
@@ -163,21 +158,13 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """Commands and a moving length over 10 s, and what the plant does under them each 2 ms.
+    """Commands and a moving length over 10 s, and what the plant does under them each 2 ms."""
 
-    Attributes:
-        subject: with the plant.
-        signal: of valve or pump in each tick, shape (n,).
-        length: a sine [m] at the ends of the ticks, shape (n + 1,); within one the velocity is constant.
-        pressure: of the plant [Pa] after each tick, shape (n,).
-        force: its pull [N], shape (n,).
-    """
-
-    subject: Subject
-    signal: np.ndarray
-    length: np.ndarray
-    pressure: np.ndarray
-    force: np.ndarray
+    subject: Subject  # with the plant
+    signal: np.ndarray  # of valve or pump in each of n ticks
+    length: np.ndarray  # a sine [m] at the n + 1 ends of the ticks; between them it is straight
+    pressure: np.ndarray  # of the plant after each tick [Pa]
+    force: np.ndarray  # its pull [N]
 
     @classmethod
     def of(cls, subject: Subject, seconds: float = 10.0) -> "Course":
