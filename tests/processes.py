@@ -20,3 +20,12 @@ def python(*arguments: object, **options: Any) -> subprocess.CompletedProcess[st
 
 def needs(program: str) -> pytest.MarkDecorator:
     return pytest.mark.skipif(shutil.which(program) is None, reason=f"no {program} on this machine")
+
+
+def command(*words: object) -> None:
+    """A command of famjax in this process, which must end well."""
+    from famjax.__main__ import main
+
+    with pytest.raises(SystemExit) as stop:
+        main([*map(str, words)])
+    assert not stop.value.code

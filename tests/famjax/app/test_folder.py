@@ -9,10 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from processes import command
 from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH
 
-from famjax.__main__ import main
 from famjax.app.folder import SHEET, read_sheet
 from famjax.boundary.errors import InputError
 
@@ -82,9 +82,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_twin(folder, seed=3)
     for name in TRUE:
         (folder / name).rename(place / name)
-    with pytest.raises(SystemExit) as stop:
-        main(["characterise", str(folder)])
-    assert not stop.value.code
+    command("characterise", folder)
     for name in TRUE:
         (place / name).rename(folder / name)
     return folder

@@ -5,9 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import needs, ran
-
-from famjax.__main__ import main
+from processes import command, needs, ran
 
 PAGE = (Path(__file__).parents[3] / "docs" / "export.md").read_text()
 
@@ -22,14 +20,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        with pytest.raises(SystemExit) as stop:
-            main(fences("sh")[0].split()[1:])
-    assert not stop.value.code
+        command(*fences("sh")[0].split()[1:])
     return folder
 
 
-def said(folder: Path, *command: str) -> str:
-    done = ran(*command, cwd=folder)
+def said(folder: Path, *words: str) -> str:
+    done = ran(*words, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

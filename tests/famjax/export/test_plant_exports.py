@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import needs, ran
+from processes import command, needs, ran
 from targets import STRICT, Course
 
-from famjax.__main__ import main
 from famjax.boundary.errors import InputError
 from famjax.export import Subject, export
 from famjax.plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, SlipFriction
@@ -47,8 +46,8 @@ def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) 
 )
 def test_single_precision_is_for_air(of: str, fits: bool, subject: Subject, tmp_path: Path) -> None:
     export(with_plant(subject, of), ["c"], tmp_path)
-    command = ["gcc", *STRICT, "-DTEST_20_REAL=float", "-fsyntax-only", str(tmp_path / "test_20.c")]
-    done = ran(*command)
+    words = ["gcc", *STRICT, "-DTEST_20_REAL=float", "-fsyntax-only", str(tmp_path / "test_20.c")]
+    done = ran(*words)
     assert (done.returncode == 0) == fits
     assert fits or "water_needs_double" in done.stderr
 
@@ -81,10 +80,7 @@ def test_the_fmu_starts_at_what_is_set(kind: str, subject: Subject, tmp_path: Pa
 def test_a_plan_gives_circuit_and_friction(tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text('[circuit]\nfluid = "water"\nrelief_kPa = 700\n[friction]\nshare = 0.03\n')
-    words = ["export", "dmsp-20", "--to", "c", "--plant", str(plan), "-o", str(tmp_path)]
-    with pytest.raises(SystemExit) as stop:
-        main(words)
-    assert not stop.value.code
+    command("export", "dmsp-20", "--to", "c", "--plant", plan, "-o", tmp_path)
     source = (tmp_path / "dmsp_20.c").read_text()
     for line in ("#define c_relief R(700000.0)", "#define f_share R(0.03)"):
         assert line in source
