@@ -78,6 +78,13 @@ TERMS: dict[str, terms.AbstractForceTerm] = {
     "spring": terms.Spring(3.0, 8.5, 1.0),
 }
 
+THREADS: dict[str, braids.AbstractThread] = {
+    "linear": KEVLAR.thread,
+    "toe": TOE,
+    "sharp toe": braids.ToeThread(16.9e6, AREA, 0.01, 1e-3),
+    "no toe": braids.ToeThread(16.9e6, AREA, 0.0, 2.0),
+}
+
 # ---- laws, of moduli about 1
 
 OGDEN = ([0.63, 0.0012, -0.01], [1.3, 5.0, -2.0])  # Ogden 1972, MPa

@@ -1,7 +1,6 @@
 """Options of the compiler: the same numbers, and an option that XLA does not know is left out."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from processes import python
 
 from famjax import compilation_cache
 from famjax.compilation_cache import cache_root
@@ -42,13 +42,7 @@ SWITCH_ON = "from famjax.compilation_cache import switch_on; print(repr(switch_o
 
 def in_fresh_process(code: str, **environment: str) -> str:
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "FAMJAX_"))}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        env=kept | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-W", "error", "-c", code, env=kept | environment)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.strip()
 

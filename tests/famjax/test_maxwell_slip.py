@@ -40,33 +40,6 @@ def test_force_is_what_the_play_operator_leaves_of_the_motion(seed: int) -> None
     np.testing.assert_allclose(SLIP.along(L, P), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_turning_points_are_remembered(seed: int) -> None:
-    """A minor loop within the last two turning points leaves no trace."""
-    rng = np.random.default_rng(seed)
-    low, high = np.sort(rng.uniform(0.25, 0.3, 2))
-    inner = rng.uniform(low, high, 6)
-    for P in (np.zeros(1), np.full(1, 5e5)):
-        plain = np.array([0.3, low, high])
-        looped = np.concatenate([plain, inner[:3], [low], inner[3:], [high]])
-        turned, after = (SLIP.states(L, np.repeat(P, L.size)) for L in (plain, looped))
-        for name in ("wall", "braid"):
-            # Back at the last turning point, by way of a loop that stays inside.
-            np.testing.assert_allclose(
-                getattr(after, name)[-1], getattr(turned, name)[-1], rtol=1e-9, atol=1e-12
-            )
-
-
-def test_a_branch_is_the_first_one_doubled() -> None:
-    """Masing's rule: from a turning point everything happens at twice the size."""
-    L, P = 0.27, np.linspace(0.0, 6e5, 61)
-    first = SLIP.states(np.full(61, L), P)
-    turned = SLIP.states(np.full(122, L), np.concatenate([P, P[::-1]]))
-    for name in ("wall", "braid"):
-        out, home = getattr(first, name), getattr(turned, name)[61:]
-        np.testing.assert_allclose(home[60] - home[0], 2 * (out[0] - out[30]), rtol=1e-9)
-
-
 def _work(L: np.ndarray, P: np.ndarray) -> np.ndarray:
     """What machine and fluid do in each step, F dL - V dP by the trapezoidal rule."""
     states = SLIP.states(L, P)

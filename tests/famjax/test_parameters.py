@@ -26,13 +26,8 @@ LAWS: dict[type[famjax.materials.AbstractMaterial], tuple[str, ...]] = {
     famjax.materials.NeoHookeanMaterial: ("shear_modulus",),
     famjax.materials.YeohMaterial: ("C_1", "C_2", "C_3"),
     famjax.materials.SaturatingMaterial: ("final_modulus", "saturation_stress", "strain_scale"),
-    famjax.materials.MonotoneMaterial: (
-        "modulus_at_0",
-        "modulus_at_0.03",
-        "modulus_at_0.1",
-        "modulus_at_0.3",
-    ),
-}
+    famjax.materials.MonotoneMaterial: tuple(f"modulus_at_{e}" for e in ("0", "0.03", "0.1", "0.3")),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
@@ -67,8 +62,6 @@ def test_tangent_modulus_of_laws_without_interaction() -> None:
     by_pressure = famjax.materials.PressurePolynomialMaterial([0.0, 2e5], [[1e6], [3e6]])
     got = famjax.materials.tangent_modulus(by_pressure, np.array([0.1, 0.2]), 1e5)
     np.testing.assert_allclose(got, 2e6)
-    with pytest.raises(ValueError, match="OgdenMaterial has no tangent modulus of one direction"):
-        famjax.materials.tangent_modulus(template(famjax.materials.OgdenMaterial), 0.1)
 
 
 def test_a_muscle_has_the_parameters_of_an_identification() -> None:

@@ -6,12 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from famjax.profiles import (
-    EllipticToroidEnds,
-    FourierProfile,
-    kothera_length,
-    tondu_lopez_length,
-)
+from famjax.profiles import EllipticToroidEnds, FourierProfile, kothera_length, tondu_lopez_length
 
 EXACT = 1e-12
 X = np.linspace(0, 1, 51)

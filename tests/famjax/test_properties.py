@@ -140,11 +140,6 @@ def shape_cases() -> Iterator[tuple[str, Case]]:
 
 # ---- threads, braids, laws, geometries, terms
 
-THREADS = {
-    "linear": known.KEVLAR.thread,
-    "toe": known.TOE,
-    "sharp toe": braids.ToeThread(16.9e6, known.AREA, 0.01, 1e-3),
-}
 BRAIDS = {
     "inelastic": known.INELASTIC,
     "elastic": known.KEVLAR,
@@ -165,7 +160,7 @@ def stresses(law: famjax.materials.AbstractMaterial, axial, hoop, pressure) -> j
 
 def part_cases() -> Iterator[tuple[str, Case]]:
     tension, strain = np.array([-1e-4, 0.3, 20.0]), np.array([1e-4, 4e-3, 2e-2])
-    for name, thread in THREADS.items():
+    for name, thread in known.THREADS.items():
         yield f"strain of {name} thread", Case(type(thread).strain, thread, (tension,))
         yield f"tension of {name} thread", Case(type(thread).tension, thread, (strain,), 2e-4)
     for name, braid in BRAIDS.items():
@@ -264,7 +259,8 @@ CASES = dict([*formula_cases(), *shape_cases(), *part_cases(), *muscle_cases()])
 SLOW = (
     "measured", "sampled", "average", "toe geometry", "table 4.3", "at thread length",
     "virtual work term", " in a rig", "onset", "path modulus",
-    "toe braid at", "elastic muscle", "ogden", "at a load", "free contraction",
+    "toe braid at", "elastic muscle", "ogden", "at a load", "free contraction", "mounted by a power",
+    "embedded geometry",
 )  # fmt: skip
 EVERY = [
     pytest.param(case, id=name, marks=[pytest.mark.slow] * any(word in name for word in SLOW))

@@ -88,24 +88,29 @@ def outside(of: SafeMuscle, L: np.ndarray, P: np.ndarray) -> np.ndarray:
     return (l0 > L) | (l1 < L) | (p0 > P) | (p1 < P)
 
 
-MUSCLES = {
-    "kind": st.sampled_from(list(KINDS)),
-    "u": st.lists(numbers, min_size=9, max_size=9),
-    "contraction": st.floats(0.1, 0.25),
-    "top": st.floats(2e5, 8e5),
-    "seed": st.integers(0, 1000),
-}
-
-
 @pytest.mark.slow
 @QUICK
-@given(**MUSCLES)
+@given(
+    kind=st.sampled_from(list(KINDS)),
+    u=st.lists(numbers, min_size=9, max_size=9),
+    contraction=st.floats(0.1, 0.25),
+    top=st.floats(2e5, 8e5),
+    seed=st.integers(0, 1000),
+)
 @example(  # the stiffness at the lowest rising pressure fell between two lines of the grid
     kind="polynomial", contraction=0.1875, top=2e5, seed=2,
     u=[0.57421875, 0.205078125, 0.9296875, 0.0, 0.0, 0.36328125, 0.205078125, 0.0, 0.0],
 )  # fmt: skip
-def test_outside_nothing_falls_and_all_is_finite(kind, u, contraction, top, seed) -> None:
+def test_a_safe_muscle_is_the_model_inside_and_goes_on_outside(
+    kind, u, contraction, top, seed
+) -> None:
     of = safe(kind, u, contraction, top)
+    outside_nothing_falls_and_all_is_finite(of, seed)
+    the_force_is_c1_across_every_edge(of, top, seed)
+    inside_it_is_the_model(of, seed)
+
+
+def outside_nothing_falls_and_all_is_finite(of: SafeMuscle, seed: int) -> None:
     L, P = random_states(of, seed)
     F, K, A, G, G_L, G_P = (np.asarray(one) for one in slopes(of, L, P))
     assert all(np.isfinite(one).all() for one in (F, K, A, G, G_L, G_P))
@@ -119,12 +124,8 @@ def test_outside_nothing_falls_and_all_is_finite(kind, u, contraction, top, seed
     assert (F[at_lock > L] == 0).all()  # whatever the pressure
 
 
-@pytest.mark.slow
-@QUICK
-@given(**MUSCLES)
-def test_the_force_is_c1_across_every_edge(kind, u, contraction, top, seed) -> None:
+def the_force_is_c1_across_every_edge(of: SafeMuscle, top: float, seed: int) -> None:
     """Slopes on both sides of the region's edges and of the stops, at random places along them."""
-    of = safe(kind, u, contraction, top)
     rng = np.random.default_rng(seed)
     n = N // 8
     anywhere = 0.6 * rng.random(n), 2 * top * rng.random(n)
@@ -140,11 +141,7 @@ def test_the_force_is_c1_across_every_edge(kind, u, contraction, top, seed) -> N
         np.testing.assert_allclose(one, other, rtol=0, atol=JUMP * scale)
 
 
-@pytest.mark.slow
-@QUICK
-@given(**MUSCLES)
-def test_inside_it_is_the_model(kind, u, contraction, top, seed) -> None:
-    of = safe(kind, u, contraction, top)
+def inside_it_is_the_model(of: SafeMuscle, seed: int) -> None:
     rng = np.random.default_rng(seed)
     (l0, l1), (p0, p1) = (np.asarray(one) for one in (of.region.length, of.region.pressure))
     L, P = l0 + (l1 - l0) * rng.random(N), p0 + (p1 - p0) * rng.random(N)
@@ -229,6 +226,7 @@ LOOPS = CentredSlip(
     ),
     ReferenceCycle("ramp", 0.0, 6e5, True),
 )
+AFTER_STROKES = CentredSlip(LOOPS.slip, ReferenceCycle("stroke", 0.3, 0.25, False))
 G = 9.81
 
 # Length at the start, pressure, mass: about the middle of the data; from the braid's straight
@@ -321,26 +319,14 @@ def test_a_mass_gains_no_energy_in_1e5_steps(plain: SafeMuscle, step: Callable) 
 @given(
     st.lists(st.floats(0.02, 0.5), min_size=2, max_size=6),
     st.floats(0.0, 1.2e6),
-    st.integers(0, 1),
+    st.sampled_from([LOOPS, AFTER_STROKES]),
 )
-def test_every_closed_loop_takes_energy_up(turns: list[float], P: float, kind: int) -> None:
+def test_every_closed_loop_takes_energy_up(turns: list[float], P: float, loops) -> None:
     """Also where the muscle is slack for a part of it; the second round closes the state as well."""
-    of = LOOPED[kind]()
+    of = SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=loops)
     padded = np.array((turns * 6)[:6])
     work, path = closed_loop(of, jnp.append(padded, padded[0]), jnp.asarray(P))
     assert float(work) >= -ROUNDING * 3000.0 * float(path)
-
-
-def _looped() -> SafeMuscle:
-    return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=LOOPS)
-
-
-def _after_strokes() -> SafeMuscle:
-    strokes = CentredSlip(LOOPS.slip, ReferenceCycle("stroke", 0.3, 0.25, False))
-    return SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=strokes)
-
-
-LOOPED = (_looped, _after_strokes)
 
 
 @eqx.filter_jit

@@ -7,16 +7,11 @@ import muscles as known
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from slow_cases import slow_after
 
 import famjax
 from famjax.braids import AbstractBraid, diameter_from_length
 from famjax.profiles import FourierProfile
-from famjax.surfaces import (
-    AbstractProfileFamily,
-    MeasuredFamily,
-    SampledSurface,
-)
+from famjax.surfaces import AbstractProfileFamily, MeasuredFamily, SampledSurface
 
 EXACT = 1e-12
 
@@ -63,17 +58,6 @@ def _diameter(family: AbstractProfileFamily, x: object, length: object, pressure
     return family.diameter(x, length, pressure)
 
 
-@pytest.mark.parametrize("count", slow_after(3, [2, 3, 4, 5, 8]))
-@pytest.mark.parametrize("braid", [INELASTIC, ELASTIC], ids=["inelastic", "elastic"])
-def test_exact_at_the_measured_states(count: int, braid: AbstractBraid) -> None:
-    family = _family(np.linspace(0, 0.35, count), braid)
-    own = eqx.filter_jit(lambda profile, length: profile.diameter(X, length))
-    for profile, length in zip(family.profiles, np.asarray(family.lengths), strict=True):
-        np.testing.assert_allclose(
-            _diameter(family, X, length, 100.0), own(profile, length), rtol=ROUNDING
-        )
-
-
 @pytest.mark.parametrize("contractions", [EVEN, np.array([0, 0.02, 0.15, 0.2, 0.33]), EVEN[:4]])
 def test_is_scipys_not_a_knot_spline_also_in_the_margin(contractions: np.ndarray) -> None:
     family = _family(contractions)
@@ -109,6 +93,8 @@ def test_pressure_scales_by_the_triangle() -> None:
     low, high = (np.asarray(_diameter(family, X, L, np.array(at))) for at in (P, 100.0))
     np.testing.assert_allclose(low, high * np.asarray(scale[0]) / np.asarray(scale[1]), rtol=EXACT)
     assert (low < high).all()
+    rigid = np.asarray(_diameter(_family(EVEN), X, L, np.array(100.0)))
+    np.testing.assert_allclose(high, rigid, rtol=ROUNDING)  # as measured, whatever the braid
 
 
 STATIONS = np.linspace(0, 1, 21)

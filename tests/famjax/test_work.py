@@ -1,15 +1,14 @@
 import jax
 import numpy as np
 import pytest
+from muscles import INELASTIC as BRAID, LATEX, SPECIMEN as TUBE
 
 import famjax
-from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, EstimatedGeometry, Muscle
+from famjax import Braid, ElasticBraid, EquilibriumMuscle, EstimatedGeometry, Muscle
 from famjax.braids import LinearThread
 from famjax.surfaces import SampledSurface
 from famjax.work import WorkBudget, work_budget
 
-TUBE, BRAID = Bladder(9.28125, 0.875, 0.0625), Braid(9.89, 1.09, 0.011)
-LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
 SOFT = ElasticBraid(9.89, 1.09, 0.011, 96.0, LinearThread(2e5, 4e-4))
 
 

@@ -3,13 +3,12 @@
 import datetime
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from PIL import Image
+from processes import python
 
 import famjax
 from fitting import load_fit
@@ -134,17 +133,11 @@ def foreign(tmp_path: Path) -> Path:
         (("fit",), 2),
         (("rig", "check", "x.fam"), 2),
     ],
-)
+)  # fmt: skip
 def test_a_clash_is_named_by_whatever_meets_it(
     foreign: Path, arguments: tuple[str, ...], code: int
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "famjax", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=foreign,
-    )
+    done = python("-m", "famjax", *arguments, cwd=foreign)
     assert done.returncode == code, done.stderr
     said = done.stdout + done.stderr
     assert "not famjax's own 'fitting' package" in said
@@ -167,9 +160,7 @@ def test_an_interrupt_is_answered_whatever_is_going_on(
         f"threading.Timer({after}, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
         "main()"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
+    done = python("-c", code, cwd=tmp_path)
     assert done.returncode == 130
     assert done.stderr.strip().endswith(f"famjax: stopped; {left}" if command == "fit" else left)
     assert "Traceback" not in done.stderr

@@ -12,7 +12,7 @@ from rendering.folder import write_twin
 from famjax.app.checks import Check, checks_table, read_checks, settle
 from famjax.boundary.errors import InputError
 
-LOG, JOURNAL, SHEET = "machine.csv", "test.fam", "characterisation.toml"
+LOG, SHEET = "machine.csv", "characterisation.toml"
 FEW_PICTURES = """
 [rig]
 pressures_psi = [40, 70]

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from processes import command
 from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH
 
-from famjax.__main__ import main
 from famjax.app.folder import SHEET, read_sheet
 from famjax.boundary.errors import InputError
 
@@ -58,20 +58,14 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path: Path, run: Callable
         (SPECIMEN + "[records]\n", "journal and machine_log, both of one test, or in a force_map"),
         (SPECIMEN + RECORDS + 'journal = "a"\nmachine_log = "b"\n', "keep one"),
         (SPECIMEN + '[records]\njournal = "a"\n', "both of one test"),
-        (
-            SPECIMEN.replace("rest_length_in", "rest_length") + RECORDS,
-            "unknown entry of the specimen",
-        ),
+        (SPECIMEN.replace("rest_length_in", "rest_length") + RECORDS, "unknown entry of the specimen"),
         (SPECIMEN.replace('name = "a muscle"\n', "") + RECORDS, "name, rest_length_<unit> and"),
         (SPECIMEN + "turns = -1\n" + RECORDS, "turns must be a number > 0"),
         (SPECIMEN + RECORDS + "[photographs]\nruler = 'r.jpg'\n", "pictures is missing"),
         (SPECIMEN + RECORDS + "[photographs]\npictures = 'p'\ndistance = 60\n", "has no unit"),
-        (
-            SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n",
-            "none or positive or slope or drucker",
-        ),
+        (SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n", "none or positive or slope or drucker"),
     ],
-)
+)  # fmt: skip
 def test_what_is_wrong_with_a_sheet_is_said(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         read_sheet(sheet(tmp_path, text))
@@ -88,9 +82,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_twin(folder, seed=3)
     for name in TRUE:
         (folder / name).rename(place / name)
-    with pytest.raises(SystemExit) as stop:
-        main(["characterise", str(folder)])
-    assert not stop.value.code
+    command("characterise", folder)
     for name in TRUE:
         (place / name).rename(folder / name)
     return folder

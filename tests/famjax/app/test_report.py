@@ -7,8 +7,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from processes import command
 
-from famjax.__main__ import main
 from famjax.app.folder import SHEET
 from fitting import load_bundled, write_csv
 
@@ -36,14 +36,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     known = data.specimen
     sheet = ENTRIES.format(rest=known.rest_length * 1e3, wall=known.wall_thickness * 1e3)
     (made / SHEET).write_text(sheet, encoding="utf-8")
-    _characterise(made)
+    command("characterise", made, "--units", "metric")
     return made
-
-
-def _characterise(folder: Path, *options: str, units: str = "metric") -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["characterise", str(folder), "--units", units, *options])
-    assert not stop.value.code
 
 
 @pytest.mark.slow
@@ -56,7 +50,7 @@ def test_the_page_has_a_verdict_its_units_and_reasons_for_equal_columns(
     shutil.copy(folder / "map.csv", own)
     sheet = (folder / SHEET).read_text().replace("nominal_diameter_mm = 10.0\n", "")
     (own / SHEET).write_text(sheet)
-    _characterise(own, units="us")
+    command("characterise", own, "--units", "us")
     for place in (folder, own):
         page = (place / "results" / "report" / "report.html").read_text()
         assert re.search(

@@ -1,7 +1,6 @@
 """The simulated rig as its host sees it, and whole tests through files, against what is true."""
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -30,21 +29,13 @@ GAINS = {"air": Control.per_psi(4, 2), "water": Control.per_psi(0, 5)}  # table 
 LIMIT = 115 * PSI
 
 
-def talk(rig: SimulatedRig, *commands: str, seconds: float = 0.1) -> None:
-    for command in commands:
-        rig.write(command.encode() + b"\n")
-        rig.advance(seconds)
-
-
-def samples(data: bytes) -> list[Sample]:
-    return [m for m in map(parse, Splitter().feed(data)) if isinstance(m, Sample)]
-
-
 def test_the_bytes_do_not_depend_on_the_steps() -> None:
     streams = []
     for step in (0.001, 0.004, 0.1):
         rig = SimulatedRig(to_host=ByteChannel(baud=115200), clock_rate=-2e-3, seed=5)
-        talk(rig, "trip 600", "gain 4 2", "set 20 128", "run")
+        for command in ("trip 600", "gain 4 2", "set 20 128", "run"):
+            rig.write(command.encode() + b"\n")
+            rig.advance(0.1)
         for _ in range(round(0.6 / step)):
             rig.advance(step)
         rig.advance(0.6 + 0.4 - rig.now + 1e-9)
@@ -57,47 +48,33 @@ def test_the_bytes_do_not_depend_on_the_steps() -> None:
 def test_the_device_counts_by_its_own_clock(rate: float) -> None:
     rig = SimulatedRig(clock_rate=rate)
     rig.advance(20.0)
-    last = samples(rig.read())[-1]
+    *_, last = (m for m in map(parse, Splitter().feed(rig.read())) if isinstance(m, Sample))
     assert last.tick * 2e-3 == pytest.approx(20.0 * (1 + rate), abs=0.02)  # a record and its line
 
 
-def rig_under_control(sim: SimulatedRig, fluid: str) -> Rig:
-    return Rig(VirtualLink(sim), sim.calibration(), pressure_limit=LIMIT, control=GAINS[fluid])
-
-
 CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
-
-
-def held(sim: SimulatedRig, fluid: str, pressure: float, then: Callable[[], None]) -> None:
-    """Hold a pressure, let something happen, and look after the rig again."""
-    with rig_under_control(sim, fluid) as rig:
-        rig.set_pressure(pressure)
-        rig.wait(8.0)
-        assert sim.pressure == pytest.approx(pressure, abs=1.5 * PSI)
-        then()
-        rig.wait(1.0)
-
-
-def until_off(sim: SimulatedRig) -> float:
-    """Seconds until the output is off."""
-    before = sim.now
-    while sim.device.output:
-        sim.advance(1e-3)
-    return sim.now - before
 
 
 @pytest.mark.parametrize("fluid", ["air", "water"])
 def test_an_unplugged_sensor_trips_and_vents(fluid: str) -> None:
     sim = SimulatedRig(CIRCUITS[fluid]())
 
-    def unplug() -> None:
-        sim.sensor_fault = 1023
-        assert until_off(sim) < 8e-3  # three conversions and the phase
-        sim.advance(0.3)
-        assert sim.pressure < 5 * PSI
+    def held() -> None:
+        link = VirtualLink(sim)
+        with Rig(link, sim.calibration(), pressure_limit=LIMIT, control=GAINS[fluid]) as rig:
+            rig.set_pressure(60 * PSI)
+            rig.wait(8.0)
+            assert sim.pressure == pytest.approx(60 * PSI, abs=1.5 * PSI)
+            sim.sensor_fault, before = 1023, sim.now
+            while sim.device.output:
+                sim.advance(1e-3)
+            assert sim.now - before < 8e-3  # three conversions and the phase
+            sim.advance(0.3)
+            assert sim.pressure < 5 * PSI
+            rig.wait(1.0)
 
     with pytest.raises(RigFault, match="TRIP"):
-        held(sim, fluid, 60 * PSI, unplug)
+        held()
 
 
 def whole_test(folder: Path, fluid: str, pressures: tuple[float, ...], **options) -> SimulatedTest:

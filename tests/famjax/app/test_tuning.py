@@ -87,7 +87,7 @@ def test_the_slope_of_the_cost_is_that_of_its_values() -> None:
         ({"rate": 0.0}, "must be > 0"),
         ({"settle": 0.5}, "settle above 1 s"),
     ],
-)
+)  # fmt: skip
 def test_a_duty_that_cannot_be_done_is_refused(change: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         dataclasses.replace(DUTY, **change)

@@ -66,7 +66,7 @@ def test_what_is_written_is_read_back_to_the_same_bits(plain: dict, table: dict)
         Outer(0.1),
         Outer(0.3, (0.1, 0.7), (1e-3, 2.0), 4, "water", "b", None, Inner(1 / 3)),
     ],
-)
+)  # fmt: skip
 def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
     entries = to_entries(part, FORM)
     assert from_entries(Outer, tomllib.loads(toml_text(entries)), FORM) == part
@@ -84,19 +84,19 @@ def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
         ({"count": 1}, "unknown key 'count'; known are .*count_of_all"),
         ({"count_of_all": 1.5}, "count_of_all must be a whole number, got 1.5"),
         ({"count_of_all": True}, "count_of_all must be a whole number, got True"),
-        ({"length_m": math.inf}, "length_m must be a number > 0 and finite, got inf"),
-        ({"length_m": math.nan}, "length_m must be a number > 0 and finite, got nan"),
+        *(({"length_m": value}, f"length_m must be a number > 0 and finite, got {said}")
+          for value, said in ((math.inf, "inf"), (math.nan, "nan"), (-0.5, "-0.5"), ("0.5", "'0.5'"),
+                              (True, "True"), ([], r"\[\]"), ([0.5, 0.6], r"\[0.5, 0.6\]"))),
         ({"ends_m": [1, 2, 3]}, "ends_m must be two numbers in brackets"),
+        ({"ends_m": 10}, "ends_m must be two numbers in brackets"),
+        ({"length_psi": 1}, "unknown unit 'psi'"),
         ({"lengths_m": ["a"]}, "lengths_m must be numbers in brackets"),
         ({"kind": "oil"}, "kind must be air or water, got 'oil'"),
         ({"name": " "}, "name must be a text in quotes, got ' '"),
         ({"inner": 3}, "inner must be a table, got 3"),
-        (
-            {"inner": {"gap_m": -1}},
-            r"^F: \[inner\]: gap_m must be a number >= 0 and finite, got -1",
-        ),
+        ({"inner": {"gap_m": -1}}, r"^F: \[inner\]: gap_m must be a number >= 0 and finite, got -1"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         from_entries(Outer, {"length_m": 1.0, **change}, FORM, where="F: ")

@@ -41,7 +41,7 @@ WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 
         ("us", "It seems that the length 9.843 in pulls 10 lbf."),
         ("si", "It seems that the length 0.25 m pulls 44.5 N."),
     ],
-)
+)  # fmt: skip
 def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, text: str) -> None:
     assert sentence_in_units(WHOLE, system) == text
     assert sentence_in_units(text, "us") == text  # a text has no quantities to change

@@ -11,15 +11,7 @@ import jax
 import numpy as np
 
 import famjax
-from famjax.cards import (
-    Covariance,
-    MuscleCard,
-    Provenance,
-    draw,
-    read_card,
-    schema,
-    write_card,
-)
+from famjax.cards import Covariance, MuscleCard, Provenance, draw, read_card, schema, write_card
 from famjax.continuation import Region
 from famjax.muscle import MountedMuscle, flatten
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements

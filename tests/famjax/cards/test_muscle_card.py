@@ -50,21 +50,14 @@ GEOMETRIES: dict[str, Callable[[], famjax.geometries.AbstractGeometry]] = {
     "photographed": lambda: famjax.MeasuredGeometry(surface(), known.SPECIMEN, 8),
     "average": lambda: famjax.measured.AverageDiameterGeometry(family(), known.SPECIMEN),
 }
-SUMS_OF_TERMS = {
-    "terms": famjax.Muscle(known.CYLINDER, [*known.TERMS.values()]),
-}
+SUMS_OF_TERMS = {"terms": famjax.Muscle(known.CYLINDER, [*known.TERMS.values()])}
 MUSCLES = [*GEOMETRIES, *known.LAWS, *SUMS_OF_TERMS]
 BASES = (
-    famjax.geometries.AbstractGeometry,
-    famjax.materials.AbstractMaterial,
-    famjax.braids.AbstractBraid,
-    famjax.braids.AbstractThread,
-    famjax.profiles.AbstractProfile,
-    famjax.surfaces.AbstractProfileFamily,
-    famjax.terms.AbstractForceTerm,
-    famjax.Bladder,
+    famjax.geometries.AbstractGeometry, famjax.materials.AbstractMaterial,
+    famjax.braids.AbstractBraid, famjax.braids.AbstractThread, famjax.profiles.AbstractProfile,
+    famjax.surfaces.AbstractProfileFamily, famjax.terms.AbstractForceTerm, famjax.Bladder,
     famjax.Muscle,
-)
+)  # fmt: skip
 ROOMS = ("braids", "geometries", "materials", "measured", "muscle", "continuation", "profiles",
          "surfaces", "slip", "terms")  # fmt: skip
 CONCRETE = [
@@ -137,38 +130,26 @@ PLAIN = {
     "geometry": {
         "type": "EstimatedGeometry",
         "braid": {"type": "Braid", "rest_thread_length_m": 0.3, "turns": 1.1, "thickness_m": 0.0},
-        "bladder": {
-            "type": "Bladder",
-            "rest_length_m": 0.28,
-            "rest_diameter_m": 0.02,
-            "rest_thickness_m": 0.001,
-            "embedded": True,
-        },
+        "bladder": {"type": "Bladder", "rest_length_m": 0.28, "rest_diameter_m": 0.02,
+                    "rest_thickness_m": 0.001, "embedded": True},
     },
     "material": {"type": "PolynomialMaterial", "coefficients_Pa": [1e5, -2e5]},
     "deadband_pressure_Pa": 4e4,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (
-            ("geometry", "type"),
-            "Balloon",
-            "muscle.geometry .* unknown type 'Balloon'; known are .*EstimatedGeometry",
-        ),
+        (("geometry", "type"), "Balloon",
+         "muscle.geometry .* unknown type 'Balloon'; known are .*EstimatedGeometry"),
         (("geometry", "type"), "Braid", "unknown type 'Braid'"),
         (("material", "type"), None, "unknown type None; known are .*PolynomialMaterial"),
         (("geometry", "braid", "type"), "LinearThread", "known are Braid, Compl"),
         (("geometry", "braid", "turns"), ..., "no entry 'turns' in muscle.geometry.braid"),
         (("material", "type"), ..., "muscle.material .* unknown type None"),
         (("material", "coefficients_psi"), [1.0], "unknown entry 'coefficients_psi'"),
-        (
-            ("material", "coefficients_Pa"),
-            1.0,
-            r"must be numbers of shape \(order\), got shape \(\)",
-        ),
+        (("material", "coefficients_Pa"), 1.0, r"must be numbers of shape \(order\), got shape \(\)"),
         (("material", "coefficients_Pa"), [1.0, "x"], "muscle.material.coefficients .* finite num"),
         (("material", "coefficients_Pa"), [[1.0], [1.0, 2.0]], "must hold finite numbers"),
         (("material", "coefficients_Pa"), [1.0, None], "must hold finite numbers"),
@@ -176,7 +157,7 @@ PLAIN = {
         (("geometry", "bladder", "embedded"), 1, "embedded .* must be of type bool, got 1"),
         (("geometry", "bladder"), [], "must be an object in braces"),
     ],
-)
+)  # fmt: skip
 def test_a_card_that_was_edited_is_explained(path: tuple, value: object, message: str) -> None:
     card = copy.deepcopy(PLAIN)
     *places, key = path

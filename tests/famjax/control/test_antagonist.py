@@ -41,10 +41,7 @@ def softer(festo: famjax.Muscle) -> famjax.Muscle:
     return famjax.Muscle(festo.geometry, famjax.PolynomialMaterial([4e6, -12e6, 16e6]), 30e3)
 
 
-PATHS = {
-    "pulley": Pulley(0.02, 0.28),
-    "lever": Lever([0.03, 0.004], [0.01, -0.3], 0.02),
-}
+PATHS = {"pulley": Pulley(0.02, 0.28), "lever": Lever([0.03, 0.004], [0.01, -0.3], 0.02)}
 
 
 @pytest.mark.parametrize("kind", PATHS)

@@ -145,12 +145,9 @@ def test_an_impossible_requirement_is_refused(change, message):
         ({"objectives": ("width",)}, "one or more of outer_diameter, .*; got 'width'"),
         ({"objectives": ("air", "air")}, "each once"),
         ({"about": 0}, "about must be >= 1"),
-        (
-            {"catalogue": dataclasses.replace(load_catalogue(), tubes=())},
-            "no swage tubes: add",
-        ),
+        ({"catalogue": dataclasses.replace(load_catalogue(), tubes=())}, "no swage tubes: add"),
     ],
-)
+)  # fmt: skip
 def test_an_impossible_search_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         found_with(**change)

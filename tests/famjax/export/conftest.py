@@ -10,19 +10,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from targets import cubic_card
 
-ODD_NAME = '20 mm */ /* "quick" & <muscle>'
-
 
 @pytest.fixture(scope="session")
 def subject() -> Subject:
     """A muscle like the DMSP-20 with a cubic law, whose pull is affine in the pressure."""
     return Subject.of_card(cubic_card())
-
-
-@pytest.fixture(scope="session")
-def odd_subject(subject: Subject) -> Subject:
-    """The same muscle under a name that no language takes."""
-    return Subject(ODD_NAME, subject.muscle, None, (f"of {ODD_NAME}\\",))
 
 
 @pytest.fixture(scope="session")

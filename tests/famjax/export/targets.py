@@ -59,16 +59,7 @@ def _mujoco() -> Any:
 
 
 def compiled(subject: Subject, folder: Path, real: str) -> Callable[[str], Function]:
-    """The exported functions by what they return: force, stiffness, pressure.
-
-    Args:
-        subject: the muscle.
-        folder: of the files.
-        real: double or float.
-
-    Raises:
-        subprocess.CalledProcessError: the compiler warns.
-    """
+    """The exported functions by what they return: force, stiffness, pressure."""
     export(subject, ["c"], folder)
     name, shared = subject.identifier, folder / f"{real}.so"
     define = f"-D{name.upper()}_REAL={real}"
@@ -87,14 +78,7 @@ def compiled(subject: Subject, folder: Path, real: str) -> Callable[[str], Funct
 def code_sections(
     source: Path, *options: str, compiler: str = "gcc", size: str = "size"
 ) -> dict[str, int]:
-    """Bytes of each section of a C source compiled for size.
-
-    Args:
-        source: of C.
-        options: of the compiler, beside the strict ones.
-        compiler: its command.
-        size: the command that measures.
-    """
+    """Bytes of each section of a C source compiled for size."""
     target = str(source.with_suffix(".o"))
     subprocess.run(
         [compiler, *STRICT, "-Os", *options, "-c", "-o", target, str(source)], check=True
@@ -124,19 +108,14 @@ def telling(subject: Subject, length: np.ndarray, pressure: np.ndarray) -> np.nd
 
 @dataclasses.dataclass(frozen=True)
 class KneeRun:
-    """What a knee did.
+    """What a knee did."""
 
-    Attributes:
-        overrun: by how much it left the identified stroke at either end, the lesser, in strokes [-].
-        fastest: largest speed [rad/s] of all 10 s.
-        at_rest: largest speed in the last second, the drive being off [rad/s].
-        finite: whether every state was.
-    """
-
-    overrun: float
-    fastest: float
-    at_rest: float
-    finite: bool
+    overrun: (
+        float  # by how much it left the identified stroke at either end, the lesser, in strokes
+    )
+    fastest: float  # largest speed of all 10 s [rad/s]
+    at_rest: float  # that of the last second, the drive being off [rad/s]
+    finite: bool  # whether every state was
 
 
 def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 10.0) -> KneeRun:
@@ -145,11 +124,6 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
     The first six tenths of the time a servo swings it at 0.5 Hz so far that both muscles become
     shorter and longer than in their data, at pressures from none to 1.3 times the highest. Then the
     servo is off, the pressures are held, and it must come to rest. MuJoCo's default step.
-
-    Args:
-        pull: of both muscles.
-        overrun: beyond either end of the stroke, in strokes.
-        seconds: of simulated time.
     """
     mujoco = _mujoco()
     short, long = pull.lengths[0], pull.lengths[-1]
@@ -184,21 +158,13 @@ def driven_knee(pull: TabulatedPull, *, overrun: float = 0.3, seconds: float = 1
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """Commands and a moving length over 10 s, and what the plant does under them each 2 ms.
+    """Commands and a moving length over 10 s, and what the plant does under them each 2 ms."""
 
-    Attributes:
-        subject: with the plant.
-        signal: of valve or pump in each tick, shape (n,).
-        length: a sine [m] at the ends of the ticks, shape (n + 1,); within one the velocity is constant.
-        pressure: of the plant [Pa] after each tick, shape (n,).
-        force: its pull [N], shape (n,).
-    """
-
-    subject: Subject
-    signal: np.ndarray
-    length: np.ndarray
-    pressure: np.ndarray
-    force: np.ndarray
+    subject: Subject  # with the plant
+    signal: np.ndarray  # of valve or pump in each of n ticks
+    length: np.ndarray  # a sine [m] at the n + 1 ends of the ticks; between them it is straight
+    pressure: np.ndarray  # of the plant after each tick [Pa]
+    force: np.ndarray  # its pull [N]
 
     @classmethod
     def of(cls, subject: Subject, seconds: float = 10.0) -> "Course":
@@ -275,11 +241,7 @@ class Course:
         install(model, {name: self.compiled(folder)})
         try:
             for at, signal, dump, velocity in self._ticks():
-                data.qpos[0], data.qvel[0], data.ctrl[0] = (
-                    longest - at,
-                    -velocity,
-                    signal - dump,
-                )
+                data.qpos[0], data.qvel[0], data.ctrl[0] = (longest - at, -velocity, signal - dump)
                 _mujoco().mj_step(model, data)
                 data.qpos[0], data.qvel[0] = longest - at - velocity * TICK, -velocity
                 _mujoco().mj_forward(model, data)
@@ -345,12 +307,7 @@ def cubic_card() -> MuscleCard:
 
 
 def rollout(folder: Path, steps: int) -> tuple[Callable[[Real], jax.Array], float]:
-    """The height [m] of the load after some steps as a function of E_1 [Pa], and E_1 itself.
-
-    Args:
-        folder: for the files of `famjax export --to mjx` of `cubic_card`.
-        steps: of MuJoCo's default length.
-    """
+    """The height [m] of the load after some steps as a function of E_1 [Pa], and E_1 itself."""
     from mujoco import mjx
 
     export(Subject.of_card(cubic_card()), ["mjx"], folder)

@@ -1,23 +1,19 @@
 """The exported C on this machine, and for an AVR: equal to the model, without warnings, small."""
 
 import re
-import shutil
 import struct
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import needs, ran
 from targets import code_sections, compiled, exported_states, telling
 
 from famjax.export import Subject, export
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
-needs_avr = pytest.mark.skipif(shutil.which("avr-gcc") is None, reason="no avr-gcc on this machine")
-
 
 @pytest.mark.slow
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize(
     ("real", "force_error", "pressure_error"), [("double", 1e-6, 1.0), ("float", 1e-4, 200.0)]
 )
@@ -40,21 +36,20 @@ def test_c_is_the_model(
 
 
 @pytest.mark.slow
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_code_is_small(real: str, dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["c"], tmp_path)
     sizes = code_sections(tmp_path / "dmsp_20.c", f"-DDMSP_20_REAL={real}")
     assert sizes[".text"] < 3000
     assert sizes[".data"] == sizes[".bss"] == 0  # tables are constant, and nothing is kept
-    symbols = subprocess.run(
-        ["nm", "-u", tmp_path / "dmsp_20.o"], capture_output=True, text=True, check=True
-    )
+    symbols = ran("nm", "-u", tmp_path / "dmsp_20.o")
+    assert symbols.returncode == 0
     assert "alloc" not in symbols.stdout
 
 
 @pytest.mark.slow
-@needs_avr
+@needs("avr-gcc")
 def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["c"], tmp_path)
     source = tmp_path / "dmsp_20.c"
@@ -63,22 +58,16 @@ def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
     assert sizes[".rodata"] + sizes[".data"] + sizes[".bss"] < 64  # tables stay in the flash
 
 
-@needs_avr
+@needs("avr-gcc")
+@needs("simavr")
 def test_an_avr_computes_the_same(dmsp_20: Subject, tmp_path: Path) -> None:
-    if shutil.which("simavr") is None:
-        pytest.skip("no simavr on this machine")
     export(dmsp_20, ["c"], tmp_path)
     program = tmp_path / "pull.elf"
     sources = [Path(__file__).with_name("avr_pull.c"), tmp_path / "dmsp_20.c"]
-    subprocess.run(
-        ["avr-gcc", "-mmcu=atmega328p", "-Os", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}",
-         "-o", program, *sources],
-        check=True,
-    )  # fmt: skip
-    done = subprocess.run(
-        ["simavr", "-m", "atmega328p", "-f", "16000000", program],
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
+    built = ran("avr-gcc", "-mmcu=atmega328p", "-Os", "-Wall", "-Wextra", "-Werror",
+                f"-I{tmp_path}", "-o", program, *sources)  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    done = ran("simavr", "-m", "atmega328p", "-f", "16000000", program, timeout=60)
     rows = re.findall(r"([0-9a-f]{8}) ([0-9a-f]{8}) (\d+) (\d+)", done.stdout + done.stderr)
     lengths = [0.24, 0.28, 0.31, 0.35]
     assert len(rows) == len(lengths)

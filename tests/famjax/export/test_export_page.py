@@ -1,14 +1,11 @@
 """The page on exporting is run: its commands, its C, its MATLAB, its Python."""
 
 import re
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-
-from famjax.__main__ import main
+from processes import command, needs, ran
 
 PAGE = (Path(__file__).parents[3] / "docs" / "export.md").read_text()
 
@@ -23,34 +20,30 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        with pytest.raises(SystemExit) as stop:
-            main(fences("sh")[0].split()[1:])
-    assert not stop.value.code
+        command(*fences("sh")[0].split()[1:])
     return folder
 
 
-def said(command: list[str], folder: Path) -> str:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def said(folder: Path, *words: str) -> str:
+    done = ran(*words, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 @pytest.mark.slow
+@needs("gcc")
 def test_c(folder: Path) -> None:
-    if shutil.which("gcc") is None:
-        pytest.skip("no gcc on this machine")
     (folder / "pull.c").write_text(*fences("c"))
-    pressure, force, _ = said(["sh", "-c", fences("sh")[1]], folder).split(", ")
+    pressure, force, _ = said(folder, "sh", "-c", fences("sh")[1]).split(", ")
     assert force == "500.0 N"
     assert 1e5 < float(pressure.split()[0]) < 6e5
 
 
 @pytest.mark.slow
+@needs("octave-cli")
 def test_matlab(folder: Path) -> None:
-    if shutil.which("octave-cli") is None:
-        pytest.skip("no octave-cli on this machine")
     (folder / "page.m").write_text(*fences("matlab"))
-    told = said(["octave-cli", "--norc", "--quiet", "page.m"], folder)
+    told = said(folder, "octave-cli", "--norc", "--quiet", "page.m")
     assert "force =" in told
     assert "pressure =" in told
 
@@ -63,6 +56,6 @@ def test_matlab(folder: Path) -> None:
 def test_python(number: int, needs: str, folder: Path) -> None:
     assert len(fences("python")) == 5
     pytest.importorskip(needs)
-    printed = said([sys.executable, "-c", fences("python")[number]], folder)
+    printed = said(folder, sys.executable, "-c", fences("python")[number])
     assert printed.strip()
     assert "nan" not in printed.lower()

@@ -1,12 +1,11 @@
 """The model as StableHLO and inside MJX: values and derivatives are the model's."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import python
 from targets import rollout, rollout_derivatives
 
 import famjax
@@ -29,10 +28,8 @@ def test_a_process_without_famjax_computes_force_and_gradient(
         "print(*jax.grad(lambda L: of.force(L, P).sum())(L).tolist())\n"
         "print('famjax' in sys.modules)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
-    )  # fmt: skip
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = python("-c", script, cwd=tmp_path, env=env)
     assert done.returncode == 0, done.stderr
     force, stiffness, famjax_there = (line.split() for line in done.stdout.splitlines())
     assert [*map(float, force)] == pytest.approx(np.asarray(subject.muscle.force(L, P)), rel=1e-12)

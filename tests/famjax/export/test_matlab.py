@@ -1,32 +1,24 @@
 """The MATLAB functions and the .mat file, run and read by Octave; the tables read by SciPy."""
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import needs, ran
 from scipy.io import loadmat, savemat
 from targets import exported_states
 
 from famjax.export import Subject, export
 
-needs_octave = pytest.mark.skipif(
-    shutil.which("octave-cli") is None, reason="no octave-cli on this machine"
-)
-
 
 def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
     """What is left in `back.mat` by commands of Octave that run in a folder."""
-    done = subprocess.run(
-        ["octave-cli", "--norc", "--quiet", "--eval", commands],
-        cwd=folder, capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
+    done = ran("octave-cli", "--norc", "--quiet", "--eval", commands, cwd=folder, timeout=120)
     assert (folder / "back.mat").exists(), done.stderr
     return loadmat(folder / "back.mat", squeeze_me=True)
 
 
-@needs_octave
+@needs("octave-cli")
 def test_octave_computes_the_equations(dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["matlab", "python"], tmp_path)
     rng, region = np.random.default_rng(5), dmsp_20.muscle.region
@@ -52,7 +44,7 @@ def test_octave_computes_the_equations(dmsp_20: Subject, tmp_path: Path) -> None
     assert "L must be in m and below" in str(back["M"])
 
 
-@needs_octave
+@needs("octave-cli")
 def test_octave_computes_the_table_to_the_last_digits(
     subject: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,7 +72,7 @@ def test_octave_computes_the_table_to_the_last_digits(
 
 
 @pytest.mark.slow
-@needs_octave
+@needs("octave-cli")
 def test_octave_reads_the_mat_file(subject: Subject, tmp_path: Path) -> None:
     export(subject, ["mat"], tmp_path)
     back = octave(

@@ -1,11 +1,11 @@
 """MuJoCo with the exported callback: the equilibria are ours, and a driven knee comes to rest."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import needs
 from targets import compiled, driven_knee
 
 from famjax.export import CompiledPull, Subject, export, install, uninstall
@@ -88,9 +88,8 @@ def test_the_pressure_may_be_a_state_of_the_actuator(subject: Subject, tmp_path:
     )
 
 
+@needs("gcc")
 def test_the_compiled_callback_is_the_table(hanging, subject: Subject, tmp_path: Path) -> None:
-    if shutil.which("gcc") is None:
-        pytest.skip("no gcc on this machine")
     model, data = hanging
     compiled(subject, tmp_path, "double")
     install(model, {"test_20": CompiledPull(tmp_path / "double.so", "test_20")})

@@ -1,27 +1,18 @@
 """A muscle with its circuit in C and as an FMU: the plant's own pressure and force."""
 
 import dataclasses
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
+from processes import command, needs, ran
 from targets import STRICT, Course
 
-from famjax.__main__ import main
 from famjax.boundary.errors import InputError
 from famjax.export import Subject, export
-from famjax.plant import (
-    DahlFriction,
-    HydraulicCircuit,
-    Plant,
-    PneumaticCircuit,
-    SlipFriction,
-)
+from famjax.plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, SlipFriction
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 SLIP = MaxwellSlip(SlipElements([0.01, 0.03], [20, 10]), SlipElements([0.005], [30]), 0.296, 1e6)
 RAMP, STROKE = (
     ReferenceCycle("ramp", 0.0, 5e5, cycled=True),
@@ -41,7 +32,7 @@ def with_plant(subject: Subject, of: str) -> Subject:
     return dataclasses.replace(subject, plant=plant)
 
 
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize("of", PLANTS)
 def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) -> None:
     errors = Course.of(with_plant(subject, of), 4.0).errors_in_c(tmp_path)
@@ -49,19 +40,19 @@ def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) 
     assert errors["force"] < 1e-6
 
 
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize(
     ("of", "fits"), [("air, Dahl", True), ("water without relief, slip", False)]
 )
 def test_single_precision_is_for_air(of: str, fits: bool, subject: Subject, tmp_path: Path) -> None:
     export(with_plant(subject, of), ["c"], tmp_path)
-    command = ["gcc", *STRICT, "-DTEST_20_REAL=float", "-fsyntax-only", str(tmp_path / "test_20.c")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    words = ["gcc", *STRICT, "-DTEST_20_REAL=float", "-fsyntax-only", str(tmp_path / "test_20.c")]
+    done = ran(*words)
     assert (done.returncode == 0) == fits
     assert fits or "water_needs_double" in done.stderr
 
 
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize("of", ["air, Dahl", "water, slip about a ramp"])
 def test_the_fmu_is_valid_and_the_plant_in_both_modes(
     of: str, subject: Subject, tmp_path: Path
@@ -74,7 +65,7 @@ def test_the_fmu_is_valid_and_the_plant_in_both_modes(
     assert max(course.errors_in_fmu(tmp_path, "ModelExchange").values()) < 1e-3
 
 
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
 def test_the_fmu_starts_at_what_is_set(kind: str, subject: Subject, tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
@@ -89,10 +80,7 @@ def test_the_fmu_starts_at_what_is_set(kind: str, subject: Subject, tmp_path: Pa
 def test_a_plan_gives_circuit_and_friction(tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text('[circuit]\nfluid = "water"\nrelief_kPa = 700\n[friction]\nshare = 0.03\n')
-    words = ["export", "dmsp-20", "--to", "c", "--plant", str(plan), "-o", str(tmp_path)]
-    with pytest.raises(SystemExit) as stop:
-        main(words)
-    assert not stop.value.code
+    command("export", "dmsp-20", "--to", "c", "--plant", plan, "-o", tmp_path)
     source = (tmp_path / "dmsp_20.c").read_text()
     for line in ("#define c_relief R(700000.0)", "#define f_share R(0.03)"):
         assert line in source
@@ -110,7 +98,7 @@ def test_a_law_of_ones_own_is_refused(subject: Subject, tmp_path: Path) -> None:
             export(dataclasses.replace(subject, plant=plant), ["c"], tmp_path)
 
 
-@needs_gcc
+@needs("gcc")
 @pytest.mark.parametrize("of", ["air, slip about a stroke", "water without relief, slip"])
 def test_the_actuator_in_mujoco_is_the_plant(of: str, subject: Subject, tmp_path: Path) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed")

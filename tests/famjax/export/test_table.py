@@ -2,6 +2,8 @@
 
 import itertools
 import math
+import runpy
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -12,7 +14,7 @@ from targets import exported_states
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.export import Subject, tabulated
+from famjax.export import Subject, export, tabulated
 
 
 @pytest.mark.slow
@@ -94,3 +96,20 @@ def test_a_model_with_ripples_is_refused() -> None:
     muscle = famjax.SafeMuscle.of(Rippled(), [0.2, 0.3], [0.0, 5e5])
     with pytest.raises(InputError, match="not smooth enough for a table"):
         tabulated(muscle)
+
+
+def test_slack_states_have_no_force_and_the_models_own(subject: Subject, tmp_path: Path) -> None:
+    """In the region and beyond, of the table and of its module for MuJoCo."""
+    grid = np.meshgrid([0.15, 0.225, 0.25, 0.28, 0.296], [0.0, 2e4, 1e5, 3e5])
+    L, P = (one.ravel() for one in grid)
+    model = np.asarray(subject.muscle.model_force(L, P))
+    slack = model < 0
+    assert slack.sum() >= 10
+    assert (L[slack] == 0.296).any()
+    assert (np.asarray(subject.muscle.force(L, P))[slack] == 0).all()
+    each = [*zip(L[slack].tolist(), P[slack].tolist(), strict=True)]
+    _, file = export(subject, ["mujoco"], tmp_path)
+    for pull in (subject.pull, runpy.run_path(str(file))["PULL"]):
+        assert [pull.force(*one) for one in each] == [0.0] * len(each)
+        near = 1e-5 * subject.errors.largest_force
+        assert [pull.model_force(*one) for one in each] == pytest.approx(model[slack], abs=near)

@@ -35,35 +35,6 @@ def poisoned_part(index: int) -> dict[str, Any]:
     return drawn(poisoned(index))
 
 
-def failing(index: int) -> int:
-    if index == 3:
-        raise ValueError("no root")
-    return index
-
-
-def surroundings(_: int) -> dict[str, Any]:
-    """How a worker is set up."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    threads = [os.environ[name] for name in names]
-    import jax
-
-    return {
-        "threads": threads,
-        "x64": bool(jax.config.read("jax_enable_x64")),
-        "cache": jax.config.values["jax_compilation_cache_dir"],
-        "pid": os.getpid(),
-    }
-
-
-def alone(running: list[int], item: int) -> int:
-    """The most calls that ran at once in this process."""
-    running.append(item)
-    time.sleep(0.02)
-    most = len(running)
-    running.remove(item)
-    return most
-
-
 def client(engine: str, folder: str, place: str) -> None:
     """A client with workers of its own, for a test that kills both."""
     import functools
