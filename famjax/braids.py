@@ -610,9 +610,11 @@ class ElasticBraid(AbstractBraid):
     ) -> tuple[RealArray, Bool[Array, "..."]]:
         """B [m] of finite numbers, and whether it is an equilibrium."""
         around = 2 * jnp.pi * self.turns**2 * self.n_threads
-        at_rest = pressure * length * self.rest_thread_length / around  # T without stretch
+        # No nan takes part: it would spoil the derivatives of all others.
+        known = jnp.isfinite(pressure)
+        at_rest = jnp.where(known, pressure, 0.0) * length * self.rest_thread_length / around
         strains, found = at_each(functools.partial(strain_under_line, self.thread), at_rest)
-        # No nan takes part in what follows: it would spoil the derivatives of all others.
+        found &= known
         return self.rest_thread_length * (1 + jnp.where(found, strains, 0.0)), found
 
     def _state(
@@ -689,7 +691,8 @@ class CompliantBraid(AbstractBraid):
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
         """Thread length B [m], broadcast shape; nan where the braid would stretch without limit."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        load = self.rest_thread_length * pressure * length / (2 * jnp.pi * self.turns**2)
-        left = 1 - self.compliance * load
-        holds = left > 0
+        known = jnp.isfinite(pressure)  # no nan takes part: it would spoil others' derivatives
+        at = jnp.where(known, pressure, 0.0) * length
+        left = 1 - self.compliance * self.rest_thread_length * at / (2 * jnp.pi * self.turns**2)
+        holds = known & (left > 0)
         return jnp.where(holds, self.rest_thread_length / jnp.where(holds, left, 1.0), jnp.nan)

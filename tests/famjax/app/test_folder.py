@@ -121,7 +121,7 @@ def test_the_report_is_whole(twin: Path) -> None:
     page = (report / "report.html").read_text()
     assert re.search(r'(src|href)="(?!data:|#)', page) is None  # nothing is fetched
     names = {path.stem for path in (report / "figures").iterdir()}
-    assert page.count("<figure") == len(names) == 8
+    assert page.count("<figure") == len(names) == 9
     assert {"photographs", "shape", "test"} < names
     for words in (
         "Errors of the force by geometry",
