@@ -172,10 +172,14 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
     cosine = _COSINES[:, None] * radii / radii.max()
     rate = cosine / np.sqrt(1 - cosine**2) / radii
     expected = np.arctan(rate * width / ACROSS)  # rays of a family with this twist rate
-    score = np.zeros(_COSINES.size)
-    for k in range(number):
-        for family in range(2):
-            score += np.interp(expected[:, k], _RAYS, rise[k, family])
+    score = np.sum(
+        [
+            np.interp(expected[:, k], _RAYS, one)
+            for k, families in enumerate(rise)
+            for one in families
+        ],
+        axis=0,
+    )
     best = int(np.argmax(score))
     along = np.zeros(azimuthal.size)
     for k, power in enumerate(powers):
