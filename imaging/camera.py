@@ -152,11 +152,8 @@ class RulerReading:
     def __post_init__(self) -> None:
         for name, least in (("pitch", ">"), ("expected_px_per_m", ">"), ("placement_stderr", ">=")):
             value = getattr(self, name)
-            if value is None or (
-                np.isfinite(value) and (value > 0 or (value == 0 and least == ">="))
-            ):
-                continue
-            raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
+            if value is not None and not (0 < value < np.inf or (value == 0 and least == ">=")):
+                raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -507,9 +507,10 @@ def process(
 
 def _paying(executor: Any, work: Callable[[str], Row], names: Sequence[str], kept: _Kept) -> Any:
     """The executor; for "auto" a process for each core where these save more than their start."""
-    left = [k for k in range(len(names)) if k not in kept]
-    if executor != "auto" or not left:
-        return None if executor == "auto" else executor
+    if executor != "auto":
+        return executor
+    if not (left := [k for k in range(len(names)) if k not in kept]):
+        return None
     began, cores = time.perf_counter(), os.cpu_count() or 1
     kept.keep(left[0], work(names[left[0]]))
     each = time.perf_counter() - began

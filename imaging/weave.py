@@ -217,9 +217,7 @@ def _rays(power: Array, azimuthal: Array, axial: Array, width: float) -> Array:
 
 
 def _sampled(power: Array, azimuthal: Array, axial: Array, k: Array, f: Array) -> Array:
-    at = [
-        (f - axial[0]) / (axial[1] - axial[0]), (k - azimuthal[0]) / (azimuthal[1] - azimuthal[0]),
-    ]  # fmt: skip
+    at = [(x - grid[0]) / (grid[1] - grid[0]) for x, grid in ((f, axial), (k, azimuthal))]
     return np.asarray(map_coordinates(power, at, order=1))
 
 
