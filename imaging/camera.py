@@ -152,11 +152,8 @@ class RulerReading:
     def __post_init__(self) -> None:
         for name, least in (("pitch", ">"), ("expected_px_per_m", ">"), ("placement_stderr", ">=")):
             value = getattr(self, name)
-            if value is None or (
-                np.isfinite(value) and (value > 0 or (value == 0 and least == ">="))
-            ):
-                continue
-            raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
+            if value is not None and not (0 < value < np.inf or (value == 0 and least == ">=")):
+                raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,6 +252,10 @@ class Tone:
     def __hash__(self) -> int:
         return hash(self.table.tobytes())
 
+    def light(self, encoded: Array) -> Array:
+        """Linear light of encoded values 0 to 255, whole or not; any shape."""
+        return np.interp(encoded, np.arange(256), self.table)
+
     @classmethod
     def srgb(cls) -> "Tone":
         """The sRGB curve, which a camera's neutral picture style approaches.
@@ -281,8 +282,7 @@ def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
     Returns:
         q for the values 0 to 255, held at 1.6 above, shape (256,).
     """
-    dark, bright = (np.interp(colour, np.arange(256.0), tone.table) for colour in (cloth, braid))
-    return amount_of_look(tone, dark, bright, LUMA)
+    return amount_of_look(tone, tone.light(cloth), tone.light(braid), LUMA)
 
 
 def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) -> Single:

@@ -49,14 +49,9 @@ _FIRST = (
 )  # fmt: skip
 _TEXTS = "path", "error", "sha256", "warnings"
 _PROFILES = "diameter", "diameter_stderr", "braid_angle", "braid_angle_stderr"
-_KINDS = {
-    **dict.fromkeys(("time", "log_time"), "time"),
-    **dict.fromkeys(("length", "mean_diameter", "max_diameter", "x0"), "length"),
-    **dict.fromkeys(("distance", "bow", "displacement"), "length"),
-    "volume": "volume",
-    "force": "force",
-    "pressure": "pressure",
-}
+_LENGTHS = "length", "mean_diameter", "max_diameter", "x0", "distance", "bow", "displacement"
+_KINDS = dict.fromkeys(_LENGTHS, "length") | {"time": "time", "log_time": "time"}
+_KINDS |= {kind: kind for kind in ("volume", "force", "pressure")}
 """Kind of unit of a column; the names of the others say theirs."""
 
 
@@ -122,23 +117,22 @@ class Row:
     warnings: str = ""
 
 
-def measured_row(path: str, recipe: Recipe, reader: Callable[..., Any] | None = None) -> Row:
+def measured_row(path: str, recipe: Recipe) -> Row:
     """The row of a picture, also if it could not be measured.
 
     Args:
         path: of the picture.
         recipe: how to measure.
-        reader: see `measure`; None for the usual one.
     """
     import cv2  # noqa: PLC0415 -- 0.1 s, and only workers need it
 
     from . import measurement  # noqa: PLC0415
 
-    facts, options = _file_facts(path), {} if reader is None else {"reader": reader}
-    threads = cv2.getNumThreads()
+    stamp, threads = read_timestamp(path), cv2.getNumThreads()
+    facts: dict[str, Any] = {"sha256": _sha256(path), **({} if stamp is None else stamp._asdict())}
     cv2.setNumThreads(1)
     try:
-        found = measurement.measure(path, recipe, **options)
+        found = measurement.measure(path, recipe)
     except (ValueError, OSError, ArithmeticError, cv2.error) as error:
         return Row(path, error=_error_text(error), **facts)
     finally:
@@ -183,12 +177,6 @@ def _error_text(error: BaseException) -> str:
     """`ClassName: message`, on one line, without the path, which has its own column."""
     message = str(error).removeprefix(f"{getattr(error, 'path', None)}: ")
     return f"{type(error).__name__}: {' '.join(message.split())}"
-
-
-def _file_facts(path: str) -> dict[str, Any]:
-    """Content hash and time stamp of a file, as fields of a `Row`."""
-    stamp = read_timestamp(path)
-    return {"sha256": _sha256(path), **({} if stamp is None else stamp._asdict())}
 
 
 def _sha256(path: str) -> str:
@@ -271,9 +259,7 @@ class Table:
             provenance: see `Table`.
         """
         names = dict.fromkeys((*_FIRST, *(name for row in rows for name in row.numbers)))
-        columns = {
-            name: np.array([row.numbers.get(name, math.nan) for row in rows]) for name in names
-        }
+        columns = {n: np.array([row.numbers.get(n, math.nan) for row in rows]) for n in names}
         seconds = np.array([row.seconds for row in rows])
         origin = float(np.nanmin(seconds)) if np.isfinite(seconds).any() else math.nan
         columns["time"] = np.round(seconds - origin, 6)  # what float64 keeps of a date
@@ -467,8 +453,7 @@ class _Kept(Store):
 def process(
     paths: Iterable[str | Path], recipe: Recipe, output: str | Path | None = None,
     executor: Any = "auto", progress: Callable[[int, int], None] | None = None, *,
-    rest_length: float | None = None, reader: Callable[..., Any] | None = None,
-    provenance: Mapping[str, str] | None = None,
+    rest_length: float | None = None, provenance: Mapping[str, str] | None = None,
 ) -> Table:  # fmt: skip
     """Measure the shape in every picture separately; a failed picture gives a row with the reason.
 
@@ -485,7 +470,6 @@ def process(
             each core where these then save more than their start.
         progress: called with (pictures done, pictures) whenever some are done.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
-        reader: see `measure`; must be picklable.
         provenance: further entries of the table's provenance.
 
     Returns:
@@ -510,7 +494,7 @@ def process(
     version = importlib.metadata.version("famjax")
     told = {"famjax_version": version, "recipe": recipe_text(recipe)}
     kept = _Kept(None if output is None else Path(output) / PARTS, json.dumps(told), names)
-    work = functools.partial(measured_row, recipe=recipe, reader=reader)
+    work = functools.partial(measured_row, recipe=recipe)
     run_tasks(work, names, executor=_paying(executor, work, names, kept), store=kept,
               progress=progress, names=names)  # fmt: skip
     table = Table.from_rows(
@@ -523,9 +507,10 @@ def process(
 
 def _paying(executor: Any, work: Callable[[str], Row], names: Sequence[str], kept: _Kept) -> Any:
     """The executor; for "auto" a process for each core where these save more than their start."""
-    left = [k for k in range(len(names)) if k not in kept]
-    if executor != "auto" or not left:
-        return None if executor == "auto" else executor
+    if executor != "auto":
+        return executor
+    if not (left := [k for k in range(len(names)) if k not in kept]):
+        return None
     began, cores = time.perf_counter(), os.cpu_count() or 1
     kept.keep(left[0], work(names[left[0]]))
     each = time.perf_counter() - began

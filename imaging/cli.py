@@ -254,20 +254,19 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     from .camera import Tone
     from .pictures import picture_recipe
 
-    reading: dict[str, Any] = {}
-    if options.pitch is not None:
-        reading["pitch"] = parse_quantity(options.pitch, "length")
+    lengths = {"pitch": options.pitch, "placement_stderr": options.ruler_placement}
+    reading: dict[str, Any] = {
+        name: parse_quantity(text, "length") for name, text in lengths.items() if text is not None
+    }
     if options.expected_px_per_in is not None:
         reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
-    if options.ruler_placement is not None:
-        reading["placement_stderr"] = parse_quantity(options.ruler_placement, "length")
     readers: dict[str, Callable[[Any, str], Any]] = {
         **dict.fromkeys(
             ("distance", "tape_diameter"), lambda text, _: parse_quantity(text, "length")
         ),
-        "crop_offset": _pair,
-        "frame_size": lambda text, name: _pair(text, name, int),
-        "tape_hue": _angle,
+        "crop_offset": lambda text, name: _numbers(text, name, "1459,531"),
+        "frame_size": lambda text, name: _numbers(text, name, "5568,3712", int),
+        "tape_hue": lambda text, name: _numbers(text.removesuffix("deg"), name, "355deg")[0],
         "tone": lambda _text, _: Tone.srgb(),
         **dict.fromkeys(("k1", "braid_angle", "n_threads", "orientation"), lambda given, _: given),
     }
@@ -321,19 +320,14 @@ def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[st
     return [dict(zip(("what", "value", "source"), row, strict=True)) for row in rows]
 
 
-def _pair(text: str, name: str, kind: Callable[[str], float] = float) -> tuple[float, float]:
+def _numbers(
+    text: str, name: str, such_as: str, kind: Callable[[str], float] = float
+) -> tuple[float, ...]:
     try:
-        first, second = map(kind, text.split(","))
+        found = tuple(map(kind, text.split(",")))
     except ValueError:
-        whole = "whole " if kind is int else ""
-        raise ImagingError(
-            f"the {name} is two {whole}numbers in px, 1459,531, got {text!r}"
-        ) from None
-    return first, second
-
-
-def _angle(text: str, name: str) -> float:
-    try:
-        return float(text.removesuffix("deg"))
-    except ValueError:
-        raise ImagingError(f"the {name} is an angle, 355deg, got {text!r}") from None
+        found = ()
+    if len(found) != such_as.count(",") + 1:
+        many = "two numbers in px" if "," in such_as else "an angle"
+        raise ImagingError(f"the {name} is {many}, {such_as}, got {text!r}")
+    return found

@@ -58,9 +58,9 @@ def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v
     light = tone.table[rgb[rows, columns]].sum(axis=1)
     width = max(1, round(_SMOOTHED * light.shape[0]))
     light = np.stack([np.convolve(one, np.ones(width), "same") for one in light.T], axis=1)
-    of_colours = (np.interp(colour, np.arange(256), tone.table) for colour in colours)
     seen, tape, braid = (
-        each / np.maximum(each.sum(axis=-1, keepdims=True), 1e-9) for each in (light, *of_colours)
+        each / np.maximum(each.sum(axis=-1, keepdims=True), 1e-9)
+        for each in (light, *map(tone.light, colours))
     )
     off = np.linalg.norm(seen - tape, axis=-1)
     return off < max(_ANOTHER * float(np.linalg.norm(braid - tape)), _NOISE)
@@ -173,7 +173,7 @@ class _Front:
             slice(max(int(np.floor(x.min())) - 3, 0), int(np.ceil(x.max())) + 4) for x in edges
         )
         self.patch = np.ascontiguousarray(photo.rgb[self.rows, self.columns])
-        tape, braid = (np.interp(colour, np.arange(256), tone.table) for colour in self.colours)
+        tape, braid = map(tone.light, self.colours)
         # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
         own = LUMA - tape * (tape @ LUMA) / (tape @ tape)
         form = np.array([[*(own / (own @ braid)), 0.0]])
@@ -371,9 +371,9 @@ def plane_through(lateral: Array, shift: Array, radius: float) -> tuple[list[flo
     inverse = np.linalg.pinv(model)
     found = inverse @ shift
     off = shift - model @ found
-    variance = float(off @ off) / max(off.size - model.shape[1], 1)
     # Groups in the width of one thread are moved together.
-    stderr = np.sqrt(np.sum(inverse**2, axis=1) * variance * correlated_points(off))
+    variance = float(off @ off) / max(off.size - model.shape[1], 1) * correlated_points(off)
+    stderr = np.sqrt(np.sum(inverse**2, axis=1) * variance)
     return found.tolist(), stderr.tolist()
 
 
@@ -532,17 +532,6 @@ class Lean(NamedTuple):
     middle_stderr: float
 
 
-def lean_of(ring: Ring, radius: float) -> Lean:
-    """The lean of a ring of this radius [m], by least squares.
-
-    Unrolled about an upright cylinder at the camera's distance, a ring square to it is straight.
-    The front of one that leans lies lower by p sqrt(R^2 - X^2) at X across the axis, as does that
-    of a square one around a tilted axis, or seen from another distance.
-    """
-    found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
-    return Lean(found[2], stderr[2], found[0], stderr[0])
-
-
 def check_tape_diameter(
     photo: Photograph, coarse: Segmentation, body: Silhouette, recipe: Recipe, known: float
 ) -> None:
@@ -555,11 +544,11 @@ def check_tape_diameter(
         ScaleContradiction: the tapes' mean diameter differs from the known one by more than
             `QualityLimits.scale_contradiction`, or a tape shows too few rows for that.
     """
-    camera, table = photo.camera, recipe.tone_curve.table
+    camera, tone = photo.camera, recipe.tone_curve
     # Luma hardly sees blue: the colour in which the tape is brightest does.
     colour = int(np.argmax(coarse.tape))
-    dark, bright = np.interp([coarse.cloth[colour], coarse.tape[colour]], np.arange(256), table)
-    amount = ((table - dark) / (bright - dark)).astype(np.float32)
+    dark, bright = tone.light(np.array([coarse.cloth[colour], coarse.tape[colour]]))
+    amount = ((tone.table - dark) / (bright - dark)).astype(np.float32)
     angles = []
     for tape, first, last in (
         (coarse.upper, coarse.upper.top, min(coarse.upper.inner_limbs)),
@@ -657,8 +646,18 @@ class Axis(NamedTuple):
 
 
 def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> tuple[Depth, tuple[Lean, Lean]]:
-    """Tilt and distance from the leans of both tapes' edges, and the leans."""
-    up, low = (lean_of(ring, float(body.radius_at(ring.y))) for ring in (upper, lower))
+    """Tilt and distance from the leans of both tapes' edges, and the leans.
+
+    Unrolled about an upright cylinder at the camera's distance, a ring square to it is straight.
+    The front of one that leans lies lower by p sqrt(R^2 - X^2) at X across the axis, as does that
+    of a square one around a tilted axis, or seen from another distance.
+    """
+    leans = []
+    for ring in (upper, lower):
+        radius = float(body.radius_at(ring.y))
+        found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
+        leans.append(Lean(found[2], stderr[2], found[0], stderr[0]))
+    up, low = leans
     span = lower.y - upper.y
     nearer, nearer_stderr = (low.slope - up.slope) / span, math.hypot(low.stderr, up.stderr) / span
     weight = np.array([up.stderr, low.stderr]) ** -2.0

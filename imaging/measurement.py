@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from os import PathLike, fspath
+from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from .outline import (
     smooth,
     without_dents,
 )
-from .photograph import Photograph, Reader, read_image
+from .photograph import Photograph, named
 from .recipe import Quality, Recipe
 from .segment import Segmentation, edge_light, hue_of, hues_apart, segment
 from .weave import BraidAngle, braid_angle
@@ -331,9 +331,7 @@ _STEEP = 0.6  # slope of the radius beside a tape
 _SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
-def measure(
-    image: str | PathLike[str] | Image, recipe: Recipe, *, reader: Reader = read_image,
-) -> Measurement:  # fmt: skip
+def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
     """The shape of the muscle in one photograph, with standard errors and quality figures.
 
     Coarse segmentation, outline by the limb model, exact inversion of the silhouette, the tapes'
@@ -343,7 +341,6 @@ def measure(
     Args:
         image: path of a picture, or the picture itself: RGB, dtype uint8, shape (h, w, 3).
         recipe: every choice.
-        reader: from path to picture.
 
     Returns:
         The measurement.
@@ -353,9 +350,7 @@ def measure(
             measurement.
         ValueError: an array that is no picture, or a crop outside its frame.
     """
-    path = "" if isinstance(image, np.ndarray) else fspath(image)
-    try:
-        rgb = image if isinstance(image, np.ndarray) else reader(path)
+    with named(image) as (rgb, path):
         if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or min(rgb.shape[:2]) < 64:
             raise ValueError(
                 "a picture is RGB of dtype uint8 and shape (h, w, 3), 64 px or more each way; got "
@@ -370,8 +365,6 @@ def measure(
             if recipe.orientation == "vertical":
                 raise
             return _measured(photo.clockwise(), recipe)
-    except errors.ImagingError as error:
-        raise error.at(path) from error if path else None
 
 
 def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
@@ -437,23 +430,20 @@ def _check(quality: Quality, recipe: Recipe, body: Silhouette) -> None:
         steep = float(np.abs(np.gradient(body.radius, body.y)[[0, -1]]).max())
         if smear > 1 and steep > _STEEP:
             error.message += (
-                "; or else a shoulder this steep shades the tapes: wind them further in"
+                f"; or a shoulder as steep as {steep:.2g} shades the tapes: wind them further in"
             )
-            error.figures["shoulder_slope"] = steep
         if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
             raise
         raise errors.AmbiguousHue(
             "the tapes' edges must be cut straight; these are so ragged that they look like "
-            "ones that moved: wind fresh tape with a straight edge",
-            tape_sd_px=quality.tape_sd_px, tape_blur_px=quality.tape_blur_px,
+            "ones that moved: wind fresh tape with a straight edge", tape_sd_px=quality.tape_sd_px
         ) from error  # fmt: skip
     except errors.DamagedImage as error:
         if not math.isnan(quality.eta_value):
             raise
         raise errors.NoMuscle(
             "the muscle must stand out from its background all along its outline; the background is "
-            "too much like it in places: put a dark cloth behind it",
-            axis_kink=quality.axis_kink, residual_rms=quality.residual_rms, misfit=quality.misfit,
+            "too much like it in places: put a dark cloth behind it", misfit=quality.misfit
         ) from error  # fmt: skip
 
 
@@ -464,12 +454,11 @@ def _quality(
     off = 0.0
     if recipe.tape_hue is not None:
         # Coloured light turns hues; beside the braid, taken for white, the tape has its own again.
-        table = recipe.tone_curve.table
-        tape, white = (np.interp(one, np.arange(256), table) for one in (coarse.tape, coarse.braid))
+        tape, white = map(recipe.tone_curve.light, (coarse.tape, coarse.braid))
         beside = tape / np.maximum(white, 1e-4)
         seen = hue, hue_of(beside / beside.max())
         off = min(hues_apart(each, recipe.tape_hue) for each in seen)
-    sides = (outline.left, outline.right)
+    sides = outline.left, outline.right
     return Quality(
         eta_value=coarse.eta_value, eta_hue=coarse.eta_hue, blur_px=outline.edge.blur,
         kappa=max(side.kappa for side in sides), axis_deviation=axis_deviation(*outline.columns),

@@ -91,9 +91,7 @@ def variance_of_smooth(n: int, resolution: float) -> Array:
     5 pi / 18 * 2 / resolution inside; near the ends, which are free, several times as much. The
     rows of one resolution at each end are exact, what lies between has the value of the inside.
     """
-    edge = _end_variance(round(resolution * 1000))
-    inside = _POWER * 2 / resolution
-    out = np.full(n, inside)
+    edge, out = _end_variance(round(resolution * 1000)), np.full(n, _POWER * 2 / resolution)
     k = min(edge.size, n // 2)
     out[:k] = edge[:k]
     out[n - k :] = edge[:k][::-1]
@@ -444,13 +442,8 @@ def find_outline(
     u0 = max(int(left.min()) - _MARGIN, 0)
     box = image[rows[0] : rows[-1] + 1, u0 : int(right.max()) + _MARGIN]
     luma = cv2.cvtColor(box, cv2.COLOR_RGB2GRAY) if box.ndim == 3 else np.ascontiguousarray(box)
-    luma = np.asarray(luma, np.uint8)
-    curves = np.array(
-        [
-            first_curve(luma, coarse - u0, inward, resolution, radius)
-            for coarse, inward in ((left, 1), (right, -1))
-        ]
-    )
+    luma, sides = np.asarray(luma, np.uint8), ((left, 1), (right, -1))
+    curves = np.array([first_curve(luma, u - u0, way, resolution, radius) for u, way in sides])
     light = np.asarray(cv2.LUT(luma, amount), np.float32)
 
     def windows(curves: Array, t: Array, spacing: int) -> list[Samples]:

@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
@@ -19,13 +19,10 @@ import numpy as np
 from famjax.boundary.errors import import_extra
 
 from .camera import Camera, Image
-from .errors import DamagedImage, UnreadableImage
+from .errors import DamagedImage, ImagingError, UnreadableImage
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
-
-Reader = Callable[[str], Image]
-"""From a path to a picture, RGB, dtype uint8, shape (h, w, 3); it may raise `ImagingError`."""
 
 _COMPLAINTS = ("corrupt", "premature", "extraneous", "invalid", "bogus", "unsupported marker")
 _stderr_lock = threading.Lock()
@@ -73,53 +70,57 @@ def read_image(path: str | PathLike[str]) -> Image:
             if data[:2] == b"\xff\xd8" else "the file must hold a picture that OpenCV can decode",
             path=place, bytes=len(data), starts_with=data[:4].hex(" "),
         )  # fmt: skip
-    if "premature end" in complaint.lower():
-        raise UnreadableImage(
-            "the picture must be whole; this one is truncated: copy it again",
-            path=place,
-            bytes=len(data),
-        )
     if complaint:
-        raise DamagedImage(
-            f"the decoder must not complain; it says: {complaint}", path=place, bytes=len(data)
-        )
+        kind, text = (
+            (UnreadableImage, "the picture must be whole; this one is truncated: copy it again")
+            if "premature end" in complaint.lower() else
+            (DamagedImage, f"the decoder must not complain; it says: {complaint}")
+        )  # fmt: skip
+        raise kind(text, path=place, bytes=len(data))
     return image
+
+
+@contextlib.contextmanager
+def named(image: str | PathLike[str] | Image) -> Iterator[tuple[Image, str]]:
+    """A picture, read if it is a path, and its path; a refusal of it names the path."""
+    path = "" if isinstance(image, np.ndarray) else os.fspath(image)
+    try:
+        yield image if isinstance(image, np.ndarray) else read_image(path), path
+    except ImagingError as error:
+        raise error.at(path) from error if path else None
 
 
 def _read_heic(path: str) -> Image:
     import_extra("pillow_heif", "heic", UnreadableImage).register_heif_opener()
-    from PIL import Image, ImageOps, UnidentifiedImageError  # noqa: PLC0415
+    from PIL import Image, ImageOps  # noqa: PLC0415
 
     try:
         with Image.open(path) as picture:
             return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
-    except (OSError, ValueError, UnidentifiedImageError) as error:
+    except (OSError, ValueError) as error:
         raise UnreadableImage(f"the file must hold a picture; {error}", path=path) from None
 
 
 def _too_large(data: bytes) -> bool:
     """Whether the header states more pixels than Pillow believes, before anything is decoded."""
-    from PIL import Image as Pictures, UnidentifiedImageError  # noqa: PLC0415
+    from PIL import Image as Pictures  # noqa: PLC0415
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+    with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError):
+        warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+        try:
             Pictures.open(io.BytesIO(data)).close()
-    except Pictures.DecompressionBombError:
-        return True
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError):
-        pass
+        except Pictures.DecompressionBombError:
+            return True
     return False
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:
     """The picture, and what the decoder wrote to the standard error about it."""
-    flags = cv2.IMREAD_COLOR_RGB
     with _stderr_lock, tempfile.TemporaryFile() as sink:
         kept = os.dup(2)
         try:
             os.dup2(sink.fileno(), 2)
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
         finally:
             os.dup2(kept, 2)
             os.close(kept)
@@ -149,16 +150,12 @@ def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
 @contextlib.contextmanager
 def _opened(file: Any) -> "Iterator[Picture | None]":
     """The header of a picture; None where it cannot be read."""
-    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 -- loaded when pictures are
+    from PIL import Image  # noqa: PLC0415 -- loaded when pictures are
 
-    try:
-        picture = Image.open(file)
-    except (
-        OSError, UnidentifiedImageError, SyntaxError, ValueError, Image.DecompressionBombError
-    ):  # fmt: skip
-        yield None
-        return
-    with picture:
+    picture, unreadable = None, (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+    with contextlib.ExitStack() as opened:
+        with contextlib.suppress(*unreadable):
+            picture = opened.enter_context(Image.open(file))
         yield picture
 
 
@@ -183,11 +180,10 @@ class Timestamp(NamedTuple):
     @property
     def text(self) -> str:
         """ISO 8601, as the camera's clock showed it."""
-        digits = 0 if self.resolution >= 1 else 3 if self.resolution >= 1e-3 else 6
+        steps = ((1, 0, "seconds"), (1e-3, 3, "milliseconds"), (0, 6, "microseconds"))
+        digits, spec = next((n, word) for least, n, word in steps if self.resolution >= least)
         moment = datetime.fromtimestamp(round(self.seconds, digits), UTC).replace(tzinfo=None)
-        return moment.isoformat(
-            timespec={0: "seconds", 3: "milliseconds"}.get(digits, "microseconds")
-        )
+        return moment.isoformat(timespec=spec)
 
 
 def read_timestamp(path: str | Path) -> Timestamp | None:

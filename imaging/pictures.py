@@ -321,14 +321,13 @@ def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Pa
     return folder
 
 
-def draw_profiles(table: Table, path: Path, system: str, number: int = 40) -> Path:
-    """Draw D(z), and the braid angle if it was measured, coloured by contraction, beside L over time.
+def draw_profiles(table: Table, path: Path, system: str) -> Path:
+    """Draw D(z) of 40 pictures, and the braid angle if measured, by contraction, beside L over time.
 
     Args:
         table: of a campaign.
         path: of the file.
         system: "us", "metric" or "si".
-        number: of profiles drawn, evenly over the contraction.
     """
     from matplotlib import colormaps
     from matplotlib.figure import Figure
@@ -340,7 +339,7 @@ def draw_profiles(table: Table, path: Path, system: str, number: int = 40) -> Pa
         profiles["braid angle, deg"] = table.braid_angle
     figure = Figure(figsize=(5.5 * (1 + len(profiles)), 4), layout="constrained")
     *left, right = figure.subplots(1, 1 + len(profiles))
-    shown = by_contraction(table, number)
+    shown = by_contraction(table, 40)
     colours = colormaps["viridis"](np.linspace(0, 1, shown.size))
     for axes, (label, values) in zip(left, profiles.items(), strict=True):
         axes.set(xlabel=f"z, {unit}", ylabel=label, title=f"{shown.size} pictures, dark: longest")

@@ -216,14 +216,16 @@ class Recipe:
                 "n_threads counts both families of the braid, an even number of 8 or more; got "
                 f"{self.n_threads}"
             )
-        for name in ("distance", "tape_diameter", "resolution_px"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be finite and > 0, got {value}")
-        for name, least, most in (("resolution_px", 8, np.inf), ("tape_hue", 0, 360)):
+        tiny, huge = np.nextafter(0.0, 1.0), np.finfo(float).max
+        for name, least, most, within in (
+            ("distance", tiny, huge, "finite and > 0"),
+            ("tape_diameter", tiny, huge, "finite and > 0"),
+            ("resolution_px", 8, huge, "finite and 8 or more"),
+            ("tape_hue", 0, 360, "0 to 360"),
+        ):
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
-                raise ValueError(f"{name} must be {least} to {most}, got {value}")
+                raise ValueError(f"{name} must be {within}, got {value}")
         if self.crop_offset is not None and self.frame_size is None and self.centre is None:
             raise ValueError(
                 "a crop_offset needs the frame_size that was cropped, or the centre, to say where "

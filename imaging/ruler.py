@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections import Counter
-from os import PathLike, fspath
+from os import PathLike
 from typing import NamedTuple
 
 import cv2
@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates
 from scipy.optimize import curve_fit
 
 from .camera import Array, Camera, Flags, Image, Indices, RulerReading, Scale, Single, Tone
-from .errors import AmbiguousRuler, ImagingError, RulerNotFound
-from .photograph import Reader, read_image
+from .errors import AmbiguousRuler, RulerNotFound
+from .photograph import named
 
 INCH = 0.0254  # [m]
 _PITCHES = (5.0, 220.0)  # px between marks
@@ -146,12 +146,9 @@ def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
 def _autocorrelation(rows: Single, lags: int) -> Single:
     """Of each row with itself at lags 0, 1, ... below `lags`, shape (m, lags)."""
     size = next_fast_len(rows.shape[1] + lags, real=True)
-    likeness = np.empty((rows.shape[0], lags), np.float32)
-    for first in range(0, rows.shape[0], _BAND):
-        spectrum = np.fft.rfft(rows[first : first + _BAND], size, axis=1)
-        power = spectrum.real**2 + spectrum.imag**2
-        likeness[first : first + _BAND] = np.fft.irfft(power, size, axis=1)[:, :lags]
-    return likeness
+    spectrum = np.fft.rfft(rows, size, axis=1)
+    power = spectrum.real**2 + spectrum.imag**2
+    return np.fft.irfft(power, size, axis=1)[:, :lags].astype(np.float32)
 
 
 def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float, float, float]]:
@@ -310,7 +307,7 @@ def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
     return nearest
 
 
-def _place(number: Indices, a: float, b: float, c: float) -> Array:
+def _place(number: Indices | Array, a: float, b: float, c: float) -> Array:
     return (a + b * number) / (1 + c * number)
 
 
@@ -397,13 +394,10 @@ def read_strip(light: Single, line: Line) -> Strip | None:
     return None if marks is None else Strip(line, marks)
 
 
-def is_ruler(marks: Numbered) -> bool:
-    """Whether there are enough marks, evenly spaced and sharp."""
-    return (
-        marks.number.size >= FEWEST
-        and marks.number.size >= _ON_MODEL * marks.expected
-        and marks.residual <= _SHARP * marks.pitch
-    )
+def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
+    """Whether there are enough marks, this part of those between the first and the last, and sharp."""
+    enough = marks.number.size >= max(FEWEST, part * marks.expected)
+    return enough and marks.residual <= _SHARP * marks.pitch
 
 
 def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
@@ -414,9 +408,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
     others = [
         strip
         for strip in strips
-        if abs(strip.line.along @ best.line.along) > 0.99
-        and strip.marks.number.size >= max(FEWEST, _AT_ALL * strip.marks.expected)
-        and strip.marks.residual <= _SHARP * strip.marks.pitch
+        if abs(strip.line.along @ best.line.along) > 0.99 and is_ruler(strip.marks, _AT_ALL)
     ]
     alike = [strip for strip in others if abs(strip.marks.pitch / best.marks.pitch - 1) < _SAME]
     for other in others:
@@ -532,14 +524,13 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
 
 def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
     """Ink about each mark's place, the mean of what differs from most of its line, (lines, marks)."""
-    a, b, c = fit
-    at = (np.arange(first - 0.5, last + 1) * b + a) / (1 + c * np.arange(first - 0.5, last + 1))
+    at = _place(np.arange(first - 0.5, last + 1), *fit)
     edges = np.clip(np.sort(np.rint(at)).astype(int), 0, profiles.shape[1])
     inside = profiles[:, edges[0] : max(edges[-1], edges[0] + 1)]
     differs = np.abs(profiles - np.median(inside, axis=1, keepdims=True))
     total = np.pad(np.cumsum(differs, axis=1), ((0, 0), (1, 0)))
     ink = np.diff(total[:, edges], axis=1) / np.maximum(np.diff(edges), 1)
-    return ink if b > 0 else ink[:, ::-1]
+    return ink if fit[1] > 0 else ink[:, ::-1]
 
 
 def _periods(ink: Array) -> list[int | None]:
@@ -634,7 +625,6 @@ def calibrate_ruler(
     image: str | PathLike[str] | Image, *, pitch: float | None = None, distance: float = 1.524,
     centre: tuple[float, float] | None = None, k1: float | None = None, tone: Tone | None = None,
     expected_px_per_m: float | None = None, placement_stderr: float | None = None,
-    reader: Reader = read_image,
 ) -> Scale:  # fmt: skip
     """Measure the scale in the mid-plane with a ruler that crosses it at the height of the optical axis.
 
@@ -657,7 +647,6 @@ def calibrate_ruler(
             finer and coarser marks, or its two edges.
         placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's. None
             takes it to lie in the plane, and measurements warn of that.
-        reader: from path to picture.
 
     Returns:
         The scale; positive `tilt_deg` when its lower, or right, end is further away.
@@ -676,9 +665,7 @@ def calibrate_ruler(
     RulerReading(pitch, expected_px_per_m, placement_stderr)  # refuses what cannot be
     if not (math.isfinite(distance) and distance > 0):
         raise ValueError(f"distance must be finite and > 0, got {distance} m")
-    path = "" if isinstance(image, np.ndarray) else fspath(image)
-    try:
-        rgb = image if isinstance(image, np.ndarray) else reader(path)
+    with named(image) as (rgb, _):
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)
         light = np.asarray(cv2.LUT(luma, table), np.float32)
@@ -694,8 +681,6 @@ def calibrate_ruler(
         return dataclasses.replace(
             scale, k1=lens.k1, k1_stderr=bent, pitch=step, placement_stderr=placement_stderr
         )
-    except ImagingError as error:
-        raise error.at(path) from error if path else None
 
 
 def _aligned(light: Single, strip: Strip) -> Strip:

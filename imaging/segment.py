@@ -9,6 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_fill_holes
 from skimage.filters.thresholding import threshold_otsu
 
 from . import errors
@@ -52,6 +53,13 @@ def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mas
     table = np.zeros(int(labels.max()) + 1, np.uint8)
     table[numbers] = 255
     return table.take(labels)
+
+
+def largest(mask: Mask) -> tuple[Mask, int]:
+    """The largest part of a mask whose gaps under 5 px are closed, and its number of pixels."""
+    labels = parts(shaped(mask, cv2.MORPH_CLOSE, 5))
+    area = areas(labels)
+    return chosen(labels, int(np.argmax(area))), int(area.max())
 
 
 def sampled(image: Image, mask: Mask, n: int) -> Image:
@@ -147,10 +155,9 @@ def muscle_mask(rgb: Image) -> MuscleMask:
     if by_strength.eta > TWO_CLASSES and by_strength.high - by_strength.low > LEAST_CONTRAST:
         lit = lit | above(strength, by_strength.level)
     lit = shaped(lit, cv2.MORPH_OPEN, 3)
-    labels = parts(shaped(lit, cv2.MORPH_CLOSE, 5))
-    area = areas(labels)
-    _check(by_value, float(area.max() / value.size))
-    lit = lit & chosen(labels, int(np.argmax(area)))
+    found, area = largest(lit)
+    _check(by_value, area / value.size)
+    lit = lit & found
     return MuscleMask(lit, _with_shaded_side(lit, value, by_value), by_value.eta)
 
 
@@ -226,15 +233,11 @@ def mask_against_border(rgb: Image) -> MuscleMask:
     cv2.setRNGSeed(0)
     cv2.grabCut(rgb, guess, (0, 0, 1, 1), *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)
     inside = np.where(guess & 1, 255, 0).astype(np.uint8)
-    lit = shaped(inside, cv2.MORPH_OPEN, 3)
-    labels = parts(shaped(lit, cv2.MORPH_CLOSE, 5))
-    found = _filled(chosen(labels, int(np.argmax(areas(labels)))))
-    at_border = [float((found[:, k] > 0).mean()) for k in (width, -width - 1)]
-    if max(at_border) > _TOUCHES:
+    found = _filled(largest(shaped(inside, cv2.MORPH_OPEN, 3))[0])
+    if (part := max((found[:, k] > 0).mean() for k in (width, -width - 1))) > _TOUCHES:
         raise errors.Clipped(
             "the whole width of the muscle must be in the picture; its outline touches the border: "
-            "move the camera, or widen the crop",
-            left_part=at_border[0], right_part=at_border[1],
+            "move the camera, or widen the crop", part_of_rows=float(part)
         )  # fmt: skip
     brightest = np.asarray(rgb.max(axis=2), np.uint8)
     lit = found & above(brightest, _DIM * float(np.median(brightest[found > 0])))
@@ -275,10 +278,7 @@ def _distance(rgb: Image) -> Single:
 
 def _filled(mask: Mask) -> Mask:
     """A part without the holes in it."""
-    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    filled = np.zeros_like(mask)
-    cv2.drawContours(filled, list(outlines), -1, 255, cv2.FILLED)
-    return filled
+    return 255 * np.asarray(binary_fill_holes(mask), np.uint8)
 
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
@@ -437,7 +437,7 @@ class Patch(NamedTuple):
         return self.x + w / 2, self.y + h / 2
 
 
-def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patch, Patch]:
+def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
     """The two tapes, the upper one first, or the left one if they are at the same height.
 
     Parts that a streak of gloss divides are one tape; what has less than a fifth of the largest
@@ -447,7 +447,6 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
         coloured: pixels of the tape's colour, shape (h, w).
         muscle: pixels of the muscle.
         eta: separability of the two colours.
-        step: picture pixels to one of these, for the figures of errors.
 
     Raises:
         AmbiguousHue, MissingFitting, ExtraFitting, Clipped: there are not two, or not all of them.
@@ -487,8 +486,7 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float, step: int) -> tuple[Patc
         if min(x, y) == 0 or x + w == muscle.shape[1] or y + h == muscle.shape[0]:
             raise errors.Clipped(
                 "the tapes must lie inside the picture; one touches its border: move the camera, "
-                "or widen the crop",
-                left_px=x * step, top_px=y * step, width_px=w * step, height_px=h * step,
+                "or widen the crop", width_part=w / muscle.shape[1], height_part=h / muscle.shape[0],
             )  # fmt: skip
     return upper, lower
 
@@ -609,12 +607,12 @@ def _segmented(
     # A picture that would be looked at a little more finely than a large one needs no second look.
     step = _FINE_STEP if step == _FINE_STEP - 1 else step
     look = _look(rgb, step, tape_hue, mask_by)
-    across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre)) * step
+    across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre))
     if across > along:
         raise errors.WrongOrientation(
             "the muscle must stand in the picture as the recipe says; the line from tape to tape "
             'lies across it: turn the camera, or set the orientation to "auto"',
-            across_px=float(across), along_px=float(along),
+            across_px=float(across * step), along_px=float(along * step),
         )  # fmt: skip
     v0 = u0 = 0
     if step > _FINE_STEP:
@@ -637,7 +635,7 @@ def _look(
     soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
     muscle = mask_by(soft)
     tape, eta_hue = split_by_colour(soft, muscle.lit, tape_hue)
-    upper, lower = two_tapes(tape, muscle.lit, eta_hue, step)
+    upper, lower = two_tapes(tape, muscle.lit, eta_hue)
     return _Look(step, small, muscle, tape, upper, lower, eta_hue)
 
 
@@ -652,8 +650,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     first, last = int(np.ceil(first)), int(last)
     if rows.size < _FEWEST_ROWS or last - first < _FEWEST_ROWS // step:
         raise errors.MissingFitting(
-            f"{_FEWEST_ROWS} or more rows of braid must show between the tapes",
-            braid_rows=rows.size,
+            f"{_FEWEST_ROWS} or more rows of braid must show between the tapes; {rows.size} do"
         )
     band = look.muscle.whole[first : last + 1] > 0
     left = np.argmax(band, axis=1)
@@ -727,9 +724,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     """
     inside, outside = _beside(rgb, coarse, tone)
     if not math.isnan(coarse.eta_value):
-        dark, braid = (
-            np.interp(c, np.arange(256), tone.table) for c in (coarse.cloth, coarse.braid)
-        )
+        dark, braid = map(tone.light, (coarse.cloth, coarse.braid))
         brighter = max((np.median(one, axis=0) for one in np.array_split(inside, 2)), key=LUMA.dot)
         # Of one side in bright light the limb is brighter than threads that glare elsewhere.
         braid = brighter if brighter @ LUMA > _ONE_SIDED * (braid @ LUMA) else braid

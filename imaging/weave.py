@@ -172,10 +172,14 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
     cosine = _COSINES[:, None] * radii / radii.max()
     rate = cosine / np.sqrt(1 - cosine**2) / radii
     expected = np.arctan(rate * width / ACROSS)  # rays of a family with this twist rate
-    score = np.zeros(_COSINES.size)
-    for k in range(number):
-        for family in range(2):
-            score += np.interp(expected[:, k], _RAYS, rise[k, family])
+    score = np.sum(
+        [
+            np.interp(expected[:, k], _RAYS, one)
+            for k, families in enumerate(rise)
+            for one in families
+        ],
+        axis=0,
+    )
     best = int(np.argmax(score))
     along = np.zeros(azimuthal.size)
     for k, power in enumerate(powers):
@@ -213,9 +217,7 @@ def _rays(power: Array, azimuthal: Array, axial: Array, width: float) -> Array:
 
 
 def _sampled(power: Array, azimuthal: Array, axial: Array, k: Array, f: Array) -> Array:
-    at = [
-        (f - axial[0]) / (axial[1] - axial[0]), (k - azimuthal[0]) / (azimuthal[1] - azimuthal[0]),
-    ]  # fmt: skip
+    at = [(x - grid[0]) / (grid[1] - grid[0]) for x, grid in ((f, axial), (k, azimuthal))]
     return np.asarray(map_coordinates(power, at, order=1))
 
 
