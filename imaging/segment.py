@@ -9,7 +9,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes
 from skimage.filters.thresholding import threshold_otsu
 
 from . import errors
@@ -278,7 +277,10 @@ def _distance(rgb: Image) -> Single:
 
 def _filled(mask: Mask) -> Mask:
     """A part without the holes in it."""
-    return 255 * np.asarray(binary_fill_holes(mask), np.uint8)
+    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    filled = np.zeros_like(mask)
+    cv2.drawContours(filled, list(outlines), -1, 255, cv2.FILLED)
+    return filled
 
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
