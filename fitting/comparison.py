@@ -25,7 +25,7 @@ from famjax.compile_options import as_arrays
 
 from .arguments import check_names, check_whole
 from .checks import check_affine
-from .choice import MOST, choose, validate_choice
+from .choice import MOST, choose, run_fits, validate_choice
 from .data import ForceData, check_maps, data_frame
 from .engine import predict
 from .identification import identify
@@ -35,7 +35,6 @@ from .problem import Part, Problem
 from .response import MapInputs
 from .search import End, descend_many, latin_hypercube
 from .summary import joint_derivatives
-from .tasks import run_fits
 from .validation import LeftOut, leave_out_each, validate
 
 if TYPE_CHECKING:

@@ -1,11 +1,9 @@
 """MuJoCo and MJX: callbacks for muscles, a step with muscles, and a load that hangs on one."""
 
 import ctypes
-import importlib.resources
 import inspect
 import math
 import pprint
-import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
@@ -24,7 +22,7 @@ from ..cards.card import as_text
 from ..cards.parts import own_modules
 from ..muscle import AbstractMuscle
 from . import plain
-from .circuits import plant_words, resting_signal
+from .circuits import filled, plant_words, resting_signal
 from .table import Subject
 
 if TYPE_CHECKING:
@@ -328,17 +326,6 @@ def _hanging_load(
         "ACTUATOR": actuator,
         "KEY": key(load, at),
     })  # fmt: skip
-
-
-def filled(template: str, values: Mapping[str, Any]) -> bytes:
-    """A file of the folder `templates` with its `@WORDS@` replaced.
-
-    Raises:
-        KeyError: a word that there is no value for.
-    """
-    room = importlib.resources.files(__name__.rpartition(".")[0]) / "templates"
-    text = (room / template).read_text(encoding="utf-8")
-    return re.sub(r"@(\w+)@", lambda found: str(values[found[1]]), text).encode()
 
 
 def docstring(lines: Iterable[str]) -> str:

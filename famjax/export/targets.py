@@ -18,9 +18,8 @@ from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
 from ..plant import Plant, PneumaticCircuit, SlipFriction
 from . import plain
-from .circuits import numbers_in_lines, plant_words
+from .circuits import fmu, numbers_in_lines, plant_words
 from .closed_form import ClosedForm, closed_form, matlab_lines, python_lines
-from .fmu import fmu
 from .mujoco import docstring, filled, mjx_files, mujoco_files
 from .table import Subject, check_float64
 
