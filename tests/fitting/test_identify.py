@@ -166,6 +166,7 @@ def test_positive_constraint(dmsp20: ForceData) -> None:
     assert math.isnan(zero.stderr)  # never an error bar of zero
 
 
+@pytest.mark.slow
 def test_a_law_that_is_linear_in_pressure_is_recovered() -> None:
     law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
     linear = identify(readings(known_muscle(law)), order=2, dependence="linear", starts=4)

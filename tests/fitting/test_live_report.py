@@ -10,6 +10,7 @@ import fitting
 from fitting.report import Live, write_fit
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason=NO_BROWSER)
 def test_the_page_says_what_predict_says(fitted20: fitting.Identification, tmp_path: Path) -> None:
     write_fit(fitted20, tmp_path)

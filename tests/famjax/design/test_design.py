@@ -121,6 +121,7 @@ def test_force_with_a_bladder_is_the_muscles():
     assert combination.force(0.2, 60 * PSI, material) < combination.force(0.2, 60 * PSI)
 
 
+@pytest.mark.slow
 def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
     combination, material = the_7_8_in(), latex()
     pressures = np.array([20.0, 60.0]) * PSI

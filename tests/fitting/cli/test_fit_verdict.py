@@ -103,6 +103,7 @@ def test_a_muscle_of_250_mm_labelled_25(fit: Fit, sound: ForceData) -> None:
     assert "rest length was in cm, not mm" in " ".join(err.split())
 
 
+@pytest.mark.slow
 def test_numbers_of_notes_and_verdict_follow_the_units(fit: Fit, sound: ForceData) -> None:
     bare = "\n".join(one for one in metric(sound).splitlines() if not one.startswith("#")) + "\n"
     code, out, _, folder = fit(bare, *QUICK, "--units", "us", "--verbose")

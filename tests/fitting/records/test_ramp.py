@@ -304,6 +304,7 @@ def _write(record: RampRecord, path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
     columns = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]", "valve_state": "4"}
     files = [_write(r, tmp_path / f"{i}.csv") for i, r in enumerate(points.records)]
