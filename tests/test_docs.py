@@ -68,6 +68,7 @@ def test_every_fence_of_the_lab_runs_and_its_report_is_explained(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_written_pages_are_what_the_commands_print(tmp_path: Path) -> None:
     tables = load("tables")
     for new, page in zip(tables.write(tmp_path), WRITTEN, strict=True):
