@@ -421,16 +421,21 @@ class Remark(NamedTuple):
     sentence: str
 
 
+def equivalent_sizes(result: Identification) -> list[str]:
+    """Dimensions of the braid that are those of an equivalent cylinder, and not the muscle's."""
+    usual = standard_table(result.data.specimen)
+    return [
+        e.name for e in result.estimates
+        if e.name in ("braid_diameter", "braid_angle")
+        and not usual[e.name].min <= e.value <= usual[e.name].max
+    ]  # fmt: skip
+
+
 def of_parameters(result: Identification) -> list[Remark]:
     """Parameters that the data do not tell, and a law that is not stable."""
     estimates, certificate = result.estimates, result.certificate
     doubtful = any(one.at_bound and not _plain(one) for one in estimates)
-    usual = standard_table(result.data.specimen)
-    beyond = [
-        e.name for e in estimates
-        if e.name in ("braid_diameter", "braid_angle")
-        and not usual[e.name].min <= e.value <= usual[e.name].max
-    ]  # fmt: skip
+    beyond = equivalent_sizes(result)
     plain = dict(
         zip(
             result.names + result.coefficient_names,

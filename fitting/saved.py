@@ -47,7 +47,15 @@ from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSo
 from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .posing import EXCHANGES, pose
-from .result import Certificate, Errors, Estimate, Identification, Outlook, Solved
+from .result import (
+    Certificate,
+    Errors,
+    Estimate,
+    Identification,
+    Outlook,
+    Solved,
+    equivalent_sizes,
+)
 from .search import best_of, descend, refine
 from .series import Series
 from .verdict import Judgement, judge, judge_series
@@ -578,7 +586,7 @@ def card_of(
         covariance=_covariance(document),
         draws=None,
         hysteresis=outlook.hysteresis,
-        provenance=_provenance(document, origin),
+        provenance=_provenance(document, origin, [_NOT_ITS_VOLUME] * bool(equivalent_sizes(fit))),
     )
     directions = np.array(document["spread"]["directions"])
     if not (directions.size and count):
@@ -600,7 +608,13 @@ def _covariance(document: Mapping[str, Any]) -> Covariance | None:
     return Covariance(names, units, values.tolist(), scales.tolist(), spread.tolist())
 
 
-def _provenance(document: Mapping[str, Any], origin: Origin | None) -> Provenance:
+_NOT_ITS_VOLUME = (
+    "the geometry is an equivalent cylinder: changes of its volume are the muscle's, the volume "
+    "is not"
+)
+
+
+def _provenance(document: Mapping[str, Any], origin: Origin | None, notes: list[str]) -> Provenance:
     data, made = document["data"], document.get("origin") or {}
     here = {} if origin is None else origin.as_dict()
     commands = [one["command"] for one in (made, here) if one.get("command")]
@@ -617,4 +631,5 @@ def _provenance(document: Mapping[str, Any], origin: Origin | None) -> Provenanc
         date=here.get("date", made.get("date")),
         command=" && ".join(commands) or None,
         versions=document["versions"],
+        notes=notes,
     )

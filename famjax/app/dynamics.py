@@ -1,6 +1,7 @@
 """The command `famjax simulate`: a muscle under valve commands, a controller and a load, over time."""
 
 import dataclasses
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -110,7 +111,7 @@ def simulate(
     tables = read_plan(plan)
     steps, circuit = _steps(tables, plan), circuit_of(tables, plan)
     controller = _controller(tables, plan, circuit) if steps[0].signal is None else None
-    plant, length = _plant(tables, plan, circuit, lambda: _safe_muscle(card, own))
+    plant, length = _plant(tables, plan, circuit, lambda: _opened(card, own).safe())
     system: Any = plant if controller is None else Regulated(plant, controller)
     counts = [max(round(one.duration / TICK), 1) for one in steps]
     asked = [one.set_pressure if one.signal is None else one.signal for one in steps]
@@ -148,12 +149,15 @@ def simulate(
     return 0
 
 
-def _safe_muscle(card: str, own: tuple[str, ...]) -> Any:
+def _opened(card: str, own: tuple[str, ...]) -> Any:
     from famjax.muscles import open_card
 
     if own:
         add_cwd_to_path()
-    return open_card(card, own=own).safe()
+    found = open_card(card, own=own)
+    for note in found.provenance.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return found
 
 
 def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
