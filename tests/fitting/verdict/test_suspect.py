@@ -10,7 +10,8 @@ from slow_cases import slow_after
 
 import famjax
 from fitting import ForceData, Identification, Parameter, Specimen, identify
-from fitting.faults import doubtful, suspect
+from fitting.faults import doubtful, suspect, suspect_refused
+from fitting.specimen import any_units
 from fitting.verdict import judge
 
 
@@ -121,6 +122,19 @@ FAULTS = {
 def test_a_fault_is_named(dmsp10: ForceData, dmsp20: ForceData, cause: str) -> None:
     fault, bore = FAULTS[cause]
     assert cause.strip() in causes(fault(dmsp10 if bore == 10 else dmsp20))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "times"), [("cm", 0.1), ("inches", 1 / 25.4)])
+def test_a_map_that_no_model_fits_has_its_lengths_unit_named(
+    dmsp20: ForceData, unit: str, times: float
+) -> None:
+    with any_units():
+        units = {**dmsp20.units, "length": "mm"}
+        wrong = dataclasses.replace(dmsp20, length=dmsp20.length * times, units=units)
+    (found,) = suspect_refused(wrong)
+    assert found.cause == f"the lengths were in {unit}, not mm"
+    assert "no muscle has a force there" in found.sentence
 
 
 @pytest.mark.slow
