@@ -24,14 +24,3 @@ def test_a_process_is_measured_with_its_children(machine) -> None:
     outside, _ = machine.run(("-c", child), None)
     assert said == "said\n"
     assert outside > alone > nothing
-
-
-@pytest.mark.slow
-def test_programs_are_counted(machine) -> None:
-    sine = ("-c", "import jax.numpy as jnp; jnp.sin(1.0)")
-    first, second = (
-        found["programs"]
-        for found in machine.in_one_process([("-c", "import jax"), sine, sine])[1:]
-    )
-    assert first >= 1
-    assert second == 0
