@@ -15,7 +15,7 @@ from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
 from .boundary.errors import InputError
 from .braids import AbstractBraid
 from .compile_options import quick_jit
-from .geometries import Bladder
+from .geometries import Bladder, EstimatedGeometry
 from .materials import AbstractMaterial
 from .muscle import AbstractMuscle, required
 from .parameters import Parametrised, parameter
@@ -227,6 +227,20 @@ class EquilibriumMuscle(AbstractMuscle):
             The shape, of the broadcast shape with the points as last axis; nan where there is none.
         """
         return _profile(self, as_real(length), as_real(pressure), points)
+
+    def cut_to_length(self, rest_length: RealArray) -> "EquilibriumMuscle":
+        """The muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
+
+        Raises:
+            ValueError: it has sections, of which it is not said where it is cut.
+        """
+        if self.sections:
+            raise ValueError("a muscle of sections cannot be cut: make one of other sections")
+        cut = EstimatedGeometry(self.braid, self.bladder).cut_to_length(rest_length)
+        return EquilibriumMuscle(
+            cut.braid, cut.bladder, self.material, end_diameter=self.end_diameter,
+            other_end_diameter=self.other_end_diameter, deadband_pressure=self.deadband_pressure,
+        )  # fmt: skip
 
     def reason(self, length: float, pressure: float) -> str:
         """Why there is no state at this length [m] and pressure [Pa], in words; "" if there is one."""

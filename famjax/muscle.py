@@ -725,7 +725,7 @@ def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
     )
 
 
-def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
+def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> AbstractMuscle:
     """The muscle with another rest length and otherwise the same construction.
 
     The braid keeps its diameter and angle at rest, so that B0 and N are proportional to L0; bladder
@@ -734,7 +734,7 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
 
     Args:
         muscle: of a geometry that can be cut: an estimated one, with or without an end effect, or one
-            of your own with a method `cut_to_length`.
+            of your own with a method `cut_to_length`; or with the shape from mechanics.
         rest_length: L0 [m] of the other muscle, > 0, above the dead length.
 
     Returns:
@@ -750,10 +750,12 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> Muscle:
     >>> print(f"{short.blocked_force(5e5) / long.blocked_force(5e5):.6f}")
     1.000000
     """
-    if not isinstance(muscle, Muscle):
+    if isinstance(muscle, Muscle):
+        geometry = muscle.geometry.cut_to_length(as_real(rest_length))
+        return dataclasses.replace(muscle, geometry=geometry)
+    own = getattr(muscle, "cut_to_length", None)
+    if own is None:
         raise ValueError(
-            f"only a famjax.Muscle can be cut to another length, got {type(muscle).__name__}: cut "
-            "the muscle that it is made of"
+            f"a {type(muscle).__name__} cannot be cut to another length: cut the muscle that it is made of"
         )
-    geometry = muscle.geometry.cut_to_length(as_real(rest_length))
-    return dataclasses.replace(muscle, geometry=geometry)
+    return own(as_real(rest_length))

@@ -139,7 +139,8 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     raise InputError(
         f"reading {reading + 1} has the length {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
         f"{rest * 1e3:.5g} mm, braid angle at most {math.degrees(steepest):.4g} deg). Check the unit of "
-        f"the length column and the rest length{'. ' * bool(likely)}{likely}"
+        "the length column and the rest length, and that all readings are of one muscle"
+        f"{'. ' * bool(likely)}{likely}"
     )
 
 

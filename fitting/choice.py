@@ -112,7 +112,7 @@ class Choice:
         if near:
             found = (
                 f"Not clear: {' and '.join(near)} and {self.name} predict readings left out about "
-                f"equally well. {self.name} is kept: it comes first on the ladder of laws."
+                f"equally well; {self.name} is kept."
             )
         elif np.isfinite(second.held_out):
             found = (
@@ -173,10 +173,10 @@ def choose(
     """The model of a force map, from a ladder of families, by what each predicts of readings left out.
 
     Each family is fitted to all readings and again without each length and without groups of
-    neighbouring pressures. The one with the smallest held-out error is chosen, or the first on the
-    ladder of those within a tenth of it. Nothing is left out of a family that misses the readings by
-    four times the least. A family whose optimum cannot be certified is passed over where another errs
-    little more.
+    neighbouring pressures. The one with the smallest held-out error is chosen; on a map of too few
+    lengths to leave one out, the first on the ladder of those within half of it. Nothing is left out of
+    a family that misses the readings by four times the least. A family whose optimum cannot be
+    certified is passed over where another errs little more.
 
     Args:
         data: the map.

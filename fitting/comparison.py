@@ -45,7 +45,8 @@ KINDS = ("pressure", "length")
 """What is left out of a map in turn."""
 
 _RIDGE = 1e-9  # of columns of unit length: far below any reading's weight
-_DEPENDENT = 1e-7  # part of a column of unit length that the others do not explain
+_DEPENDENT = 1e-7  # of columns of unit length: smaller singular values are rounding
+_UNTOLD = 1e-6  # part of the derivatives at some readings that those at the others do not span
 _FOLD_STARTS = 8  # of the refits; the first is the fit to the whole map
 _AT_BOUND = 1e-9  # parts of the interval, or of the largest value, within which a bound is reached
 _STARTS = 4  # of each refit of famjax's own models, as `validate` has them
@@ -101,14 +102,16 @@ class PeerFit:
         ])  # fmt: skip
         return tuple(np.array(problem.names + problem.linear)[reached].tolist())
 
-    def determined_by(self, kept: Bool[np.ndarray, " points"]) -> bool:
-        """Whether some readings determine all parameters; if not, the smallest that fit are taken."""
+    def determines(self, kept: Bool[np.ndarray, " points"]) -> bool:
+        """Whether some readings determine what the model predicts of the others."""
         _, jacobian, _ = joint_derivatives(self.end.point)
-        columns = jacobian[: kept.size][kept]
-        size = np.linalg.norm(columns, axis=0)
-        triangle = np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r")
-        least = np.abs(np.diagonal(triangle)).min(initial=np.inf)
-        return len(columns) >= size.size and bool(least > _DEPENDENT)
+        columns = jacobian[: kept.size]
+        size = np.linalg.norm(columns[kept], axis=0)
+        columns = columns / np.where(size > 0, size, 1.0)
+        _, values, directions = np.linalg.svd(columns[kept], full_matrices=False)
+        told, others = directions[values > _DEPENDENT * values[0]], columns[~kept]
+        missed = np.linalg.norm(others - others @ told.T @ told)
+        return bool(missed <= _UNTOLD * np.linalg.norm(others))
 
 
 def fit_peer(
@@ -242,17 +245,12 @@ def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> 
         return _Fit(0, error, as_it_is)
     fit = fit_peer(family, data, starts=starts, seed=seed)
     notes = () if fit.end.converged else ("the best descent did not converge",)
-    if not fit.determined_by(np.ones(fit.predicted.size, bool)):
-        notes += ("the readings do not determine all its parameters",)
-    for kind in KINDS:
-        level = data.left_out_as(kind)[data.loaded]
-        each = np.unique(level)
-        open_ones = sum(not fit.determined_by(level != one) for one in each)
-        if open_ones:
-            notes += (f"not determined without a {kind}, for {open_ones} of {each.size} of them",)
     count = _FOLD_STARTS if family.nonlinear else 1
 
     def left_out(kind: str) -> LeftOut:
+        level = data.left_out_as(kind)[data.loaded]
+        if not all(fit.determines(level != one) for one in np.unique(level)):
+            raise InputError("the other readings do not determine its predictions")
         fits, kinds = [(fit.problem, fit.end.u)], {kind: (None, count)}
         return leave_out_each(fits, kinds, seed=seed, settled=True, least=2)[0][kind]
 
@@ -458,9 +456,9 @@ def compare(
 
 
 def _place(row: ComparisonRow) -> tuple[float, float, int]:
-    """In the table: by interior lengths left out, then in sample; equal models by their parameters."""
+    """In the table: by interior lengths left out, then in sample, as printed; equal ones by parameters."""
     errors = (row.lolo_interior_rmse, row.rmse)
-    out, within = (math.inf if math.isnan(one) else float(f"{one:.6g}") for one in errors)
+    out, within = (math.inf if math.isnan(one) else float(f"{one:.4g}") for one in errors)
     return out, within, row.n_parameters
 
 

@@ -6,6 +6,7 @@ named. Faults of some readings only, a full load cell and outliers, are found by
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -64,6 +65,9 @@ _MOST_OUTLIERS = 0.25  # of the readings
 _OF_A_LENGTH = 0.6  # of the readings of one length are no outliers
 _ROUNDS = 6
 _PER_LENGTH = 5  # readings that are spread over the pressures
+_FEWEST_LENGTHS = 3  # that show a muscle
+_DIVISIONS = 4  # between two muscles that are tried
+_DIVIDED = 400  # groups of lengths of one size that are looked at
 
 _USUAL = 5e5  # Pa, the highest pressure of most tests of pneumatic muscles
 _ALIKE = 0.5  # decades of pressure or of misfit: taken as equal
@@ -170,8 +174,8 @@ def attempt(
         chosen = candidate or richest(data)
         if chosen is None:
             return None
-        problem = posed_of(weigh(data), chosen, "drucker").problem
-        return Trial(data, problem, descended(problem, starts, seed=0))
+        posed = posed_of(weigh(data), chosen, "drucker")
+        return Trial(data, posed.problem, descended(posed, starts, seed=0))
     except InputError:
         return None
 
@@ -605,7 +609,7 @@ def _of_some(data: ForceData, least: float) -> list[Suspicion]:
     """Faults of some readings: the first that makes the misfit about as good as the other does."""
     good = [
         one
-        for one in (_at_a_limit(data), _outliers(data))
+        for one in (_at_a_limit(data), _outliers(data), _two_muscles(data))
         if one is not None and one[1] < GOOD and one[1] * _FAR_BETTER < least
     ]
     best = min((better for _, better in good), default=np.inf)
@@ -682,3 +686,83 @@ def _outliers(data: ForceData) -> tuple[str, float] | None:
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
     are, them = ("reading is an outlier", "it") if count == 1 else ("readings are outliers", "them")
     return f"{count} {are} (number {shown}; --objective huber counts {them} little)", misfit
+
+
+def _two_muscles(data: ForceData) -> tuple[str, float] | None:
+    """Readings of another muscle: from a place in the file on, or at some of the lengths.
+
+    The specimen is one of the two. The other has any bore, and the longest of its lengths for its rest
+    length; at some of the lengths it pulls in proportion to the specimen.
+    """
+    force, found = data.force[data.loaded], []
+    for where, other, proportional in (*_in_file(data), *_by_length(data)):
+        trial = attempt(thinned(_kept_only(data, ~other)), starts=2)
+        if trial is None:
+            continue
+        errors = trial.errors(data)
+        if proportional:
+            pull = (errors + force)[other]
+            errors[other] = pull * float(pull @ force[other]) / float(pull @ pull) - force[other]
+        else:
+            part = thinned(_kept_only(data, other))
+            sizes = {"rest_length": float(part.length.max()), "nominal_diameter": None}
+            sizes |= {"bladder_diameter": None, "embedded": True}
+            specimen = dataclasses.replace(part.specimen, **sizes)
+            second = attempt(dataclasses.replace(part, specimen=specimen), starts=2)
+            if second is None:
+                continue
+            errors[other] = second.errors(data)[other]
+        misfit = float(np.sqrt(np.mean(errors**2))) / data.max_force
+        if np.isfinite(misfit):
+            found.append(
+                (misfit, Sentence("there are two muscles in the file, one of them ", *where))
+            )
+    return min(((cause, misfit) for misfit, cause in found), key=lambda one: one[1], default=None)
+
+
+_Division = tuple[list[Any], Bool[np.ndarray, " loaded"], bool]
+"""Where the other muscle is, in words; its readings; whether it pulls in proportion to the first."""
+
+
+def _in_file(data: ForceData) -> Iterator[_Division]:
+    """Divisions where the slower of pressure and length turns back, as where a file begins anew."""
+    columns = data.lengths.level[data.loaded], data.pressures.level[data.loaded]
+    slow = min(columns, key=lambda one: int((np.diff(one) != 0).sum()))
+    changes = np.flatnonzero(np.diff(slow) != 0) + 1
+    steps = np.sign(slow[changes] - slow[changes - 1])
+    for turn in changes[1:][steps[1:] != steps[:-1]][:_DIVISIONS]:
+        before = np.arange(slow.size) < turn
+        row = int(np.flatnonzero(data.loaded)[turn]) + 1
+        for words, other in (
+            (f"up to reading {row - 1}", before),
+            (f"from reading {row} on", ~before),
+        ):
+            if min(np.unique(columns[0][part]).size for part in (other, ~other)) >= _FEWEST_LENGTHS:
+                yield [words], other, False
+
+
+def _by_length(data: ForceData) -> Iterator[_Division]:
+    """Divisions of the lengths, the likeliest first.
+
+    The slope of a muscle's force in pressure, (3 L^2 - B^2)/(4 pi N^2), is a straight line in L^2.
+    """
+    lengths, place = np.unique(data.lengths.level[data.loaded], return_inverse=True)
+    pressure, force = data.pressure[data.loaded], data.force[data.loaded]
+    if min(np.unique(pressure[place == k]).size for k in range(lengths.size)) < 2:
+        return
+    slope = np.array(
+        [np.polyfit(pressure[place == k], force[place == k], 1)[0] for k in range(lengths.size)]
+    )
+    tried = []
+    for count in range(2, min(lengths.size // 2, lengths.size - _FEWEST_LENGTHS) + 1):
+        for some in itertools.islice(itertools.combinations(range(lengths.size), count), _DIVIDED):
+            rest = np.setdiff1d(np.arange(lengths.size), some)
+            line = np.polyval(np.polyfit(lengths[rest] ** 2, slope[rest], 1), lengths**2)
+            own = line[[*some]]
+            line[[*some]] *= (own @ slope[[*some]]) / (own @ own)
+            tried.append((float(np.sum((line - slope) ** 2)), some))
+    for _, some in sorted(tried)[:_DIVISIONS]:
+        words: list[Any] = ["at "]
+        for one in some:
+            words += [Quantity(float(lengths[one]), "length"), ", "]
+        yield words[:-1], np.isin(place, some), True

@@ -9,7 +9,7 @@ from jaxtyping import Float
 import famjax
 
 from .arguments import check_whole
-from .data import ForceData
+from .data import ForceData, several_maps
 from .families import LawGiven
 from .mechanics import check_ends, equilibrium_options
 from .parameters import Parameter
@@ -102,7 +102,7 @@ def identify(
         "bounds": bounds, "parameters": parameters, "geometry": geometry, "terms": terms,
     }  # fmt: skip
     if check_ends(ends, asked) == "equilibrium":
-        asked = equilibrium_options(data, law, order, bounds, parameters, seed)
+        asked = equilibrium_options((data,), law, order, bounds, parameters, seed)
     posed = pose((data,), noise=noise, censored=censored, **asked)
     (found,) = solve(
         posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress
@@ -123,6 +123,7 @@ def identify_together(
     objective: str = "sum_of_squares",
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    ends: str = "cylinder",
     censored: bool = False,
     starts: int = 16,
     seed: int = 0,
@@ -142,6 +143,7 @@ def identify_together(
         objective: as in `identify`.
         geometry: a class or function of the estimated geometry of each specimen.
         terms: further force terms, the same for every specimen; see `identify`.
+        ends: as in `identify`; with "equilibrium" all share one law.
         censored: as in `identify`.
         starts: number of starts.
         seed: of the starts.
@@ -157,10 +159,13 @@ def identify_together(
     """
     check_whole("starts", starts, 1)
     check_objective(objective, censored=censored)
-    posed = pose(
-        data, own=own, own_law=own_law, law=law, order=order, constraint=constraint,
-        parameters=parameters, noise=noise, geometry=geometry, terms=terms, censored=censored,
-    )  # fmt: skip
+    asked: dict[str, Any] = {
+        "law": law, "order": order, "constraint": constraint, "parameters": parameters,
+        "geometry": geometry, "terms": terms, "own": own, "own_law": own_law,
+    }  # fmt: skip
+    if check_ends(ends, asked) == "equilibrium":
+        asked = equilibrium_options(several_maps(data), law, order, None, parameters, seed, own)
+    posed = pose(data, noise=noise, censored=censored, **asked)
     return solve(
         posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress
     )

@@ -1,6 +1,6 @@
 """The shape from mechanics as a family: braid, bladder and law between two fittings, nothing linear."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -9,6 +9,7 @@ import numpy as np
 import famjax
 from famjax.boundary.errors import InputError
 
+from .arguments import check_names
 from .data import ForceData
 from .families import EstimatedSource, Law, LawGiven
 from .ladder import LAWS, Candidate, believed, numbers_of, rest_length_prior
@@ -35,6 +36,7 @@ def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
         raise InputError(f"ends must be one of {', '.join(ENDS)}, got {ends!r}")
     others = [name for name in ("geometry", "terms") if asked.get(name) is not None]
     others += ["dependence"] if asked.get("dependence", "fixed") != "fixed" else []
+    others += ["own_law"] if asked.get("own_law") else []
     if ends == "equilibrium" and others:
         raise InputError(
             f"the shape from mechanics takes no {others[0]} of its own: leave out {others[0]} or ends"
@@ -116,32 +118,36 @@ class SearchedLaw(Law):
 
 
 def equilibrium_options(
-    data: ForceData,
+    data: Sequence[ForceData],
     law: LawGiven = "polynomial",
     order: int | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     seed: int = 0,
+    own: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What `pose` is given to fit the shape from mechanics: law, geometry, parameters and constraint.
 
-    The search starts at the cylinder of the same law that fits the map best, with ends as wide as it is.
+    The search starts at the cylinder of the same law that fits the maps best, with ends as wide as it is.
 
     Args:
-        data: the map.
+        data: the maps.
         law: as in `identify`, and all that follows.
         order: of the polynomial law.
         bounds: intervals in SI by name.
         parameters: bounds, held values and priors.
         seed: of the starts of the cylinder's fit.
+        own: parameters that each specimen has for itself.
 
     Raises:
         InputError: what `identify` refuses of the cylinder, or no diameter of the end-fittings.
     """
+    own = check_names("own", own)
     of_fittings, said = {"end_diameter"}, {**(bounds or {}), **(parameters or {})}
     plain = {k: v for k, v in (bounds or {}).items() if k not in of_fittings}
     more = {k: v for k, v in (parameters or {}).items() if k not in of_fittings}
-    posed = pose((data,), law=law, order=order, bounds=plain, parameters=more)
+    cylinders = [name for name in own if name not in of_fittings]
+    posed = pose(data, law=law, order=order, bounds=plain, parameters=more, own=cylinders)
     point = best_of(descend_all(posed.problem, posed.starts(_STARTS, seed))).point
     near = dict(zip(posed.problem.names, point.parameters.tolist(), strict=True))
     near |= dict(zip(posed.problem.linear, point.x.tolist(), strict=True))
@@ -151,10 +157,16 @@ def equilibrium_options(
         for name, one in posed.law.coefficients.items()
     )
     fittings = {name: Parameter() for name in of_fittings if name not in said}
+    as_wide = {
+        name.replace("braid", "end"): value
+        for name, value in near.items()
+        if "braid_diameter" in name
+    }
     return {
-        "law": SearchedLaw(posed.law.material, limits), "geometry": EquilibriumSource.of(data),
+        "law": SearchedLaw(posed.law.material, limits),
+        "geometry": {one.specimen.name: EquilibriumSource.of(one) for one in data},
         "constraint": "none", "bounds": bounds, "parameters": {**(parameters or {}), **fittings},
-        "near": near | {"end_diameter": near["braid_diameter"]},
+        "near": near | as_wide, "own": own,
     }  # fmt: skip
 
 
@@ -177,7 +189,9 @@ def equilibrium_candidate(
     """
     known = {**believed(_LAW, data), "rest_length": rest_length_prior(data)}
     known = {name: one for name, one in known.items() if name not in (bounds or {})}
-    options = equilibrium_options(data, _LAW, None, bounds, {**known, **(parameters or {})}, seed)
+    options = equilibrium_options(
+        (data,), _LAW, None, bounds, {**known, **(parameters or {})}, seed
+    )
     said = {name: options.pop(name) for name in ("bounds", "parameters")}
     return Candidate(
         name=f"{_LAW}, shape from mechanics", law=_LAW, rig=False, options=options, **said,

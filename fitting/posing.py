@@ -45,8 +45,9 @@ Geometry = (
     | famjax.geometries.AbstractGeometry
     | Callable[[famjax.geometries.AbstractGeometry], famjax.geometries.AbstractGeometry]
     | str
+    | Mapping[str, AbstractGeometrySource]
 )
-"""What a geometry may be given as."""
+"""What a geometry may be given as; several by the names of their specimens."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,6 +222,8 @@ def source_of(
         return EstimatedSource(data.specimen)
     if isinstance(geometry, str):
         geometry = class_named(geometry, famjax.geometries.AbstractGeometry, "geometry")
+    if isinstance(geometry, Mapping):
+        geometry = geometry[data.specimen.name]
     if isinstance(geometry, AbstractGeometrySource):
         return geometry
     if isinstance(geometry, famjax.geometries.AbstractGeometry):

@@ -14,7 +14,7 @@ from .data import ForceData
 from .ladder import FEWEST_LENGTHS, Candidate, sharing_one_program
 from .posing import Posed, pose
 from .problem import Problem
-from .search import End, best_of, descend_many, latin_hypercube
+from .search import End, best_of, descend_many
 from .summary import muscle_at
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
@@ -34,13 +34,13 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
     )  # fmt: skip
 
 
-def descended(problem: Problem, starts: int, seed: int) -> End:
+def descended(posed: Posed, starts: int, seed: int) -> End:
     """The best end of a few descents, as near to an optimum as a comparison needs.
 
     Raises:
         InputError: no start ends at a force for every reading.
     """
-    return best_of(_descents([problem], [latin_hypercube(len(problem.free), starts, seed)]))
+    return best_of(_descents([posed.problem], [posed.starts(starts, seed)]))
 
 
 def _descents(
@@ -176,7 +176,7 @@ def _rig_of_the_bounds(problem: Problem, end: End) -> bool:
 ALIKE = 1.5
 """Families fit alike whose RMSE in sample is within this factor of the smallest."""
 NEAR = 1.1
-"""Held-out errors within this factor are not told apart: the first on the ladder is taken."""
+"""Held-out errors within this factor are not told apart, which is said."""
 LITTLE_MORE = 2.0
 """Factor of the held-out error up to which a family with a certified optimum is taken instead."""
 _NOISE = 1e-3  # of the largest force: smaller errors are not told apart
@@ -242,12 +242,12 @@ def ranked(
 def preferred(tried: Sequence[Tried]) -> list[int]:
     """Places of the families, the one to believe first in front.
 
-    Those whose held-out error is within `NEAR` of the smallest come in the order of the ladder, the
-    others behind them by their errors. Without lengths left out little tells the laws apart, so it is
-    within `ALIKE` then.
+    The smallest held-out error comes first. Where only pressures could be left out, little tells the laws
+    apart: those within `ALIKE` of the smallest come in the order of the ladder then.
     """
     least = min(one.held_out for one in tried)
-    factor = NEAR if any("length" in one.left_out for one in tried) else ALIKE
+    telling = {kind for one in tried for kind in one.left_out} - {"pressure"}
+    factor = 1.0 if telling else ALIKE
 
     def order(place: int) -> tuple[bool, float | tuple[int, ...]]:
         one = tried[place]

@@ -22,6 +22,7 @@ from .data import ForceData, several_maps
 from .families import LawGiven
 from .identification import solve
 from .ladder import Candidate, as_cylinder, believed, law_of, numbers_of, options_of
+from .mechanics import check_ends, equilibrium_options
 from .parameters import Parameter
 from .posing import Geometry, Posed, pose
 from .race import Fitted, Tried, descended, preferred, ranked
@@ -133,6 +134,7 @@ def identify_series(
     constraint: str = "drucker",
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
+    ends: str = "cylinder",
     starts: int = 8,
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
@@ -143,7 +145,7 @@ def identify_series(
     a deadband, and again without each of the specimens. Whether the rig gives way is not to be told
     from ends and lengths by specimens of a few lengths: predictions are the mean of a rigid rig and
     of one that gives way, weighted by their errors on the specimens left out. The family with the
-    smallest error on them is chosen, or the first in the order of the laws of those within a tenth of it.
+    smallest error on them is chosen.
 
     Three specimens of 24 readings take ten seconds.
 
@@ -157,6 +159,7 @@ def identify_series(
         geometry: a class or function of the estimated geometry of each specimen, see `identify`; it
             needs a method `cut_to_length`.
         terms: further force terms, the same for every specimen; see `identify`.
+        ends: "equilibrium" tries every law with the shape from mechanics as well, see `identify`.
         starts: number of starts, of each fit.
         seed: of the starts.
         progress: called with (what is done, families done, families).
@@ -177,9 +180,14 @@ def identify_series(
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
     _check(data, laws, geometry)
     own = {k: v for k, v in (("geometry", geometry), ("terms", terms)) if v is not None}
+    mechanics = check_ends(ends, own) == "equilibrium"
     alike = [_counting_alike(one, data) for one in data]
     said = dict(parameters or {})
     families = [rigs for rank, law in enumerate(laws) for rigs in _families(law, rank, said, own)]
+    if mechanics:
+        families += [
+            (_of_mechanics(alike, law, rank, said, seed),) for rank, law in enumerate(laws)
+        ]
     rigs = [rig for family in families for rig in family]
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
@@ -233,8 +241,8 @@ def _judged(
     data: Sequence[ForceData], constraint: str, starts: int, seed: int, candidate: Candidate
 ) -> _Judged | None:
     """Its errors; None where the others do not determine the force of every specimen."""
-    problem = _posed(data, constraint, candidate).problem
-    best = descended(problem, starts, seed)
+    posed = _posed(data, constraint, candidate)
+    problem, best = posed.problem, descended(posed, starts, seed)
     kinds = {"specimen": (None, 2)}
     (found,) = leave_out_each([(problem, best.u)], kinds, seed=seed, settled=True)
     out = found.get("specimen")
@@ -244,10 +252,8 @@ def _judged(
 
 
 def _posed(data: Sequence[ForceData], constraint: str, candidate: Candidate) -> Posed:
-    return pose(
-        data, parameters=candidate.parameters, constraint=constraint,
-        **candidate.options,
-    )  # fmt: skip
+    asked = {"constraint": constraint, **candidate.options}
+    return pose(data, parameters=candidate.parameters, **asked)
 
 
 def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
@@ -317,6 +323,19 @@ def _families(
             )
         )  # fmt: skip
     return found
+
+
+def _of_mechanics(
+    data: Sequence[ForceData], law: LawGiven, rank: int, said: Mapping[str, Parameter], seed: int
+) -> Candidate:
+    """A law with the shape from mechanics, after all cylinders."""
+    one, made = _families(law, rank, said, {})[0][0], options_of(law)
+    options = equilibrium_options(data, made["law"], made.get("order"), None, one.parameters, seed)
+    parameters = options.pop("parameters")
+    return dataclasses.replace(
+        one, name=f"{one.name}, shape from mechanics", options=options, parameters=parameters,
+        unknowns=one.unknowns + 1, rank=(len(DEFAULT_LAWS) + rank, 0),
+    )  # fmt: skip
 
 
 def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:

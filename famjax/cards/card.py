@@ -22,6 +22,7 @@ from .._arrays import Real, RealArray, as_real, in_trace
 from ..boundary.errors import InputError, Own
 from ..boundary.files import write_all
 from ..continuation import Region, SafeMuscle, continued_volume
+from ..equilibrium import EquilibriumMuscle
 from ..muscle import (
     AbstractMuscle,
     MeanMuscle,
@@ -356,8 +357,7 @@ class MuscleCard:
             ) from None
         except ValueError as error:
             raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
-        shape = cut_to_length(self.members[0].muscle, rest_length).geometry
-        wide = 2 * float(shape.dimensions(rest_length, 0.0).radius)
+        wide = _diameter_at_rest(members[0].muscle)
         if rest_length < wide:
             raise InputError(
                 f"{self.name} cannot be cut to {rest_length:.4g} m: its length must be above its diameter, "
@@ -377,6 +377,14 @@ class MuscleCard:
             self.name, members, self.weights, Region(ratio * self.data.length, self.data.pressure),
             hysteresis=hysteresis, provenance=msgspec.structs.replace(self.provenance, notes=notes),
         )  # fmt: skip
+
+
+def _diameter_at_rest(mounted: AbstractMuscle) -> float:
+    """Diameter of the braid [m] at rest without pressure, or at its fitting."""
+    if isinstance(mounted, EquilibriumMuscle):
+        return float(mounted.end_diameter)
+    assert isinstance(mounted, Muscle)
+    return 2 * float(mounted.geometry.dimensions(mounted.rest_length, 0.0).radius)
 
 
 def varied(
@@ -425,11 +433,8 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
-        if not isinstance(one.muscle, Muscle):
-            raise InputError(
-                f"a muscle card holds a famjax.Muscle, got a {type(one.muscle).__name__}, which has no "
-                "card format"
-            )
+        if not isinstance(one.muscle, Muscle | EquilibriumMuscle):
+            raise InputError(f"a {type(one.muscle).__name__} has no card format")
         exponent = UNSET if one.exponent is None else float(one.exponent)
         members.append(
             Member(muscle_as_dict(one.muscle), float(one.compliance), float(weight), exponent)

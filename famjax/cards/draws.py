@@ -91,7 +91,7 @@ def _looked_at(
         possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
         return possible, jnp.asarray(rising(at))
 
-    return jax.vmap(one)(jnp.asarray(rows))
+    return jax.lax.map(one, jnp.asarray(rows))  # one by one: shapes from mechanics take memory
 
 
 def _in_ranges(mounted: MountedMuscle) -> Bool[Array, ""]:

@@ -23,7 +23,7 @@ from famjax.console import (
     whole,
 )
 
-from .fit import Constraint, load_fitting, load_map
+from .fit import Constraint, Ends, load_fitting, load_map
 
 SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
@@ -254,6 +254,7 @@ def series(
     constraint: Constraint = "drucker",
     geometry: str | None = None,
     term: tuple[str, ...] = (),
+    ends: Ends = "cylinder",
     output: Path = Path("famjax-series"),
     units: Units = "metric",
     json_: bool = False,
@@ -290,6 +291,9 @@ def series(
         cut_to_length.
     term
         Add a force term of your own, module:Class, repeatable, as for `famjax fit`.
+    ends
+        Take the ends as the cylinder's, or also try each law with the shape from mechanics (equilibrium),
+        which takes minutes.
     output
         Write the file to this folder; it is created if missing.
     units
@@ -319,7 +323,7 @@ def series(
     with progress("identifying") as show:
         found = fitting.identify_series(
             maps, laws=law or DEFAULT_LAWS, parameters=said | taking_part(declared, said),
-            constraint=constraint, **parts,
+            constraint=constraint, ends=ends, **parts,
             progress=lambda name, done, total: show(done, total, name),
         )  # fmt: skip
     judgement = judge_series(found.specimens, found.left_out)

@@ -21,12 +21,16 @@ LAW = famjax.materials.OgdenMaterial.template().with_parameters(OF_LAW)
 
 @pytest.fixture(scope="module")
 def data() -> fitting.ForceData:
-    """A map of a muscle whose shape follows from mechanics, with 1 N of noise."""
+    return _map(0.2)
+
+
+def _map(rest: float) -> fitting.ForceData:
+    """Readings of a muscle whose shape follows from mechanics, with 1 N of noise."""
     specimen = fitting.Specimen(
-        name="made up", rest_length=0.2, wall_thickness=1.5e-3, nominal_diameter=0.02
+        name=f"{rest} m", rest_length=rest, wall_thickness=1.5e-3, nominal_diameter=0.02
     )
     length, pressure = (
-        grid.ravel() for grid in np.meshgrid(0.2 * np.linspace(0.82, 1, 6), [2e5, 3.5e5, 5e5])
+        grid.ravel() for grid in np.meshgrid(rest * np.linspace(0.82, 1, 6), [2e5, 3.5e5, 5e5])
     )
     force = np.asarray(_muscle(specimen, TRUTH).force(length, pressure))
     noise = np.random.default_rng(3).normal(0, 1.0, force.size)
@@ -85,3 +89,22 @@ def test_a_fitting_of_unknown_diameter_is_asked_for(data: fitting.ForceData) -> 
     )
     with pytest.raises(InputError, match="give nominal_diameter"):
         EquilibriumSource.of(nameless)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_series_tells_of_a_length_that_it_has_not_seen() -> None:
+    maps, new = [_map(rest) for rest in (0.12, 0.2)], _map(0.15)
+    found = fitting.identify_series(maps, laws="ogden", ends="equilibrium", starts=2)
+    assert found.name == "ogden, shape from mechanics"
+    force, _ = found.predict(0.15, new.length, new.pressure)
+    assert np.sqrt(np.mean((force - new.force) ** 2)) < 2.0
+    together = fitting.identify_together(maps, own=(), law="ogden", ends="equilibrium", starts=2)
+    assert max(one.errors.rmse for one in together) < 1.5
+
+
+@pytest.mark.slow
+def test_a_muscle_that_is_cut_is_one_of_that_length(data: fitting.ForceData) -> None:
+    long, short = (_muscle(one.specimen, TRUTH) for one in (data, _map(0.1)))
+    cut = famjax.cut_to_length(long, 0.1)
+    np.testing.assert_allclose(cut.force(0.09, 4e5), short.force(0.09, 4e5), rtol=1e-9)

@@ -154,3 +154,22 @@ def test_outliers_and_one_giant(dmsp20: ForceData) -> None:
     assert causes(dataclasses.replace(dmsp20, force=force)).startswith(
         f"1 reading is an outlier (number {rows[0] + 1}"
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("behind", [True, False])
+def test_two_muscles_in_one_file(behind: bool) -> None:
+    one = known_muscle(0.02, 0.3, 66.0)
+    if behind:
+        other = known_muscle(0.034, 0.3, 64.0)
+        columns = {name: np.append(getattr(one, name), getattr(other, name)) for name in COLUMNS}
+        where = f"from reading {one.force.size + 1} on"
+    else:
+        columns = {"force": np.where(one.length < 0.27, 1.45 * one.force, one.force)}
+        where = "at 252 mm, 258.9 mm, 265.7 mm"
+    assert f"there are two muscles in the file, one of them {where}" in causes(
+        dataclasses.replace(one, **columns)
+    )
+
+
+COLUMNS = ("force", "pressure", "length")
