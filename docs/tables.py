@@ -28,8 +28,8 @@ _COMPARED = (
 _ERRORS_ARE = (
     "Errors are RMSE in N. *Pressures out*, *lengths out*: held-out errors. *Inner lengths "
     "out*: without the shortest and the longest length, which are extrapolated. `-`: the "
-    "model cannot be fitted, or not without that part. A star: a parameter is at a bound of "
-    "its search."
+    "model cannot be fitted, or the other readings do not determine what it predicts. A star: a "
+    "parameter is at a bound of its search."
 )
 _REPRODUCED = (
     "Chambers 2021, chapters 2, 4, 5 and 6, computed from the inputs that the work prints. "

@@ -187,7 +187,8 @@ def compare(
 
     Each model is fitted to all loaded readings. Then it is fitted again without each pressure and each
     length, and predicts it ("pressures out", "lengths out"; inner lengths exclude the longest and the
-    shortest). The table is sorted by the error on inner lengths. All models take a minute or two.
+    shortest). The table is sorted by the error on inner lengths; a model has none where the other readings
+    do not determine what it predicts. All models take a minute or two.
 
     Writes `compare.json` and `compare.png`. Finished rows are kept in `rows.jsonl`, from which a stopped
     comparison resumes.
@@ -262,8 +263,8 @@ def series(
     """Identify several muscles of a series together, to predict those of other lengths.
 
     All share one braid, one bladder and one rig; only the length differs. Each law, with and without a
-    deadband and a compliant rig, is judged by specimens that it predicts from the others. The simplest of
-    the best is kept. Predictions are its mean with up to two more models of its law.
+    deadband and a compliant rig, is judged by specimens that it predicts from the others. The best is
+    kept. Predictions are its mean with up to two more models of its law.
 
     Writes `fit.json`, for `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The exit
     code is 1 if nothing was identified.
