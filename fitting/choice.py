@@ -3,11 +3,7 @@
 import contextlib
 import dataclasses
 import functools
-import pickle
-import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.tasks import AnyExecutor, Store, can_travel, run_tasks
+from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
 from .arguments import check_whole
@@ -302,55 +298,6 @@ def _identified(
     return next(iter(fits.items()))
 
 
-def run_fits(
-    function: Callable[[Any], Any],
-    items: Sequence[Any],
-    *,
-    executor: AnyExecutor,
-    store: Any = None,
-    progress: Callable[[int, int], None] | None = None,
-    names: Sequence[str] | None = None,
-) -> Any:
-    """`famjax.boundary.tasks.run_tasks` for a function that fits.
-
-    What holds something that another process cannot import, such as a function within a function,
-    is done in this one, with a warning.
-
-    Args:
-        function: of one item, of a module's own level, or a `functools.partial` of one.
-        items: one for each task.
-        executor: as `run_tasks` takes it.
-        store: likewise.
-        progress: likewise.
-        names: likewise.
-
-    Returns:
-        The store; `list(...)` of one in memory has the results in the order of the items.
-    """
-    if executor is not None and not _can_be_sent((function, items), executor):
-        warnings.warn(
-            "this work holds something of your own that another process cannot import, a function "
-            "within a function or a class typed at a prompt, so it is done in this process: put "
-            "that in a module and import it",
-            UserWarning,
-            stacklevel=3,
-        )
-        executor = None
-    return run_tasks(
-        function, items, executor=executor, store=store, progress=progress, names=names
-    )  # fmt: skip
-
-
-def _can_be_sent(work: Any, executor: AnyExecutor) -> bool:
-    """Whether the workers of an executor can make of a message what was sent."""
-    if not can_travel(work):
-        return False
-    # Spawned processes import the script by its file; other engines send its classes themselves.
-    spawned = isinstance(executor, int | ProcessPoolExecutor)
-    prompt = not hasattr(sys.modules["__main__"], "__file__")
-    return not (spawned and prompt and b"__main__" in pickle.dumps(work))
-
-
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:
     """The map with the error of the laws in the standard deviations of its readings.
 
@@ -499,7 +446,7 @@ def validate_choice(
         "options": {name: repr(value) for name, value in sorted(options.items())},
     }
     store = Store(resume, "validation", settings, count)
-    run_fits(
+    run_tasks(
         functools.partial(_fold, data, groups, group, options), range(count), executor=executor,
         store=store, progress=progress,
         names=[f"{groups} {value:.6g}" for value in levels_of_groups(levels, group)],

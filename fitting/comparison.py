@@ -19,13 +19,13 @@ from jaxtyping import Bool, Float
 import famjax
 from famjax import peers
 from famjax.boundary.errors import InputError, check_seed, class_named, class_path
-from famjax.boundary.tasks import AnyExecutor, Store
+from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 from famjax.boundary.units import finite_or_none
 from famjax.compile_options import as_arrays
 
 from .arguments import check_names, check_whole
 from .checks import check_affine
-from .choice import MOST, choose, run_fits, validate_choice
+from .choice import MOST, choose, validate_choice
 from .data import ForceData, check_maps, data_frame
 from .engine import predict
 from .identification import identify
@@ -450,7 +450,7 @@ def compare(
             progress(done, total, next(following, ""))
 
     row = functools.partial(_row, data, starts, seed)
-    run_fits(row, tasks, executor=executor, store=store, progress=tell, names=names)
+    run_tasks(row, tasks, executor=executor, store=store, progress=tell, names=names)
     rows = [ComparisonRow(**{**part, "at_bound": tuple(part["at_bound"])}) for part in store]
     return Comparison(data, tuple(sorted(rows, key=_place)))
 

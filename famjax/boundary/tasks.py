@@ -169,8 +169,11 @@ def run_tasks(
         The store; `list(...)` of it has the results in the order of the items.
 
     Raises:
-        InputError: the executor cannot be used, or it broke, as when a worker dies.
+        InputError: the executor cannot be used, or it broke, as when a worker dies; or the work holds
+            something that another process cannot import.
     """
+    if isinstance(executor, int | ProcessPoolExecutor):
+        _check_travels((function, items))
     kept = Store(None, "tasks", {}, len(items)) if store is None else store
     waiting = [index for index in range(len(items)) if index not in kept]
     done, tell = len(items) - len(waiting), progress or (lambda _done, _total: None)
@@ -205,6 +208,16 @@ def run_tasks(
             for job in jobs:
                 job.cancel()
     return kept
+
+
+def _check_travels(work: Any) -> None:
+    try:
+        pickle.dumps(work)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InputError(
+            f"this work cannot be sent to another process ({error}): put your class or function into a "
+            "module and import it, or leave the executor out"
+        ) from None
 
 
 def _as_done(
@@ -269,12 +282,3 @@ def _exit_with_parent() -> None:
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)
-
-
-def can_travel(thing: Any) -> bool:
-    """Whether something can be sent to another process, as a function at module level can."""
-    try:
-        pickle.dumps(thing)
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return False
-    return True

@@ -53,13 +53,8 @@ from .ramp import (
     read_ramp as read_ramp,
 )
 from .record import MachineLog as MachineLog, read_machine_log as read_machine_log
-from .tensile import (
-    BladderCharacterisation as BladderCharacterisation,
+from .thread import (
     InSitu as InSitu,
     ModulusFit as ModulusFit,
-    TensileCycle as TensileCycle,
-    TensileFit as TensileFit,
-    TensileRecord as TensileRecord,
-    characterise_bladder as characterise_bladder,
     thread_in_situ as thread_in_situ,
 )
