@@ -22,10 +22,7 @@ def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
 
     factor = getattr(cv2, f"IMWRITE_JPEG_SAMPLING_FACTOR_{jpeg.subsampling}")
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg.quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, factor]
-    done, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)
-    if not done:
-        raise OSError(f"OpenCV could not write a JPEG of shape {rgb.shape}")
-    return data.tobytes()
+    return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)[1].tobytes()
 
 
 def decode_jpeg(data: bytes) -> Image:
@@ -49,7 +46,7 @@ def stamped(data: bytes, time: datetime.datetime) -> bytes:
 
 
 def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating]:
-    """Light behind the lens: each of its faults a convolution, the picture's border mirrored."""
+    """Light behind the lens: each of its faults a convolution."""
     import cv2
 
     seen = np.asarray(light, np.float32)
@@ -87,100 +84,54 @@ def _disk(radius: float) -> NDArray[np.floating]:
 T = TypeVar("T", MuscleTruth, RulerTruth)
 
 
-class _Shows(Generic[T]):
-    """A picture of something that is known."""
-
-    shown: T | None
-
-    @property
-    def truth(self) -> T:
-        """What a perfect measurement of the picture would find.
-
-        Raises:
-            ValueError: the cloth is alone in the picture.
-        """
-        if self.shown is None:
-            raise ValueError("the picture shows the cloth alone: there is nothing to be true of")
-        return self.shown
-
-
 @dataclasses.dataclass(frozen=True)
-class Photo(_Shows[T]):
+class Photo(Generic[T]):
     """A photograph.
 
     Attributes:
         rgb: what a program reads from the file, uint8, shape (h, w, 3).
-        shown: what it shows, None where the cloth is alone; `truth` is the same and never None.
+        truth: what a perfect measurement of it would find; None where the cloth is alone.
         file: the JPEG file's bytes; None where the scene has no compression.
         time: when it was taken, local time.
     """
 
     rgb: Image
-    shown: T | None
+    truth: T
     file: bytes | None
     time: datetime.datetime | None = None
 
     def jpeg(self) -> bytes:
-        """The JPEG file, time stamp included; `rgb` is what it decodes to.
-
-        A picture of a scene without compression is written at quality 100, colour in full.
-        """
+        """The JPEG file, time stamp included, of quality 100 where the scene has no compression."""
         data = self.file or encode_jpeg(self.rgb, Jpeg(100, "444"))
         return data if self.time is None else stamped(data, self.time)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the file: JPEG by a name that ends in .jpg or .jpeg, else any format that OpenCV knows.
-
-        A time stamp goes into a JPEG only.
-
-        Returns:
-            The path.
-
-        Raises:
-            OSError: OpenCV could not write it.
-        """
-        import cv2
-
-        path = Path(path)
-        if path.suffix.lower() in {".jpg", ".jpeg"}:
-            path.write_bytes(self.jpeg())
-        elif not cv2.imwrite(str(path), cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR)):
-            raise OSError(f"OpenCV could not write {path}")
-        return path
+        """Write the JPEG file; returns its path."""
+        Path(path).write_bytes(self.jpeg())
+        return Path(path)
 
 
 _BLOCK_ROWS = 128
 _WHITE = (1 << 16) - 1
 _DENOISED_PX = 2.0  # standard deviation of the bilateral filter in space
+_SHARPENED_PX = 1.0  # of the unsharp mask
 _EXACT_POISSON_BELOW = 4.0  # electrons; above, a normal deviate with Poisson's skewness
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearPhoto(_Shows[T]):
-    """The light that falls on the sensor, before noise.
-
-    Attributes:
-        scene: what it shows.
-        light: linear RGB, 1 is white at exposure 1, float32, shape (h, w, 3).
-        shown: see `Photo`.
-    """
+class LinearPhoto(Generic[T]):
+    """The light that falls on the sensor, linear RGB, before noise; `truth` as of `Photo`."""
 
     scene: Setting
     light: NDArray[np.floating]
-    shown: T | None
+    truth: T
 
 
-def expose(linear: LinearPhoto[T], seed: int, *, sensor: CameraSensor | None = None) -> Photo[T]:
-    """The photograph that sensor and camera program make of the light.
-
-    Args:
-        linear: the light.
-        seed: of the noise.
-        sensor: another sensor than the scene's.
-    """
+def expose(linear: LinearPhoto[T], seed: int) -> Photo[T]:
+    """The photograph that the scene's sensor makes of the light."""
     import cv2
 
-    scene, sensor = linear.scene, sensor or linear.scene.sensor
+    scene, sensor = linear.scene, linear.scene.sensor
     light = _mosaic(linear.light) if sensor.bayer else linear.light
     read_out = _read_out(light, sensor, np.random.default_rng(seed))
     if sensor.bayer:
@@ -194,15 +145,15 @@ def expose(linear: LinearPhoto[T], seed: int, *, sensor: CameraSensor | None = N
         encoded = sensor.encoded(levels).astype(np.float32)[read_out]
         if sensor.denoising > 0:
             encoded = cv2.bilateralFilter(encoded, 0, sensor.denoising, _DENOISED_PX)
-        soft = cv2.GaussianBlur(encoded, (0, 0), sensor.sharpening_px)
+        soft = cv2.GaussianBlur(encoded, (0, 0), _SHARPENED_PX)
         sharp = np.clip(encoded + sensor.sharpening * (encoded - soft), 0, 1)
         rgb = np.rint(255 * sharp).astype(np.uint8)
     if scene.lying:
         rgb = np.ascontiguousarray(np.rot90(rgb))
     if scene.jpeg is None:
-        return Photo(rgb, linear.shown, None, scene.time)
+        return Photo(rgb, linear.truth, None, scene.time)
     data = encode_jpeg(rgb, scene.jpeg)
-    return Photo(decode_jpeg(data), linear.shown, data, scene.time)
+    return Photo(decode_jpeg(data), linear.truth, data, scene.time)
 
 
 def _read_out(
@@ -238,24 +189,16 @@ _STRETCH = 400  # bytes that are spoilt
 
 
 def damaged(
-    data: bytes, kind: Literal["truncated", "scrambled", "blanked", "flipped"], seed: int = 0
+    data: bytes, kind: Literal["truncated", "scrambled", "blanked"], seed: int = 0
 ) -> bytes:
-    """A JPEG file with a fault.
+    """A JPEG file that lacks its end, or with noise or zeros in a stretch of its middle half.
 
-    Args:
-        data: the file.
-        kind: "truncated" lacks its last part; "scrambled" has noise and "blanked" has zeros in a
-            stretch somewhere in the middle half, where most decoders carry on unwarned; "flipped"
-            has one wrong bit there.
-        seed: of the place and the noise.
+    Most decoders carry on unwarned after such a stretch.
     """
     if kind == "truncated":
         return data[: int(_KEPT * len(data))]
     random = np.random.default_rng(seed)
     start = int(random.integers(len(data) // 4, 3 * len(data) // 4 - _STRETCH))
-    if kind == "flipped":
-        wrong = data[start] ^ (1 << int(random.integers(8)))
-        return data[:start] + bytes([wrong]) + data[start + 1 :]
     # 0xff begins a marker: leaving it out keeps this a fault of the data, not of the structure.
     noise = random.integers(0, 0xFF, _STRETCH, np.uint8).tobytes()
     stretch = noise if kind == "scrambled" else bytes(_STRETCH)

@@ -4,7 +4,7 @@ import csv
 import dataclasses
 import datetime
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from famjax.app.folder import SHEET
 from famjax.app.simulation import LOG, simulate
-from famjax.boundary.errors import InputError
 from famjax.units import INCH, PSI
 from rig.calibration import Calibration
 from rig.control import Control
@@ -39,8 +38,6 @@ _STRANDS = 36  # of the reference work's braid
 _BEGAN = datetime.datetime(2021, 3, 1, 10, 0, 0, tzinfo=datetime.UTC)
 _LOG_INTERVAL = 0.02  # s, of the simulated machine
 
-_Show = Callable[[str, float, float], None]
-
 
 def write_twin(
     folder: Path,
@@ -49,9 +46,8 @@ def write_twin(
     size: Literal["small", "large"] = "small",
     flawed: bool = True,
     truth: Path | None = None,
-    progress: _Show | None = None,
 ) -> TwinMuscle:
-    """Make a characterisation folder of a known muscle.
+    """Make a characterisation folder of a known muscle; returns the muscle.
 
     A test on the simulated rig in air, photographs of it by a camera with a clock of its own, a
     ruler, the sheet, and the truth. With noise everywhere, a shutter that jitters, clocks that
@@ -61,27 +57,18 @@ def write_twin(
     Args:
         folder: must not hold a sheet.
         seed: of the muscle and of all noise.
-        size: small, for a try in minutes, or large, of ten pressures and two hundred pictures.
-        flawed: whether a picture and the log are damaged.
+        size: as of `drawn_truth`.
+        flawed: as of `drawn_truth`.
         truth: a file as the twin's own `truth.toml`; what it does not say is drawn.
-        progress: called with what is made, what is done and what there is to do.
-
-    Returns:
-        The true muscle.
-
-    Raises:
-        InputError: the folder has a sheet, or what is wrong with the truth.
     """
-    if (folder / SHEET).exists():
-        raise InputError(f"{folder} has a {SHEET}: give a new folder for the twin")
-    show = progress or (lambda *_: None)
+    assert not (folder / SHEET).exists(), folder
     made_of = drawn_truth(seed, size, flawed=flawed)
     if truth is not None:
         made_of = read_truth(truth, made_of)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng((seed, 1))
-    record = _test(folder, made_of, seed, show)
-    lengths = _photographs(folder, record, made_of, rng, seed, show)
+    record = _test(folder, made_of, seed)
+    lengths = _photographs(folder, record, made_of, rng, seed)
     _flaw(folder, made_of, rng)
     (folder / SHEET).write_text(_sheet(made_of, seed), encoding="utf-8")
     again = f"`write_twin` of tests/rendering/folder.py, seed {seed}, size {size}, truth {TRUTH}"
@@ -92,7 +79,7 @@ def write_twin(
     return made_of.muscle
 
 
-def _test(folder: Path, truth: Truth, seed: int, show: _Show) -> Any:
+def _test(folder: Path, truth: Truth, seed: int) -> Any:
     """Journal and log of the test; its record, which the evaluation makes anew."""
     muscle, rig = truth.muscle, truth.rig
     plan = Isobaric(rig.pressures, rig.cycles, rig.stroke, rig.rate, settle=rig.settle)
@@ -102,10 +89,14 @@ def _test(folder: Path, truth: Truth, seed: int, show: _Show) -> Any:
         muscle=muscle.muscle(), friction=muscle.friction,
         clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed, began=_BEGAN,
         calibrated=lambda perfect: _calibrated(perfect, truth.errors),
-        progress=lambda done, total: show("simulating the test", done, total),
     )  # fmt: skip
     (folder / "dataset.csv").unlink()
-    _rescale(folder / LOG, "Load", 1 + truth.errors.force_reading)
+    log = folder / LOG
+    rows = list(csv.reader(log.read_text(encoding="utf-8").splitlines()))
+    place = rows[0].index("Load")
+    for row in rows[2:]:  # two lines are its header
+        row[place] = f"{float(row[place]) * (1 + truth.errors.force_reading):.4f}"
+    log.write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
     return made.analysis.record
 
 
@@ -122,17 +113,8 @@ def _calibrated(perfect: Calibration, errors: TwinErrors) -> Calibration:
     return dataclasses.replace(perfect, pressure=believed)
 
 
-def _rescale(log: Path, name: str, by: float) -> None:
-    """Multiply a column of the machine's log; two lines are its header."""
-    rows = list(csv.reader(log.read_text(encoding="utf-8").splitlines()))
-    place = rows[0].index(name)
-    for row in rows[2:]:
-        row[place] = f"{float(row[place]) * by:.4f}"
-    log.write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
-
-
 def _photographs(
-    folder: Path, record: Any, truth: Truth, rng: np.random.Generator, seed: int, show: _Show
+    folder: Path, record: Any, truth: Truth, rng: np.random.Generator, seed: int
 ) -> Mapping[str, float]:
     """Pictures over the strokes of the test, and the ruler; the true length [m] by picture."""
     camera, rest, fitting = (
@@ -159,7 +141,6 @@ def _photographs(
     body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
     found = {}
     for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):
-        show("taking photographs", k, times.size)
         contraction = float(np.clip(1 - length / rest, 0.0, MOST))
         now = dataclasses.replace(
             body, profile=truth.muscle.shape(contraction), length=length,

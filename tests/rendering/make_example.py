@@ -2,8 +2,7 @@
 
     python tests/rendering/make_example.py [FOLDER]
 
-A test on the simulated rig at three pressures, twelve photographs of it by the simulated camera, a ruler,
-the sheet, and the truth. The same version of the packages makes the same bytes.
+The same version of the packages makes the same bytes.
 """
 
 import sys

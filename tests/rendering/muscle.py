@@ -24,16 +24,14 @@ class Tape:
     """A coloured tape around one fitting.
 
     Attributes:
-        hue: [deg], of the encoded colour; 0 and 360 are red.
-        saturation: of the encoded colour [-]; 0 is grey tape.
-        value: of the encoded colour [-], its reflectance.
+        hue, saturation, value: of the encoded colour; the hue in degrees.
         width: along the axis [m].
         diameter: [m]; None takes the braid's diameter at its end.
         slant: angle of its inner edge to the normal of the axis [rad], `slant_towards` the azimuth
             of the side that lies lower [rad], 0 to the right and pi/2 towards the camera. A slanted
             or ragged tape lies close on the braid, whatever its diameter.
-        ragged: standard deviation of its inner edge along the axis [m], drawn by `ragged_seed`; zero
-            in the mean over the side that the camera sees.
+        ragged: standard deviation of its inner edge along the axis [m]; zero in the mean over the
+            side that the camera sees.
     """
 
     hue: float = BLUE_HUE
@@ -64,23 +62,13 @@ class Tape:
         front = np.arccos(np.linspace(-0.85, 0.85, 201))
         return plane + self.ragged * (teeth(phi) - teeth(front).mean())
 
-    def __post_init__(self) -> None:
-        colour = 0 <= self.saturation <= 1 and 0 <= self.value <= 1
-        size = self.width > 0 and (self.diameter is None or self.diameter > 0)
-        if not (colour and size):
-            raise ValueError(
-                "a tape has saturation and value in [0, 1], a width > 0 and a diameter > 0 or "
-                f"None; got {self}"
-            )
-
 
 @dataclasses.dataclass(frozen=True)
 class MuscleScene:
     """A muscle: a body of revolution of woven thread between two taped fittings.
 
     Attributes:
-        profile: D(x) [m], a function of x = z/L in [0, 1], upper tape's edge to lower; or a pair of
-            arrays (x, D), joined by a cubic spline.
+        profile: D(x) [m], a function of x = z/L in [0, 1], upper tape's edge to lower.
         length: between the inner edges of the tapes along the straight line through their middles
             [m]; the truth's length L of a bowed muscle is its axis' own.
         x0: distance of the axis from the optical axis, positive to the right [m].
@@ -90,28 +78,22 @@ class MuscleScene:
             (half a sine wave); `bow_depth` the same, away from the camera.
         tilt: turn of axis and lamps in depth about the braid's middle [rad], the lower end away from
             the camera.
-        strands: strands of each of the two helix families, a multiple of 4.
-        turns: turns of a strand about the axis over the length [-].
+        strands: of each of the two helix families, a multiple of 4.
+        turns: of a strand about the axis over the length [-].
         albedo: reflectance of the threads, linear RGB.
-        albedo_spread: standard deviation of the reflectance from strand to strand, relative [-].
         flecks: part of the crossings that are of black thread [-].
         relief: height of a yarn's crest over the valley beside it [m]. The profile is that of the
             mean outline: between the crests that a calliper touches and the valleys.
-        sheen: part of the light that fabric adds at grazing sight, sheen (1 - n_z)^p [-].
-        sheen_power: p [-]; 3 for cloth, 8 and more for the narrow rim of a glossy thread.
-        sparkle: part of the crossings that shine three times as bright [-].
+        sheen: part of the light that fabric adds at grazing sight, sheen (1 - n_z)^sheen_power [-];
+            the power is 3 for cloth, 8 and more for the narrow rim of a glossy thread.
         fray: loose fibres that stand out from the outline.
-        weave_seed: seed of the strands' reflectances, flecks and sparkles, and of the fibres.
+        weave_seed: of the strands' reflectances, flecks and sparkles, and of the fibres.
         upper, lower: the tapes; None leaves the fitting bare.
         third: a tape that should not be there, with the position x of its middle; a tape without
             a diameter lies close around the braid, or around the rod where x is outside of [0, 1].
-        rod_diameter: the black rods that hold the muscle [m].
-
-    Raises:
-        ValueError: a length that is not positive, strands that do not weave.
     """
 
-    profile: Profile | tuple[ArrayLike, ArrayLike]
+    profile: Profile
     length: float
     x0: float = 0.0
     y0: float = 0.0
@@ -122,43 +104,20 @@ class MuscleScene:
     strands: int = 36
     turns: float = 1.09
     albedo: tuple[float, float, float] = TAN
-    albedo_spread: float = 0.12
     flecks: float = 0.0
     relief: float = 0.002 * INCH
     sheen: float = 0.0
     sheen_power: float = 3.0
-    sparkle: float = 0.04
     fray: int = 0
     weave_seed: int = 0
     upper: Tape | None = dataclasses.field(default_factory=Tape)
     lower: Tape | None = dataclasses.field(default_factory=Tape)
     third: tuple[Tape, float] | None = None
-    rod_diameter: float = 0.5 * INCH
-
-    def __post_init__(self) -> None:
-        if not self.length > 0 or self.strands < 4 or self.strands % 4:
-            raise ValueError(
-                "a braid has a length > 0 and a multiple of 4 strands in each direction; got "
-                f"length = {self.length} m, strands = {self.strands}"
-            )
 
     def diameter(self, x: ArrayLike) -> Array:
-        """Diameter D [m] at x = z/L [-], that of the nearer end outside of [0, 1].
-
-        Raises:
-            ValueError: a profile that is not positive and finite.
-        """
-        from scipy.interpolate import CubicSpline
-
+        """Diameter D [m] at x = z/L [-], that of the nearer end outside of [0, 1]."""
         x = np.clip(np.asarray(x, float), 0, 1)
-        profile = self.profile if callable(self.profile) else CubicSpline(*self.profile)
-        D = np.asarray(profile(x), float) + np.zeros_like(x)
-        if not np.all(D > 0):
-            worst = int(np.argmin(D))
-            raise ValueError(
-                f"a profile is positive; it is {D.flat[worst]:.4g} m at x = {x.flat[worst]:.3f}"
-            )
-        return D
+        return np.asarray(self.profile(x), float) + np.zeros_like(x)
 
 
 REST_LENGTH = 9.28125 * INCH
@@ -176,42 +135,20 @@ _TABLE_4_3 = (
 
 @dataclasses.dataclass(frozen=True)
 class FourierShape:
-    """D(x) = mean + sum over n of cosines_n cos(n w (x - 1/2)): a profile symmetric about its middle.
-
-    Attributes:
-        mean: constant term [m].
-        cosines: coefficients about the middle [m].
-        frequency: wave number w [-].
-    """
+    """D(x) = mean + sum over n of cosines_n cos(n w (x - 1/2)) [m], w being the frequency."""
 
     mean: float
     cosines: tuple[float, ...]
     frequency: float
 
     def __call__(self, x: ArrayLike) -> Array:
-        """D [m] at x [-]."""
         n = np.arange(1, len(self.cosines) + 1)
         angle = self.frequency * (np.asarray(x, float)[..., None] - 0.5)
         return self.mean + np.cos(n * angle) @ np.array(self.cosines)
 
 
 def published_shape(contraction: float) -> FourierShape:
-    """The muscle's published profile at 100 psi and one of `PUBLISHED_CONTRACTIONS`, symmetrised.
-
-    Args:
-        contraction: (L0 - L)/L0 [-]: 0, 0.0875, 0.175, 0.2625 or 0.35.
-
-    Raises:
-        ValueError: another contraction; `stroke_shape` has those between.
-
-    References:
-        Chambers 2021, table 4.3.
-    """
-    if contraction not in PUBLISHED_CONTRACTIONS:
-        raise ValueError(
-            f"profiles are published at the contractions {PUBLISHED_CONTRACTIONS}, not at "
-            f"{contraction}; `stroke_shape` interpolates"
-        )
+    """The muscle's published profile at 100 psi and one of `PUBLISHED_CONTRACTIONS`, symmetrised."""
     mean, a, b, w = _TABLE_4_3[PUBLISHED_CONTRACTIONS.index(contraction)]
     n = np.arange(1, len(a) + 1)
     # a cos(nwx) + b sin(nwx), its part even about x = 1/2.
@@ -226,18 +163,7 @@ def stroke_shape(
 
     Between the published profiles by a monotone cubic in the contraction at every x; what the
     published ends deviate from `end_diameter` is taken off, fading to nothing in the middle.
-
-    Args:
-        contraction: (L0 - L)/L0 [-], 0 to 0.35.
-        end_diameter: D at both tapes [m].
-
-    Raises:
-        ValueError: a contraction outside of the published ones.
     """
-    if not PUBLISHED_CONTRACTIONS[0] <= contraction <= PUBLISHED_CONTRACTIONS[-1]:
-        raise ValueError(
-            f"the stroke is known from 0 to {PUBLISHED_CONTRACTIONS[-1]}, got {contraction}"
-        )
 
     def between(x: Array) -> Array:
         from scipy.interpolate import PchipInterpolator
@@ -255,6 +181,8 @@ def stroke_shape(
 
 
 _YARN_TILT = 0.9  # slope of a round yarn's flank
+_SPREAD = 0.12  # relative standard deviation of the reflectance from strand to strand
+_SPARKLE = 0.04  # part of the crossings that shine
 _VALLEY = 0.45  # light left in the valley between two yarns
 _LIMB_WINDOW = 0.2  # [rad] around the tangent point in which a crest can be the outline
 _GLINT = 2.0  # light that a sparkling yarn adds on its crest, relative to the thread's
@@ -266,10 +194,10 @@ class Crossings:
     """What the braid shows at n places.
 
     Attributes:
-        first: the strand of the first family (i), `second`: of the other (j), shape (n,).
-        on_top: the first family's strand is the upper one, shape (n,).
-        across: place across the upper yarn, -1/2 to 1/2, shape (n,).
-        along: place along its float over two others, 0 to 1, shape (n,).
+        first, second: the strands of the two families (i, j).
+        on_top: the first family's strand is the upper one.
+        across: place across the upper yarn, -1/2 to 1/2.
+        along: place along its float over two others, 0 to 1.
     """
 
     first: Indices
@@ -288,13 +216,8 @@ class Weave:
     """A regular two-over-two braid on a body of revolution.
 
     Strands of both families turn by the angle `twist`(y), one to the right and one to the left:
-    with the local braid angle theta to the circumference, d twist / ds = 1 / (R tan(theta)).
-
-    Args:
-        muscle: the muscle.
-        y: positions along the axis [m], uniform, shape (m,).
-        R: radius at y [m], shape (m,).
-        slope: dR/dy, shape (m,).
+    with the local braid angle theta to the circumference, d twist / ds = 1 / (R tan(theta)). The
+    radius R and its slope are those at the uniform positions y along the axis [m].
     """
 
     def __init__(self, muscle: MuscleScene, y: Array, R: Array, slope: Array) -> None:
@@ -306,10 +229,10 @@ class Weave:
         self.twist = np.cumsum(self.cotangent / R * step)
         self.n = muscle.strands
         random = np.random.default_rng(muscle.weave_seed)
-        spread = 1 + muscle.albedo_spread * random.standard_normal((2, self.n))
+        spread = 1 + _SPREAD * random.standard_normal((2, self.n))
         self.strand_albedo = np.clip(spread, 0.4, 1.6)
         shape = (self.n, self.n)
-        self.glint = np.where(random.random(shape) < muscle.sparkle, _GLINT, 0.0)
+        self.glint = np.where(random.random(shape) < _SPARKLE, _GLINT, 0.0)
         self.thread = np.where(random.random(shape) < muscle.flecks, _BLACK_THREAD, 1.0)
         self.relief = muscle.relief
 
@@ -349,11 +272,8 @@ class Weave:
     def outline_offset(self, azimuth: Array, R: Array) -> Array:
         """How far the crests and valleys at the limb move the outline outwards [m], mean zero.
 
-        The largest of (R + h) cos(delta) over the directions delta around the tangent point.
-
-        Args:
-            azimuth: of the tangent point at self.y, shape (m,).
-            R: radius at self.y [m], shape (m,).
+        The largest of (R + h) cos(delta) over the directions delta around the tangent points, with
+        these azimuths and radii at self.y.
         """
         if self.relief == 0:
             return np.zeros_like(R)

@@ -12,11 +12,6 @@ def apparent_diameter(diameter: ArrayLike, distance: float, x0: float = 0.0) -> 
 
     D_app = D d sqrt(rho^2 - R^2) / (d^2 - R^2), rho = hypot(x0, d): the tangent rays touch in
     front of the axis.
-
-    Args:
-        diameter: D [m].
-        distance: d, camera to mid-plane [m].
-        x0: distance of the axis from the optical axis [m].
     """
     R = np.asarray(diameter, float) / 2
     width = 2 * R * distance * np.sqrt(x0**2 + distance**2 - R**2) / (distance**2 - R**2)
@@ -30,36 +25,13 @@ def silhouette_from_profile(
 
     The surface point at azimuth phi is on the outline where its normal is square to the ray:
     sin(phi - alpha) = (R - R' y) / rho, alpha = atan(x0 / d), rho = hypot(x0, d). Exact for a body
-    that does not hide itself; R' is the slope of a cubic spline through R.
-
-    Args:
-        camera: the camera.
-        y: positions along the axis [m], increasing, shape (n,), n >= 4.
-        R: radius at y [m], > 0, shape (n,).
-        x0: distance of the axis from the optical axis [m], see `Silhouette`.
-        roll: turn of the axis [rad], see `Silhouette`.
-
-    Returns:
-        rows: the integers v at which both sides are seen [px], shape (m,).
-        left, right: columns u of the outline at these rows [px], shape (m,).
-
-    Raises:
-        ValueError: the body reaches the camera or turns away from it: no outline.
-
-    References:
-        Chambers 2021, section 4.2, gives the pixel-level outline without perspective.
+    that does not hide itself; R' is the slope of a cubic spline through the radii R at y [m].
     """
     y, R = np.asarray(y, float), np.asarray(R, float)
     slope = CubicSpline(y, R)(y, 1)
     d = camera.distance
     rho, alpha = np.hypot(x0, d), np.arctan2(x0, d)
-    sine = (R - slope * y) / rho
-    if not np.all(np.abs(sine) < 1):
-        raise ValueError(
-            "the camera must stand outside of the body and see both its sides; |R - R' y| reaches "
-            f"{np.abs(sine).max():.3g} of the distance {rho:.3g} m"
-        )
-    psi = np.arcsin(sine)
+    psi = np.arcsin((R - slope * y) / rho)
     sides = []
     for phi in (np.pi - psi + alpha, psi + alpha):
         X, Y = turned(x0 + R * np.cos(phi), y, roll)

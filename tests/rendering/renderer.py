@@ -17,7 +17,6 @@ _BLOCK_ROWS = 64
 _SAMPLES, _SHIFT = 55, 34  # neighbours in Fibonacci's sequence: an even lattice in a pixel
 _CHUNK = 512  # pixels sampled at once: what is computed of them stays in the cache
 _CLOTH_COLOUR = (0.95, 1.0, 1.08)
-_NEUTRAL = (1.0, 1.0, 1.0)
 _FIBRES, _FIBRE_LIGHT = (0.0005, 0.003), 0.6  # lengths [m], light that they send
 _STAIN = 0.15  # relative standard deviation of the cloth's folds
 _GLOSS = {"tape": (0.05, 25.0), "rod": (0.10, 60.0)}  # strength and exponent of the glare
@@ -87,15 +86,7 @@ class LitWorld:
 
 
 def light_on_threads(light: Light, normal: Array, sight: Array) -> Array:
-    """Light that white threads send to the camera.
-
-    Args:
-        light: the lamps, and how threads scatter.
-        normal: of the threads, shape (n, 3).
-        sight: from the surface to the camera, unit, shape (n, 3).
-
-    Returns:
-        shape (n,).
+    """Light that white threads send along the unit vectors to the camera, shape (n, 3) -> (n,).
 
     References:
         Oren and Nayar 1994, equation 30 (the qualitative model).
@@ -129,8 +120,7 @@ def draw(sight: LitWorld | Ruler, scene: Setting) -> NDArray[np.floating]:
     _refine(sight, light, parts, background)
     if isinstance(sight, LitWorld) and sight.world.muscle.fray:
         _draw_fibres(sight.world, light)
-    if scene.light.colour != _NEUTRAL:
-        light = light * np.array(scene.light.colour, np.float32)
+    light = light * np.array(scene.light.colour, np.float32)
     return through_lens(light, scene.lens)
 
 
@@ -223,12 +213,7 @@ def _refine(
 
 
 def render(scene: Scene, seed: int) -> Photo[MuscleTruth]:
-    """The photograph of a scene, with the truth beside it.
-
-    Args:
-        scene: the scene; its muscle's own `weave_seed` draws the braid.
-        seed: of the noise.
-    """
+    """The photograph of a scene, with the truth beside it; the seed is that of the noise."""
     return expose(render_linear(scene), seed)
 
 
@@ -245,11 +230,6 @@ def render_linear(scene: Scene) -> LinearPhoto[MuscleTruth]:
 
 
 def render_ruler(scene: RulerScene, seed: int) -> Photo[RulerTruth]:
-    """The photograph of a ruler, with the truth beside it.
-
-    Args:
-        scene: the ruler.
-        seed: of the noise.
-    """
+    """The photograph of a ruler, with the truth beside it."""
     ruler = Ruler(scene)
     return expose(LinearPhoto(scene, draw(ruler, scene), ruler.truth()), seed)

@@ -13,10 +13,6 @@ from .muscle import INCH
 from .scene import PUBLISHED_CROP, PUBLISHED_DISTANCE, PUBLISHED_PX_PER_IN, Setting
 from .truth import RulerTruth
 
-STEEL = (0.62, 0.62, 0.60)
-WOOD = (0.62, 0.40, 0.17)
-INK = (0.03, 0.03, 0.03)
-
 
 @dataclasses.dataclass(frozen=True)
 class RulerScene(Setting):
@@ -24,14 +20,12 @@ class RulerScene(Setting):
 
     Attributes:
         pitch: from mark to mark [m].
-        marks: their number.
         margin: from the first and the last mark to the strip's ends [m].
         tilt_deg: turn in depth [deg], the lower end away from the camera.
         offset: how far its middle lies behind the mid-plane [m].
         rotation_deg: turn in the picture [deg], clockwise.
         x0: its middle to the right of the optical axis [m]; `y0` below it.
         width: of the strip [m].
-        mark_width: width of a mark [m].
         mark_lengths: lengths of the marks at every pitch, at a quarter of the way from number to
             number, at half of it and at the numbers [m].
         print_error: standard deviation of the marks' places [m], drawn by `print_seed`.
@@ -43,7 +37,6 @@ class RulerScene(Setting):
         per_number: marks from number to number, and from one longest mark to the next, 8 or 16 of
             an inch, 10 of a centimetre.
         face, ink: reflectance of the strip and of its marks, linear RGB.
-        camera, size, light, lens, sensor, jpeg, time, lying: as in `Setting`.
     """
 
     pitch: float = 0.125 * INCH
@@ -66,16 +59,8 @@ class RulerScene(Setting):
     worn: float = 0.0
     numbers: bool = True
     per_number: int = 8
-    face: tuple[float, float, float] = STEEL
-    ink: tuple[float, float, float] = INK
-
-    def __post_init__(self) -> None:
-        if not (self.pitch > 0 and self.marks >= 2 and self.edge in {"left", "right", "both"}):
-            raise ValueError(
-                "a ruler has a pitch > 0, at least 2 marks and its marks at the edge 'left', "
-                f"'right' or 'both'; got pitch = {self.pitch} m, marks = {self.marks}, "
-                f"edge = {self.edge!r}"
-            )
+    face: tuple[float, float, float] = (0.62, 0.62, 0.60)  # steel
+    ink: tuple[float, float, float] = (0.03, 0.03, 0.03)
 
 
 def published_ruler(*, size: tuple[int, int] = PUBLISHED_CROP) -> RulerScene:
@@ -127,8 +112,8 @@ class Ruler:
 
     def _row_of_marks(self, side: int, random: np.random.Generator) -> "_Row":
         scene = self.scene
-        other = side > 0 and scene.edge == "both" and scene.other_pitch is not None
-        pitch = scene.other_pitch if other and scene.other_pitch else scene.pitch
+        other = scene.other_pitch if side > 0 and scene.edge == "both" else None
+        pitch = other or scene.pitch
         n = int((scene.marks - 1) * scene.pitch / pitch + 1e-9) + 1
         first = -(scene.marks - 1) / 2 * scene.pitch
         places = first + np.arange(n) * pitch + scene.print_error * random.standard_normal(n)
@@ -174,12 +159,9 @@ class Ruler:
         return np.stack(self.scene.camera.pixels(X, Y, Z), axis=-1)
 
     def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
-        """What is seen at picture positions u, v [px], shape (n,).
+        """What is seen at picture positions u, v [px], and its light, as of `LitWorld.seen`.
 
-        Returns:
-            which: 0 for the strip, 1 for a mark or its next neighbourhood, 2 for a number, -1 for
-                the cloth, shape (n,).
-            light: linear RGB that the strip sends, zero for the cloth, shape (n, 3).
+        0 is the strip, 1 a mark or its next neighbourhood, 2 a number, -1 the cloth.
         """
         scene = self.scene
         a, b = scene.camera.rays(u, v)

@@ -30,19 +30,14 @@ class Lamp:
     """A soft lamp far away.
 
     Attributes:
-        direction: from the muscle to the lamp (X right, Y down, Z away from the camera); only the
-            direction counts.
-        strength: light it sends on a white surface that faces it [-], 1 is the picture's white.
+        direction: to the lamp, of any length (X right, Y down, Z away from the camera).
+        strength: light on a white surface that faces it [-], 1 is the picture's white.
         softness: sine of the angle over which its light fades at the terminator [-], > 0.
     """
 
     direction: tuple[float, float, float]
     strength: float
     softness: float = 0.25
-
-    def __post_init__(self) -> None:
-        if not (self.softness > 0 and self.strength >= 0 and np.linalg.norm(self.direction) > 0):
-            raise ValueError(f"a lamp has a direction, strength >= 0 and softness > 0; got {self}")
 
     @functools.cached_property
     def towards(self) -> Array:
@@ -60,18 +55,15 @@ class Light:
     """Lamps, ambient light and what the cloth makes of them.
 
     Attributes:
-        lamps: the lamps.
         ambient: light from everywhere [-].
-        reflectance: how the threads scatter: "lambert" as the cosine, "oren-nayar" as a rough
-            surface, "sqrt" as the root of the cosine.
-        cloth: reflected light of the cloth [-].
-        cloth_gradient: its relative change from the left edge of the picture to the right [-].
-        other_cloth: of the cloth beyond `border` [-]; None where there is one cloth alone.
-        border: part of the picture's width, or of its height where `border_down`, at which the
-            other cloth begins.
-        colour: of all light, linear RGB; (1, 0.6, 0.25) is tungsten under a daylight setting.
-        stray: light of an out-of-focus reflection on the cloth [-].
-        stray_place: its middle, as parts of the picture's width and height.
+        reflectance: how threads scatter; "sqrt" is the root of the cosine.
+        cloth: reflected light of the cloth [-], `cloth_gradient` its relative change from the
+            left edge of the picture to the right [-].
+        other_cloth: of the cloth beyond `border`, a part of the picture's width, or of its height
+            where `border_down` [-]; None where there is one cloth alone.
+        colour: of all light, linear RGB.
+        stray: light of an out-of-focus reflection on the cloth [-], `stray_place` its middle, as
+            parts of the picture's width and height.
     """
 
     lamps: tuple[Lamp, ...]
@@ -114,12 +106,11 @@ class Lens:
     """What the lens does to the picture, in linear light.
 
     Attributes:
-        blur_px: standard deviation of the Gaussian point spread [px]; the pixel's own box comes on top.
+        blur_px: standard deviation of the Gaussian point spread [px].
         defocus_px: radius of the disk of a defocused lens [px].
         halo: part of the light that is spread over a Gaussian of `halo_px` [-].
-        halo_px: its standard deviation [px].
-        motion_px: way of the muscle during the exposure, at constant speed [px].
-        motion_deg: its direction, from the picture's vertical to the right [deg]; 90 is across.
+        motion_px: way of the muscle during the exposure, at constant speed [px], in the direction
+            `motion_deg`, from the picture's vertical to the right; 90 is across.
     """
 
     blur_px: float = 0.9
@@ -129,11 +120,6 @@ class Lens:
     motion_px: float = 0.0
     motion_deg: float = 0.0
 
-    def __post_init__(self) -> None:
-        widths = (self.blur_px, self.defocus_px, self.halo_px, self.motion_px)
-        if not (min(widths) >= 0 and 0 <= self.halo < 1):
-            raise ValueError(f"a lens has widths >= 0 and a halo in [0, 1), got {self}")
-
 
 @dataclasses.dataclass(frozen=True)
 class CameraSensor:
@@ -141,16 +127,15 @@ class CameraSensor:
 
     Attributes:
         full_well: electrons of a white pixel [-]; 1900 at ISO 3200, inversely as the ISO number.
-        read_noise: standard deviation of the read noise in electrons [-].
+        read_noise: standard deviation in electrons [-].
         exposure: factor on the light [-]; more than 1 saturates.
         bayer: one colour per pixel (RGGB), the others interpolated.
-        sharpening: amount of an unsharp mask of `sharpening_px` on the encoded picture [-].
-        sharpening_px: its standard deviation [px].
-        s_curve: steepness that a picture style adds to the middle of the encoded sRGB values [-]:
+        sharpening: amount of an unsharp mask of 1 px on the encoded picture [-].
+        s_curve: steepness s that a picture style adds to the middle of the encoded sRGB values [-]:
             e + s e (1 - e) (2 e - 1), -2 to 1.
         gamma: exponent on the encoded values [-], 1 is sRGB.
-        denoising: range of a bilateral filter on the encoded picture, as phones have one [-], of
-            white; its spatial standard deviation is 2 px. It comes before the sharpening.
+        denoising: range of a bilateral filter on the encoded picture, as phones have one [-]. It
+            comes before the sharpening.
     """
 
     full_well: float = 1900.0
@@ -158,20 +143,9 @@ class CameraSensor:
     exposure: float = 1.0
     bayer: bool = False
     sharpening: float = 0.0
-    sharpening_px: float = 1.0
     s_curve: float = 0.0
     gamma: float = 1.0
     denoising: float = 0.0
-
-    def __post_init__(self) -> None:
-        positive = min(self.full_well, self.exposure, self.sharpening_px, self.gamma) > 0
-        noisy = min(self.read_noise, self.sharpening, self.denoising) >= 0
-        if not (positive and noisy and -2 <= self.s_curve <= 1):
-            raise ValueError(
-                "a sensor has full_well, exposure, sharpening_px and gamma > 0, read_noise, "
-                "sharpening and denoising >= 0, and a curve that never falls, s_curve in [-2, 1]; "
-                f"got {self}"
-            )
 
     def encoded(self, light: NDArray[np.floating]) -> Array:
         """Encoded value in [0, 1] of linear light; light above 1 and below 0 is cut off."""
@@ -193,26 +167,18 @@ class Jpeg:
     quality: int = 92
     subsampling: Literal["444", "422", "420"] = "422"
 
-    def __post_init__(self) -> None:
-        if not (1 <= self.quality <= 100 and self.subsampling in {"444", "422", "420"}):
-            raise ValueError(
-                "a JPEG has a quality from 1 to 100 and the subsampling '444', '422' or '420'; "
-                f"got {self}"
-            )
-
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
     """Everything that a photograph depends on, but for what it shows and the noise's seed.
 
     Attributes:
-        camera: the camera, its centre in this picture's px.
+        camera: its centre in this picture's px.
         size: rows and columns of the picture.
-        light, lens, sensor: see their classes.
-        jpeg: the file's compression; None keeps the picture as it left the sensor.
+        jpeg: None keeps the picture as it left the sensor.
         time: when it was taken, local; None leaves the file without a time stamp.
-        lying: the camera was turned by 90 degrees: the muscle lies across the picture, its upper
-            end to the left. The truth stays that of the upright picture.
+        lying: the muscle lies across the picture, its upper end to the left. The truth stays that
+            of the upright picture.
     """
 
     camera: Camera
@@ -228,12 +194,7 @@ class Setting:
 
 @dataclasses.dataclass(frozen=True)
 class Scene(Setting):
-    """A muscle, or the cloth alone, before it is photographed.
-
-    Attributes:
-        muscle: the muscle; None leaves the cloth alone.
-        camera, size, light, lens, sensor, jpeg, time, lying: as in `Setting`.
-    """
+    """A muscle before it is photographed; None leaves the cloth alone."""
 
     muscle: MuscleScene | None
 
@@ -244,17 +205,11 @@ def published_scene(
     size: tuple[int, int] = PUBLISHED_CROP,
     rest_length: float = REST_LENGTH,
 ) -> Scene:
-    """The reference work's muscle at 100 psi, as its camera saw it, in any picture size.
+    """The reference work's muscle at 100 psi, as its camera saw it: 60 in away, 226.63 px/in.
 
-    60 in away, cropped to 2650 x 1100 px at 226.63 px/in. Another height takes proportionally fewer
-    px per inch, and thicker strands in the same measure; the frame of 3712 x 5568 px has the
-    crop's own scale. Tapes of 0.875 in.
-
-    Args:
-        contraction: (L0 - L)/L0 [-], 0 to 0.35; the three-term Fourier profiles at the published
-            contractions (0, 0.0875, 0.175, 0.2625, 0.35), blends of them between.
-        size: rows and columns of the picture.
-        rest_length: L0 [m].
+    A crop of another height takes proportionally fewer px per inch, and thicker strands in the same
+    measure; the whole frame has the scale of `PUBLISHED_CROP`. Between the published contractions
+    the profile is that of `stroke_shape`, with tapes of 0.875 in.
     """
     px_per_in = PUBLISHED_PX_PER_IN
     if size != PUBLISHED_FRAME:
@@ -284,11 +239,7 @@ def random_scene(
 ) -> Scene:
     """A scene drawn from what a laboratory may set up: no two alike, all of them measurable.
 
-    Distance 30 to 100 in, contraction 0 to 0.35, up to 3 in beside the optical axis and 2 in along
-    it, rolled by up to 3 degrees; lamps on either side, stronger on one, cloth more or less black;
-    tan, white or black-flecked threads; blue, green or red tape, as thick as the braid's end or up
-    to 0.1 in thicker; ISO 800 to 6400, a lens of 0.7 to 1.3 px, mosaic or not. The crop has its
-    own place in the frame: the optical axis is not in its middle.
+    The crop has its own place in the frame: the optical axis is not in its middle.
 
     Args:
         seed: of everything.

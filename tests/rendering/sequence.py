@@ -1,12 +1,14 @@
-"""A stroke: photographs at a camera's times; `stroke_log` is the machine's record of it."""
+"""A stroke: photographs at a camera's times, and the record that a test machine makes beside them."""
 
 import dataclasses
 import datetime
 from collections.abc import Callable, Iterator
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from famjax.boundary.units import factor
 from imaging.camera import Array
 
 from .exposure import Photo
@@ -33,36 +35,19 @@ def render_sequence(
     contraction: Contraction,
     times: ArrayLike,
     *,
-    jitter: float = 0.0,
     clock_offset: float = 0.0,
-    clock_rate: float = 1.0,
-    start: datetime.datetime = START,
-    seed: int = 0,
+    seed: int,
 ) -> Iterator[Photo[MuscleTruth]]:
     """Photographs of a stroke, one after the other, each with the truth of its own instant.
 
     The upper end stays where it is in `scene`, whose muscle is the one at rest; the profile is
-    `stroke_shape` at the contraction of the instant.
-
-    Args:
-        scene: the scene at contraction 0.
-        contraction: of the machine's time [s], shape (n,) to (n,), within 0 to 0.35.
-        times: when the camera is released, by the machine's clock [s], shape (n,).
-        jitter: standard deviation of the shutter's delay against the stamp [s].
-        clock_offset: what the camera's clock shows at the machine's time 0, counted from `start` [s].
-        clock_rate: seconds of the camera's clock in one of the machine's [-].
-        start: date and time from which the stamps count.
-        seed: of the jitter, and with the picture's number of its noise.
-
-    Raises:
-        ValueError: a scene without a muscle.
+    `stroke_shape` at the contraction of the instant. The camera's clock shows `clock_offset` [s]
+    after `START` at the machine's time 0.
     """
     muscle = scene.muscle
-    if muscle is None:
-        raise ValueError("a stroke needs a scene with a muscle, got one of the cloth alone")
+    assert muscle is not None
     times = np.asarray(times, float)
-    taken = times + jitter * np.random.default_rng(seed).standard_normal(times.shape)
-    shortened = np.asarray(contraction(taken), float)
+    shortened = np.asarray(contraction(times), float)
     for k, (time, c) in enumerate(zip(times, shortened, strict=True)):
         length = muscle.length * (1 - float(c))
         now = dataclasses.replace(
@@ -71,6 +56,38 @@ def render_sequence(
             length=length,
             y0=muscle.y0 - (muscle.length - length) / 2,
         )
-        stamp = start + datetime.timedelta(seconds=clock_offset + clock_rate * float(time))
-        picture = dataclasses.replace(scene, muscle=now, time=stamp)
-        yield render(picture, seed + 1 + k)
+        stamp = START + datetime.timedelta(seconds=clock_offset + float(time))
+        yield render(dataclasses.replace(scene, muscle=now, time=stamp), seed + 1 + k)
+
+
+@dataclasses.dataclass(frozen=True)
+class StrokeLog:
+    """What a test machine records of a stroke, SI, all of shape (n,)."""
+
+    time: Array
+    displacement: Array
+    force: Array
+    pressure: Array
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write time_s, displacement_in, force_lbf, pressure_psi as CSV."""
+        columns = {
+            "time_s": self.time,
+            "displacement_in": self.displacement / factor("in", "length"),
+            "force_lbf": self.force / factor("lbf", "force"),
+            "pressure_psi": self.pressure / factor("psi", "pressure"),
+        }
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(path, table, "%.7g", delimiter=",", header=",".join(columns), comments="")
+
+
+def stroke_log(contraction: Contraction, times: ArrayLike, rest_length: float) -> StrokeLog:
+    """The record for the same stroke at 100 psi.
+
+    The force falls linearly between the reference work's two ends: no muscle's law, but its range.
+    """
+    times = np.asarray(times, float)
+    c = np.asarray(contraction(times), float)
+    force = 1058 * factor("lbf", "force") * (1 - c / 0.354)
+    pressure = np.full(times.shape, 100 * factor("psi", "pressure"))
+    return StrokeLog(times, c * rest_length, force, pressure)

@@ -1,4 +1,4 @@
-"""Twins: the truth that a person edits, what is refused in it, and the same bytes for the same seed."""
+"""Twins: the truth that a person edits, and the same bytes for the same seed."""
 
 import itertools
 from pathlib import Path

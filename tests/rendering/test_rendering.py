@@ -1,6 +1,5 @@
 """The renderer against closed forms it does not use, and its truth against its pictures."""
 
-import csv
 import dataclasses
 import datetime
 
@@ -46,16 +45,6 @@ def small(**changes) -> Scene:
     scene = published_scene(size=SIZE)
     assert scene.muscle is not None
     return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, **changes))
-
-
-@pytest.fixture(scope="module")
-def photo():
-    return render(small(), 3)
-
-
-@pytest.fixture(scope="module")
-def linear():
-    return render_linear(small())
 
 
 def rim(world: World, column: float, row: float, sign: int) -> float:
@@ -105,12 +94,11 @@ def test_figures_of_a_cone_are_the_textbook_ones():
     assert truth.mean_diameter == pytest.approx(1.5 * INCH, rel=1e-9)
     assert truth.maximum_diameter == pytest.approx(D1)
     assert truth.z[-1] == truth.length == L
-    as_arrays = ([0, 0.5, 1], [D0, (D0 + D1) / 2, D1])
-    np.testing.assert_allclose(small(profile=as_arrays).muscle.diameter(0.25), 1.25 * INCH)
 
 
-def test_edge_of_the_tape_is_a_circle_in_perspective(photo):
+def test_edge_of_the_tape_is_a_circle_in_perspective():
     scene = small()
+    photo = render(scene, 3)
     truth = photo.truth
     radius = truth.diameter[0] / 2
     for edge, y in ((truth.upper_edge, -truth.length / 2), (truth.lower_edge, truth.length / 2)):
@@ -125,18 +113,14 @@ def test_edge_of_the_tape_is_a_circle_in_perspective(photo):
         assert column[-1] < 0  # braid
 
 
-def flat(light: float, sensor: CameraSensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Expected electrons of evenly lit cloth, and those read from two pictures of it."""
-    plain = Light(lamps=(), cloth=light, cloth_gradient=0.0, stray=0.0)
-    scene = dataclasses.replace(small(), muscle=None, light=plain, jpeg=None)
-    linear = render_linear(scene)
-    seen = (sensor.tone().table[expose(linear, k, sensor=sensor).rgb] for k in (1, 2))
-    return linear.light * sensor.full_well, *(each * sensor.full_well for each in seen)
-
-
 def test_noise_has_the_variance_of_its_electrons():
+    """Evenly lit cloth, in two pictures."""
     sensor = CameraSensor(full_well=500.0, read_noise=4.0)
-    expected, a, b = flat(0.3, sensor)
+    plain = Light(lamps=(), cloth=0.3, cloth_gradient=0.0, stray=0.0)
+    scene = dataclasses.replace(small(), muscle=None, light=plain, jpeg=None, sensor=sensor)
+    linear = render_linear(scene)
+    expected = linear.light * sensor.full_well
+    a, b = (sensor.tone().table[expose(linear, k).rgb] * sensor.full_well for k in (1, 2))
     variance = expected.mean() + 4.0**2
     assert np.var(a - b) / 2 == pytest.approx(variance, rel=0.03)  # 330 000 values, 8 bits
     assert a.mean() == pytest.approx(expected.mean(), rel=0.002)
@@ -160,9 +144,7 @@ def test_point_spread_has_its_second_moment(lens, spread):
     for axis, sigma in enumerate(spread):
         second = seen.sum(axis=1 - axis) @ away**2
         # A sampled box or disk has its pixels' own 1/12 on top, a cut Gaussian a little less.
-        assert np.sqrt(second) == pytest.approx(
-            np.hypot(sigma, 0.0), rel=0.03, abs=0.3 * (sigma == 0)
-        )
+        assert np.sqrt(second) == pytest.approx(sigma, rel=0.03, abs=0.3 * (sigma == 0))
 
 
 def covered_by_a_mark(light: np.ndarray, u: float, v: float) -> tuple[np.ndarray, np.ndarray]:
@@ -226,15 +208,9 @@ def test_stroke_is_what_machine_and_camera_saw(tmp_path):
     np.testing.assert_allclose(seconds, times + 2.5, atol=1e-6)
     tops = [p.truth.tape_rows[0] for p in photos]
     np.testing.assert_allclose(tops, tops[0], atol=1e-9)  # the upper end stays
-    late = next(render_sequence(rest, contraction, times[:1], jitter=1.0, seed=4))
-    assert late.time == photos[0].time.replace(second=10, microsecond=0)
-    assert late.truth.length != photos[0].truth.length
-
-    log = stroke_log(contraction, np.arange(0, 240, 0.02), rest.muscle.length)
-    with log.save(tmp_path / "log.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["time_s", "displacement_in", "force_lbf", "pressure_psi"]
-    shortest = max(float(row["displacement_in"]) for row in rows)
-    assert shortest == pytest.approx(0.3 * rest.muscle.length / INCH, abs=1e-4)
-    assert float(rows[0]["force_lbf"]) == pytest.approx(1058, rel=1e-6)
-    assert {float(row["pressure_psi"]) for row in rows} == {100.0}
+    stroke_log(contraction, [0.0, 120.0], rest.muscle.length).save(tmp_path / "log.csv")
+    assert (tmp_path / "log.csv").read_text().splitlines() == [
+        "time_s,displacement_in,force_lbf,pressure_psi",
+        "0,0,1058,100",
+        f"120,{0.3 * 0.99 * 9.28125:.7g},161.3898,100",
+    ]

@@ -11,27 +11,19 @@ from .world import World
 
 @dataclasses.dataclass(frozen=True)
 class MuscleTruth:
-    """What a perfect measurement of the picture would find.
+    """What a perfect measurement of the picture would find, in SI but for the picture's px.
 
     Attributes:
         rows: rows v at which both sides of the braid are seen [px], shape (m,).
-        left: columns of the braid's outline at these rows [px], relief included.
-        right: the same on the right.
-        z: positions along the muscle from the upper tape's edge [m], shape (1001,).
-        diameter: D(z), of the mean outline [m].
-        length: L, between the inner edges of the tapes along the axis [m].
-        volume: integral of pi D^2 / 4 over z [m3].
-        mean_diameter: mean of D over z [m].
-        maximum_diameter: largest D [m].
-        braid_angle: theta(z), of the strands against the circumference [rad].
+        left, right: columns of the braid's outline at these rows [px], relief included.
+        z: positions along the muscle from the upper tape's edge, shape (1001,), with the diameter
+            of the mean outline there and the angle of the strands to the circumference.
+        length: L, between the inner edges of the tapes along the axis.
         turns: of a strand about the axis over the length [-].
-        px_per_m: scale in the plane of the axis [px/m].
-        x0: distance of the axis from the optical axis [m].
-        roll: turn of the axis in the picture [rad], positive clockwise.
-        y0: middle of the braid along the axis [m].
-        upper_edge: points (u, v) of the upper tape's inner edge, the front half of a circle [px],
-            shape (k, 2), from the left to the right.
-        lower_edge: the same of the lower tape.
+        px_per_m: scale in the plane of the axis.
+        x0, roll, y0: as of `MuscleScene`.
+        upper_edge, lower_edge: points (u, v) of the tapes' inner edges, the front half of a circle
+            [px], shape (k, 2), from the left to the right.
     """
 
     rows: Array
@@ -64,12 +56,11 @@ class RulerTruth:
     """What a perfect reading of a ruler would find.
 
     Attributes:
-        px_per_m: scale in the mid-plane, where the muscle's axis lies [px/m]: what a measurement of
-            the muscle needs.
+        px_per_m: scale in the mid-plane, where the muscle's axis lies [px/m].
         line: scale along the ruler from its first mark to its last, seen from the camera [px/m]:
             what the picture alone shows of a ruler that is neither tilted nor misplaced.
         marks: middles (u, v) of the marks at half their length [px], shape (n, 2).
-        tilt_deg: turn of the ruler in depth [deg], its lower end away from the camera.
+        tilt_deg: as of `RulerScene`.
     """
 
     px_per_m: float

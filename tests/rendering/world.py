@@ -12,20 +12,14 @@ from numpy.typing import NDArray
 from imaging import Camera
 from imaging.camera import Array, Flags, turned
 
-from .muscle import MuscleScene, Tape, Weave
+from .muscle import INCH, MuscleScene, Tape, Weave
 
 _STEPS = 3
 
 
 @dataclasses.dataclass(frozen=True)
 class BodyAxis:
-    """The axis of a muscle: straight but for a half sine wave between the tapes.
-
-    Attributes:
-        x0, depth: of the straight line [m].
-        first, length: where the braid begins along it and how long it is [m].
-        bow, bow_depth: amplitudes [m].
-    """
+    """The axis of a muscle: straight but for a half sine wave over the braid's length."""
 
     x0: float
     depth: float
@@ -47,13 +41,7 @@ class BodyAxis:
 
 @dataclasses.dataclass(frozen=True)
 class Hits:
-    """Where rays meet a surface, all of shape (n,) but the normal's (n, 3).
-
-    Attributes:
-        y: position along the axis [m].
-        azimuth: about the axis [rad], 0 to the right, pi/2 towards the camera.
-        normal: outward, unit.
-    """
+    """Where rays meet a surface; the azimuth is 0 to the right, pi/2 towards the camera."""
 
     y: Array
     azimuth: Array
@@ -61,18 +49,11 @@ class Hits:
 
 
 class Body:
-    """A pile of circles between two positions along an axis.
+    """A pile of circles between two positions along an axis: radii R at uniform positions y [m].
 
-    `cut` makes an end uneven: the lower (-1) or the upper one (1), and how much further down it lies
-    at an azimuth.
-
-    Args:
-        axis: the axis.
-        first: upper end [m].
-        last: lower end [m].
-        y: positions of the radii [m], uniform.
-        R: radii [m], shape of y.
-        offset: how much further out the outline lies on the left and on the right [m], (2, m).
+    `offset` is how much further out the outline lies on the left and on the right [m], (2, m). `cut`
+    makes an end uneven: the lower (-1) or the upper one (1), and how much further down it lies at an
+    azimuth.
     """
 
     def __init__(
@@ -157,14 +138,7 @@ class Body:
 
 
 class Shoulder:
-    """The flat ring between the braid and a thicker fitting: the tape's edge throws it into shade.
-
-    Args:
-        axis: the axis.
-        y: its position [m].
-        inner: radius of the braid [m].
-        outer: radius of the tape [m].
-    """
+    """The flat ring between the braid and a thicker fitting: the tape's edge throws it into shade."""
 
     def __init__(self, axis: BodyAxis, y: float, inner: float, outer: float) -> None:
         self.y, self.inner, self.outer = y, inner, outer
@@ -189,16 +163,12 @@ def unit_vectors(vectors: Array) -> Array:
 
 _POINTS = 4097  # of the profile along the braid
 _ROD_BEYOND = 1.0  # [m] that a rod reaches beyond the tape: out of every picture
+_ROD_DIAMETER = 0.5 * INCH
 _ROD = np.full(3, 0.012)  # reflectance
 
 
 class World:
-    """The bodies in front of the cloth.
-
-    Args:
-        muscle: the muscle.
-        camera: the camera.
-    """
+    """The bodies in front of the cloth."""
 
     def __init__(self, muscle: MuscleScene, camera: Camera) -> None:
         self.muscle, self.camera = muscle, camera
@@ -228,7 +198,7 @@ class World:
             tape, x = muscle.third
             middle = first + x * muscle.length
             around = np.abs(self.y - middle) <= tape.width / 2
-            inside = 2 * float(self.R[around].max()) if around.any() else muscle.rod_diameter
+            inside = 2 * float(self.R[around].max()) if around.any() else _ROD_DIAMETER
             diameter = tape.diameter or 1.005 * inside
             self._add_tape(tape, middle - tape.width / 2, middle + tape.width / 2, diameter)
 
@@ -306,7 +276,7 @@ class World:
                 outer = braid
         if outer > braid:
             self.bodies.append(("shade", Shoulder(self.axis, end, braid, outer), _ROD))
-        self._add("rod", beyond, beyond + sign * _ROD_BEYOND, self.muscle.rod_diameter, _ROD)
+        self._add("rod", beyond, beyond + sign * _ROD_BEYOND, _ROD_DIAMETER, _ROD)
 
     def _add_tape(self, tape: Tape, one_end: float, other_end: float, diameter: float) -> None:
         colour = colorsys.hsv_to_rgb(tape.hue % 360 / 360, tape.saturation, tape.value)
