@@ -29,6 +29,7 @@ from .scene import (
     PUBLISHED_FRAME as PUBLISHED_FRAME,
     CameraSensor as CameraSensor,
     Jpeg as Jpeg,
+    Lamp as Lamp,
     Lens as Lens,
     Light as Light,
     Scene as Scene,
