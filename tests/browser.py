@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -120,20 +120,3 @@ def browser(profile: Path) -> Iterator[Browser]:
         started.wait(timeout=30)
         os.close(ours_in)
         os.close(ours_out)
-
-
-def check_page(headless: Browser, page: Path, width: int, sections: Sequence[str]) -> None:
-    """Nothing is wider than the screen, nothing is fetched, nothing is complained of, all is there."""
-    headless.show(page, width)
-    assert headless.value("document.documentElement.scrollWidth") <= width
-    assert headless.requests() == [page.resolve().as_uri()]
-    assert headless.complaints() == []
-    shown = headless.value("[...document.querySelectorAll('h2')].map(one => one.innerText)")
-    assert [one for one in shown if one in sections] == list(sections)
-    sizes = headless.value(
-        "[...document.querySelectorAll('figure svg')].map(one => one.getBoundingClientRect().width)"
-    )
-    assert sizes
-    assert min(sizes) > 200  # px: each can be read
-    ids = headless.value("[...document.querySelectorAll('[id]')].map(one => one.id)")
-    assert len(set(ids)) == len(ids)

@@ -105,17 +105,6 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-@pytest.fixture(scope="module")
-def headless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[object]:
-    """A browser that shows pages; skipped where there is none."""
-    from browser import CHROMIUM, NO_BROWSER, browser
-
-    if CHROMIUM is None:
-        pytest.skip(NO_BROWSER)
-    with browser(tmp_path_factory.mktemp("profile")) as running:
-        yield running
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish() -> None:
     """Look for garbage once: pytest does so five times at the end, through all that was compiled."""

@@ -60,13 +60,9 @@ class TruthMap:
     """Readings, and the states between them with their truth.
 
     Attributes:
-        group: own, hard or bundled, or the name of other maps.
-        name: of the map.
-        seed: of everything in it.
         about: grid, file and muscle in words.
         readings: the CSV file.
-        length: of the states [m], shape (n,), all inside the convex hull of the readings.
-        pressure: of the states [Pa], shape (n,).
+        length, pressure: of the states, shape (n,), all inside the convex hull of the readings.
         force: truth [N], shape (n,), 0 where slack; None where it is the fit of the map `reference`.
         reference: name of the bundled map whose fit is the truth.
     """
@@ -119,12 +115,8 @@ def states(readings: Readings) -> tuple[np.ndarray, np.ndarray]:
 def own_map(seed: int) -> TruthMap:
     """A random muscle, tested by somebody.
 
-    Bores of 8 to 45 mm, 60 to 500 mm long, threads at 61 to 69 deg to the circumference, walls of 5 to
-    12 % of the bore, rubbers of 0.2 to 2 MPa (shear) and four laws, three of ten filled; half of the
-    braids stretch, two of three have ends that open; deadbands up to 50 kPa. Half of the rigs give way,
-    load cells are off by up to 2 %, pressures by up to 2 kPa; half of the tests record one branch. Noise
-    is 0.1 to 1 % of the largest force; forces that are not positive are written as 0, or left out. One
-    map of seven begins up to 1.5 % below the rest length.
+    Noise is 0.1 to 1 % of the largest force; forces that are not positive are written as 0, or left
+    out. One map of seven begins up to 1.5 % below the rest length.
     """
     random = np.random.default_rng((seed, 1))
     tube, highest, shortest = _working_tube(random)

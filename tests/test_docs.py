@@ -5,7 +5,6 @@ import importlib.util
 import json
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from doc_pages import DOCS, ROOT, fences, links, not_printed, run_page
+from processes import python
 from test_glossary import labels_of_page, unexplained
 
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts)
@@ -124,10 +124,6 @@ def test_every_public_room_has_a_page() -> None:
             assert page.read_text() == f"# {room}\n\n::: {room}\n"
 
 
-def test_the_house_is_the_one_of_contributing() -> None:
-    assert (DOCS / "house.md").read_text() == '--8<-- "CONTRIBUTING.md"\n'
-
-
 @pytest.mark.slow
 def test_figures_are_what_the_packages_compute(tmp_path: Path) -> None:
     figures = load("figures")
@@ -162,10 +158,7 @@ def test_builds_without_a_warning_and_loads_nothing_from_elsewhere(
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("mkdocs.yml", "CONTRIBUTING.md"):
         shutil.copy(ROOT / name, copy / name)
-    done = subprocess.run(
-        [sys.executable, "-m", tool, "build", "--strict"],
-        cwd=copy, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = python("-m", tool, "build", "--strict", cwd=copy)
     assert done.returncode == 0, done.stdout + done.stderr
     pages = list((copy / "site").rglob("*.html"))
     assert len(pages) > 60

@@ -1,24 +1,17 @@
 """Every example runs as a user would run it, and says what it promises."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from processes import python
 
 FOLDER = Path(__file__).parents[1] / "examples"
 BEST = 7.52544  # N: the optimum of the cubic law in the bounds of a muscle that can be built
 
 
 def said(name: str) -> str:
-    done = subprocess.run(
-        [sys.executable, str(FOLDER / f"{name}.py")],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=FOLDER,
-    )
+    done = python(FOLDER / f"{name}.py", cwd=FOLDER)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

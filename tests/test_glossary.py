@@ -4,15 +4,9 @@ import html
 import re
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 import fitting
 from famjax.boundary.units import UNITS
 from fitting.evidence import Evidence, SharedErrors, carry, moves_of
-from fitting.families import known_laws
-from fitting.posterior import Posterior, posterior_table
-from fitting.records import BranchPairs, fit_hysteresis, hysteresis_table, leave_out
 from fitting.report import Findings, specimen_table
 
 GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"
@@ -56,12 +50,6 @@ def labels_of(tables: list) -> list[str]:
 def test_terms_are_said_once_and_each_is_explained() -> None:
     assert len({one for one, _ in terms()}) == len(terms()) > 150
     assert all(10 < len(said) < 200 for said in TERMS.values())
-    for one in ("KKT residual", "duality gap", "ridge", "stability margin", "deadband", "verdict",
-                "sandwich error", "left out", "band", "shared errors", "condition"):  # fmt: skip
-        assert normal(one) in TERMS
-
-
-def test_what_is_not_there_is_found() -> None:
     assert unexplained(["RMSE", "no word of it", "N", "12.5"]) == {"no word of it"}
 
 
@@ -88,42 +76,6 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
     cells = [cell for _, _, rows in tables for row in rows for cell in row[3:]]
     assert "identified" in TERMS
     assert not unexplained([cell for cell in cells if re.fullmatch(r"[a-z -]+", cell)])
-
-
-@pytest.mark.slow
-def test_parameters_of_every_law_and_the_table_of_families() -> None:
-    data = fitting.load_bundled("DMSP-20-300")
-    for law in known_laws():
-        found = fitting.identify(data, law=law, starts=1, parameters={
-            "end_factor": fitting.Parameter(), "rest_length": fitting.Parameter(),
-            "braid_compliance": fitting.Parameter(),
-        })  # fmt: skip
-        assert not unexplained(labels_of(Findings(found).tables()[:1]))
-    chosen = fitting.choose(data)
-    table = fitting.choice.choice_table(chosen, "metric")
-    assert not unexplained([*table[1], *(row[-1] for row in table[2])])
-    assert not unexplained([word for row in table[2] for word in row[0].split(", ")])
-
-
-@pytest.mark.slow
-def test_tables_of_a_posterior_and_of_hysteresis() -> None:
-    draws = np.random.default_rng(0).normal(size=(4, 40, 1))
-    none = np.zeros((4, 40))
-    posterior = Posterior(
-        ("braid_angle",), ("angle",), draws, none > 0, none, none, None, 1.0, 0, False, "one"
-    )
-    length, half = np.linspace(0.25, 0.22, 12), np.linspace(1.0, 4.0, 12)
-    pairs = BranchPairs.joined([
-        BranchPairs.ramp(
-            L, np.linspace(1e5, 5e5, 12), half, turn_pressure=6e5, rest_length=0.25, name=f"{L}"
-        )
-        for L in length[2::4]
-    ])  # fmt: skip
-    slips = leave_out(fit_hysteresis(pairs))
-    labels = labels_of([posterior_table(posterior, "metric"), hysteresis_table(slips, "metric")])
-    assert "R-hat" in labels
-    assert "error with one length left out" in labels
-    assert not unexplained([*labels, "error with one pressure left out"])
 
 
 def labels_of_page(page: str) -> list[str]:

@@ -40,7 +40,6 @@ class Rubber:
     """A strain energy in the principal stretches.
 
     Attributes:
-        law: its name.
         modulus: initial shear modulus [Pa].
         shape: mooney-rivlin: part of the modulus that goes with the second invariant; ogden: exponent
             of the first term, exponent of the second, part of the modulus in the second; gent: limit of
@@ -99,19 +98,16 @@ class Tube:
     """A muscle in its test rig. SI throughout.
 
     Attributes:
-        rest_length: L0 between the fittings [m].
-        bore, wall: inner diameter and thickness [m].
         depth: of the braid below the outer surface, in parts of the wall.
         angle: of the threads from the circumference at rest [rad].
-        rubber: of the wall.
         thread_stretch: strain of the threads for each newton of their common tension along themselves.
         ends: "none": a cylinder up to the fittings; "cones": at each end threads of one length stay
             attached to the fitting while the cylinder opens; "domes": a cylinder whose ends hold less.
         end_size: length of a cone over the braid's radius, or of both domes over the radius that opens.
         deadband: pressure [Pa] spent before the muscle is filled, at pressures well above it.
         rig_give: by which the rig gives way to the muscle [m/N].
-        rig_play: by which joints and grips give way before they are taut [m].
-        taut: force [N] at which 63 % of the play is taken up.
+        rig_play: by which joints and grips give way before they are taut [m]; at the force `taut`
+            63 % of it is taken up.
         gain: of the load cell.
         offset: of the pressure that the muscle has over what is read [Pa].
         friction: of the threads, in parts of what the pressure pushes on the braid's section.
@@ -184,11 +180,8 @@ class Tube:
     def reading(self, length: ArrayLike, pressure: ArrayLike) -> np.ndarray:
         """What the load cell shows without noise [N], broadcast; 0 where the muscle is slack.
 
-        nan where there is no equilibrium: threads that are straight, rubber at its limit.
-
-        Args:
-            length: active length as the rig reads it [m].
-            pressure: gauge pressure as the rig reads it [Pa].
+        nan where there is no equilibrium: threads that are straight, rubber at its limit. Length and
+        gauge pressure are as the rig reads them.
         """
         L, P = np.broadcast_arrays(np.asarray(length, float), np.asarray(pressure, float))
         acting = P + self.offset
@@ -226,12 +219,7 @@ def alike_tube(
     """A muscle that fits loaded readings within `FITS_WITHIN`, and its RMSE [N].
 
     Law, ends, rig and where each number begins are drawn; where the fit is worse, they are drawn anew.
-
-    Args:
-        length: of the readings [m], the longest of them that at rest.
-        pressure: of the readings [Pa].
-        force: of the readings [N], > 0.
-        seed: seed of the random draws.
+    The longest of the readings is that at rest.
     """
     random = np.random.default_rng((seed, 2))
     while True:

@@ -117,25 +117,10 @@ def test_a_hard_muscle_fits_the_real_map() -> None:
     assert "specimen" not in one.readings
 
 
-def _examined(force, half: float, *, reasons=(), inside=(1, 1, 1)):
-    """An answer to a truth of 0, 50 and 100 N at three states."""
-    states, force = np.full(3, 0.2), np.array(force, float)
-    one = truth.TruthMap("own", "made up", 0, "", "", states, states, np.array([0.0, 50.0, 100.0]))
-    found = {"force_N": force, "low_95_N": force - half, "high_95_N": force + half,
-             "inside": np.array(inside, float)}  # fmt: skip
-    saved = {"max_force_N": 100.0, "reasons": list(reasons)}
-    return answers.compared(one, one.force, found, saved)
-
-
-def test_a_true_answer_is_neither_bad_nor_silent() -> None:
-    one = _examined([-30, 50, 100], 2.0)
-    assert (one.bad, one.silent, one.worst_half_bands, one.coverage) == (False, False, 0.0, 100.0)
-    assert one.half_band_percent == pytest.approx(2.0)  # of the two states that pull
-
-
 @pytest.mark.parametrize(
     ("force", "half", "bad"),
     [
+        ([-30, 50, 100], 2.0, False),  # a true answer
         ([0, 50, 108], 2.0, True),  # 4 half-bands
         ([0, 50, 105], 2.0, False),  # 2.5
         ([0, 50, 112], 8.0, True),  # 12 % of the largest force, outside the band
@@ -144,8 +129,13 @@ def test_a_true_answer_is_neither_bad_nor_silent() -> None:
     ],
 )
 def test_what_is_wrong(force, half: float, bad: bool) -> None:
-    one = _examined(force, half)
-    assert (one.bad, one.silent) == (bad, bad)
+    """An answer to a truth of 0, 50 and 100 N at three states."""
+    states, force = np.full(3, 0.2), np.array(force, float)
+    one = truth.TruthMap("own", "made up", 0, "", "", states, states, np.array([0.0, 50.0, 100.0]))
+    found = {"force_N": force, "low_95_N": force - half, "high_95_N": force + half,
+             "inside": np.ones(3)}  # fmt: skip
+    answer = answers.compared(one, one.force, found, {"max_force_N": 100.0, "reasons": []})
+    assert (answer.bad, answer.silent) == (bad, bad)
 
 
 @pytest.mark.slow
