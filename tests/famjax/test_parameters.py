@@ -17,7 +17,7 @@ from famjax.parameters import template
 EXACT = 1e-12
 
 MUSCLE = FESTO.with_parameters({"braid_angle": 1.1})
-EMBEDDED, BRAID, CUBIC = MUSCLE.geometry, MUSCLE.geometry.braid, MUSCLE.material
+EMBEDDED = MUSCLE.geometry
 
 LAWS: dict[type[famjax.materials.AbstractMaterial], tuple[str, ...]] = {
     famjax.PolynomialMaterial: ("E_1", "E_2", "E_3"),
@@ -49,12 +49,8 @@ def test_a_law_is_named_by_its_class_alone(law: type[famjax.materials.AbstractMa
 
 def test_tangent_modulus_of_laws_without_interaction() -> None:
     h = 1e-6
-    for law in (
-        famjax.PolynomialMaterial,
-        famjax.materials.SaturatingMaterial,
-        famjax.materials.MonotoneMaterial,
-    ):
-        material = template(law)
+    for name in ("PolynomialMaterial", "SaturatingMaterial", "MonotoneMaterial"):
+        material = template(getattr(famjax.materials, name))
         for strain in (0.07, 0.4):
             up, down = (material.stresses(strain + d, 0.0, 0.0)[0] for d in (h, -h))
             got = famjax.materials.tangent_modulus(material, strain)
@@ -65,28 +61,22 @@ def test_tangent_modulus_of_laws_without_interaction() -> None:
 
 
 def test_a_muscle_has_the_parameters_of_an_identification() -> None:
-    assert [*MUSCLE.declared()] == [
-        "braid_diameter", "braid_angle", "rest_length", "wall_thickness",
-        "E_1", "E_2", "E_3", "deadband_pressure",
-    ]  # fmt: skip
-    kinds = {name: (one.unit, one.kind) for name, one in MUSCLE.declared().items()}
-    assert kinds["braid_angle"] == ("rad", "angle")
-    assert kinds["deadband_pressure"] == ("Pa", "pressure")
-    assert kinds["E_2"] == ("Pa", "stress")
+    soft = famjax.braids.CompliantBraid.of(EMBEDDED.braid, 1e-6)
     ends = famjax.geometries.EndEffectGeometry(
-        famjax.EstimatedGeometry(famjax.braids.CompliantBraid.of(BRAID, 1e-6), EMBEDDED.bladder),
-        1.1,
+        famjax.EstimatedGeometry(soft, EMBEDDED.bladder), 1.1
     )
-    mounted = famjax.MountedMuscle(famjax.Muscle(ends, CUBIC, 0.0), 1e-6)
-    declared = mounted.declared()
-    for name, unit, high in (
-        ("end_factor", "", 1.4),
-        ("braid_compliance", "1/N", 3e-5),
-        ("series_compliance", "m/N", 5e-5),
-    ):
-        assert (declared[name].unit, declared[name].high) == (unit, high)
-    assert declared["series_compliance"].kind == "compliance"
-    assert declared["braid_compliance"].kind == "strain compliance"
+    mounted = famjax.MountedMuscle(famjax.Muscle(ends, MUSCLE.material, 0.0), 1e-6)
+    assert [(name, one.unit, one.kind, one.high) for name, one in mounted.declared().items()] == [
+        ("braid_diameter", "m", "length", 0.08),
+        ("braid_angle", "rad", "angle", pytest.approx(np.radians(80))),
+        ("braid_compliance", "1/N", "strain compliance", 3e-5),
+        ("rest_length", "m", "length", math.inf),
+        ("wall_thickness", "m", "length", math.inf),
+        ("end_factor", "", "number", 1.4),
+        *((f"E_{n}", "Pa", "stress", math.inf) for n in (1, 2, 3)),
+        ("deadband_pressure", "Pa", "pressure", 2e5),
+        ("series_compliance", "m/N", "compliance", 5e-5),
+    ]
 
 
 class Hose(famjax.terms.AbstractForceTerm):
@@ -112,8 +102,7 @@ def test_names_that_clash_say_where_they_stand() -> None:
     changed = muscle.with_parameters({"springs_2.stiffness": 7.0, "stiffness": 3.0, "pull": 1.0})
     hose = changed.terms.terms[-1]
     assert [float(spring.stiffness) for spring in hose.springs] == [3.0, 7.0]
-    assert float(hose.pull) == 1.0
-    assert float(hose.width) == 0.01
+    assert (float(hose.pull), float(hose.width)) == (1.0, 0.01)
 
 
 # ---- taken apart

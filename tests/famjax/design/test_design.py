@@ -84,15 +84,6 @@ def test_ideal_force_is_the_virtual_work_of_the_pressure():
         assert combination.force(contraction, pressure) == pytest.approx(float(work), rel=1e-11)
 
 
-def test_the_ideal_braid_contracts_to_its_neutral_angle_when_nothing_jams():
-    combination = Combination.of(bladder_of(0.625), braid_named("Kevlar 1.5 in"))
-    usable = combination.usable_contraction(100 * PSI)
-    neutral = 1 - math.sqrt(1 / 3) / math.sin(float(combination.braid_angle))
-    assert usable == pytest.approx(neutral, rel=1e-12)
-    blocked = float(combination.force(0.0, 100 * PSI))
-    assert abs(combination.force(usable, 100 * PSI)) < 1e-12 * blocked
-
-
 def test_the_braid_jams_at_its_largest_diameter_and_not_before():
     combination = the_7_8_in()
     least, greatest = combination.contraction_range()
@@ -119,17 +110,6 @@ def test_force_with_a_bladder_is_the_muscles():
         float(combination.force(0.0, 60 * PSI)), rel=ROUNDING
     )
     assert combination.force(0.2, 60 * PSI, material) < combination.force(0.2, 60 * PSI)
-
-
-@pytest.mark.slow
-def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
-    combination, material = the_7_8_in(), latex()
-    pressures = np.array([20.0, 60.0]) * PSI
-    usable = combination.usable_contraction(pressures, material)
-    blocked = combination.force(0.0, pressures, material)
-    # The root is bisected to 1e-15 of the rest length; the force falls by some blocked / 0.3.
-    assert np.all(np.abs(combination.force(usable, pressures, material)) < 1e-10 * blocked)
-    assert np.all(np.diff(usable) > 0)
 
 
 def test_gradients_are_finite_at_rest_at_the_jam_and_beyond():
