@@ -19,10 +19,7 @@ from .muscle import (
     Tape as Tape,
     published_shape as published_shape,
 )
-from .outlines import (
-    apparent_diameter as apparent_diameter,
-    silhouette_from_profile as silhouette_from_profile,
-)
+from .outlines import silhouette_from_profile as silhouette_from_profile
 from .renderer import render as render, render_linear as render_linear, render_ruler as render_ruler
 from .ruler import RulerScene as RulerScene, published_ruler as published_ruler
 from .scene import (

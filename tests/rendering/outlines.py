@@ -1,21 +1,10 @@
-"""Outlines and apparent widths of bodies of revolution from closed forms, to judge measurements by."""
+"""The outline of a body of revolution from a closed form, to judge measurements by."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from imaging.camera import Array, Camera, turned
-
-
-def apparent_diameter(diameter: ArrayLike, distance: float, x0: float = 0.0) -> Array:
-    """Width [m] in the mid-plane that a cylinder of this diameter covers, its axis upright.
-
-    D_app = D d sqrt(rho^2 - R^2) / (d^2 - R^2), rho = hypot(x0, d): the tangent rays touch in
-    front of the axis.
-    """
-    R = np.asarray(diameter, float) / 2
-    width = 2 * R * distance * np.sqrt(x0**2 + distance**2 - R**2) / (distance**2 - R**2)
-    return np.asarray(width, float)
 
 
 def silhouette_from_profile(

@@ -1,6 +1,5 @@
 """A characterisation folder from its skeleton to its report, and what is said where it cannot be."""
 
-import importlib
 import json
 import re
 import shutil
@@ -58,11 +57,8 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path: Path, run: Callable
         (SPECIMEN + "[records]\n", "journal and machine_log, both of one test, or in a force_map"),
         (SPECIMEN + RECORDS + 'journal = "a"\nmachine_log = "b"\n', "keep one"),
         (SPECIMEN + '[records]\njournal = "a"\n', "both of one test"),
-        (SPECIMEN.replace("rest_length_in", "rest_length") + RECORDS, "unknown entry of the specimen"),
         (SPECIMEN.replace('name = "a muscle"\n', "") + RECORDS, "name, rest_length_<unit> and"),
-        (SPECIMEN + "turns = -1\n" + RECORDS, "turns must be a number > 0"),
         (SPECIMEN + RECORDS + "[photographs]\nruler = 'r.jpg'\n", "pictures is missing"),
-        (SPECIMEN + RECORDS + "[photographs]\npictures = 'p'\ndistance = 60\n", "has no unit"),
         (SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n", "none or positive or slope or drucker"),
     ],
 )  # fmt: skip
@@ -106,16 +102,6 @@ def test_a_twin_comes_back(twin: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_example_judges_by_its_truth(twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "examples" / "chambers2021")
-    known = importlib.import_module("twin").Twin(twin)
-    truth = tomllib.loads((twin / TRUTH).read_text())
-    assert list(known.muscle.coefficients) == truth["muscle"]["coefficients_Pa"]
-    assert known.truth.rig.clock_ahead == truth["rig"]["clock_ahead_s"]
-    assert known.lengths.keys() == {file.name for file in (twin / "photographs").iterdir()}
-
-
-@pytest.mark.slow
 def test_the_report_is_whole(twin: Path) -> None:
     report = twin / "results" / "report"
     page = (report / "report.html").read_text()
@@ -124,11 +110,8 @@ def test_the_report_is_whole(twin: Path) -> None:
     assert page.count("<figure") == len(names) == 9
     assert {"photographs", "shape", "test"} < names
     for words in (
-        "Errors of the force by geometry",
         "identified from the force",
         "1 picture could not be measured",
-        "What two sources say of one thing",
-        "Cylinder and elastic cylinder are the same here",
         "length in the pictures over displacement of the machine",
         "complete strokes in journal and log: expected 6 or more, found 5",
     ):

@@ -59,15 +59,3 @@ def test_a_fit_of_the_dataset_returns_the_muscle_that_was_simulated(
         again = load_fit(folder / "fit.json").muscle
         apart = [one.force(data.length, data.pressure) for one in (again, muscle)]
         assert np.sqrt(np.mean(np.square(np.subtract(*apart)))) < 1.6
-
-
-@pytest.mark.slow
-def test_a_fit_that_chose_its_law_can_be_simulated(run: Callable, tmp_path: Path) -> None:
-    assert run("fit", "DMSP-20-300", "--output", tmp_path)[0] == 0
-    plan = tmp_path / "plan.toml"
-    plan.write_text(
-        PLAN.replace("[150, 250, 350, 450, 550]", "[300]").replace("cycles = 3", "cycles = 1")
-    )
-    fit = tmp_path / "fit.json"
-    assert run("rig", "simulate", plan, "--fit", fit, "--output", tmp_path / "rig")[0] == 0
-    assert read_csv(tmp_path / "rig" / "dataset.csv").specimen.name == "DMSP-20-300"

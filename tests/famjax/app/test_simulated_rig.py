@@ -130,14 +130,12 @@ def test_published_gains_hold_the_published_pressure(fluid: str, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [22])
-def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(seed: int, tmp_path: Path) -> None:
+def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(tmp_path: Path) -> None:
     """From plan to analysis; also where the log begins late, or has 25 rows a second."""
-    rng = np.random.default_rng(seed)
-    clock = MachineClock(float(rng.uniform(-50, 50)), float(rng.uniform(-3e-4, 3e-4)))
+    clock = MachineClock(31.0, -2e-4)
     done = whole_test(
-        tmp_path, "air", (30, 50, 70, 45), stroke=INCH, rate=0.06 * INCH, seed=seed,
-        clock=clock, clock_rate=float(rng.uniform(-3e-3, 3e-3)), baud=500000,
+        tmp_path, "air", (30, 50, 70, 45), stroke=INCH, rate=0.06 * INCH, seed=22,
+        clock=clock, clock_rate=2e-3, baud=500000,
     )  # fmt: skip
     journal, log = read_journal(done.paths[0]), read_machine_log(done.paths[1])
     assert audit(journal).sound
@@ -149,11 +147,9 @@ def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(seed: int, tmp_path: 
             log, time=log.time[kept], displacement=log.displacement[kept], force=log.force[kept],
             others={name: v[kept] for name, v in log.others.items()}, interval=step * log.interval,
         )  # fmt: skip
+        rest_length = float(LinearMcKibben().rest_length)
         found = analyse(
-            journal,
-            part,
-            rest_length=float(LinearMcKibben().rest_length),
-            sync_column="Digital input (-)",
+            journal, part, rest_length=rest_length, sync_column="Digital input (-)"
         ).alignment
         assert found.n == edges
         at = np.array(found.reference)

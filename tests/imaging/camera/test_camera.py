@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rendering import apparent_diameter, silhouette_from_profile
+from rendering import silhouette_from_profile
 
 from imaging import Camera
 from imaging.camera import profile_from_silhouette, ring_position
@@ -91,14 +91,3 @@ def test_ring_is_found_at_every_column():
     u, v = NEAR.pixels(np.cos(roll) * X - np.sin(roll) * y, np.sin(roll) * X + np.cos(roll) * y, Z)
     np.testing.assert_allclose(ring_position(NEAR, u, v, radius, x0, roll), y, atol=1e-12)
     assert np.isnan(ring_position(NEAR, u.max() + 5, v[0], radius, x0, roll))
-
-
-@pytest.mark.parametrize("x0", [0.0, 3 * INCH])
-def test_apparent_diameter_is_the_outline_of_a_cylinder(x0):
-    y = np.linspace(-0.05, 0.05, 200)
-    R = 0.7 * INCH
-    rows, left, right = silhouette_from_profile(FULL, y, np.full(y.size, R), x0=x0)
-    seen = (right - left)[rows == np.round(FULL.centre[1])] / FULL.px_per_m
-    np.testing.assert_allclose(seen, apparent_diameter(2 * R, FULL.distance, x0), rtol=1e-6)
-    first_order = 2 * R * (1 + (R**2 + x0**2) / (2 * FULL.distance**2))
-    assert apparent_diameter(2 * R, FULL.distance, x0) == pytest.approx(first_order, rel=2e-6)

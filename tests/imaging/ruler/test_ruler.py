@@ -62,23 +62,6 @@ def test_a_misplaced_ruler_cannot_be_seen_but_can_be_declared(base):
     assert told.relative_stderr == pytest.approx(0.1 / 60, rel=0.01)
 
 
-def two_scales():
-    """Inches in eighths on the left edge, centimetres in halves on the right."""
-    picture = np.full((1200, 200, 3), 180, np.uint8)
-    for pitch, columns in ((13.0, slice(20, 60)), (20.6, slice(140, 180))):
-        for v in np.arange(15.0, 1190.0, pitch):
-            picture[round(v) : round(v) + 3, columns] = 20
-    return picture
-
-
-def test_two_scales_are_ambiguous_until_one_is_expected():
-    with pytest.raises(AmbiguousRuler, match="two edges") as caught:
-        calibrate_ruler(two_scales())
-    assert caught.value.figures["pitch_px"] == pytest.approx(13.0, rel=0.01)
-    scale = calibrate_ruler(two_scales(), pitch=0.005, expected_px_per_m=20.6 / 0.005)
-    assert scale.px_per_m == pytest.approx(20.6 / 0.005, rel=2e-3)  # its marks are whole pixels
-
-
 TWO_EDGES = {
     "sixteenths": {"other_pitch": INCH / 16},
     "sixteenths of one length": {"other_pitch": INCH / 16, "mark_lengths": (0.16 * INCH,) * 4},

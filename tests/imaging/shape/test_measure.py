@@ -125,15 +125,6 @@ def test_a_crop_measures_as_the_frame_it_was_cut_from():
     by_middle = measure(shown.rgb, Recipe(scale, made.camera.distance))
     for found in (by_crop, by_middle):
         np.testing.assert_allclose(found.diameter, by_centre.diameter, rtol=1e-9)
-    frame = np.empty((2000, 2400, 3), np.uint8)
-    frame[:] = np.median(shown.rgb[:30], axis=(0, 1)).astype(np.uint8)
-    frame[300 : 300 + HALF[0], 900 : 900 + HALF[1]] = shown.rgb
-    centre = (made.camera.centre[0] + 900, made.camera.centre[1] + 300)
-    whole = measure(frame, dataclasses.replace(recipe_of(made), centre=centre))
-    assert whole.length == pytest.approx(by_centre.length, abs=0.1 / made.camera.px_per_m)
-    assert whole.mean_diameter == pytest.approx(
-        by_centre.mean_diameter, abs=0.03 / made.camera.px_per_m
-    )
 
 
 def test_a_lying_muscle_is_turned_when_the_recipe_says_so():
@@ -224,21 +215,6 @@ def test_the_scales_error_enters_every_figure():
         expected = math.hypot(getattr(sure, f"{name}_stderr"), 0.01 * power * value)
         assert stderr == pytest.approx(expected, rel=1e-6)
     assert np.all(found.diameter_stderr > 0.0099 * found.diameter)
-
-
-@pytest.mark.parametrize("hue", slow_after(1, [0.0, 352.0, 120.0]))
-def test_tapes_of_any_hue(hue):
-    made = scene()
-    tape = dataclasses.replace(made.muscle.upper, hue=hue)
-    made = dataclasses.replace(
-        made, muscle=dataclasses.replace(made.muscle, upper=tape, lower=tape)
-    )
-    shown = photo(made)
-    found = measure(shown.rgb, recipe_of(made))
-    check(found, shown.truth)
-    assert abs((found.quality.tape_hue_deg - hue + 180) % 360 - 180) < 12
-    told = measure(shown.rgb, recipe_of(made, tape_hue=hue))
-    assert told.length == found.length
 
 
 def test_blur_is_estimated():
