@@ -4,38 +4,12 @@ import os
 import sys
 from pathlib import Path
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
 from processes import python
 
 from famjax import compilation_cache
 from famjax.compilation_cache import cache_root
-from famjax.compile_options import quick_jit
-
-
-class Spring(eqx.Module):
-    stiffness: jax.Array
-    kind: str
-
-    @quick_jit
-    def force(self, length: jax.Array) -> jax.Array:
-        return self.stiffness * jnp.sin(length) if self.kind == "soft" else self.stiffness * length
-
-
-def test_quickly_compiled_results_are_the_same() -> None:
-    length = jnp.linspace(0.0, 1.0, 7)
-    soft, hard = Spring(jnp.asarray(3.0), "soft"), Spring(jnp.asarray(3.0), "hard")
-    assert np.asarray(soft.force(length)) == pytest.approx(
-        3.0 * np.sin(np.asarray(length)), rel=1e-14
-    )
-    assert np.asarray(hard.force(length=length)) == pytest.approx(
-        3.0 * np.asarray(length), rel=1e-14
-    )
-    assert Spring.force.__name__ == "force"
-
 
 SWITCH_ON = "from famjax.compilation_cache import switch_on; print(repr(switch_on()))"
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 
 import equinox as eqx
@@ -24,9 +23,8 @@ from famjax.continuation import Region
 from famjax.muscle import MountedMuscle
 from famjax.muscles import bundled_card
 
-sys.path.insert(0, str(Path(__file__).parent))
-from make_golden import GOLDEN, answers
-
+GOLDEN = Path(__file__).parent / "golden"
+"""What each version wrote is never written again; of a new one, what it writes of a card read here."""
 SCHEMA_FILE = Path(famjax.cards.__file__).parent / "muscle_card.schema.json"
 RELOADED = 1e-12
 OTHER_MACHINE = 1e-9  # of the largest: rounding of nested derivatives by another compiler
@@ -35,6 +33,18 @@ OTHER_MACHINE = 1e-9  # of the largest: rounding of nested derivatives by anothe
 @pytest.fixture(scope="module")
 def golden() -> MuscleCard:
     return read_card(GOLDEN / "card-1.json")
+
+
+def answers(card: MuscleCard) -> dict[str, list]:
+    """What the muscle of a card says at a few states, in the data and beyond."""
+    L, P = np.meshgrid([0.15, 0.24, 0.27, 0.3, 0.33], [2e4, 2e5, 5e5, 9e5])
+    L, P, safe = L.ravel(), P.ravel(), card.safe()
+    return {
+        "force_N": np.asarray(safe.force(L, P)),
+        "stiffness_N_per_m": np.asarray(safe.stiffness(L, P)),
+        "volume_m3": np.asarray(card.volume(L, P)),
+        "pull_N": float(safe.pull(safe.start(0.27, 0.0), 0.26, 3e5)),
+    }
 
 
 @pytest.mark.slow

@@ -23,12 +23,8 @@ def make_cards(folder: Path) -> list[Path]:
                 ["fit", data, "--output", name],
                 ["card", f"{name}/fit.json", "--name", name, "--output", card],
             ):
-                subprocess.run(
-                    [sys.executable, "-m", "famjax", *command],
-                    cwd=scratch,
-                    check=True,
-                    stdout=subprocess.DEVNULL,
-                )
+                words = [sys.executable, "-m", "famjax", *command]
+                subprocess.run(words, cwd=scratch, check=True, stdout=subprocess.DEVNULL)
             written.append(folder / card)
             written[-1].write_bytes((Path(scratch) / card).read_bytes())
     return written

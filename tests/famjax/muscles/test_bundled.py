@@ -1,6 +1,6 @@
 """The muscles that come with famjax."""
 
-import importlib.util
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -45,14 +45,8 @@ def test_a_bundled_muscle_can_be_cut_and_taken_anywhere() -> None:
 
 @pytest.mark.slow
 def test_the_script_makes_the_bundled_cards_anew(tmp_path: Path) -> None:
-    spec = importlib.util.spec_from_file_location(
-        "make_cards", Path(__file__).with_name("make_cards.py")
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    for path in script.make_cards(tmp_path):
+    script = runpy.run_path(str(Path(__file__).with_name("make_cards.py")))
+    for path in script["make_cards"](tmp_path):
         new, old = read_card(path), bundled_card(path.stem)
         np.testing.assert_allclose(new.region.pressure, old.region.pressure)
         L = np.linspace(*np.asarray(old.region.length), 9)[:, None]
