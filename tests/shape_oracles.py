@@ -66,12 +66,7 @@ class Specimen:
 def boundary_values(one: Specimen, L: float, P: float, r: np.ndarray, F: float) -> tuple:
     """Pull and the shape (Z, r, z) of half a muscle, by the Hamiltonian form and `solve_bvp`.
 
-    Args:
-        one: the muscle.
-        L: length.
-        P: pressure.
-        r: guess of the radius at equal steps of Z from 0 to 1/2.
-        F: guess of the pull.
+    From guesses of the radius r at equal steps of Z from 0 to 1/2, and of the pull F.
     """
 
     def rates(_: np.ndarray, y: np.ndarray, k: np.ndarray) -> np.ndarray:
@@ -96,44 +91,8 @@ def boundary_values(one: Specimen, L: float, P: float, r: np.ndarray, F: float) 
     return found.p[0], found.sol
 
 
-def shooting(one: Specimen, L: float, P: float) -> tuple[float, float]:
-    """Pull and radius in the middle by the first integral C = m lam^2 / z' - w."""
-
-    nodes, weights = np.polynomial.legendre.leggauss(100)
-
-    @np.errstate(invalid="ignore", divide="ignore")
-    def halves(rc: float, log_gap: float) -> tuple[float, float]:
-        """Z and z of half the muscle, if its middle is a little narrower than the cylinder."""
-        F, gap = float(one.cylinder_pull(np.array(rc), P)), np.exp(log_gap)
-        middle = rc - gap
-        C = (P * np.pi * middle**2 + F) * one.lam(middle) - one.w(np.array(middle))
-        most = np.arccosh(1 + (middle - one.end / 2) / gap)
-        y, dy = most * (nodes + 1) / 2, most * weights / 2
-        r = middle - gap * (np.cosh(y) - 1)
-        rise = (P * np.pi * r**2 + F) * one.lam(r) ** 2 / (C + one.w(r))
-        slope = np.sqrt((one.lam(r) - rise) * (one.lam(r) + rise))
-        dZ = gap * np.sinh(y) / slope * dy
-        return float(np.sum(dZ)), float(np.sum(rise * dZ))
-
-    def gap_of(rc: float) -> float:
-        # The smaller the gap, the longer the part that is almost a cylinder.
-        wide = next((x for x in np.arange(-2.5, -14, -0.25) if halves(rc, x)[0] > 0.5), np.nan)
-        if np.isnan(wide):
-            return np.nan
-        return brentq(lambda x: halves(rc, x)[0] - 0.5, wide, wide + 0.25, xtol=1e-12)
-
-    def off(rc: float) -> float:
-        return 2 * halves(rc, gap_of(rc))[1] - L
-
-    radii = long_muscle(one, L, P)[1] * np.linspace(0.996, 1.004, 17)
-    after = np.array([off(rc) for rc in radii])
-    (at,) = np.flatnonzero((after[:-1] > 0) & (after[1:] <= 0))
-    rc = brentq(off, radii[at], radii[at + 1], xtol=1e-13)
-    return float(one.cylinder_pull(np.array(rc), P)), rc - np.exp(gap_of(rc))
-
-
-def long_muscle(one: Specimen, L: float, P: float) -> tuple[float, float]:
-    """Pull and radius of the middle of a long muscle, where it is a cylinder, by quadrature."""
+def long_muscle(one: Specimen, L: float, P: float) -> float:
+    """Pull of a long muscle, of which the middle is a cylinder, by quadrature."""
 
     def length(rc: float) -> float:
         F, lam, re = float(one.cylinder_pull(np.array(rc), P)), one.lam(rc), one.end / 2
@@ -149,4 +108,4 @@ def long_muscle(one: Specimen, L: float, P: float) -> tuple[float, float]:
     with np.errstate(invalid="ignore", divide="ignore"):
         after = next(i for i, r in enumerate(radii) if length(r) < L)
     rc = brentq(lambda r: length(r) - L, radii[after - 1], radii[after], xtol=1e-14)
-    return float(one.cylinder_pull(np.array(rc), P)), rc
+    return float(one.cylinder_pull(np.array(rc), P))
