@@ -283,6 +283,14 @@ def _plants() -> Iterator[Row]:
         ("force between fluids [lbf]", "<=", 2, "five times the load cell's noise"),
         command="famjax rig tune", data="simulated rig", part="8 of 16 plants, not tuned for", seed=0,
     )  # fmt: skip
+    inside = "part of the 95 % intervals with the truth"
+    yield from rows(
+        "plant found again", "plants:identified",
+        (inside, ">=", 0.92, "95 %, of 400"), (inside, "<=", 0.98, "95 %, of 400"),
+        ("root mean square error [%]", "<=", 3, "what a rig repeats"), cost="long", seed=0,
+        command="fitting.identify_plant(record, plant)", data="simulated records with noise",
+        part="five random plants of each fluid, five records of 12 s",
+    )  # fmt: skip
     yield from rows(
         "plant, cost", "plants:costs",
         ("gradient over simulation", "<=", 8, "reverse mode, with what it keeps"),

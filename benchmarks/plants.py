@@ -2,6 +2,7 @@
 
 `steps`: fills, holds, strokes at 0.02 to 0.2 in/s, a vent and a dump, by steps and by diffrax at 1e-9.
 `tuned`: tuned gains on plants not tuned for, 20 to 100 psi, 3.4 in at 0.04 in/s.
+`identified`: plants found again from records with the noise of sensors, each from several records.
 `costs`: 2 s of plant and controller, their gradient in every number, and 256 plants at once, over one.
 """
 
@@ -13,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from row import CannotRunError, Case
+from row import CannotRunError, Case, tell
 
 from famjax.app.dynamics import feed_forward
 from famjax.control.tuning import Duty, drawn_circuits, expect, tune
@@ -31,6 +32,7 @@ from famjax.plant import (
     solve_adaptively,
 )
 from famjax.units import INCH, LBF, PSI
+from fitting.plant import PlantRecord, identify_plant
 
 jax.config.update("jax_enable_x64", True)
 CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
@@ -102,6 +104,57 @@ def tuned(_: Case) -> dict[str, float]:
         }
     found["force between fluids [lbf]"] = float(np.abs(forces[0] - forces[1]).max() / LBF)
     return {name: float(value) for name, value in found.items()}
+
+
+RECORDS, NOISE = 5, (0.05 * PSI, 0.5)  # of each plant; Pa and N of a reading
+_STEP, _HELD = 0.01, 0.4  # s between readings, and between commands
+
+
+def recorded(plant: Plant, random: np.random.Generator, seconds: float = 12.0) -> PlantRecord:
+    """A record of random commands while the length moves, with noise; the first is held to begin."""
+    time, ticks = np.arange(0, seconds, _STEP), round(_STEP / TICK)
+    held = random.uniform(0.1, 0.95, int(seconds / _HELD) + 1)
+    signal = held[(time / _HELD).astype(int)]
+    share = 0.05 * (1 - np.cos(2 * np.pi * time / 5)) + 0.03 * np.sin(2 * np.pi * time / 1.7) ** 2
+    length = float(plant.muscle.rest_length) * (1 - share)
+    rate = np.repeat(np.diff(length) / _STEP, ticks)
+    states = simulate(plant, Command(np.repeat(signal[:-1], ticks), 0.0, rate), TICK,
+                      start=plant.start(length[0]))  # fmt: skip
+    read = (
+        np.append(0.0, one[ticks - 1 :: ticks]) + std * random.standard_normal(time.size)
+        for one, std in zip((states.pressure, states.force), NOISE, strict=True)
+    )
+    pressure, force = read
+    return PlantRecord(time, signal, pressure, length, force).part(30, time.size)
+
+
+def identified(_: Case) -> dict[str, float]:
+    """Errors of the parameters, and how many of their 95 % intervals hold the truth."""
+    random, errors, inside = np.random.default_rng(SEED), [], []
+    for circuit in CIRCUITS.values():
+        for one in drawn_circuits(circuit(), 6, SEED + 7)[1:]:
+            friction = DahlFriction(share=random.uniform(0.01, 0.04))
+            truth = Plant(
+                one, LinearMcKibben(), friction=friction, viscosity=random.uniform(100, 400)
+            )
+            known = {
+                **one.parameters(),
+                "friction.share": friction.share,
+                "viscosity": truth.viscosity,
+            }
+            assumed = Plant(circuit(), LinearMcKibben(), friction=DahlFriction())
+            for _record in range(RECORDS):
+                fit = identify_plant(recorded(truth, random), assumed)
+                off = [(e.value - float(known[e.name]), e) for e in fit.estimates if e.stderr > 0]
+                errors += [abs(d) / abs(float(known[e.name])) for d, e in off]
+                inside += [abs(d) <= 1.96 * e.stderr for d, e in off]
+                tell(f"{circuit.__name__}: {np.mean(inside):.3f} of {len(inside)} inside, median error "
+                     f"{100 * np.median(errors):.2g} %, worst {100 * np.max(errors):.2g} %")  # fmt: skip
+    return {
+        "intervals": float(len(inside)),
+        "part of the 95 % intervals with the truth": float(np.mean(inside)),
+        "root mean square error [%]": 100 * float(np.sqrt(np.mean(np.square(errors)))),
+    }
 
 
 def costs(case: Case) -> dict[str, float]:
