@@ -296,8 +296,8 @@ def damaged_line(samples: int, folder: Path, seed: int = 1) -> tuple[int, int]:
         for middle, reach, waves in ((300, 60, 40), (500, 200, 20))
     )
     session = Session(first_id=seed)
-    for verb, *values in (("hello",), ("strict", 1), ("trip", 900), ("gain", 4, 2), ("run",)):
-        session.command(verb, *values)
+    begin = [("hello",), ("strict", 1), ("trip", 900), ("gain", 4, 2), ("run",)]
+    command = session.command(*begin.pop(0))
     recent: set[bytes] = set()
     older: set[bytes] = set()
     tick = got = lost = wrong = 0
@@ -316,6 +316,8 @@ def damaged_line(samples: int, folder: Path, seed: int = 1) -> tuple[int, int]:
         if len(recent) > 5000:  # 50 s: more than the device can repeat
             recent, older = set(), recent
         session.keep_alive(now)
+        if begin and command.done:
+            command = session.command(*begin.pop(0))
         for event in session.feed(down.receive(now), now):
             if isinstance(event, Lost):
                 lost += event.records
@@ -393,7 +395,7 @@ def killed_recorder(path: Path, rng: random.Random) -> float:
 def record_for_ever(port: str, path: str) -> None:
     """The recorder that is killed."""
     line = Link(serial_opener(port))
-    line.attach(Journal(path, lambda: line.now, reserve_bytes=0))
+    line.attach(Journal(path, lambda: line.now))
     line.command("hello")
     while True:
         line.keep_alive()
@@ -404,7 +406,7 @@ def torn_journals(tears: int, folder: Path) -> int:
     """Rows that were never sent, read from a journal cut, zeroed or with pages left out at random."""
     path, torn = folder / "whole.fam", folder / "torn.fam"
     device, session, now = Device(), Session(), 0.0
-    with Journal(path, lambda: now, reserve_bytes=0) as journal:
+    with Journal(path, lambda: now) as journal:
         for tick in range(1, 30_001):
             now = tick * TICK
             device.tick(200 + tick % 11, 500 + tick % 13)

@@ -9,7 +9,6 @@ cycles = 3
 stroke_in = 3.4
 rate_in_per_s = 0.04
 settle_s = 10
-# photograph_every_s = 1               # `run` needs --camera for it
 
 [rig]
 circuit = "air"                       # for water: "water", and gains of 3 and 8
@@ -30,10 +29,7 @@ import json
 import math
 import os
 import queue
-import shlex
-import shutil
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -313,7 +309,6 @@ def run(
     yes: bool = False,
     meta: tuple[str, ...] = (),
     start: Literal["asked", "load", "at-once"] | None = None,
-    camera: str | None = None,
     units: Units = "metric",
 ) -> int:
     """Carry out a test at constant pressures and record it; the rig vents however this ends.
@@ -347,8 +342,6 @@ def run(
     start
         When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
         60 s; `at-once`, when they are asked for, as without a terminal.
-    camera
-        Command that takes a photograph, `{name}` in it for its name; for photograph_every_s.
     units
         Of the values: si, metric or us.
     """
@@ -359,8 +352,7 @@ def run(
     entries = parse_entries(meta, "meta", "operator=A")
     tell_preconditions(test)
     port = port if dry_run else _known_port(port)
-    photographer = None if camera is None else CameraCommand(camera)
-    calibration, first = prepare(test, output, resume=resume, camera=photographer)
+    calibration, first = prepare(test, output, resume=resume)
     lasts = _as_said(test.plan.duration(first))
     if port is None or dry_run:
         print(*describe(test, first), sep="\n")
@@ -372,16 +364,11 @@ def run(
     operator = operator_of(calibration, units)
     output.mkdir(parents=True, exist_ok=True)
     journal = output / JOURNAL
-    try:
-        with opened(port, baud) as link:
-            record_test(
-                test, link, calibration, journal, first_block=first, append=resume, meta=entries,
-                attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
-                camera=photographer,
-            )  # fmt: skip
-    finally:
-        for name, why in photographer.failures().items() if photographer else ():
-            print(f"photograph {name} failed: {why}", file=sys.stderr)
+    with opened(port, baud) as link:
+        record_test(
+            test, link, calibration, journal, first_block=first, append=resume, meta=entries,
+            attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
+        )  # fmt: skip
     print("written:", journal, journal.with_suffix(".csv"))
     return 0
 
@@ -512,48 +499,6 @@ def describe(test: Any, first_block: int = 0) -> list[str]:
             f"{plan.stroke_seconds:.4g} s"
         )
     return lines
-
-
-class CameraCommand:
-    """Call a program for each photograph without waiting; its messages appear at once.
-
-    Args:
-        command: program and arguments, `{name}` in them for the photograph's name.
-
-    Raises:
-        RigError: the program is not there, or the name has no place in the command.
-    """
-
-    def __init__(self, command: str) -> None:
-        self._words = shlex.split(command)
-        self._started: dict[str, subprocess.Popen[bytes]] = {}
-        if "{name}" not in command:
-            raise RigError(
-                "the camera's command needs {name} where the photograph's name goes, as in 'gphoto2 "
-                f"--capture-image-and-download --filename photographs/{{name}}.jpg'; got {command!r}"
-            )
-        if shutil.which(self._words[0]) is None:
-            raise RigError(
-                f"the camera's program {self._words[0]!r} is not on this computer's path"
-            )
-
-    def __call__(self, name: str) -> None:
-        """Take a photograph of a name."""
-        words = [word.replace("{name}", name) for word in self._words]
-        nothing = subprocess.DEVNULL
-        self._started[name] = subprocess.Popen(words, stdin=nothing, stdout=nothing)
-
-    def failures(self) -> dict[str, str]:
-        """Photographs that were not taken and why; waits for those under way, 30 s for each at most."""
-        failed = {}
-        for name, process in self._started.items():
-            try:
-                if code := process.wait(30):
-                    failed[name] = f"exit code {code}"
-            except subprocess.TimeoutExpired:
-                process.kill()
-                failed[name] = "not done within 30 s"
-        return failed
 
 
 def _known_port(port: str | None) -> str:

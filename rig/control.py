@@ -6,7 +6,6 @@ acknowledges a trip, and heartbeats go on only while the code that supervises th
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any, NoReturn, Self
 
 from famjax.units import PSI
@@ -50,6 +49,7 @@ SETTLE = 0.7  # s for which the device keeps its last records
 SILENCE_MS, TICKS_PER_RECORD, CEILING, STILL_MS = 1000, 5, 963, 700
 # What to check after each fault of the device.
 ADVICE = {
+    "none": "another program has stopped it",
     "silence": "no line reached it for a second; check the cable and the load on this computer",
     "over-pressure": "the pressure limit was reached, or the transducer is unplugged or lost its supply",
     "jump": "the pressure changed by more than the jump limit in 10 ms: a muscle or hose that burst, a "
@@ -224,7 +224,6 @@ class Rig:
         link: to the device.
         calibration: of its sensors and its valve or pump.
         journal: records everything, or None.
-        camera: called with a name to take a photograph, or None.
         settings: fields of `RigSettings`: `pressure_limit`, for which there is no default, `control`, ...
 
     Attributes:
@@ -243,7 +242,6 @@ class Rig:
         calibration: Calibration,
         *,
         journal: Journal | None = None,
-        camera: Callable[[str], None] | None = None,
         **settings: Any,
     ) -> None:
         self.link, self.calibration = link, calibration
@@ -252,7 +250,7 @@ class Rig:
         self._watch = FlowWatch()
         self.lost, self.set_point = 0, math.nan
         self.unseen: tuple[str, ...] = ()
-        self._journal, self._camera = journal, camera
+        self._journal = journal
         self._active_from: int | None = None
 
     def __enter__(self) -> Self:
@@ -300,12 +298,14 @@ class Rig:
     @property
     def pressure(self) -> float:
         """Pressure of the newest record [Pa gauge]; nan if there is none."""
-        return float(self.calibration.pressure.value(_newest(self.link, "pressure_sum")))
+        newest = self.link.newest
+        return float(self.calibration.pressure.value(newest.pressure_sum if newest else math.nan))
 
     @property
     def force(self) -> float:
         """Force of the newest record [N]; nan if there is none."""
-        return float(self.calibration.force.value(_newest(self.link, "force_sum")))
+        newest = self.link.newest
+        return float(self.calibration.force.value(newest.force_sum if newest else math.nan))
 
     def manual(self, output: int) -> None:
         """Hold an output [counts, 0..255] with the controller off, for calibrations."""
@@ -365,17 +365,9 @@ class Rig:
         Raises:
             RigError: less than a record or more than a thousand.
         """
-        settings = self.link.session.settings
-        records = round(seconds * TICK_HZ / (settings.ticks_per_record if settings else READINGS))
+        records = round(seconds * TICK_HZ / TICKS_PER_RECORD)
         answer = self.link.command("sync", records)
         self.note("sync", seq=answer.seq, records=records)
-
-    def trigger(self, name: str) -> None:
-        """Take a photograph and note the tick of the request."""
-        newest = self.link.newest
-        self.note("trigger", name=name, tick=newest.tick if newest else None)
-        if self._camera is not None:
-            self._camera(name)
 
     def _set_up(self, hello: Hello) -> None:
         """Send the device all that it controls with, see that it has it, and note what governs the test."""
@@ -398,13 +390,10 @@ class Rig:
         for verb, values in commands:
             link.command(verb, *values)
         until = link.now + 1.0
-        while not session.settings_known:
+        while (stored := session.settings) is None or not session.settings_known:
             if link.now > until:
                 raise RigFault("the device does not report its settings; check the cable")
             link.sleep(LOOK)
-        stored = session.settings
-        if stored is None:
-            raise RigFault("the device was reset while it was set up; check its supply")
         found, wanted = lasting(stored), stored_settings(commands)
         if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
             raise RigFault(
@@ -413,8 +402,7 @@ class Rig:
         self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
             "rig", **self.settings.as_note(calibration), unseen=self.unseen,
-            trip_counts=stored.trip, jump_counts=stored.jump,
-            gains_stored_counts_per_psi=stored.law.gains, hello=hello._asdict(),
+            trip_counts=stored.trip, jump_counts=stored.jump, hello=hello._asdict(),
         )  # fmt: skip
 
     def _left_by_itself(self, record: Sample) -> NoReturn:
@@ -422,13 +410,13 @@ class Rig:
         self._active_from = None
         self.link.sleep(LOOK)  # the status follows the record
         fault, status = FAULTS[record.fault], self.link.session.status
-        at, trip = "", {}
+        said, trip = f"{fault}; {ADVICE[fault]}", {}
         if record.state == TRIP and status is not None and status.state == TRIP:
-            at = _at_trip(status, self.calibration)
+            said = trip_text(status, self.calibration)
             trip = {"cause": fault, "tick": status.tripped_at, "counts": status.tripped_count,
                     "output": status.tripped_output}  # fmt: skip
-        what = f"the device went to {STATES[record.state]} by itself: {fault}{at}; it has vented. "
-        self.fault(what + ADVICE.get(fault, "").capitalize(), **trip)
+        state = STATES[record.state]
+        self.fault(f"the device went to {state} by itself: {said}; it has vented", **trip)
 
     def fault(self, what: str, **trip: object) -> NoReturn:
         """Stop the heartbeats, note a fault and raise it as `RigFault`: the device vents."""
@@ -491,21 +479,8 @@ def trip_text(status: DeviceStatus, calibration: Calibration | None = None) -> s
 short, an unplugged transducer or one without supply'
     """
     fault = FAULTS[status.fault]
-    return f"{fault}{_at_trip(status, calibration)}; {ADVICE.get(fault, '')}"
-
-
-def _at_trip(status: DeviceStatus, calibration: Calibration | None = None) -> str:
-    """Reading and output at the trip: ' at 563 counts (112.4 psi), output 131'."""
     reading = f"{status.tripped_count} counts"
     if calibration is not None:
         pressure = float(calibration.pressure.value(READINGS * status.tripped_count))
         reading += f" ({pressure / PSI:.4g} psi)"
-    return f" at {reading}, output {status.tripped_output}"
-
-
-def _newest(link: AbstractLink, name: str) -> float:
-    """Sum of five readings in the newest record [counts], nan where there is none."""
-    newest, settings = link.newest, link.session.settings
-    if newest is None or settings is None:
-        return math.nan
-    return getattr(newest, name) * READINGS / settings.ticks_per_record
+    return f"{fault} at {reading}, output {status.tripped_output}; {ADVICE[fault]}"

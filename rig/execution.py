@@ -76,31 +76,23 @@ class Attendant:
         return ""
 
 
-def prepare(
-    test: PlanFile, folder: str | Path, *, resume: bool = False, camera: object = None
-) -> tuple[Calibration, int]:
+def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tuple[Calibration, int]:
     """Check everything that can be refused before a port is opened; nothing is written.
 
     Args:
         test: from its file.
         folder: of the journal.
         resume: continue the journal there.
-        camera: takes the photographs of the plan.
 
     Returns:
         The calibration, and the block with which the test begins.
 
     Raises:
-        RigError: the test names no calibration, or photographs and there is no camera; the limits
-            or a pressure cannot be; the journal there is of another test.
+        RigError: the test names no calibration; the limits or a pressure cannot be; the journal
+            there is of another test.
     """
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
-    if (every := test.plan.photograph_every) and camera is None:
-        raise RigError(
-            f"[plan]: photograph_every_s = {every:g} needs a camera: --camera with the command that "
-            "takes a photograph, or leave the key out and trigger the camera yourself"
-        )
     calibration, journal = read_calibration(test.calibration), Path(folder) / JOURNAL
     first = _resumed_block(read_journal(journal), test, calibration) if resume else 0
     _check(test, calibration, first)
@@ -142,7 +134,7 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
 
 
 def rig_of(test: PlanFile, link: AbstractLink, calibration: Calibration, **more: Any) -> Rig:
-    """The rig of a test, not yet entered; `journal` and `camera` as for `Rig`."""
+    """The rig of a test, not yet entered; `journal` as for `Rig`."""
     settings = test.settings
     names = (field.name for field in dataclasses.fields(settings))
     return Rig(link, calibration, **{name: getattr(settings, name) for name in names}, **more)
@@ -156,7 +148,6 @@ def record_test(
     *,
     append: bool = False,
     meta: Mapping[str, str] | None = None,
-    camera: Callable[[str], None] | None = None,
     began: datetime.datetime | None = None,
     first_block: int = 0,
     attendant: Attendant | None = None,
@@ -173,7 +164,6 @@ def record_test(
         path: of the journal.
         append: continue the existing journal.
         meta: further entries of the journal.
-        camera: called with a name to take a photograph, or None.
         began: date of a simulated test; now if None.
         first_block: as for `run`.
         attendant: as for `run`.
@@ -193,7 +183,7 @@ def record_test(
             ours = not append
             if meta:
                 journal.note("meta", entries=dict(meta))
-            with rig_of(test, link, calibration, journal=journal, camera=camera) as rig:
+            with rig_of(test, link, calibration, journal=journal) as rig:
                 entered = True
                 for sentence in rig.unseen:
                     attendant.tell(f"note: {sentence}")
@@ -321,9 +311,9 @@ class _Run:
         return max(0.0 if math.isnan(last) else last, known)
 
     def _strokes(self) -> None:
-        """Until the machine is done, or for as long as its strokes last, with photographs."""
+        """Until the machine is done, or for as long as its strokes last."""
         rig, plan, machine, block = self._rig, self._plan, self._machine, self._block
-        cycles, seconds, every = plan.cycles, plan.stroke_seconds, plan.photograph_every
+        cycles, seconds = plan.cycles, plan.stroke_seconds
         rig.note(
             "strokes", block=block, cycles=cycles, seconds=seconds, stroke_m=plan.stroke,
             rate_m_per_s=plan.rate, pressure_Pa=rig.pressure, held=self._held, seq=_seq(rig),
@@ -331,19 +321,11 @@ class _Run:
         rig.sync(sync_seconds(block))
         if machine is not None:
             machine.start(cycles, plan.rate, stroke=plan.stroke)
-        begin, photographs = self._done, 0
-        while True:
-            passed = self._done - begin
-            if every and passed >= photographs * every - 1e-9:
-                rig.trigger(f"block{block:02d}-{photographs:05d}")
-                photographs += 1
-            if (not machine.busy) if machine is not None else passed >= seconds - 1e-9:
-                break
-            ends = [LOOK if machine is not None else seconds - passed]
-            if every:
-                ends.append(photographs * every - passed)
+        begin, passed = self._done, 0.0
+        while machine.busy if machine is not None else passed < seconds - 1e-9:
             cycle = min(1 + int(passed / seconds * cycles), cycles)
-            self._look("strokes", max(min(ends), 1e-3), cycle)
+            self._look("strokes", LOOK if machine is not None else seconds - passed, cycle)
+            passed = self._done - begin
         rig.note("strokes_end", block=block, seq=_seq(rig))
 
     def _wait_for_the_first(self) -> None:

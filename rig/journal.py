@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from famjax.boundary.units import from_si
 
-from .calibration import READINGS, Calibration, calibration_from_dict
+from .calibration import Calibration, calibration_from_dict
 from .errors import RigError, RigFault
 from .protocol import (
     MANUAL,
@@ -50,16 +50,6 @@ from .protocol import (
 
 FORMAT = "famjax journal 1"
 COLUMNS = Sample._fields
-SUMMARY: tuple[str, ...] = (
-    "block",
-    "set_pressure_Pa",
-    "mean_Pa",
-    "rms_error_Pa",
-    "strokes",
-    "trips",
-    "completed",
-)
-RESERVE_BYTES = 50_000_000  # free space on the disk at which a recording stops
 # Bytes queued for the disk at which it counts as hung: ten minutes and more.
 BACKLOG_LIMIT = 1 << 22
 SYNC_PERIOD = 1.0  # s between two syncs to the disk
@@ -78,7 +68,6 @@ class Journal:
         now: the clock of the notes [s].
         append: continue an existing journal.
         plan_seconds: expected duration [s]; the disk must have room for three times its records.
-        reserve_bytes: free space at which `check` raises.
         began: date of the recording, of a simulated one; now if None.
 
     Raises:
@@ -93,17 +82,16 @@ class Journal:
         *,
         append: bool = False,
         plan_seconds: float = 0.0,
-        reserve_bytes: int = RESERVE_BYTES,
         began: datetime.datetime | None = None,
     ) -> None:
         self.path = Path(path)
-        self._now, self._reserve = now, reserve_bytes
+        self._now = now
         # 100 records, statuses and notes need 6000 bytes a second.
-        folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000 + reserve_bytes
+        folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000
         if folder.is_dir() and (free := shutil.disk_usage(folder).free) < needed:
             raise RigError(
-                f"{folder} has {free / 1e6:.0f} MB free, the plan needs {needed / 1e6:.0f} MB (three "
-                "times its records and a reserve); make room or record elsewhere"
+                f"{folder} has {free / 1e6:.0f} MB free, the plan needs {needed / 1e6:.0f} MB, three "
+                "times its records; make room or record elsewhere"
             )
         self._file = _open(self.path, append)
         self._lock = threading.Lock()  # orders the notes' numbers with the queue
@@ -169,10 +157,7 @@ class Journal:
             self._queue.put(None)
         self._writer.join()
         self._syncer.join()
-        try:
-            _sync_data(self._file)
-        except OSError as error:
-            self._fail(error)
+        self._sync()
         os.close(self._file)
         self.check()
 
@@ -199,22 +184,14 @@ class Journal:
             self._written += size
 
     def _keep_synced(self) -> None:
-        synced = 0
         while not self._closing.wait(SYNC_PERIOD):
-            try:
-                if self._written > synced:
-                    synced = self._written
-                    _sync_data(self._file)
-                free = shutil.disk_usage(self.path.absolute().parent).free
-            except OSError as error:
-                self._fail(error)
-                return
-            if free < self._reserve:
-                self._failure = (
-                    f"less than {self._reserve / 1e6:.0f} MB are free beside {self.path}; "
-                    "the recording stops while all of it can still be written"
-                )
-                return
+            self._sync()
+
+    def _sync(self) -> None:
+        try:
+            _sync_data(self._file)
+        except OSError as error:
+            self._fail(error)
 
     def _fail(self, error: OSError) -> None:
         self._failure = self._failure or f"cannot write {self.path}: {error.strerror}"
@@ -365,8 +342,10 @@ def summary(record: Record) -> list[dict[str, Any]]:
     begun: dict[str, Any] = {}
     for part, note in zip(record.note_parts, record.notes, strict=True):
         if note["note"] == "block":
-            values = (note["block"], note["pressure_Pa"], math.nan, math.nan, 0, 0, False)
-            rows.append(dict(zip(SUMMARY, values, strict=True)))
+            rows.append({
+                "block": note["block"], "set_pressure_Pa": note["pressure_Pa"], "mean_Pa": math.nan,
+                "rms_error_Pa": math.nan, "strokes": 0, "trips": 0, "completed": False,
+            })  # fmt: skip
         elif note["note"] == "strokes":
             begun = note
             rows[-1] |= _held(record, part, begun, math.inf, rows[-1]["set_pressure_Pa"])
@@ -390,9 +369,7 @@ def _held(
     mine &= record.column("flags") & 3 == RUN
     if not mine.any():
         return {}
-    ticks = np.array([s.ticks_per_record for _, s in record.settings])[record.governing()[mine]]
-    counts = record.column("pressure_sum")[mine] * READINGS / ticks
-    pressure = stored_calibration(record).pressure.value(counts)
+    pressure = stored_calibration(record).pressure.value(record.column("pressure_sum")[mine])
     share = np.ptp(record.column("tick")[mine]) / TICK_HZ / begun["seconds"]
     return {
         "mean_Pa": float(pressure.mean()),
@@ -405,7 +382,7 @@ def write_summary(journal: Path, unit: str) -> list[str]:
     """Write the summary of a journal as CSV beside it; returns lines for a person, in a pressure unit."""
     rows = summary(read_journal(journal))
     with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, SUMMARY)
+        writer = csv.DictWriter(file, rows[0] if rows else ())
         writer.writeheader()
         writer.writerows(rows)
     lines = [f"{'set':>8}{'mean':>8}{'RMS error':>11}  strokes  trips   pressures in {unit}"]

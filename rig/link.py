@@ -15,7 +15,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from .calibration import READINGS
@@ -164,8 +163,7 @@ class Session:
         self._heard_at: float | None = None
         self._silence_reported = False
         self._settings_due: int | None = None
-        self._queue: deque[Command] = deque()
-        self._inquiry: Command | None = None
+        self._command: Command | None = None  # in progress
         self._id, self._retry_at = first_id % _LAST_ID, -math.inf
         self._quarter = (-1, -1)
         self._earliest = (math.inf, 0, 0.0)
@@ -219,18 +217,22 @@ class Session:
     def idle(self, now: float) -> bool:
         """Whether `feed` and `poll` have nothing to do at host time `now` [s] until a line arrives."""
         quiet = self._heard_at is not None and now - self._heard_at < SILENCE
-        waits = self._settings_due is not None or self._queue or self.gaps
+        waits = self._settings_due is not None or self._command or self.gaps
         return quiet and not waits and now < self._beat_at + HEARTBEAT
 
     def command(self, verb: str, *values: float | str) -> Command:
-        """Queue a command, which `poll` sends; one at a time is in progress.
+        """Begin a command, which `poll` sends; one that is still in progress is given up.
 
         Raises:
             RigError: a number that is not finite.
         """
-        if self._inquiry in self._queue:  # it must not delay others
-            self._queue.remove(self._inquiry)
-        return self._put(verb, values)
+        if not all(isinstance(value, str) or math.isfinite(value) for value in values):
+            raise RigError(f"{verb} needs finite numbers, got {values}")
+        self._abandon("another command came before its answer")
+        self._id = self._id % _LAST_ID + 1  # 0 is for lines that need no answer
+        line = frame(command_body(self._id, verb, *values))
+        self._command, self._retry_at = Command(self._id, verb, line), -math.inf
+        return self._command
 
     def keep_alive(self, now: float) -> None:
         """Extend the heartbeats by `ALIVE` seconds."""
@@ -253,11 +255,10 @@ class Session:
         newest = self.newest
         may_ask = now < self._alive_until or newest is None or newest.state not in DRIVEN
         due = self._settings_due is not None and now >= self._status_at + RETRY
-        if due and may_ask and not self._queue:
+        if due and may_ask and self._command is None:
             self._status_at = now
-            self._inquiry = self._put("status", ())
-        if self._queue:
-            out += self._send(now)
+            self.command("status")
+        out += self._send(now)
         if self.gaps and may_ask:
             out += self._request(now)
         return out
@@ -295,28 +296,21 @@ class Session:
         """Time from which an answer whose turn that was is taken to be damaged."""
         return turn + 1.25 * self._round_trip + _SLACK
 
-    def _put(self, verb: str, values: tuple[float | str, ...]) -> Command:
-        if not all(isinstance(value, str) or math.isfinite(value) for value in values):
-            raise RigError(f"{verb} needs finite numbers, got {values}")
-        self._id = self._id % _LAST_ID + 1  # 0 is for lines that need no answer
-        command = Command(self._id, verb, frame(command_body(self._id, verb, *values)))
-        self._queue.append(command)
-        return command
-
     def _send(self, now: float) -> bytes:
-        while self._queue:
-            command = self._queue[0]
-            if command.sent_at is None:
-                command.sent_at = now
-            elif now - command.sent_at >= GIVE_UP:
-                command.failure = f"the device did not answer for {GIVE_UP:g} s"
-                self._queue.popleft()
-                continue
-            elif now < self._retry_at:
-                return b""
-            self._retry_at = now + RETRY
-            return command.line
-        return b""
+        command = self._command
+        if command is None or now < self._retry_at:
+            return b""
+        if command.sent_at is None:
+            command.sent_at = now
+        if now - command.sent_at >= GIVE_UP:
+            self._abandon(f"the device did not answer for {GIVE_UP:g} s")
+            return b""
+        self._retry_at = now + RETRY
+        return command.line
+
+    def _abandon(self, why: str) -> None:
+        if self._command is not None:
+            self._command.failure, self._command = why, None
 
     def _on_message(self, message: Message) -> None:
         if isinstance(message, Ack):
@@ -333,11 +327,10 @@ class Session:
             self._set_pace(message.ticks_per_record)
 
     def _on_answer(self, answer: Ack) -> None:
-        command = self._queue[0] if self._queue else None
+        command = self._command
         if command is None or command.id != answer.id or command.sent_at is None:
             return  # an old one
-        self._queue.popleft()
-        command.answer = answer
+        command.answer, self._command = answer, None
         if answer.seq is not None and command.verb in _CHANGES_SETTINGS:
             self._settings_due = answer.seq
 
@@ -358,9 +351,7 @@ class Session:
         cause = hello.cause if hello is not None and hello.boot & 15 == new_boot else None
         self._events.append(Reset(old, new_boot, cause))
         self.settings = self._settings_due = None
-        for command in self._queue:
-            command.failure = "the device was reset"
-        self._queue.clear()
+        self._abandon("the device was reset")
 
     def _time(self, sample: Sample, now: float) -> None:
         """Of each quarter second, report the arrival that is earliest against the device's clock.
@@ -523,17 +514,17 @@ class AbstractLink(abc.ABC):
         """The link's time [s]."""
 
     @property
-    @abc.abstractmethod
     def running(self) -> bool:
         """Whether bytes are exchanged."""
+        return True
 
     @abc.abstractmethod
     def sleep(self, seconds: float) -> None:
         """Wait for a time [s] while bytes are exchanged."""
 
-    @abc.abstractmethod
     def close(self) -> None:
         """Close the connection; the heartbeats stop."""
+        self.rest()
 
     @property
     def newest(self) -> Sample | None:
@@ -620,15 +611,10 @@ class AbstractLink(abc.ABC):
 
 
 def ports() -> dict[str, str]:
-    """The serial ports of this computer: path to open, and description.
-
-    A path under /dev/serial/by-id stays the same when a board is replugged.
-    """
+    """The serial ports of this computer: path to open, and description."""
     from serial.tools import list_ports  # noqa: PLC0415 -- importing rig loads no serial library
 
-    stable = {str(path.resolve()): str(path) for path in Path("/dev/serial/by-id").glob("*")}
-    found = sorted(list_ports.comports())
-    return {stable.get(port.device, port.device): port.description for port in found}
+    return {port.device: port.description for port in sorted(list_ports.comports())}
 
 
 def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
@@ -751,11 +737,6 @@ class VirtualLink(AbstractLink):
         """Virtual time [s]."""
         return self.rig.now
 
-    @property
-    def running(self) -> bool:
-        """Always: `sleep` moves the bytes."""
-        return True
-
     def sleep(self, seconds: float) -> None:
         """Advance the rig in slices of `SLICE`, exchanging bytes if needed."""
         rig, idle = self.rig, self.session.idle
@@ -770,9 +751,6 @@ class VirtualLink(AbstractLink):
             out = self._pump(data)
             if out:
                 rig.write(out)
-
-    def close(self) -> None:
-        """Do nothing."""
 
 
 def mean_counts(

@@ -36,7 +36,6 @@ class Isobaric:
         rate: of the crosshead [m/s], > 0.
         settle: time at the pressure before the first stroke [s], >= 0.
         rise: time [s] of it in which the set pressure goes evenly to the next one; 0 for a step.
-        photograph_every: time between triggers of the camera during strokes [s]; 0 for none.
     """
 
     pressures: Annotated[
@@ -47,7 +46,6 @@ class Isobaric:
     stroke: Positive
     rate: Positive
     settle: NotNegative = 10.0
-    photograph_every: NotNegative = 0.0
     rise: NotNegative = 0.0
 
     def __post_init__(self) -> None:
@@ -195,7 +193,7 @@ class _RigTable:
 _LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
 _PLAN_FORM = Form(
     {"pressures": "pressure", "stroke": "length", "rate": "rate"}
-    | dict.fromkeys(("settle", "photograph_every", "rise"), "time")
+    | dict.fromkeys(("settle", "rise"), "time")
 )
 _RIG_FORM = Form(
     {"pressure_limit": "pressure", "jump_limit": "pressure", "frozen": "time", "stall": "time"},

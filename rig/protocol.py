@@ -64,11 +64,6 @@ class ControlLaw(NamedTuple):
         """The set point [psi]."""
         return self.set_point / PRESSURE_UNIT
 
-    @property
-    def gains(self) -> tuple[float, float]:
-        """Kp [PWM counts / psi] and Ki [PWM counts / (psi s)] as stored."""
-        return self.proportional / GAIN_UNIT, self.integral / GAIN_UNIT
-
 
 def pressure_error(law: ControlLaw, counts: int, ticks: int = 1) -> int:
     """Set point minus measured pressure, summed over `ticks` ticks [1/128 psi], rounded once.
@@ -377,37 +372,18 @@ def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
 
 
 class Splitter:
-    r"""Split a stream of bytes into lines; lines longer than `limit` bytes are discarded and counted.
+    r"""Split a stream of bytes into lines; of noise without line ends the last `limit` bytes are kept.
 
-    Attributes:
-        discarded: bytes discarded so far.
-
-    >>> Splitter(limit=200).feed(b"one\ntwo\r\nthr")
+    >>> Splitter(limit=200).feed(b"one\ntwo\n\nthr")
     [b'one', b'two']
     """
 
     def __init__(self, limit: int = 200) -> None:
-        self.discarded = 0
         self._limit = limit
         self._rest = b""
-        self._skipping = False
 
     def feed(self, data: bytes) -> list[bytes]:
         """The lines that `data` completes, without their ends and without empty ones."""
         *lines, rest = (self._rest + data).split(b"\n")
-        if self._skipping and lines:
-            self.discarded += len(lines.pop(0))
-            self._skipping = False
-        if len(rest) > self._limit or self._skipping:
-            self.discarded += len(rest)
-            self._skipping = True
-            rest = b""
-        self._rest = rest
-        kept = []
-        for line in lines:
-            line = line.removesuffix(b"\r")  # noqa: PLW2901 -- the line without its end
-            if len(line) > self._limit:
-                self.discarded += len(line)
-            elif line:
-                kept.append(line)
-        return kept
+        self._rest = rest[-self._limit :]
+        return [line for line in lines if line]

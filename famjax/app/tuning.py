@@ -93,7 +93,7 @@ def step_test(test: "PlanFile") -> "PlanFile":
     if high <= low:
         low, high = 0.6 * low, low
     plan = dataclasses.replace(
-        test.plan, pressures=(low, high) * (_STEPS // 2), cycles=1, settle=_SETTLE, photograph_every=0.0,
+        test.plan, pressures=(low, high) * (_STEPS // 2), cycles=1, settle=_SETTLE,
         stroke=_STAYS, rate=2 * _STAYS / _HOLD,
     )  # fmt: skip
     limit = min(test.pressure_limit, high + _ROOM * PSI)

@@ -40,7 +40,7 @@ def opened(sim: SimulatedRig, journal: Journal | None = None, **changes: Any) ->
 
 
 def journal_of(path: Path, sim: SimulatedRig, **options: bool) -> Journal:
-    return Journal(path, lambda: sim.now, reserve_bytes=0, **options)
+    return Journal(path, lambda: sim.now, **options)
 
 
 def vented(sim: SimulatedRig) -> bool:

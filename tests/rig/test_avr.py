@@ -119,7 +119,7 @@ def test_firmware_holds_pressure_and_every_record_is_what_its_law_says(
     plan = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
     settings = {"pressure_limit": 110 * PSI, "control": Control.per_psi(4, 2)}
     with (
-        Journal(tmp_path / "run.fam", lambda: sim.now, reserve_bytes=0) as journal,
+        Journal(tmp_path / "run.fam", lambda: sim.now) as journal,
         Rig(VirtualLink(sim), sim.calibration(), journal=journal, **settings) as rig,
     ):
         run(rig, plan, machine=sim.machine)

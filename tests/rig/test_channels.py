@@ -198,7 +198,9 @@ def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(tmp_path: Path)
     path = tmp_path / "run.fam"
     with (
         journal_of(path, sim) as journal,
-        pytest.raises(RigFault, match=r"range at 3 counts \(-24.15 psi\), output \d+; it has"),
+        pytest.raises(
+            RigFault, match=r"range at 3 counts \(-24.15 psi\), output \d+; the reading was"
+        ),
         opened(sim, journal) as rig,
     ):
         rig.set_pressure(30 * PSI)

@@ -106,19 +106,6 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(
     assert np.ptp(second) == pytest.approx(sim.now, abs=1.0)
 
 
-def test_photographs_are_triggered_and_noted(tmp_path: Path) -> None:
-    taken: list[str] = []
-    path, sim = tmp_path / "photo.fam", SimulatedRig()
-    plan = Isobaric((20 * PSI,), 1, 0.005, 0.001, settle=1.0, photograph_every=2.5)
-    with journal_of(path, sim) as journal, opened(sim, journal, camera=taken.append) as rig:
-        run(rig, plan)
-    notes = read_journal(path).notes_of("trigger")
-    assert taken == [note["name"] for note in notes] == [f"block00-{k:05d}" for k in range(5)]
-    np.testing.assert_allclose(np.diff([note["at"] for note in notes]), 2.5, atol=0.01)
-    ticks = np.diff([note["tick"] for note in notes]) / 500
-    np.testing.assert_allclose(ticks, 2.5, atol=0.02)
-
-
 # ---- settings ----
 
 FLAT = FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI))

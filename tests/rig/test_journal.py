@@ -5,8 +5,7 @@ import random
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +14,7 @@ import pytest
 from bare_rig import BareRig, Recorder
 
 from famjax.app.isobaric import clocks
-from rig.errors import RigError, RigFault
+from rig.errors import RigError
 from rig.journal import Journal, Missing, read_journal
 from rig.protocol import TICK_HZ, TICKS, frame
 
@@ -31,21 +30,13 @@ def records(*numbers: int, boot: int = 0) -> bytes:
     return b"".join(record(number, boot) for number in numbers)
 
 
-def until(holds: Callable[[], bool]) -> None:
-    """Wait for another thread; ten seconds at most."""
-    end = time.monotonic() + 10
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "run.fam"
 
 
 def opened(path: Path, *, at: float = 0.0, **options: object) -> Journal:
-    return Journal(path, lambda: at, **{"reserve_bytes": 0, **options})
+    return Journal(path, lambda: at, **options)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +44,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten seconds over a damaged line, with notes."""
     path = tmp_path_factory.mktemp("journal") / "whole.fam"
     recorder = Recorder(BareRig(1, damage=0.004))
-    with Journal(path, lambda: recorder.link.now, reserve_bytes=0) as journal:
+    with Journal(path, lambda: recorder.link.now) as journal:
         recorder.link.attach(journal)
         for second in range(10):
             recorder.run(1.0)
@@ -176,28 +167,21 @@ def test_what_is_no_journal_is_refused(path: Path) -> None:
         opened(path.parent / "none.fam", append=True)
 
 
-def test_recording_stops_at_the_reserve(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    free = [10**9]
-    usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=free[0]))
+def test_a_plan_longer_than_the_disk_is_refused(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=10**9))
     monkeypatch.setattr("rig.journal.shutil", usage)
-    with pytest.raises(RigError, match=r"1000 MB free, the plan needs 1130 MB"):
-        Journal(path, lambda: 0.0, plan_seconds=60_000)
-    monkeypatch.setattr("rig.journal.SYNC_PERIOD", 0.001)
-    journal = Journal(path, lambda: 0.0, plan_seconds=3600)
-    journal.lines(record(0))
-    free[0] = 49 * 10**6
-    with pytest.raises(RigFault, match=r"less than 50 MB are free"):
-        until(lambda: journal.check() is not None)
-    with pytest.raises(RigFault, match=r"less than 50 MB"):
-        journal.close()
-    assert len(read_journal(path).rows) == 1
+    with pytest.raises(RigError, match=r"1000 MB free, the plan needs 1080 MB"):
+        opened(path, plan_seconds=60_000)
+    assert not path.exists()
 
 
 RECORDER = """
 import sys, time
 from rig.journal import Journal
 from rig.protocol import frame
-journal = Journal(sys.argv[1], time.monotonic, reserve_bytes=0)
+journal = Journal(sys.argv[1], time.monotonic)
 seq = 0
 while True:
     journal.lines(frame(f"T,0,{seq},{5 * seq + 5},1000,200,2500,0,0,0"))

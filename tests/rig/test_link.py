@@ -249,7 +249,7 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(tmp_path:
     port = InProcessPort()
     with (
         Link(port.open) as link,
-        Journal(tmp_path / "a.fam", lambda: link.now, reserve_bytes=0) as journal,
+        Journal(tmp_path / "a.fam", lambda: link.now) as journal,
     ):
         link.attach(journal)
         link.command("hello")

@@ -41,7 +41,6 @@ cycles = 3
 stroke_in = 2
 rate_in_per_s = 0.04
 settle_s = 10
-photograph_every_s = 5
 
 [rig]
 circuit = "water"
@@ -65,7 +64,7 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
     file = read(tmp_path, FILE)
     assert file.plan.pressures == pytest.approx((20 * PSI, 40.5 * PSI))
     assert (file.plan.stroke, file.plan.rate) == pytest.approx((0.0508, 0.001016))
-    assert (file.plan.cycles, file.plan.settle, file.plan.photograph_every) == (3, 10, 5)
+    assert (file.plan.cycles, file.plan.settle) == (3, 10)
     assert file.pressure_limit == pytest.approx(110 * PSI)
     assert (file.control.integral * PSI, file.unit) == (pytest.approx(5), "psi")
     assert file.control.integral_limits == (-100, 120)
@@ -140,9 +139,7 @@ def test_every_plan_of_the_documents_is_carried_out_as_printed(name: str, tmp_pa
     """With its pressures, rate, gains, limits and guards; its strokes once, all of it shorter."""
     test = read(tmp_path, PLANS[name])
     stroke, settle = min(test.plan.stroke, 0.01), min(test.plan.settle, 4.0)
-    quick = dataclasses.replace(
-        test.plan, cycles=1, stroke=stroke, settle=settle, photograph_every=0.0
-    )
+    quick = dataclasses.replace(test.plan, cycles=1, stroke=stroke, settle=settle)
     sim, path = SimulatedRig(CIRCUITS[test.circuit]()), tmp_path / "test.fam"
     test = dataclasses.replace(test, plan=quick)
     record_test(test, VirtualLink(sim), sim.calibration(), path, machine=sim.machine)
@@ -157,5 +154,4 @@ def test_all_options_of_the_help_are_options(tmp_path: Path) -> None:
     example = PLANS[next(iter(PLANS))]
     everything = re.sub(r"^# (\w+ = )", r"\1", example, flags=re.MULTILINE)
     short, full = read(tmp_path, example), read(tmp_path, everything)
-    assert full.plan.photograph_every == 1.0
     assert (full.settings, full.control) == (short.settings, short.control)
