@@ -38,7 +38,7 @@ from time import monotonic
 from typing import Any, Literal
 
 from famjax.boundary.units import from_si, parse_quantity, quantity_unit, si_unit, unit_system
-from famjax.console import Units, parse_entries
+from famjax.console import Units
 from rig.errors import RigError, RigFault
 
 COMMANDS: list[Callable[..., int]] = []  # of `famjax rig`, by their functions' names
@@ -61,7 +61,7 @@ PRECONDITIONS = {
 }
 STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
 PRESSURISE = "Type yes to pressurise the muscle: "
-WORDS = "Type begin (or Enter alone), pause or stop, and press Enter."
+WORDS = "Type begin (or Enter alone) or stop, and press Enter."
 
 
 @contextlib.contextmanager
@@ -132,9 +132,7 @@ def monitor(
     with opened(port, baud) as link:
         while monotonic() < end:
             link.sleep(1.0)
-            settings = link.session.settings
-            ticks = settings.ticks_per_record if settings else None
-            print(values(link.newest, known, units, ticks=ticks), flush=True)
+            print(values(link.newest, known, units), flush=True)
     return 0
 
 
@@ -269,7 +267,8 @@ def calibrate_pump(
         Start without asking, for scripts.
     """
     from rig.calibration import pressure_text, read_calibration, update_calibration
-    from rig.execution import calibrate_feed_forward, rig_of
+    from rig.control import Rig
+    from rig.execution import calibrate_feed_forward
     from rig.plan import read_plan
 
     test, port = read_plan(plan), _known_port(port)
@@ -288,7 +287,7 @@ def calibrate_pump(
     def tell(output: int, pressure: float) -> None:
         print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
 
-    with opened(port, baud) as link, rig_of(test, link, calibration) as rig:
+    with opened(port, baud) as link, Rig(link, calibration, **vars(test.settings)) as rig:
         found = calibrate_feed_forward(rig, STEPS, tell=tell)
     update_calibration(test.calibration, "feed_forward", found)
     low, high = (pressure_text(P, test.unit) for P in found.pressure_range)
@@ -307,18 +306,16 @@ def run(
     resume: bool = False,
     dry_run: bool = False,
     yes: bool = False,
-    meta: tuple[str, ...] = (),
     start: Literal["asked", "load", "at-once"] | None = None,
     units: Units = "metric",
 ) -> int:
     """Carry out a test at constant pressures and record it; the rig vents however this ends.
 
-    First prints what software cannot check, relief valve and dump valve, and asks for a
-    confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
+    First prints what software cannot check, relief valve and dump valve, and the steps of the plan, and
+    asks for a confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
     measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
-    takes words, each with Enter: begin (or Enter alone) when the strokes have begun, or to go on;
-    pause with the pressure held; stop. Ends with a table of what was held, which is written beside the
-    journal as `test.csv`.
+    takes words, each with Enter: begin (or Enter alone) when the strokes have begun; stop. Ends with a
+    table of what was held, which is written beside the journal as `test.csv`.
 
     Parameters
     ----------
@@ -337,8 +334,6 @@ def run(
         Print the steps of the plan and how long they last, and end.
     yes
         Start without asking, for scripts.
-    meta
-        An entry of the journal, `operator=NAME`, repeatable.
     start
         When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
         60 s; `at-once`, when they are asked for, as without a terminal.
@@ -349,24 +344,22 @@ def run(
     from rig.plan import read_plan
 
     test = read_plan(plan)
-    entries = parse_entries(meta, "meta", "operator=A")
     tell_preconditions(test)
-    port = port if dry_run else _known_port(port)
     calibration, first = prepare(test, output, resume=resume)
-    lasts = _as_said(test.plan.duration(first))
-    if port is None or dry_run:
-        print(*describe(test, first), sep="\n")
-        print(f"lasts {lasts}, besides the device's answers")
+    print(*describe(test, first), sep="\n")
+    print(f"lasts {_as_said(test.plan.duration(first))}, besides the device's answers")
+    if dry_run:
         return 0
+    port = _known_port(port)
     if start == "asked" and not _at_terminal():
         raise RigError("--start asked waits for a word, and here is no terminal: at-once or load")
-    confirm(f"{lasts} of strokes and rests. {PRESSURISE}", "started", yes=yes)
+    confirm(PRESSURISE, "started", yes=yes)
     operator = operator_of(calibration, units)
     output.mkdir(parents=True, exist_ok=True)
     journal = output / JOURNAL
     with opened(port, baud) as link:
         record_test(
-            test, link, calibration, journal, first_block=first, append=resume, meta=entries,
+            test, link, calibration, journal, first_block=first, append=resume,
             attendant=operator, start=start or ("asked" if _at_terminal() else "at-once"),
         )  # fmt: skip
     print("written:", journal, journal.with_suffix(".csv"))
@@ -396,21 +389,13 @@ def check(journal: Path, *, json_: bool = False) -> int:
     return 0 if found.sound else 1
 
 
-def values(
-    sample: Any,
-    calibration: Any,
-    system: str,
-    *,
-    ticks: int | None = None,
-    wanted: float | None = None,
-) -> str:
+def values(sample: Any, calibration: Any, system: str, *, wanted: float | None = None) -> str:
     """The values of a record in one line, with units.
 
     Args:
         sample: the record, or None.
         calibration: of the sensors; None shows counts.
         system: "si", "metric" or "us".
-        ticks: in a record, five unless given.
         wanted: set pressure [Pa], or None.
     """
     from rig.protocol import FAULTS, STATES
@@ -419,10 +404,10 @@ def values(
         return "no record yet"
     shown = []
     for kind, total in (("pressure", sample.pressure_sum), ("force", sample.force_sum)):
-        mean, of, unit = total / (ticks or 5), "", "counts"
+        mean, of, unit = total / 5, "", "counts"
         if calibration is not None:
             unit = unit_system(system)[kind]
-            mean = from_si(float(getattr(calibration, kind).value(5 * mean)), unit, kind)
+            mean = from_si(float(getattr(calibration, kind).value(total)), unit, kind)
             if kind == "pressure" and wanted is not None:
                 of = f" of {from_si(wanted, unit, kind):.5g}"
         shown.append(f"{kind} {mean:.5g}{of} {unit}")
@@ -458,7 +443,7 @@ def operator_of(calibration: Any, system: str):
             word = "" if typed.empty() else typed.get() or "begin"
             if word == "stop":
                 raise KeyboardInterrupt
-            if word not in ("", "begin", "pause"):
+            if word not in ("", "begin"):
                 self.tell(WORDS)
                 return ""
             return word

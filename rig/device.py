@@ -79,9 +79,6 @@ class Device:
         output: PWM counts, 0 to 255; 0 is the safe output.
         boot: the boot counter.
 
-    Raises:
-        ValueError: `ring`, `bytes_per_tick` or `trip_ceiling` is out of range.
-
     >>> device = Device()
     >>> device.feed(b"trip 600\n")
     >>> for _ in range(3):
@@ -98,13 +95,6 @@ class Device:
         bytes_per_tick: int = 21,
         trip_ceiling: int = TRIP_CEILING,
     ) -> None:
-        for name, value, low, high in (
-            ("ring", ring, 1, 1024),
-            ("bytes_per_tick", bytes_per_tick, 2, 200),
-            ("trip_ceiling", trip_ceiling, 1, 1020),
-        ):
-            if not low <= value <= high:
-                raise ValueError(f"{name} must be {low} to {high}, got {value}")
         self._memory, self._out = Memory(eeprom), bytearray()
         self._size, self._budget, self._trip_ceiling = ring, bytes_per_tick, trip_ceiling
         self.reset(POWER_ON)
@@ -151,11 +141,6 @@ class Device:
         return self._control.state
 
     @property
-    def fault(self) -> int:
-        """Why it left `RUN` or `MANUAL`, an index into `rig.protocol.FAULTS`; 0 for no fault."""
-        return self._control.fault
-
-    @property
     def board(self) -> int:
         """The number of the board, 0 for none."""
         return self._control.latch.board
@@ -180,12 +165,7 @@ class Device:
         Args:
             pressure_counts: of the converter, 0 to 1023.
             force_counts: of the converter, 0 to 1023.
-
-        Raises:
-            ValueError: counts that a 10 bit converter does not give.
         """
-        if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
-            raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
         control, sending = self._control, self._sending
         record = control.step(pressure_counts, force_counts)
         if record is not None:
@@ -305,10 +285,8 @@ class Device:
             case b"strict":
                 self._strict = bool(values[0])
             case b"board":
-                self._hello, self._control.latch = (
-                    True,
-                    self._control.latch._replace(board=values[0]),
-                )
+                self._hello = True
+                self._control.latch = self._control.latch._replace(board=values[0])
             case b"hello" | b"status":
                 self._hello = self._hello or verb == b"hello"
                 self._control.report_state = self._control.report_settings = True

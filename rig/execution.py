@@ -1,12 +1,11 @@
 """Tests: carried out, recorded and steered by an attendant; steps of the pump for its feed-forward."""
 
 import contextlib
-import dataclasses
 import datetime
 import json
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -29,12 +28,12 @@ LOAD_TIME = 60.0  # s within which the load has to show the first stroke
 _SECOND = 20  # looks
 _RISING = 0.1  # s between two set pressures on the way to the next
 
-# An attendant's request: none; strokes are under way, or go on; pause with the pressure held, or go on.
-Request = Literal["", "begin", "pause"]
+# An attendant's request: none; strokes are under way.
+Request = Literal["", "begin"]
 # When strokes count as begun: when they are asked for, when the attendant says so, when the load moves.
 Start = Literal["at-once", "asked", "load"]
-# What a run waits for: the pressure, the first stroke, the last one, the attendant.
-Phase = Literal["settling", "ready", "strokes", "paused"]
+# What a run waits for: the pressure, the first stroke, the last one.
+Phase = Literal["settling", "ready", "strokes"]
 
 
 class Situation(NamedTuple):
@@ -46,7 +45,6 @@ class Situation(NamedTuple):
         last_block: of the plan.
         cycle: stroke there and back under way, from 1; 0 before the first.
         cycles: of the block.
-        pressure: measured [Pa gauge].
         set_point: set pressure [Pa gauge].
         done: time of the plan that has passed [s].
         left: time of the plan that is left [s], neglecting the time that the operator takes.
@@ -58,7 +56,6 @@ class Situation(NamedTuple):
     last_block: int
     cycle: int
     cycles: int
-    pressure: float
     set_point: float
     done: float
     left: float
@@ -133,13 +130,6 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
     return block
 
 
-def rig_of(test: PlanFile, link: AbstractLink, calibration: Calibration, **more: Any) -> Rig:
-    """The rig of a test, not yet entered; `journal` as for `Rig`."""
-    settings = test.settings
-    names = (field.name for field in dataclasses.fields(settings))
-    return Rig(link, calibration, **{name: getattr(settings, name) for name in names}, **more)
-
-
 def record_test(
     test: PlanFile,
     link: AbstractLink,
@@ -147,7 +137,6 @@ def record_test(
     path: Path,
     *,
     append: bool = False,
-    meta: Mapping[str, str] | None = None,
     began: datetime.datetime | None = None,
     first_block: int = 0,
     attendant: Attendant | None = None,
@@ -163,7 +152,6 @@ def record_test(
         calibration: of its sensors.
         path: of the journal.
         append: continue the existing journal.
-        meta: further entries of the journal.
         began: date of a simulated test; now if None.
         first_block: as for `run`.
         attendant: as for `run`.
@@ -175,21 +163,16 @@ def record_test(
     """
     _check(test, calibration, first_block)
     attendant, seconds = attendant or Attendant(), test.plan.duration(first_block)
-    entered, ours = append, False
+    entered = append
+    journal = Journal(path, lambda: link.now, append=append, plan_seconds=seconds, began=began)
     try:
-        with Journal(
-            path, lambda: link.now, append=append, plan_seconds=seconds, began=began
-        ) as journal:
-            ours = not append
-            if meta:
-                journal.note("meta", entries=dict(meta))
-            with rig_of(test, link, calibration, journal=journal) as rig:
-                entered = True
-                for sentence in rig.unseen:
-                    attendant.tell(f"note: {sentence}")
-                run(rig, test.plan, first_block=first_block, attendant=attendant, **more)
+        with journal, Rig(link, calibration, journal=journal, **vars(test.settings)) as rig:
+            entered = True
+            for sentence in rig.unseen:
+                attendant.tell(f"note: {sentence}")
+            run(rig, test.plan, first_block=first_block, attendant=attendant, **more)
     except RigError:
-        if ours and not entered:  # the device refused the test: nothing has run
+        if not entered:  # the device refused the test: nothing has run
             path.unlink()
         raise
     finally:
@@ -209,7 +192,7 @@ def run(
 ) -> None:
     """Carry out a plan from a block on and stop the rig.
 
-    The pressure is held while a run is paused, and while it waits for the first stroke.
+    The pressure is held while it waits for the first stroke.
 
     Args:
         rig: entered, so that it vents whatever happens.
@@ -217,7 +200,7 @@ def run(
         machine: makes the strokes, as `TestMachine` does, with `busy` and `start`; without one the plan
             waits for as long as they last.
         first_block: where to begin; `next_block` of a journal's notes resumes it.
-        attendant: gets the instruction to start the strokes, sees the rig at every look, may steer.
+        attendant: gets the instruction to start the strokes, sees the rig at every look.
         start: when the strokes of a block count as begun, without a machine: when they are asked for,
             when the attendant says so, or when the load moves, within `LOAD_TIME`.
 
@@ -279,8 +262,7 @@ class _Run:
     ) -> None:
         self._rig, self._plan, self._machine = rig, plan, machine
         self._attendant, self._start = attendant, start
-        self._block, self._paused = 0, False
-        self._done, self._seconds = 0.0, seconds
+        self._block, self._done, self._seconds = 0, 0.0, seconds
         self._pressures: deque[float] = deque(maxlen=_SECOND)
         self._loads: deque[float] = deque(maxlen=2 * _SECOND)
 
@@ -345,7 +327,7 @@ class _Run:
                 tell(self._start_strokes())
             elif asked == "begin":
                 tell("not yet: the pressure is not held; wait or stop")
-            left -= 0 if self._paused else LOOK
+            left -= LOOK
             if self._start == "load" and left <= 0:
                 rig.fault(
                     f"the load has not moved for {LOAD_TIME:.0f} s: no stroke has begun, or the load "
@@ -365,29 +347,22 @@ class _Run:
         return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
     def _look(self, phase: Phase, seconds: float, cycle: int = 0) -> Request:
-        """Wait for a look at most and do what the attendant asks.
+        """Wait for a look at most; what the attendant asks.
 
-        The plan stands while it is paused or waits for the first stroke.
+        The plan stands while it waits for the first stroke.
         """
         rig, before = self._rig, self._rig.link.now
         rig.wait(min(seconds, LOOK))
         self._pressures.append(rig.pressure)
         self._loads.append(rig.force)
-        if phase != "ready" and not self._paused:
+        if phase != "ready":
             self._done += rig.link.now - before
-        asked = self._attendant.look(
+        return self._attendant.look(
             Situation(
-                "paused" if self._paused else phase, self._block, len(self._plan.pressures) - 1, cycle,
-                self._plan.cycles, rig.pressure, rig.set_point, self._done,
-                max(self._seconds - self._done, 0.0), rig.link.newest,
+                phase, self._block, len(self._plan.pressures) - 1, cycle, self._plan.cycles,
+                rig.set_point, self._done, max(self._seconds - self._done, 0.0), rig.link.newest,
             )
         )  # fmt: skip
-        if asked == "pause" or (asked == "begin" and self._paused):
-            self._paused, asked = not self._paused, "pause"
-            rig.note("paused" if self._paused else "went_on", block=self._block)
-            held = "paused, the pressure is held; stop the strokes"
-            self._attendant.tell(f"block {self._block}: {held if self._paused else 'goes on'}")
-        return asked
 
     def _start_strokes(self) -> str:
         """The instruction to the person at the test machine, with the measured pressure."""

@@ -94,8 +94,6 @@ class NativeDevice(Device):
 
     def tick(self, pressure_counts: int, force_counts: int) -> None:
         """As `Device.tick`."""
-        if not (0 <= pressure_counts <= 1023 and 0 <= force_counts <= 1023):
-            raise ValueError(f"counts must be 0 to 1023, got {pressure_counts}, {force_counts}")
         number = self._tick(self._pointer, pressure_counts, force_counts, self._sent, self._looked)
         if self._looked[4:8] != self._latched:
             self._store()

@@ -290,7 +290,6 @@ def test_a_run_waits_for_a_yes(
         ("yes\n", True, (), "cannot open the port"),  # it went on
         ("", False, ("--yes",), "cannot open the port"),
         ("", False, ("--yes", "--start", "asked"), "here is no terminal: at-once or load"),
-        ("", False, ("--yes", "--meta", "operator"), "must read name=value"),
     ):
         monkeypatch.setattr("sys.stdin", Typed(text, terminal=terminal))
         code, _, err = run(capsys, *command, *more)

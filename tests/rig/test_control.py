@@ -272,19 +272,9 @@ def later(seconds: float) -> Callable[[Situation], bool]:
     return lambda _: next(looks, None) is None
 
 
-def test_a_paused_plan_stands_with_its_pressure_held(tmp_path: Path) -> None:
-    person = Scripted((in_phase("settling", 1), "pause"), (later(5.0), "begin"))
+def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(tmp_path: Path) -> None:
+    person = Scripted()
     attended(tmp_path / "test.fam", person)
-    record = read_journal(tmp_path / "test.fam")
-    lasted = record.notes_of("end")[0]["at"] - record.notes_of("plan")[0]["at"]
-    assert lasted == pytest.approx(26.0 + 5.0, abs=1.5)
-    begin, end = record.notes_of("paused")[0]["at"], record.notes_of("went_on")[0]["at"]
-    assert end - begin == pytest.approx(5.0, abs=0.3)
-    columns = table(record)
-    held = (columns["time_s"] > end - 3) & (columns["time_s"] < end)
-    assert np.abs(columns["pressure_Pa"][held] - 40 * PSI).max() < 2 * PSI
-    assert np.ptp([now.done for now in person.seen if now.phase == "paused"]) == 0
-    assert audit(record).sound
     asked = [text for text in person.told if "start the strokes" in text]
     for block, text in enumerate(asked):
         assert text.startswith(f"block {block}: pressure held, ")
@@ -295,7 +285,6 @@ def test_a_paused_plan_stands_with_its_pressure_held(tmp_path: Path) -> None:
     assert np.diff([now.done for now in person.seen]).min() >= 0
     strokes = [now for now in person.seen if now.phase == "strokes"]
     assert {(now.block, now.cycle, now.cycles) for now in strokes} == {(0, 1, 1), (1, 1, 1)}
-    assert all(abs(now.pressure - now.set_point) < 2 * PSI for now in strokes)
 
 
 @pytest.mark.parametrize("start", ["asked", "load"])

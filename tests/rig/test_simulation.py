@@ -34,7 +34,7 @@ def log_of(
 
 def test_strokes_are_triangles_between_rest_and_the_load_that_turns_them() -> None:
     m = machine()
-    m.start(2, 1e-3, turn_load=0.0)
+    m.start(2, 1e-3)
     log = log_of(m, 400.0)
     # 80 mm at 1 mm/s: down in 80 s, back in 80 s, twice
     phase = log["time_s"] % 160
