@@ -58,8 +58,7 @@ class Sensor:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gain) and self.gain != 0 and math.isfinite(self.zero)):
             raise RigError(
-                f"a sensor's gain must be finite and not zero and its zero finite, got gain "
-                f"{self.gain} per count, zero {self.zero} counts"
+                f"a sensor needs a gain that is not zero and a zero, got {self.gain}, {self.zero}"
             )
 
     def value(self, counts: ArrayLike) -> NDArray[np.float64]:
@@ -107,8 +106,7 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     bad = np.flatnonzero((y <= 0) | (y >= FULL_SCALE))
     if bad.size:
         raise RigError(
-            f"reading {bad[0] + 1} is {y[bad[0]]:g} counts, the end of the converter's range "
-            f"0..{FULL_SCALE}; leave it out or check the wiring"
+            f"{y[bad[0]]:g} counts are at the end of the converter's range: leave that reading out"
         )
     spread = float(np.sum((x - x.mean()) ** 2))
     if spread == 0:
@@ -118,10 +116,7 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     variance = float(np.sum((y - zero - slope * x) ** 2)) / (y.size - 2)
     slope_std = math.sqrt(variance / spread)
     if abs(slope) <= 3 * slope_std or slope == 0:
-        raise RigError(
-            f"the counts do not follow the references: {slope:.3g} +- {slope_std:.1g} counts per "
-            "unit; check the wiring and the order of the table"
-        )
+        raise RigError("the counts do not follow the references: check wiring and order")
     zero_std = math.sqrt(variance * (1 / y.size + x.mean() ** 2 / spread))
     # gain = 1/slope turns the sign of its correlation with the zero
     correlation = variance * x.mean() / spread / (slope_std * zero_std) if variance else 0.0
@@ -159,10 +154,11 @@ class FeedForward:
         """
         low, high = self.pressure_range
         if not low <= pressure <= high:
-            said = (pressure_text(x, unit) for x in (low, high, pressure))
+            said = [pressure_text(x, unit) for x in (low, high, pressure)]
             raise RigError(
-                "the feed-forward is known from {} to {}, not at {}; step the pump over the whole range "
-                "of the plan".format(*said)
+                "the feed-forward is known from {} to {}, not at {}: step the pump again".format(
+                    *said
+                )
             )
         v = math.fsum(c * (pressure / self.scale) ** k for k, c in enumerate(self.coefficients))
         if not 0 <= v <= FULL_OUTPUT:
@@ -195,18 +191,12 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
         raise RigError(f"a cubic with its error needs five steps of four outputs, got {u.size}")
     scale = float(np.abs(P).max())
     A = np.vander(P / scale, 4, increasing=True)
-    c, _, rank, _ = np.linalg.lstsq(A, u)
-    if rank < 4:
-        raise RigError("the pressures do not fix a cubic; spread the steps over the whole range")
+    c = np.linalg.lstsq(A, u)[0]
     scatter = float(np.sqrt(np.sum((A @ c - u) ** 2) / (u.size - 4)))
     x = np.linspace(P.min(), P.max(), 257) / scale
     slope = c[1] + 2 * c[2] * x + 3 * c[3] * x * x
     if (slope <= 0).any():
-        at = x[np.argmin(slope)] * scale
-        raise RigError(
-            f"the output must rise with the pressure, but falls near {at:.0f} Pa; wait longer at "
-            "each step, start where the pump begins to deliver, and check the needle valve"
-        )
+        raise RigError("the pressure does not rise with the output: check pump and needle valve")
     return FeedForward(tuple(c.tolist()), scale, (float(P.min()), float(P.max())), scatter)
 
 
@@ -261,8 +251,7 @@ class Calibration:
     def __post_init__(self) -> None:
         if self.pressure.gain <= 0:
             raise RigError(
-                f"the transducer's gain must be positive, got {self.pressure.gain:g} Pa/count: the "
-                "device trips when counts rise; swap its wires"
+                f"the transducer's gain must be positive, got {self.pressure.gain:g}: swap its wires"
             )
 
 

@@ -57,8 +57,7 @@ def greet(link: AbstractLink) -> Hello:
             break
     if session.hello is None or link.newest is None or session.hello.protocol != PROTOCOL:
         raise RigFault(
-            f"the device answers, but not in protocol {PROTOCOL} with a hello and records; upload the "
-            "firmware that comes with this program"
+            f"the device does not speak protocol {PROTOCOL}: upload the firmware of this program"
         )
     link.alarms.clear()  # opening the port may have reset the board
     return session.hello
@@ -120,17 +119,14 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
         if vented and (status.alive or late):
             break
         if late:
-            kilopascal, psi = (pressure_text(pressure, unit) for unit in ("kPa", "psi"))
             raise RigError(
-                f"the transducer reads {kilopascal} ({psi}) with the dump valve open: it is stuck, its "
-                "channel is exchanged, its calibration is not this one's, or the rig does not vent; "
-                "compare it with a gauge"
+                f"the transducer reads {pressure_text(pressure, 'psi')} with the dump valve open: it is "
+                "stuck, exchanged or wrongly calibrated, or the rig does not vent; compare with a gauge"
             )
     if abs(load - calibration.force.zero) > REST_LOAD:
-        force = float(calibration.force.value(load))
         raise RigError(
-            f"the load cell reads {force:.4g} N ({load / READINGS:.0f} counts) with the dump valve open: "
-            "it is dead or saturated, its channel is exchanged, or the muscle is loaded; check it"
+            f"the load cell reads {load / READINGS:.0f} counts with the dump valve open: it is dead, "
+            "saturated or exchanged, or the muscle is loaded"
         )
     return status.alive == _ALIVE
 
@@ -177,8 +173,8 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
         return {"output": output, "pressure_counts": rise, "force_counts": load}
     if load >= TEST_LOAD:
         raise RigError(
-            "the first fluid moved the load and not the pressure: the channels of pressure and load "
-            "are exchanged, or the transducer's line is blocked; check the wires at A0 and A1"
+            "the first fluid moved the load and not the pressure: the channels are exchanged, or the "
+            "transducer's line is blocked; check the wires at A0 and A1"
         )
     raise RigError(
         f"an output of {output} counts moved neither pressure nor load: no supply, an open hose, a dump "
@@ -225,12 +221,8 @@ def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
         calibration: of the transducer.
         alive: whether its reading varied at rest.
     """
-    floor = (
-        "the transducer reads no counts at 0 Pa, so that it cannot have a floor: a broken wire reads "
-        "like 0 Pa; one of 0.5 to 4.5 V is better"
-    )
+    floor = "the transducer cannot have a floor: its broken wire reads like 0 Pa; take one of 0.5 to 4.5 V"
     frozen = (
-        "the reading hardly varies at rest, so that one that freezes close to the set pressure cannot "
-        "be distinguished from a quiet one"
+        "the reading hardly varies at rest: one that freezes close to the set pressure is not seen"
     )
     return [floor] * (not floor_counts(calibration)) + [frozen] * (not alive)

@@ -52,8 +52,7 @@ PRECONDITIONS = {
         "Nobody stands in line with the muscle's ends.",
     ),
     "water": (
-        "A mechanical relief valve is fitted: software cannot stop the peak when the needle valve "
-        "blocks (239 psi and more were computed in a circuit that trips within 6 ms).",
+        "A mechanical relief valve is fitted: software cannot stop the peak of a blocked needle valve.",
         "A normally open dump valve leads to the tank.",
         "The pump stops at 0 % output, and its supply has a switch within reach.",
         "The circuit is bled: trapped air stores energy.",
@@ -274,8 +273,7 @@ def calibrate_pump(
     test, port = read_plan(plan), _known_port(port)
     if test.circuit != "water":
         raise RigError(
-            f"the pump of a water circuit is stepped; the circuit is {test.circuit!r}, whose valve "
-            "neither fills nor empties at its middle, 127.5 counts, whatever the pressure"
+            f"only the pump of a water circuit is stepped; the circuit of the plan is {test.circuit!r}"
         )
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
@@ -288,7 +286,7 @@ def calibrate_pump(
         print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
 
     with opened(port, baud) as link, Rig(link, calibration, **vars(test.settings)) as rig:
-        found = calibrate_feed_forward(rig, STEPS, tell=tell)
+        found = calibrate_feed_forward(rig, STEPS, tell)
     update_calibration(test.calibration, "feed_forward", found)
     low, high = (pressure_text(P, test.unit) for P in found.pressure_range)
     print(f"known from {low} to {high}, scatter {found.scatter:.2g} counts")
@@ -347,7 +345,7 @@ def run(
     tell_preconditions(test)
     calibration, first = prepare(test, output, resume=resume)
     print(*describe(test, first), sep="\n")
-    print(f"lasts {_as_said(test.plan.duration(first))}, besides the device's answers")
+    print(f"lasts {test.plan.duration(first):.0f} s, besides the device's answers")
     if dry_run:
         return 0
     port = _known_port(port)
@@ -437,7 +435,7 @@ def operator_of(calibration: Any, system: str):
                 phase = "waits for the first stroke" if now.phase == "ready" else now.phase
                 self.tell(
                     f"block {now.block} (the last is {now.last_block}): {phase}{cycle}, "
-                    f"{_as_said(now.left)} left  "
+                    f"{now.left:.0f} s left  "
                     + values(now.newest, calibration, system, wanted=now.set_point)
                 )
             word = "" if typed.empty() else typed.get() or "begin"
@@ -459,16 +457,6 @@ def operator_of(calibration: Any, system: str):
         print(WORDS)
         threading.Thread(target=read, name="words", daemon=True).start()
     return Operator()
-
-
-def _as_said(seconds: float) -> str:
-    """A duration as a person says it.
-
-    >>> _as_said(70.0), _as_said(9.4)
-    ('70 s (1 min 10 s)', '9 s')
-    """
-    minutes, left = divmod(round(seconds), 60)
-    return f"{seconds:.0f} s ({minutes} min {left} s)" if minutes else f"{seconds:.0f} s"
 
 
 def describe(test: Any, first_block: int = 0) -> list[str]:
@@ -533,8 +521,7 @@ def confirm(question: str, done: str, *, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise RigError(
-            "a person's yes is waited for, and standard input is no terminal: in a script, whose "
-            "author answers for what is asked, give --yes"
+            "a person's yes is waited for, and this is no terminal: give --yes if you answer for it"
         )
     if _typed(question).strip().lower() != "yes":
         raise RigError(f"not {done}: the answer was not yes")

@@ -52,19 +52,15 @@ ADVICE = {
     "none": "another program has stopped it",
     "silence": "no line reached it for a second; check the cable and the load on this computer",
     "over-pressure": "the pressure limit was reached, or the transducer is unplugged or lost its supply",
-    "jump": "the pressure changed by more than the jump limit in 10 ms: a muscle or hose that burst, a "
-    "transducer that fails, or a small muscle that fills fast; only then raise jump_limit_<unit> in the "
-    "plan's [rig], or step less",
-    "stall": "output or integral stood at its limit and the pressure did not rise; check supply, hose, "
-    "muscle and transducer",
+    "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer fails, or a small "
+    "muscle fills fast; only then raise jump_limit_<unit> in the plan's [rig]",
+    "stall": "the pressure did not rise at full output; check supply, hose, muscle and transducer",
     "watchdog": "its program had stopped; check its supply",
-    "range": "the reading was outside floor and ceiling: a broken wire, a short, an unplugged "
-    "transducer or one without supply",
-    "frozen": "the reading did not vary, or not with the output: check transducer and its line before "
-    "anything else, the true pressure may be higher than what was read",
-    "no response": "the pressure did not follow the output after a start or a higher set pressure: a "
-    "blocked or kinked line to the transducer, no supply, an open circuit; or a circuit slower than "
-    "this guard takes it for: then raise frozen_s in the plan's [rig]",
+    "range": "a broken wire, a short, an unplugged transducer or one without supply",
+    "frozen": "the reading did not follow the output: check transducer and its line before anything else, "
+    "the true pressure may be higher than what was read",
+    "no response": "the pressure did not follow the output: a blocked line to the transducer, no supply, "
+    "an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
 }
 
 
@@ -157,15 +153,13 @@ class RigSettings:
         limit: float | None = self.pressure_limit
         if limit is None or not math.isfinite(limit) or limit <= 0:
             raise RigError(
-                f"a rig runs only under a finite pressure limit > 0, got {limit}; give the muscle's or "
-                "the circuit's, whichever is lower"
+                f"a rig runs only under a finite pressure limit > 0, got {limit}; give the muscle's"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
         if not 1 <= counts <= CEILING:
             raise RigError(
-                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts of the transducer, "
-                f"whose readings are plausible up to {CEILING}: it could not be seen; choose a lower "
-                "limit or another transducer"
+                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts, plausible readings "
+                f"are 1 to {CEILING}: choose another limit or another transducer"
             )
         return counts
 
@@ -344,19 +338,15 @@ class Rig:
                     what = f"is silent for {seconds:.1f} s; check the cable"
                     self.fault(f"the device {what}; it vents by itself")
         newest, since = self.link.newest, self._active_from
-        if newest and since is not None and newest.seq >= since and newest.state not in DRIVEN:
+        if newest is None:
+            return
+        if since is not None and newest.seq >= since and newest.state not in DRIVEN:
             self._left_by_itself(newest)
-        if (
-            newest
-            and newest.state == RUN
-            and self._watch.contradicts(
-                newest, held=abs(self.pressure - self.set_point) <= 2 * HELD
-            )
-        ):
+        held = abs(self.pressure - self.set_point) <= 2 * HELD
+        if newest.state == RUN and self._watch.contradicts(newest, held=held):
             self.fault(
                 "the load rises while the circuit is filled at a pressure that reads constant: the "
-                "channels of pressure and load are exchanged, or the transducer's line is blocked; the "
-                "device vents"
+                "channels are exchanged, or the transducer's line is blocked; the device vents"
             )
 
     def sync(self, seconds: float) -> None:
@@ -381,10 +371,9 @@ class Rig:
             )
         if hello.board != calibration.board:
             raise RigError(
-                f"this is board {hello.board or 'without a number'}, the calibration is of "
-                f"{calibration.board or 'none'}: another rig's would read wrong pressures. Take this "
-                f"board's calibration, calibrate, or if it is surely its own write board = {hello.board} "
-                "as the first line of the file"
+                f"this is board {hello.board}, the calibration is of board {calibration.board} (0: no "
+                f"number): calibrate, or if it is surely this board's write board = {hello.board} as its "
+                "first line"
             )
         commands = self.settings.commands(calibration)
         for verb, values in commands:
@@ -475,8 +464,8 @@ def trip_text(status: DeviceStatus, calibration: Calibration | None = None) -> s
     """Describe a trip: fault, reading, output, and what to check.
 
     >>> trip_text(DeviceStatus(1, 9, 45, 3, 6, 0, 0, 0, 0, 0, 0, 40, 12, 131, 0))
-    'range at 12 counts, output 131; the reading was outside floor and ceiling: a broken wire, a \
-short, an unplugged transducer or one without supply'
+    'range at 12 counts, output 131; a broken wire, a short, an unplugged transducer or one without \
+supply'
     """
     fault = FAULTS[status.fault]
     reading = f"{status.tripped_count} counts"

@@ -20,13 +20,13 @@ from .control import HELD, LOOK, Rig, RigSettings
 from .errors import RigError
 from .journal import Journal, Record, read_journal, write_summary
 from .link import AbstractLink, mean_counts
-from .plan import Isobaric, PlanFile, next_block
+from .plan import Isobaric, PlanFile
 from .protocol import Sample
 
 JOURNAL = "test.fam"  # name of a test's journal in its folder
 LOAD_TIME = 60.0  # s within which the load has to show the first stroke
+STEP_SETTLE, STEP_MEAN = 3.0, 1.0  # s after a step of the pump, and of the mean after that
 _SECOND = 20  # looks
-_RISING = 0.1  # s between two set pressures on the way to the next
 
 # An attendant's request: none; strokes are under way.
 Request = Literal["", "begin"]
@@ -102,12 +102,10 @@ def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
     A water circuit needs a feed-forward that depends on the pressure: a pump at half speed holds some
     pressure of its own, whatever is set, 39 psi in the simulated circuit.
     """
-    output, *higher = calibration.feed_forward.coefficients
-    if test.circuit == "water" and not any(higher):
+    if test.circuit == "water" and not any(calibration.feed_forward.coefficients[1:]):
         raise RigError(
-            f"a water circuit needs a feed-forward that rises with the pressure, got {output:g} counts "
-            "at every pressure, the bias of an air valve: the pump would raise a pressure that is not "
-            "set. Step the pump against the needle valve: `famjax rig calibrate-pump`"
+            "a water circuit needs a feed-forward that rises with the pressure: step the pump by "
+            "`famjax rig calibrate-pump`"
         )
     test.settings.commands(calibration)
     check_plan(test.plan, calibration, test.settings, first_block)
@@ -121,10 +119,10 @@ def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> 
     apart = [name for name, value in wanted.items() if begun.get(name, value) != value]
     if apart:
         raise RigError(
-            f"{record.path} cannot be resumed with another test: it was begun with another "
-            f"{', '.join(apart)}. Restore what it was begun with, or record into another folder"
+            f"{record.path} cannot be resumed: it was begun with another {', '.join(apart)}. Restore "
+            "what it was begun with, or record into another folder"
         )
-    block = next_block(record.notes)
+    block = max((note["block"] + 1 for note in record.notes_of("done")), default=0)
     if block >= len(test.plan.pressures):
         raise RigError(f"{record.path} is complete: nothing is left to resume")
     return block
@@ -199,7 +197,7 @@ def run(
         plan: what to do.
         machine: makes the strokes, as `TestMachine` does, with `busy` and `start`; without one the plan
             waits for as long as they last.
-        first_block: where to begin; `next_block` of a journal's notes resumes it.
+        first_block: where to begin.
         attendant: gets the instruction to start the strokes, sees the rig at every look.
         start: when the strokes of a block count as begun, without a machine: when they are asked for,
             when the attendant says so, or when the load moves, within `LOAD_TIME`.
@@ -211,7 +209,7 @@ def run(
     check_plan(plan, rig.calibration, rig.settings, first_block)
     seconds = plan.duration(first_block)
     rig.note("plan", plan=repr(plan), first_block=first_block, seconds=seconds)
-    _Run(rig, plan, machine, attendant or Attendant(), start, seconds).blocks(first_block)
+    _Run(rig, plan, machine, attendant or Attendant(), start).blocks(first_block)
     rig.stop()
 
 
@@ -228,8 +226,8 @@ def check_plan(
     if (highest := max(pressures, default=0.0)) >= settings.pressure_limit:
         set_, limit = (pressure_text(P, settings.unit) for P in (highest, settings.pressure_limit))
         raise RigError(
-            f"the plan sets {set_}, the limit is {limit}; lower the one or, if muscle and circuit are "
-            "rated for it, raise the other"
+            f"the plan sets {set_}, the limit is {limit}: lower the pressure, or raise the limit if "
+            "muscle and circuit are rated for it"
         )
     for pressure in pressures:
         calibration.feed_forward.output(pressure, settings.unit)
@@ -249,36 +247,30 @@ def sync_seconds(block: int) -> float:
 
 
 class _Run:
-    """One run of a plan; arguments as for `run`, and how long it lasts [s]."""
+    """One run of a plan; arguments as for `run`."""
 
     def __init__(
-        self,
-        rig: Rig,
-        plan: Isobaric,
-        machine: Any,
-        attendant: Attendant,
-        start: Start,
-        seconds: float,
+        self, rig: Rig, plan: Isobaric, machine: Any, attendant: Attendant, start: Start
     ) -> None:
         self._rig, self._plan, self._machine = rig, plan, machine
         self._attendant, self._start = attendant, start
-        self._block, self._done, self._seconds = 0, 0.0, seconds
+        self._block, self._done, self._seconds = 0, 0.0, 0.0
         self._pressures: deque[float] = deque(maxlen=_SECOND)
         self._loads: deque[float] = deque(maxlen=2 * _SECOND)
 
     def blocks(self, first: int) -> None:
         """At each pressure: set, settle, strokes."""
         rig, plan = self._rig, self._plan
+        self._seconds = plan.duration(first)
         for block, pressure in list(enumerate(plan.pressures))[first:]:
             self._block = block
             rig.note("block", block=block, pressure_Pa=pressure)
             begin, before = self._done, self._begins()
             rig.set_pressure(before if plan.rise else pressure)
             while (left := begin + plan.settle - self._done) > 1e-9:
-                self._look("settling", min(left, _RISING if rig.set_point != pressure else left))
-                share = min((self._done - begin) / plan.rise, 1.0) if plan.rise else 1.0
+                self._look("settling", left)
                 if rig.set_point != pressure:
-                    sent = rig.link.now
+                    share, sent = min((self._done - begin) / plan.rise, 1.0), rig.link.now
                     rig.set_pressure(
                         pressure if share == 1 else before + share * (pressure - before)
                     )
@@ -366,16 +358,13 @@ class _Run:
 
     def _start_strokes(self) -> str:
         """The instruction to the person at the test machine, with the measured pressure."""
-        rig, plan, held = self._rig, self._plan, self._held
-        measured, wanted = (
-            pressure_text(P, rig.settings.unit) for P in (rig.pressure, rig.set_point)
-        )
-        what = "start the strokes" if held else "do not start, or stop the run"
-        return (
-            f"block {self._block}: pressure {'held' if held else 'NOT held'}, {measured} of {wanted}: "
-            f"{what}: {plan.cycles} of {plan.stroke * 1e3:.4g} mm at {plan.rate * 1e3:.4g} mm/s, "
-            f"{plan.stroke_seconds:.0f} s"
-        )
+        rig = self._rig
+        pressures = rig.pressure, rig.set_point
+        measured, wanted = (pressure_text(P, rig.settings.unit) for P in pressures)
+        held, what = "NOT held", "do not start, or stop the run"
+        if self._held:
+            held, what = "held", "start the strokes"
+        return f"block {self._block}: pressure {held}, {measured} of {wanted}: {what}"
 
 
 def _seq(rig: Rig) -> int:
@@ -384,20 +373,13 @@ def _seq(rig: Rig) -> int:
 
 
 def calibrate_feed_forward(
-    rig: Rig,
-    outputs: Sequence[int],
-    *,
-    settle: float = 3.0,
-    average: float = 1.0,
-    tell: Callable[[int, float], None] | None = None,
+    rig: Rig, outputs: Sequence[int], tell: Callable[[int, float], None] | None = None
 ) -> FeedForward:
     """Measure the feed-forward by steps of the pump or valve, with the controller off.
 
     Args:
         rig: entered.
         outputs: steps [counts, 0..255]; going up and down again shows hysteresis as scatter.
-        settle: time after each step [s].
-        average: time of each mean [s].
         tell: called after each step with its output [counts] and pressure [Pa].
 
     Returns:
@@ -410,8 +392,8 @@ def calibrate_feed_forward(
     pressures = []
     for output in outputs:
         rig.manual(int(output))
-        rig.wait(settle)
-        counts, _ = mean_counts(rig.link, average, rig.wait)
+        rig.wait(STEP_SETTLE)
+        counts, _ = mean_counts(rig.link, STEP_MEAN, rig.wait)
         pressures.append(float(rig.calibration.pressure.value(counts)))
         rig.note("step", output=int(output), pressure_Pa=pressures[-1])
         if tell is not None:

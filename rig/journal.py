@@ -90,8 +90,7 @@ class Journal:
         folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000
         if folder.is_dir() and (free := shutil.disk_usage(folder).free) < needed:
             raise RigError(
-                f"{folder} has {free / 1e6:.0f} MB free, the plan needs {needed / 1e6:.0f} MB, three "
-                "times its records; make room or record elsewhere"
+                f"{folder} has {free / 1e6:.0f} MB free, the plan needs {needed / 1e6:.0f} MB: make room"
             )
         self._file = _open(self.path, append)
         self._lock = threading.Lock()  # orders the notes' numbers with the queue
@@ -140,8 +139,7 @@ class Journal:
             raise RigFault(self._failure)
         if self.waiting > BACKLOG_LIMIT:
             raise RigFault(
-                f"{self.waiting / 1e6:.1f} MB wait for the disk of {self.path}, which hangs; "
-                "record to a local disk"
+                f"{self.waiting / 1e6:.1f} MB wait for the disk of {self.path}: take a local disk"
             )
 
     def close(self) -> None:

@@ -759,7 +759,7 @@ def mean_counts(
     """Mean sums of five readings of pressure and force [counts] over a time [s].
 
     Args:
-        link: to the device, in any state; nothing is sent.
+        link: to the device, greeted, in any state; nothing is sent.
         seconds: of the mean.
         wait: waits for a time [s] and supervises a run meanwhile; none runs unless given.
 
@@ -767,14 +767,11 @@ def mean_counts(
         RigFault: no record came.
     """
     found: list[Sample] = []
-    until = link.now + 4.0  # a board that was reset by opening its port takes two seconds at most
-    if wait is None:
-        link.sleep(0.1)  # a record that was begun before has come
-    while wait is None and link.session.settings is None and link.now < until:
-        link.sleep(0.05)
+    wait = wait or link.sleep
+    wait(0.1)  # a record that was begun before has come
     link.watch = found.append
     try:
-        (wait or link.sleep)(seconds)
+        wait(seconds)
     finally:
         link.watch = None
     if not found or link.session.settings is None:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -50,10 +50,7 @@ class Isobaric:
     def __post_init__(self) -> None:
         check_fields(self, RigError)
         if self.rise > self.settle:
-            raise RigError(
-                f"the rise of the set pressure is a part of the settling: rise_s must be at most "
-                f"settle_s, {self.settle:g}; got {self.rise:g}"
-            )
+            raise RigError(f"rise_s must be at most settle_s, {self.settle:g}; got {self.rise:g}")
 
     @property
     def stroke_seconds(self) -> float:
@@ -68,15 +65,6 @@ class Isobaric:
         610.0
         """
         return len(self.pressures[first_block:]) * (self.settle + self.stroke_seconds)
-
-
-def next_block(notes: Iterable[Mapping[str, Any]]) -> int:
-    """The block at which a plan resumes, from the notes of its journal.
-
-    >>> next_block([{"note": "done", "block": 0}, {"note": "block", "block": 1}])
-    1
-    """
-    return max((note["block"] + 1 for note in notes if note["note"] == "done"), default=0)
 
 
 @dataclasses.dataclass(frozen=True)

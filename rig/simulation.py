@@ -363,9 +363,7 @@ class SimulatedRig:
         seed: int = 0,
     ) -> None:
         if baud not in BAUD_RATES:
-            raise RigError(
-                f"the firmware is built for {' or '.join(map(str, BAUD_RATES))} baud, got {baud}"
-            )
+            raise RigError(f"baud must be one of {', '.join(map(str, BAUD_RATES))}, got {baud}")
         bytes_per_tick, ring = BAUD_RATES[baud]
         muscle = muscle or LinearMcKibben()
         self.machine = machine or machine_for(muscle)

@@ -13,7 +13,7 @@ from rig.cli import PRECONDITIONS, describe
 from rig.execution import record_test
 from rig.journal import audit, read_journal
 from rig.link import VirtualLink
-from rig.plan import Isobaric, PlanFile, next_block
+from rig.plan import Isobaric, PlanFile
 from rig.simulation import CIRCUITS, SimulatedRig
 
 ROOT = Path(__file__).parents[2]
@@ -26,12 +26,6 @@ def test_duration_is_settling_and_strokes_and_a_plan_is_listed_with_its_times() 
     lines = describe(PlanFile(PLAN, "air", 4e5, None, unit="bar"))
     assert len(lines) == 3
     assert lines[1].startswith("   204.0 s  block 1: 3 bar, settle 4 s, 2 strokes of 50 mm at 1")
-
-
-def test_a_plan_goes_on_with_the_block_that_was_not_done() -> None:
-    notes = [{"note": "block", "block": 0}, {"note": "done", "block": 0}]
-    notes.append({"note": "block", "block": 1})
-    assert (next_block(notes), next_block([])) == (1, 0)
 
 
 FILE = """
