@@ -60,7 +60,7 @@ PRECONDITIONS = {
 }
 STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
 PRESSURISE = "Type yes to pressurise the muscle: "
-WORDS = "Type begin (or Enter alone) or stop, and press Enter."
+WORDS = "Press Enter when the strokes have begun. Any word, such as stop, and Enter vents the rig."
 
 
 @contextlib.contextmanager
@@ -76,10 +76,7 @@ def ended_in_words() -> Iterator[None]:
         print(f"famjax: the test was stopped: {fault}{notes}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
-        print(
-            "famjax: stopped; a rig that ran has been vented, and its journal holds all until then",
-            file=sys.stderr,
-        )
+        print("famjax: stopped; a rig that ran has been vented", file=sys.stderr)
         sys.exit(130)
     finally:
         for number, handler in before.items():
@@ -279,8 +276,7 @@ def calibrate_pump(
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
     calibration = read_calibration(test.calibration)
     tell_preconditions(test)
-    what = f"{len(STEPS)} steps of the pump, the controller off"
-    confirm(f"{what}. {PRESSURISE}", "started", yes=yes)
+    confirm(f"{len(STEPS)} steps of the pump. {PRESSURISE}", "started", yes=yes)
 
     def tell(output: int, pressure: float) -> None:
         print(f"output {output}: {pressure_text(pressure, test.unit)}", flush=True)
@@ -311,9 +307,9 @@ def run(
 
     First prints what software cannot check, relief valve and dump valve, and the steps of the plan, and
     asks for a confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
-    measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
-    takes words, each with Enter: begin (or Enter alone) when the strokes have begun; stop. Ends with a
-    table of what was held, which is written beside the journal as `test.csv`.
+    measured pressure when to start the test machine's strokes, and waits for them. In a terminal Enter
+    says that they have begun; any word and Enter stops the run. Ends with a table of what was held, which
+    is written beside the journal as `test.csv`.
 
     Parameters
     ----------
@@ -333,7 +329,7 @@ def run(
     yes
         Start without asking, for scripts.
     start
-        When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
+        When strokes count as begun: `asked`, at Enter; `load`, when the load moves, within
         60 s; `at-once`, when they are asked for, as without a terminal.
     units
         Of the values: si, metric or us.
@@ -438,13 +434,11 @@ def operator_of(calibration: Any, system: str):
                     f"{now.left:.0f} s left  "
                     + values(now.newest, calibration, system, wanted=now.set_point)
                 )
-            word = "" if typed.empty() else typed.get() or "begin"
-            if word == "stop":
-                raise KeyboardInterrupt
-            if word not in ("", "begin"):
-                self.tell(WORDS)
+            if typed.empty():
                 return ""
-            return word
+            if typed.get() not in ("", "begin"):
+                raise KeyboardInterrupt
+            return "begin"
 
     def read() -> None:
         with contextlib.suppress(OSError):  # the terminal has gone
@@ -478,9 +472,9 @@ def _known_port(port: str | None) -> str:
     """The port, or an error that lists what there is to choose from."""
     if port is not None:
         return port
-    from rig import link
+    from serial.tools import list_ports
 
-    known = ", ".join(f"{path} ({text})" for path, text in link.ports().items())
+    known = ", ".join(f"{one.device} ({one.description})" for one in sorted(list_ports.comports()))
     raise RigError(
         f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
     )

@@ -10,6 +10,7 @@ no more than that; it is on the disk within about a second. Neither blocks the c
 reads what can be verified and lists what is missing, `audit` recomputes what the device did.
 """
 
+import contextlib
 import csv
 import dataclasses
 import datetime
@@ -22,7 +23,7 @@ import threading
 from array import array
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,7 @@ SYNC_PERIOD = 1.0  # s between two syncs to the disk
 _sync_data: Callable[[int], None] = getattr(os, "fdatasync", os.fsync)
 
 
-class Journal:
+class Journal(contextlib.AbstractContextManager):
     """A journal that is being written.
 
     Lines and notes may be queued from any thread and keep their order. One thread writes them to
@@ -104,9 +105,6 @@ class Journal:
         self._syncer.start()
         began = began or datetime.datetime.now(datetime.UTC)
         self.note("journal", format=FORMAT, wall=began.isoformat(timespec="milliseconds"))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from .calibration import READINGS
 from .errors import RigError, RigFault
@@ -480,7 +480,7 @@ def _follows(sample: Sample, before: Sample) -> bool:
     )
 
 
-class AbstractLink(abc.ABC):
+class AbstractLink(contextlib.AbstractContextManager):
     """A session with its recording; a subclass adds transport and clock.
 
     Every wait goes through `sleep`, so that one plan runs in real and in virtual time. All methods
@@ -501,9 +501,6 @@ class AbstractLink(abc.ABC):
         self.watch: Callable[[Sample], None] | None = None
         self._journal: Journal | None = None
         self._lock = threading.Lock()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -608,13 +605,6 @@ class AbstractLink(abc.ABC):
             kind = NOTES.get(type(event))
             if kind is not None and self._journal is not None:
                 self._journal.note(kind, **event._asdict())
-
-
-def ports() -> dict[str, str]:
-    """The serial ports of this computer: path to open, and description."""
-    from serial.tools import list_ports  # noqa: PLC0415 -- importing rig loads no serial library
-
-    return {port.device: port.description for port in sorted(list_ports.comports())}
 
 
 def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:

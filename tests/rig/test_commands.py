@@ -215,7 +215,9 @@ def test_counts_are_read_while_a_person_applies_the_references(
     assert (code, f"this is board {sim.device.board}: name another file" in err) == (2, True)
 
 
-@pytest.mark.parametrize(("circuit", "message"), [("water", ""), ("air", "only the pump of a water circuit")])
+@pytest.mark.parametrize(
+    ("circuit", "message"), [("water", ""), ("air", "only the pump of a water")]
+)
 def test_a_pump_is_stepped_under_the_limits_of_its_plan(
     circuit: str, message: str, tmp_path: Path, capsys: Capsys,
     monkeypatch: pytest.MonkeyPatch,
