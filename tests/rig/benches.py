@@ -1,6 +1,7 @@
 """Rigs in virtual time, devices on the bench, and commands of `famjax rig` as a person types them."""
 
 import io
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -57,6 +58,14 @@ def highest(sim: SimulatedRig) -> Callable[[], float]:
 
     sim.plant.step = watched
     return lambda: peak[0]
+
+
+def until(holds: Callable[[], bool], seconds: float = 10) -> None:
+    """Wait for another thread."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.002)
 
 
 # ---- a device on the bench ----

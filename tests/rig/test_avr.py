@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
-from typing import cast
 
 import pytest
 from avr import (
@@ -14,19 +13,12 @@ from avr import (
     lock_step,
     over_pressure_delay,
     silence_delay,
-    start_manual,
 )
 from benches import PSI
 from session_fuzz import Fuzz
 
-from famjax.app.isobaric import table
-from rig import Journal, Rig, audit, read_journal, run
-from rig.control import Control
 from rig.device import Device, firmware_folder
-from rig.link import VirtualLink
-from rig.plan import Isobaric
-from rig.protocol import RUN, DeviceStatus, Hello, Splitter, frame, parse
-from rig.simulation import SimulatedRig
+from rig.protocol import DeviceStatus, Hello, Splitter, frame, parse
 
 FIRMWARE = firmware_folder()
 PREBUILT_WITH = "5.4.0"  # avr-gcc of the hex file that ships
@@ -94,45 +86,6 @@ def test_hung_program_is_reset_by_the_watchdog(avr: Avr) -> None:
         assert (hello.cause, status.state, status.fault) == (8, 0, 5)
         boots.append(hello.boot)
     assert boots[1] == boots[0] + 2  # the reset of the test, and that of the watchdog
-
-
-def test_pins_follow_the_state(avr: Avr) -> None:
-    assert avr.dump_open
-    start_manual(avr, output=77)
-    assert not avr.dump_open
-    avr.feed(frame("9 sync 3"))
-    high = 0
-    for _ in range(40):
-        avr.tick(GOOD_PRESSURE, 0)
-        high += avr.sync
-    assert high == 15  # three records of five ticks
-    avr.feed(frame("10 stop"))
-    assert avr.run(0.01, GOOD_PRESSURE) == 0
-    assert avr.dump_open
-
-
-def test_firmware_holds_pressure_and_every_record_is_what_its_law_says(
-    avr: Avr, tmp_path: Path
-) -> None:
-    """The whole chain with the real program in it: plan, line, journal, valve and muscle."""
-    sim = SimulatedRig(device=cast("Device", avr), clock_rate=-2e-3)
-    plan = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
-    settings = {"pressure_limit": 110 * PSI, "control": Control.per_psi(4, 2)}
-    with (
-        Journal(tmp_path / "run.fam", lambda: sim.now) as journal,
-        Rig(VirtualLink(sim), sim.calibration(), journal=journal, **settings) as rig,
-    ):
-        run(rig, plan, machine=sim.machine)
-    assert (sim.device.output, sim.device.dump_open) == (0, True)
-    record = read_journal(tmp_path / "run.fam")
-    found = audit(record)
-    assert found.sound
-    assert found.checked == found.equal == found.records
-    columns = table(record)
-    for block, pressure in enumerate(plan.pressures):
-        held = (columns["block"] == block) & (columns["state"] == RUN)
-        settled = held & (columns["time_s"] > columns["time_s"][held][0] + plan.settle)
-        assert columns["pressure_Pa"][settled].mean() == pytest.approx(pressure, abs=HELD)
 
 
 def test_sources_build_without_a_warning_into_the_hex_that_ships(tmp_path: Path) -> None:

@@ -1,12 +1,12 @@
 """The session: each record once, none wrong, nothing lost that could be had; and the thread of a port."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bare_rig import BareRig, Recorder
+from benches import until
 
 from rig.device import Device
 from rig.errors import RigError, RigFault
@@ -205,14 +205,6 @@ def test_silence_is_told_once() -> None:
 
 
 # ---- the thread that owns a port ----
-
-
-def until(holds: Callable[[], bool], seconds: float = 10) -> None:
-    """Wait for another thread."""
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.002)
 
 
 class InProcessPort:
