@@ -80,14 +80,16 @@ class Bench:
     def __init__(self, device: Device) -> None:
         self.device = device
         self.said: list[Message] = []
+        self.lines: list[bytes] = []
         self.torn: list[bytes] = []
         self.pressure, self.force = 100, 300
-        self._lines, self._id = Splitter(), 0
+        self._splitter, self._id = Splitter(), 0
 
     def ticks(self, number: int = 1, pressure: int | None = None) -> None:
         for _ in range(number):
             self.device.tick(self.pressure if pressure is None else pressure, self.force)
-            for line in self._lines.feed(self.device.take()):
+            for line in self._splitter.feed(self.device.take()):
+                self.lines.append(line)
                 message = parse(line)
                 if message is None:
                     self.torn.append(line)

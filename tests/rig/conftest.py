@@ -2,18 +2,19 @@
 
 import shutil
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from famjax.__main__ import main
-from rig.device import firmware_folder
+from rig.device import Device, firmware_folder
 
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 
 from avr import Avr, build_harness
-from benches import write_plan
-from native import build_native
+from benches import Bench, write_plan
+from native import NativeDevice, build_native
 
 
 @pytest.fixture(scope="session")
@@ -22,6 +23,29 @@ def native_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler 'cc' on the path")
     return build_native(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture(params=["python", "c"])
+def make(request: pytest.FixtureRequest) -> Callable[..., Device]:
+    """Makes a device, in Python or in C, from its memory."""
+    if request.param == "python":
+        return Device
+    library = request.getfixturevalue("native_library")
+    return lambda eeprom=None: NativeDevice(library, eeprom)
+
+
+@pytest.fixture
+def bench(make: Callable[..., Device]) -> Iterator[Bench]:
+    """A device on the bench; it must not tear a line."""
+    bench = Bench(make())
+    yield bench
+    assert bench.torn == []
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Of a journal."""
+    return tmp_path / "run.fam"
 
 
 @pytest.fixture(scope="session")

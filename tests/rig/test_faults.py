@@ -58,11 +58,6 @@ class Running:
         return self.sim.now - start
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "run.fam"
-
-
 def test_cable_out_for_0_3_s_costs_nothing(path: Path) -> None:
     with Running(path) as test:
         test.cut(True, 0.3)

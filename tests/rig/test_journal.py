@@ -30,11 +30,6 @@ def records(*numbers: int, boot: int = 0) -> bytes:
     return b"".join(record(number, boot) for number in numbers)
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "run.fam"
-
-
 def opened(path: Path, *, at: float = 0.0, **options: object) -> Journal:
     return Journal(path, lambda: at, **options)
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import pytest
 from benches import PSI, Bench
-from native import NativeDevice
 
 from rig.device import Device
 from rig.protocol import RUN, SAFE, TRIP, DeviceStatus, frame
@@ -15,15 +14,6 @@ from rig.simulation import HydraulicCircuit, PneumaticCircuit, SimulatedRig, pre
 RANGE, FROZEN, NO_RESPONSE = 6, 7, 8
 FLOOR, CEILING = 51, 963
 GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}
-Make = Callable[..., Device]
-
-
-@pytest.fixture(params=["python", "c"])
-def make(request: pytest.FixtureRequest) -> Make:
-    if request.param == "python":
-        return Device
-    library = request.getfixturevalue("native_library")
-    return lambda eeprom=None: NativeDevice(library, eeprom)
 
 
 def status(bench: Bench) -> DeviceStatus:
@@ -31,8 +21,7 @@ def status(bench: Bench) -> DeviceStatus:
     return bench.of(DeviceStatus)[-1]
 
 
-def test_nothing_starts_on_a_reading_that_cannot_be(make: Make) -> None:
-    bench = Bench(make())
+def test_nothing_starts_on_a_reading_that_cannot_be(bench: Bench) -> None:
     bench.command("trip", 600)
     for verb in (("run",), ("man", 50)):
         for reading in (0, FLOOR - 1, CEILING + 1, 1023):
@@ -44,19 +33,9 @@ def test_nothing_starts_on_a_reading_that_cannot_be(make: Make) -> None:
     assert not bench.command("run").reason
 
 
-def test_a_reading_below_the_floor_trips_after_three_conversions(make: Make) -> None:
-    bench = Bench(make())
-    bench.start()
-    bench.command("floor", 80)
-    for reading in (79, 79, 80, 79, 79):
-        bench.ticks(1, reading)
-    assert bench.device.state == RUN
-    bench.ticks(1, 79)
-    assert (bench.device.state, bench.device.output, bench.device.dump_open) == (TRIP, 0, True)
-    assert status(bench).fault == RANGE
-
-
-def test_a_trip_tells_when_and_at_what_and_outlives_a_reset_and_the_device(make: Make) -> None:
+def test_a_trip_tells_when_and_at_what_and_outlives_a_reset_and_the_device(
+    make: Callable[..., Device],
+) -> None:
     """Opening the port resets an Uno: that must not acknowledge."""
     eeprom = bytearray(6)
     bench = Bench(make(eeprom))
