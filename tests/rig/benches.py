@@ -1,8 +1,9 @@
 """Rigs in virtual time, devices on the bench, and commands of `famjax rig` as a person types them."""
 
+import contextlib
 import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,11 +27,25 @@ AnyMessage = TypeVar("AnyMessage", bound=Message)
 # ---- rigs ----
 
 
-class Exchanged(Device):
-    """A board with the plugs of transducer and load cell exchanged."""
+class Wired(Device):
+    """A board whose wires carry something else to its channels."""
+
+    def __init__(self, wires: Callable[[int, int], tuple[int, int]]) -> None:
+        self.wires = wires
+        super().__init__()
 
     def tick(self, pressure_counts: int, force_counts: int) -> None:
-        super().tick(force_counts, pressure_counts)
+        super().tick(*self.wires(pressure_counts, force_counts))
+
+
+class Watched(SimulatedRig):
+    """Knows its highest true pressure [psi]."""
+
+    peak = 0.0
+
+    def advance(self, seconds: float) -> None:
+        super().advance(seconds)
+        self.peak = max(self.peak, self.pressure / PSI)
 
 
 def opened(sim: SimulatedRig, journal: Journal | None = None, **changes: Any) -> Rig:
@@ -44,20 +59,19 @@ def journal_of(path: Path, sim: SimulatedRig, **options: bool) -> Journal:
     return Journal(path, lambda: sim.now, **options)
 
 
+@contextlib.contextmanager
+def recorded(path: Path, sim: SimulatedRig | None = None, **changes: Any) -> Iterator[Rig]:
+    """A rig that is entered and recorded; it must be vented in the end."""
+    sim = sim or SimulatedRig()
+    try:
+        with journal_of(path, sim) as journal, opened(sim, journal, **changes) as rig:
+            yield rig
+    finally:
+        assert sim.device.output == 0
+
+
 def vented(sim: SimulatedRig) -> bool:
     return sim.device.state == SAFE and sim.device.output == 0 and sim.device.dump_open
-
-
-def highest(sim: SimulatedRig) -> Callable[[], float]:
-    """What tells the highest true pressure [Pa] from now on."""
-    peak, step = [0.0], sim.plant.step
-
-    def watched(*args: Any) -> None:
-        step(*args)
-        peak[0] = max(peak[0], sim.pressure)
-
-    sim.plant.step = watched
-    return lambda: peak[0]
 
 
 def until(holds: Callable[[], bool], seconds: float = 10) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from benches import PSI, Exchanged, highest, journal_of, opened
+from benches import PSI, Watched, Wired, opened, recorded
 
 from famjax.plant import LinearMcKibben
 from rig import read_journal
@@ -33,6 +33,16 @@ LIVE = Calibration(pressure_transducer().calibration(), load_cell().calibration(
 ZERO_TO_FIVE = SimulatedSensor(0.0, 200 * PSI, 0.25 * PSI, 0.01, low_volts=0.0, high_volts=5.0)
 
 
+def exchanged() -> Wired:
+    """A board with the plugs of transducer and load cell exchanged."""
+    return Wired(lambda pressure, force: (force, pressure))
+
+
+def stuck(at_psi: float) -> Wired:
+    counts = pressure_transducer().counts(at_psi * PSI)
+    return Wired(lambda _, force: (counts, force))
+
+
 def cell(limit_psi: float) -> SimulatedSensor:
     """A load cell with its zero at 0.5 V, for the pull at 1.2 times a limit."""
     pull = 1.2 * float(LinearMcKibben().blocked_force(limit_psi * PSI))
@@ -49,24 +59,20 @@ def cell(limit_psi: float) -> SimulatedSensor:
 def test_exchanged_channels_are_refused_before_5_psi(
     sensor: SimulatedSensor, set_psi: float, limit_psi: float
 ) -> None:
-    sim = SimulatedRig(device=Exchanged(), force_sensor=sensor)
-    peak = highest(sim)
-    with (
-        pytest.raises(RigError, match="exchanged"),
-        opened(sim, pressure_limit=limit_psi * PSI) as rig,
-    ):
+    sim = Watched(device=exchanged(), force_sensor=sensor)
+    limit = limit_psi * PSI
+    with pytest.raises(RigError, match="exchanged"), opened(sim, pressure_limit=limit) as rig:
         rig.set_pressure(set_psi * PSI)
-    assert peak() < 5 * PSI
+    assert sim.peak < 5
     assert sim.device.state == SAFE
 
 
 @pytest.mark.parametrize("circuit", [PneumaticCircuit(leak=0.0), HydraulicCircuit()])
 @pytest.mark.parametrize("sensor", [load_cell(), cell(30)])
 def test_sound_channels_pass_below_5_psi(circuit: Any, sensor: SimulatedSensor) -> None:
-    sim = SimulatedRig(circuit, force_sensor=sensor, seed=3)
-    peak = highest(sim)
+    sim = Watched(circuit, force_sensor=sensor, seed=3)
     with opened(sim) as rig:
-        assert peak() < 5 * PSI
+        assert sim.peak < 5
         rig.set_pressure(20 * PSI)
         rig.wait(2.0)
         assert sim.device.state == RUN
@@ -75,15 +81,12 @@ def test_sound_channels_pass_below_5_psi(circuit: Any, sensor: SimulatedSensor) 
 def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run() -> None:
     """No deadband, and zeros alike: the load is then held, the pressure rises as the muscle shortens."""
     muscle = LinearMcKibben(deadband_pressure=0.0)
-    sim = SimulatedRig(None, muscle, device=Exchanged(), force_sensor=cell(60))
-    peak, plan = highest(sim), Isobaric((20 * PSI,), 1, 0.05, 0.0025, settle=8.0)
-    with (
-        pytest.raises(RigFault, match="the load rises while the circuit is filled"),
-        opened(sim, pressure_limit=60 * PSI) as rig,
-    ):
+    sim = Watched(None, muscle, device=exchanged(), force_sensor=cell(60))
+    plan, words = Isobaric((20 * PSI,), 1, 0.05, 0.0025, settle=8.0), "the load rises while"
+    with pytest.raises(RigFault, match=words), opened(sim, pressure_limit=60 * PSI) as rig:
         run(rig, plan, machine=sim.machine)
     assert sim.device.state == SAFE
-    assert peak() < 60 * PSI
+    assert sim.peak < 60
 
 
 @pytest.mark.parametrize(("slope", "says"), [(0.2, True), (-0.2, False), (0.0, False)])
@@ -109,21 +112,6 @@ class Deaf(Device):
         self._control.silent = 5000
 
 
-class Reads(Device):
-    """A board whose pressure or load channel reads the same counts for ever."""
-
-    def __init__(self, pressure: int | None = None, force: int | None = None) -> None:
-        self.stuck = pressure, force
-        super().__init__()
-
-    def tick(self, pressure_counts: int, force_counts: int) -> None:
-        pressure, force = self.stuck
-        super().tick(
-            pressure_counts if pressure is None else pressure,
-            force_counts if force is None else force,
-        )
-
-
 VENT = "with the dump valve open: it is stuck"
 
 
@@ -133,12 +121,9 @@ VENT = "with the dump valve open: it is stuck"
         ({"circuit": PneumaticCircuit(supply=1.0)}, RigError, "moved neither pressure nor load"),
         ({"circuit": HydraulicCircuit(displacement=1e-12)}, RigError, "moved neither pressure"),
         ({"device": Deaf()}, RigFault, "has not taken its settings: silence 5000 not 500"),
-        *[
-            ({"device": Reads(pressure_transducer().counts(stuck * PSI))}, RigError, VENT)
-            for stuck in (-12.0, 4.0, 37.0)
-        ],
-        ({"device": Reads(force=0)}, RigError, "reads 0 counts with the dump valve open"),
-        ({"device": Reads(force=1023)}, RigError, "reads 1023 counts with the dump valve open"),
+        *[({"device": stuck(psi)}, RigError, VENT) for psi in (-12.0, 4.0, 37.0)],
+        ({"device": Wired(lambda p, _: (p, 0))}, RigError, "cell reads 0 counts with the dump"),
+        ({"device": Wired(lambda p, _: (p, 1023))}, RigError, "cell reads 1023 counts with the"),
         ({"device": Device(trip_ceiling=500)}, RigError, "refuses 'trip 552': above the compiled"),
     ],
 )
@@ -164,22 +149,6 @@ def test_a_calibration_of_another_board_is_refused() -> None:
         rig.wait(0.1)
 
 
-def test_what_another_host_has_set_does_not_survive() -> None:
-    """A board that opening its port does not reset, with limits of its own."""
-    sim = SimulatedRig()
-    link = VirtualLink(sim)
-    for verb, value in (("hbms", 10_000), ("tele", 20), ("floor", 0), ("stall", 30_000)):
-        link.command(verb, value)
-    rig = opened(sim)
-    rig.__enter__()
-    rig.set_pressure(40 * PSI)
-    rig.wait(3.0)
-    start = sim.now
-    while sim.device.output:  # the host is killed
-        sim.advance(0.002)
-    assert sim.now - start <= 1.05
-
-
 def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none() -> None:
     assert floor_counts(LIVE) == 61
     dead = Calibration(ZERO_TO_FIVE.calibration(), load_cell().calibration())
@@ -192,17 +161,11 @@ def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none() ->
 # ---- trips ----
 
 
-def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(tmp_path: Path) -> None:
+def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(path: Path) -> None:
     eeprom = bytearray(8)
     sim = SimulatedRig(device=Device(eeprom))
-    path = tmp_path / "run.fam"
-    with (
-        journal_of(path, sim) as journal,
-        pytest.raises(
-            RigFault, match=r"range at 3 counts \(-24.15 psi\), output \d+; a broken wire"
-        ),
-        opened(sim, journal) as rig,
-    ):
+    words = r"range at 3 counts \(-24.15 psi\), output \d+; a broken wire"
+    with pytest.raises(RigFault, match=words), recorded(path, sim) as rig:
         rig.set_pressure(30 * PSI)
         rig.wait(2.0)
         sim.sensor_fault = 3
