@@ -15,7 +15,17 @@ from rig.control import Control, Rig
 from rig.device import Device
 from rig.journal import Journal
 from rig.link import VirtualLink
-from rig.protocol import SAFE, Ack, Message, Sample, Splitter, command_body, frame, parse
+from rig.protocol import (
+    SAFE,
+    Ack,
+    DeviceStatus,
+    Message,
+    Sample,
+    Splitter,
+    command_body,
+    frame,
+    parse,
+)
 from rig.simulation import SimulatedRig
 
 PSI = 6894.757293168361
@@ -137,6 +147,12 @@ class Bench:
 
     def of(self, kind: type[AnyMessage]) -> list[AnyMessage]:
         return [message for message in self.said if isinstance(message, kind)]
+
+    @property
+    def status(self) -> DeviceStatus:
+        """The last one, some ticks later."""
+        self.ticks(30)
+        return self.of(DeviceStatus)[-1]
 
     @property
     def samples(self) -> list[Sample]:

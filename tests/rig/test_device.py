@@ -35,11 +35,6 @@ def pins(bench: Bench) -> tuple[int, int, bool]:
     return bench.device.state, bench.device.output, bench.device.dump_open
 
 
-def status(bench: Bench) -> DeviceStatus:
-    bench.ticks(30)
-    return bench.of(DeviceStatus)[-1]
-
-
 # ---- states ----
 
 
@@ -97,7 +92,7 @@ def test_a_guard_trips_at_the_third_conversion_and_not_before(
     for pressure in wrong:
         bench.ticks(1, pressure)
     assert pins(bench) == (TRIP, 0, True)
-    assert status(bench).fault == fault
+    assert bench.status.fault == fault
 
 
 def test_a_start_on_its_way_does_not_outlive_a_trip(bench: Bench) -> None:
@@ -139,7 +134,7 @@ def test_full_output_without_rise_trips_after_the_stall_time(
     bench.beat(400)
     assert bench.device.state == RUN
     bench.beat(200)
-    assert (bench.device.state, status(bench).fault) == (TRIP, 4)
+    assert (bench.device.state, bench.status.fault) == (TRIP, 4)
 
 
 @pytest.mark.parametrize("milliseconds", [100, 3000])
@@ -151,7 +146,7 @@ def test_silence_ends_a_run_after_the_time_set(milliseconds: int, bench: Bench) 
     assert bench.device.state == RUN
     bench.ticks(1)
     assert pins(bench) == (SAFE, 0, True)
-    assert status(bench).fault == 1
+    assert bench.status.fault == 1
 
 
 @pytest.mark.parametrize(
@@ -198,7 +193,7 @@ def test_a_trip_is_ended_by_clear_alone_and_not_under_pressure(bench: Bench) -> 
         bench.command(*verb)
         assert bench.device.state == TRIP
     assert not bench.command("clear").reason
-    assert (bench.device.state, status(bench).fault) == (SAFE, 0)
+    assert (bench.device.state, bench.status.fault) == (SAFE, 0)
     assert not bench.command("run").reason
 
 
@@ -336,7 +331,7 @@ def test_a_reset_counts_up_forgets_settings_and_keeps_the_number_of_the_board() 
     bench.ticks(30)
     assert {sample.boot for sample in bench.samples} == {15, 0}
     assert [(h.boot, h.cause) for h in bench.of(Hello)][-1] == (16, 8)
-    assert (bench.of(Hello)[-1].board, status(bench).fault) == (4711, 5)
+    assert (bench.of(Hello)[-1].board, bench.status.fault) == (4711, 5)
     assert eeprom[:2] == b"\x10\x00"
 
 
