@@ -8,41 +8,40 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benches import LIMIT, PSI, journal_of, opened, vented
+from benches import LIMIT, PSI, Wired, journal_of, opened, recorded, vented
 
 from famjax.app.isobaric import analyse, convert, table
 from famjax.plant import HydraulicCircuit, LinearMcKibben
 from fitting.records import read_machine_log
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, stored_settings
-from rig.device import Device, firmware_folder
+from rig.device import firmware_folder
 from rig.errors import RigError, RigFault
 from rig.execution import Attendant, Request, Situation, Start, run
-from rig.journal import audit, read_journal, summary
+from rig.journal import Record, audit, read_journal, summary
 from rig.link import VirtualLink
 from rig.plan import Isobaric
-from rig.protocol import PRESSURE_UNIT, RUN, frame
-from rig.simulation import MachineClock, SimulatedRig, load_cell, machine_for
+from rig.protocol import PRESSURE_UNIT, RUN, SAFE, frame
+from rig.simulation import SimulatedRig, load_cell
 
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small isobaric test with its machine, its strokes much faster than those of a real one."""
     path, sim = tmp_path_factory.mktemp("rig") / "run.fam", SimulatedRig(clock_rate=0.002)
-    with journal_of(path, sim) as journal, opened(sim, journal) as rig:
+    with recorded(path, sim) as rig:
         run(rig, PLAN, machine=sim.machine)
-    assert vented(sim)
     return path
 
 
-def test_a_plan_holds_its_pressures_and_its_summary_says_so(recorded: Path) -> None:
-    found = audit(read_journal(recorded))
+def test_a_plan_holds_its_pressures_and_its_summary_says_so(whole: Path) -> None:
+    record = read_journal(whole)
+    found, columns, rows = audit(record), table(record), summary(record)
     assert found.faults == []
     assert found.checked == found.equal == found.records
     assert (found.unchecked, found.lost, found.torn, found.ended) == (0, 0, 0, "complete")
-    columns, rows = table(read_journal(recorded)), summary(read_journal(recorded))
     for block, (pressure, row) in enumerate(zip(PLAN.pressures, rows, strict=True)):
         held = (columns["block"] == block) & (columns["state"] == RUN)
         settled = held & (columns["time_s"] > columns["time_s"][held][0] + PLAN.settle)
@@ -57,27 +56,25 @@ def test_a_plan_holds_its_pressures_and_its_summary_says_so(recorded: Path) -> N
 
 
 @pytest.mark.parametrize(("column", "by"), [(4, 100), (5, 100), (7, 1), (8, 1)])
-def test_an_audit_sees_an_edited_figure(
-    recorded: Path, tmp_path: Path, column: int, by: int
-) -> None:
+def test_an_audit_sees_an_edited_figure(whole: Path, path: Path, column: int, by: int) -> None:
     """The sum and the count of the pressure, output and integral, each with its CRC made right."""
-    lines = recorded.read_bytes().split(b"\n")
+    lines = whole.read_bytes().split(b"\n")
     at = next(i for i, line in enumerate(lines) if line.startswith(b"T,0,2900,"))
     fields = lines[at][:-5].decode().split(",")
     fields[column] = str(int(fields[column]) + by)
     lines[at] = frame(",".join(fields))[:-1]
-    (tmp_path / "edited.fam").write_bytes(b"\n".join(lines))
-    found = audit(read_journal(tmp_path / "edited.fam"))
+    path.write_bytes(b"\n".join(lines))
+    found = audit(read_journal(path))
     assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
     assert found.first_wrong == (0, int(fields[2]))
 
 
-def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path: Path) -> None:
-    record = read_journal(recorded)
+def test_columns_have_units_and_one_row_for_each_record(whole: Path, tmp_path: Path) -> None:
+    record = read_journal(whole)
     columns = table(record)
     assert {values.shape for values in columns.values()} == {(len(record.rows),)}
     assert (np.diff(columns["time_s"]) > 0).all()
-    back = np.genfromtxt(convert(recorded, tmp_path / "run.csv"), delimiter=",", names=True)
+    back = np.genfromtxt(convert(whole, tmp_path / "run.csv"), delimiter=",", names=True)
     for name, values in columns.items():
         np.testing.assert_array_equal(back[name], values)
     # The simulated clock gains 2000 ppm; a port sends at once what a tick of 2 ms carries, and the
@@ -86,11 +83,11 @@ def test_columns_have_units_and_one_row_for_each_record(recorded: Path, tmp_path
 
 
 def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(
-    recorded: Path, tmp_path: Path
+    whole: Path, path: Path
 ) -> None:
     """Resumed after the computer was started again."""
-    path, sim = tmp_path / "cut.fam", SimulatedRig(seed=1)
-    path.write_bytes(recorded.read_bytes()[:90_000])  # in the middle of a line
+    sim = SimulatedRig(seed=1)
+    path.write_bytes(whole.read_bytes()[:90_000])  # in the middle of a line
     assert not audit(read_journal(path)).sound
     before = table(read_journal(path))["time_s"]
     with journal_of(path, sim, append=True) as journal, opened(sim, journal) as rig:
@@ -107,8 +104,6 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(
 
 
 # ---- settings ----
-
-FLAT = FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI))
 
 
 @pytest.mark.parametrize(
@@ -136,26 +131,25 @@ def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
             run(rig, Isobaric((20 * PSI, LIMIT), 1, 0.01, 0.002))
         with pytest.raises(RigError, match=r"below the limit of 110 psi, got 110 psi"):
             rig.set_pressure(LIMIT)
-        rig.calibration = Calibration(rig.calibration.pressure, rig.calibration.force, FLAT)
+        flat = FeedForward((128.0, 0, 0, 0), pressure_range=(0.0, 30 * PSI))
+        rig.calibration = dataclasses.replace(rig.calibration, feed_forward=flat)
         with pytest.raises(RigError, match=r"is known from 0 psi to 30 psi, not at 40"):
             run(rig, PLAN)
-        rig.wait(1.0)
-        assert sim.pressure < PSI
+        assert sim.device.state == SAFE
 
 
-def test_the_device_reports_what_its_twin_stores_of_the_settings(tmp_path: Path) -> None:
-    sim = SimulatedRig()
+def test_the_device_reports_what_its_twin_stores_of_the_settings(path: Path) -> None:
     changes = {"jump_limit": 40 * PSI, "frozen_output": 6, "frozen": 0.5, "stall": 2.0}
-    with journal_of(tmp_path / "run.fam", sim) as journal, opened(sim, journal, **changes) as rig:
-        settings = rig.link.session.settings
-        assert settings is not None
-        wanted = stored_settings(rig.settings.commands(rig.calibration))
-        sensor = sim.calibration().pressure
+    with recorded(path, **changes) as rig:
+        settings, wanted = rig.link.session.settings, stored_settings(
+            rig.settings.commands(rig.calibration)
+        )  # fmt: skip
+        sensor = rig.calibration.pressure
         assert sensor.value(5 * settings.trip) <= LIMIT < sensor.value(5 * (settings.trip + 1))
     assert settings.jump == wanted["jump"] == round(40 / (200 / (4.0 / 5 * 1024)))
     assert (settings.frozen, settings.frozen_ticks, settings.stall) == (6, 250, 1000)
     assert (settings.silence, settings.ticks_per_record) == (500, 5)
-    (note,) = read_journal(tmp_path / "run.fam").notes_of("rig")
+    (note,) = read_journal(path).notes_of("rig")
     assert (note["frozen_output_counts"], note["unseen"]) == (6, [])
 
 
@@ -176,15 +170,14 @@ def test_a_small_muscle_trips_on_a_large_step_until_the_plan_allows_it() -> None
     assert step(jump_limit=60 * PSI) == pytest.approx(80 * PSI, abs=PSI)
 
 
-def test_the_set_pressure_rises_evenly_where_the_plan_says_so(tmp_path: Path) -> None:
-    path, sim = tmp_path / "run.fam", SimulatedRig()
-    with journal_of(path, sim) as journal, opened(sim, journal) as rig:
-        run(rig, dataclasses.replace(PLAN, rise=2.0), machine=sim.machine)
+def test_the_set_pressure_rises_evenly_where_the_plan_says_so(path: Path) -> None:
+    with recorded(path) as rig:
+        run(rig, dataclasses.replace(PLAN, rise=2.0), machine=rig.link.rig.machine)
     columns = table(read_journal(path))
     block = (columns["block"] == 1) & (columns["state"] == RUN)
     time, wanted = columns["time_s"][block], columns["set_pressure_Pa"][block] / PSI
     even = np.interp(time - time[0], [0.0, 2.0], [20.0, 40.0])
-    assert np.abs(wanted - even).max() < 1.2  # steps of 0.1 s
+    assert np.abs(wanted - even).max() < 1.2
     assert wanted[-1] == pytest.approx(40, abs=0.01)
 
 
@@ -204,17 +197,6 @@ def test_whatever_ends_a_test_vents(error: BaseException) -> None:
     assert sim.pressure < 5 * PSI
 
 
-def test_a_plan_that_hangs_vents_by_itself() -> None:
-    sim = SimulatedRig()
-    with opened(sim) as rig:
-        rig.set_pressure(40 * PSI)
-        rig.wait(3.0)
-        rig.link.sleep(5.0 + 1.0 + 0.25)  # nobody supervises: heartbeats end after 5 s
-        assert vented(sim)
-        with pytest.raises(RigFault, match=r"went to SAFE by itself: silence"):
-            rig.check()
-
-
 def test_a_device_that_does_not_answer_is_never_left_with_heartbeats() -> None:
     sim = SimulatedRig()
     silent = r"did not confirm that it stopped.*look at the pressure"
@@ -229,52 +211,33 @@ def test_a_device_that_does_not_answer_is_never_left_with_heartbeats() -> None:
 
 
 class Scripted(Attendant):
-    """Asks once for each thing where its condition holds, in their order.
+    """Does at each look what its function says; with a machine it starts strokes after four seconds."""
 
-    With a machine it starts the strokes four seconds after it was asked to, as a person does.
-    """
-
-    def __init__(self, *acts: tuple[Callable[[Situation], bool], Request]) -> None:
-        self.acts, self.machine, self.looks = list(acts), None, 0
+    def __init__(self, act: Callable[["Scripted", Situation], Request | None]) -> None:
+        self.act, self.asked = act, 0.0
         self.told: list[str] = []
         self.seen: list[Situation] = []
 
     def tell(self, text: str) -> None:
         self.told.append(text)
-        self.looks = 0
 
     def look(self, situation: Situation) -> Request:
         self.seen.append(situation)
-        self.looks += situation.phase == "ready"
-        if self.machine is not None and self.looks == 80 and not self.machine.busy:
-            self.machine.start(PLAN.cycles, PLAN.rate, stroke=PLAN.stroke)
-        if self.acts and self.acts[0][0](situation):
-            return self.acts.pop(0)[1]
-        return ""
+        self.asked = self.asked + 1 if situation.phase == "ready" else 0
+        return self.act(self, situation) or ""
 
 
-def attended(path: Path, person: Scripted, sim: SimulatedRig | None = None, **more: object) -> None:
-    sim = sim or SimulatedRig()
-    try:
-        with journal_of(path, sim) as journal, opened(sim, journal, unit="psi") as rig:
-            run(rig, PLAN, attendant=person, **more)
-    finally:
-        assert vented(sim)
+def attended(
+    path: Path, person: Scripted, sim: SimulatedRig | None = None, **more: object
+) -> Record:
+    with recorded(path, sim, unit="psi") as rig:
+        run(rig, PLAN, attendant=person, **more)
+    return read_journal(path)
 
 
-def in_phase(phase: str, block: int) -> Callable[[Situation], bool]:
-    return lambda now: now.phase == phase and now.block == block
-
-
-def later(seconds: float) -> Callable[[Situation], bool]:
-    """So many looks of 50 ms after the act before it."""
-    looks = iter(range(round(seconds / 0.05)))
-    return lambda _: next(looks, None) is None
-
-
-def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(tmp_path: Path) -> None:
-    person = Scripted()
-    attended(tmp_path / "test.fam", person)
+def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(path: Path) -> None:
+    person = Scripted(lambda *_: None)
+    attended(path, person)
     asked = [text for text in person.told if "start the strokes" in text]
     for block, text in enumerate(asked):
         assert text.startswith(f"block {block}: pressure held, ")
@@ -286,33 +249,30 @@ def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(tmp_path: 
 
 
 @pytest.mark.parametrize("start", ["asked", "load"])
-def test_strokes_are_waited_for(start: Start, tmp_path: Path) -> None:
+def test_strokes_are_waited_for(start: Start, path: Path) -> None:
     """Four seconds late each time: the run goes on once they have begun, and not before."""
-    muscle, path, person = LinearMcKibben(), tmp_path / "test.fam", Scripted()
-    sim = SimulatedRig(None, muscle, machine_for(muscle, MachineClock()))
-    person.machine = sim.machine
-    if start == "asked":
-        person.acts = [(lambda now: now.phase == "ready" and person.looks >= 82, "begin")] * 2
-    attended(path, person, sim, start=start)
-    record = read_journal(path)
+    sim = SimulatedRig()
+
+    def act(person: Scripted, _: Situation) -> Request | None:
+        if person.asked == 80:
+            sim.machine.start(PLAN.cycles, PLAN.rate, stroke=PLAN.stroke)
+        return "begin" if start == "asked" and person.asked == 82 else None
+
+    record = attended(path, Scripted(act), sim, start=start)
     for asked, began in zip(record.notes_of("set"), record.notes_of("strokes"), strict=True):
         assert began["at"] - asked["at"] == pytest.approx(3.0 + 4.0, abs=0.8)
         assert began["held"]
-    log = read_machine_log(sim.machine.write_log(tmp_path / "machine.csv"))
-    found = analyse(record, log, rest_length=float(muscle.rest_length))
+    log = read_machine_log(sim.machine.write_log(path.with_name("machine.csv")))
+    found = analyse(record, log, rest_length=sim.machine.rest_length)
     assert [isobar.cycles for isobar in found.characterisation.isobars] == [1, 1]
 
 
-def test_a_load_that_never_moves_ends_the_wait_after_60_s(tmp_path: Path) -> None:
+def test_a_load_that_never_moves_ends_the_wait_after_60_s(path: Path) -> None:
     """A load cell that has died."""
-
-    class Dead(Device):
-        def tick(self, pressure_counts: int, force_counts: int) -> None:
-            super().tick(pressure_counts, 141)
-
+    sim = SimulatedRig(device=Wired(lambda pressure, _: (pressure, 141)))
     with pytest.raises(RigFault, match=r"has not moved for 60 s.*load cell is dead"):
-        attended(tmp_path / "test.fam", Scripted(), SimulatedRig(device=Dead()), start="load")
-    record = read_journal(tmp_path / "test.fam")
+        attended(path, Scripted(lambda *_: None), sim, start="load")
+    record = read_journal(path)
     (note,), (set_,) = record.notes_of("fault"), record.notes_of("set")
     assert note["at"] - set_["at"] == pytest.approx(3 + 60, abs=3)
 
@@ -320,13 +280,14 @@ def test_a_load_that_never_moves_ends_the_wait_after_60_s(tmp_path: Path) -> Non
 def test_begin_is_not_obeyed_before_the_pressure_is_held() -> None:
     """So slow a controller never holds it."""
 
-    def leave(_: Situation) -> bool:
-        raise KeyboardInterrupt
+    def act(person: Scripted, _: Situation) -> Request | None:
+        if person.asked > 40:
+            raise KeyboardInterrupt
+        return "begin"
 
-    person = Scripted((in_phase("ready", 0), "begin"), (later(2.0), ""), (leave, ""))
-    sim, slow = SimulatedRig(), Control.per_psi(0, 0.01)
-    plan = Isobaric((60 * PSI,), 1, 0.01, 0.01, settle=0.5)
-    with pytest.raises(KeyboardInterrupt), opened(sim, control=slow) as rig:
+    person, plan = Scripted(act), Isobaric((60 * PSI,), 1, 0.01, 0.01, settle=0.5)
+    slow = opened(SimulatedRig(), control=Control.per_psi(0, 0.01))
+    with pytest.raises(KeyboardInterrupt), slow as rig:
         run(rig, plan, attendant=person, start="asked")
     assert "pressure NOT held" in person.told[0]
     assert "do not start" in person.told[0]
