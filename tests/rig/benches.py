@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
+from faulty_channel import FaultyChannel
 
 from famjax.__main__ import main
 from rig.calibration import write_calibration
+from rig.channels import greet
 from rig.control import Control, Rig
 from rig.device import Device
 from rig.journal import Journal
@@ -82,6 +84,41 @@ def recorded(path: Path, sim: SimulatedRig | None = None, **changes: Any) -> Ite
 
 def vented(sim: SimulatedRig) -> bool:
     return sim.device.state == SAFE and sim.device.output == 0 and sim.device.dump_open
+
+
+class Recorder:
+    """A link over a line with faults that keeps what the session lets through, and what was sent."""
+
+    def __init__(self, seed: int = 0, **chances: float) -> None:
+        self.sim = SimulatedRig(
+            to_device=FaultyChannel(baud=115200, limit=4096, seed=seed, **chances),
+            to_host=FaultyChannel(seed=seed + 1, **chances),
+        )
+        self.sent, take = bytearray(), self.sim.device.take
+
+        def taken() -> bytes:
+            data = take()
+            self.sent += data
+            return data
+
+        self.sim.device.take = taken
+        self.link = VirtualLink(self.sim)
+        self.samples: list[Sample] = []
+        self.link.watch = self.samples.append
+        self.link.command("hello")
+        greet(self.link)
+
+    def run(self, seconds: float) -> None:
+        end = self.link.now + seconds
+        while self.link.now < end - 1e-9:
+            self.link.keep_alive()
+            self.link.sleep(min(0.5, end - self.link.now))
+
+    def wrong(self) -> int:
+        """Records that the device never sent, recognised by all of their fields."""
+        lines = (line for line in self.sent.split(b"\n") if line.startswith(b"T"))
+        sent = {tuple(map(int, line[2:-5].split(b","))) for line in lines}
+        return sum(tuple(sample) not in sent for sample in self.samples)
 
 
 def until(holds: Callable[[], bool], seconds: float = 10) -> None:

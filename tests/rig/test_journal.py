@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bare_rig import BareRig, Recorder
+from benches import Recorder
 
 from famjax.app.isobaric import clocks
 from rig.errors import RigError
@@ -38,7 +38,7 @@ def opened(path: Path, *, at: float = 0.0, **options: object) -> Journal:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten seconds over a damaged line, with notes."""
     path = tmp_path_factory.mktemp("journal") / "whole.fam"
-    recorder = Recorder(BareRig(1, damage=0.004))
+    recorder = Recorder(1, damage=0.004)
     with Journal(path, lambda: recorder.link.now) as journal:
         recorder.link.attach(journal)
         for second in range(10):

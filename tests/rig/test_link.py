@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare_rig import BareRig, Recorder
-from benches import until
+from benches import Recorder, until
 
 from rig.device import Device
 from rig.errors import RigError, RigFault
@@ -55,7 +54,7 @@ def seqs(events: list) -> list[int]:
 def test_a_damaged_line_loses_nothing_and_lets_nothing_wrong_through(
     seed: int, chances: dict[str, float]
 ) -> None:
-    recorder = Recorder(BareRig(seed, **chances))
+    recorder = Recorder(seed, **chances)
     session = recorder.link.session
     recorder.run(20.0)
     clean = session.bad_lines == session.recovered == 0
@@ -138,13 +137,13 @@ def test_the_earliest_arrival_of_each_quarter_second_is_told() -> None:
 
 
 def test_a_reset_is_told_and_what_waited_is_not_done_afterwards() -> None:
-    recorder = Recorder(BareRig())
+    recorder = Recorder()
     recorder.run(1.0)
-    recorder.rig.to_device.cut = True  # the command never arrives
+    recorder.sim.to_device.cut = True  # the command never arrives
     waiting = recorder.link.session.command("trip", 800)
     recorder.link.sleep(0.1)
-    recorder.rig.reset(cause=2)
-    recorder.rig.to_device.cut = False
+    recorder.sim.device.reset(2)
+    recorder.sim.to_device.cut = False
     recorder.run(1.0)
     resets = [alarm for alarm in recorder.link.alarms if isinstance(alarm, Reset)]
     assert resets == [Reset(0, 1, 2)]
@@ -153,7 +152,7 @@ def test_a_reset_is_told_and_what_waited_is_not_done_afterwards() -> None:
 
 
 def test_commands_are_sent_and_settings_asked_for_until_they_are_answered() -> None:
-    recorder = Recorder(BareRig(11, damage=0.03))
+    recorder = Recorder(11, damage=0.03)
     session, last = recorder.link.session, 0
     for n in range(30):
         governed = recorder.link.command("set", 10 + n, 100).seq
@@ -171,13 +170,13 @@ def test_commands_are_sent_and_settings_asked_for_until_they_are_answered() -> N
 
 
 def test_a_command_whose_answer_was_lost_is_obeyed_once() -> None:
-    recorder = Recorder(BareRig())
+    recorder = Recorder()
     recorder.run(1.0)
-    recorder.rig.to_host.cut = True
+    recorder.sim.to_host.cut = True
     command = recorder.link.session.command("sync", 7)
     recorder.link.sleep(0.3)  # sent five times
     assert not command.done
-    recorder.rig.to_host.cut = False
+    recorder.sim.to_host.cut = False
     recorder.run(1.0)
     assert command.answer.seq is not None
     assert sum(sample.sync for sample in recorder.samples) == 7
