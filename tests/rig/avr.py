@@ -33,8 +33,6 @@ class Avr:
     output, is seen in the next call.
     """
 
-    board = 0  # a number was not given
-
     def __init__(self, library: Path, firmware: Path) -> None:
         self._c = ctypes.CDLL(str(library))
         self._c.harness_open.restype = ctypes.c_void_p
@@ -120,12 +118,17 @@ def start_manual(avr: Avr, output: int = 131) -> None:
     raise AssertionError(f"the output did not come on: {avr.take()!r}")
 
 
-def over_pressure_delay(avr: Avr, phase: float) -> float:
-    """Seconds from a step of the pressure over the limit, `phase` s after a tick, to output 0."""
+def _begun(avr: Avr, phase: float) -> float:
+    """Drive by hand up to `phase` s after a tick; the time [s]."""
     start_manual(avr)
     avr.tick(GOOD_PRESSURE, 0)
     avr.run(phase, GOOD_PRESSURE)
-    begin = avr.now
+    return avr.now
+
+
+def over_pressure_delay(avr: Avr, phase: float) -> float:
+    """Seconds from a step of the pressure over the limit, `phase` s after a tick, to output 0."""
+    begin = _begun(avr, phase)
     assert avr.run(0.012, OVER_PRESSURE) == 0
     assert avr.dump_open
     return avr.changed - begin
@@ -133,9 +136,7 @@ def over_pressure_delay(avr: Avr, phase: float) -> float:
 
 def silence_delay(avr: Avr, phase: float) -> float:
     """Seconds from the last byte of the last heartbeat to output 0."""
-    start_manual(avr)
-    avr.tick(GOOD_PRESSURE, 0)
-    avr.run(phase, GOOD_PRESSURE)
+    _begun(avr, phase)
     line = frame("0 hb")
     avr.feed(line)
     avr.run(11 * BIT_CYCLES * len(line) / FREQUENCY, GOOD_PRESSURE)
@@ -146,10 +147,7 @@ def silence_delay(avr: Avr, phase: float) -> float:
 
 def hang_delay(avr: Avr, phase: float) -> float:
     """Seconds from the moment the program hangs to output 0."""
-    start_manual(avr)
-    avr.tick(GOOD_PRESSURE, 0)
-    avr.run(phase, GOOD_PRESSURE)
-    begin = avr.now
+    begin = _begun(avr, phase)
     avr.hang()
     assert avr.run(0.3, GOOD_PRESSURE) == 0
     return avr.changed - begin
