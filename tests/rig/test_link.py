@@ -1,13 +1,11 @@
 """The session: each record once, none wrong, nothing lost that could be had; and the thread of a port."""
 
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benches import Recorder, until
+from benches import Port, Recorder, until
 
-from rig.device import Device
 from rig.errors import RigError, RigFault
 from rig.journal import Journal, read_journal
 from rig.link import ALIVE, HEARTBEAT, Link, Lost, Reset, Session, Silent, Timing, serial_opener
@@ -206,42 +204,9 @@ def test_silence_is_told_once() -> None:
 # ---- the thread that owns a port ----
 
 
-class InProcessPort:
-    """A device that ticks whenever its port is read: as fast as the link goes."""
-
-    in_waiting = 0
-
-    def __init__(self) -> None:
-        self.device, self.broken, self.closed = Device(), False, 0
-
-    def _check(self) -> None:
-        if self.broken:
-            raise OSError("the cable is out")
-
-    def open(self) -> "InProcessPort":
-        self._check()
-        return self
-
-    def read(self, size: int = 1) -> bytes:
-        self._check()
-        time.sleep(0.0002)
-        self.device.tick(200, 500)
-        return self.device.take()
-
-    def write(self, data: bytes) -> None:
-        self._check()
-        self.device.feed(data)
-
-    def close(self) -> None:
-        self.closed += 1
-
-
-def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(tmp_path: Path) -> None:
-    port = InProcessPort()
-    with (
-        Link(port.open) as link,
-        Journal(tmp_path / "a.fam", lambda: link.now) as journal,
-    ):
+def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path: Path) -> None:
+    port = Port()
+    with Link(port.open) as link, Journal(path, lambda: link.now) as journal:
         link.attach(journal)
         link.command("hello")
         assert link.command("trip", 600).seq is not None
@@ -249,23 +214,23 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(tmp_path:
             link.command("man", 300)
         until(lambda: link.newest is not None and link.newest.seq > 100)
         link.attach(None)
-        port.broken = True
+        port.cable_out = True
         until(lambda: link.port is None)
-        port.broken = False
+        port.cable_out = False
         until(lambda: link.port is not None)
         assert link.command("status").seq is not None
     assert port.closed == 2
-    found = read_journal(tmp_path / "a.fam")
+    found = read_journal(path)
     assert found.missing == ()
     assert len(found.rows) > 50
 
 
 @pytest.mark.slow
 def test_a_port_that_stays_away_is_told_as_silence() -> None:
-    port = InProcessPort()
+    port = Port()
     with Link(port.open) as link:
         link.command("hello")
-        port.broken = True
+        port.cable_out = True
         until(lambda: any(isinstance(alarm, Silent) for alarm in link.alarms))
         with pytest.raises(RigFault, match=r"failed: "):
             link.command("status")

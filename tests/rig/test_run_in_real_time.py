@@ -11,42 +11,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from benches import calibrated, run, until
+from benches import Port, calibrated, run, until
 
 from rig import audit, read_journal
 from rig.protocol import RUN
-from rig.simulation import SimulatedRig
 
 pytestmark = pytest.mark.slow
-CATCH_UP = 0.25  # s that the rig may lag; on a busy machine the rest is left out
-
-
-class Port:
-    """A port whose rig runs as the clock does: reading advances it."""
-
-    in_waiting = 0
-
-    def __init__(self) -> None:
-        self.sim, self.cable_out, self.begin = SimulatedRig(), False, time.monotonic()
-
-    def open(self) -> "Port":
-        if self.cable_out:
-            raise OSError("the cable is out")
-        return self
-
-    def read(self, _size: int = 1) -> bytes:
-        self.open()
-        time.sleep(0.002)
-        behind = time.monotonic() - self.begin - self.sim.now
-        self.begin += max(behind - CATCH_UP, 0.0)
-        self.sim.advance(min(max(behind, 0.0), CATCH_UP))
-        return self.sim.read()
-
-    def write(self, data: bytes) -> None:
-        self.open().sim.write(data)
-
-    def close(self) -> None:
-        """It stays as it is."""
 
 
 @pytest.fixture
