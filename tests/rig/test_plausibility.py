@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable
 
 import pytest
 from benches import PSI, Bench, Watched, Wired
@@ -29,36 +28,6 @@ def test_nothing_starts_on_a_reading_that_cannot_be(bench: Bench) -> None:
     bench.pressure = 100
     bench.ticks(1)
     assert not bench.command("run").reason
-
-
-def test_a_trip_tells_when_and_at_what_and_outlives_a_reset_and_the_device(
-    make: Callable[..., Device],
-) -> None:
-    """Opening the port resets an Uno: that must not acknowledge."""
-    eeprom = bytearray(6)
-    bench = Bench(make(eeprom))
-    bench.start()
-    bench.ticks(2, 700)
-    driven = bench.device.output
-    bench.ticks(1, 705)
-    told = bench.status
-    assert (told.state, told.fault, told.tripped_count, told.tripped_output) == (
-        TRIP, 2, 705, driven
-    )  # fmt: skip
-    assert 0 <= told.tick - told.tripped_at <= 30
-    for cause in (1, 2, 8):
-        bench.device.reset(cause)
-        assert bench.device.state == TRIP
-    again = Bench(make(eeprom))
-    told = again.status
-    assert (told.state, told.fault, told.tripped_count) == (TRIP, 2, 705)
-    again.command("trip", 600)
-    assert again.command("run").reason == "tripped: clear first"
-    assert not again.command("clear").reason
-    assert again.status.tripped_count == 705  # for the record
-    assert make(eeprom).state == SAFE
-    for fill in (b"\xff" * 6, b"\x05\x00\x05\x00\x00\x00", b"\x05\x00\x63\x00\x00\x00"):
-        assert make(bytearray(fill)).state == SAFE  # memory that was never written
 
 
 # ---- frozen, in a loop with a plant: in Python, which does what the core does ----
