@@ -60,7 +60,7 @@ PRECONDITIONS = {
 }
 STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
 PRESSURISE = "Type yes to pressurise the muscle: "
-WORDS = "Press Enter when the strokes have begun. Any word, such as stop, and Enter vents the rig."
+WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Enter."
 
 
 @contextlib.contextmanager
@@ -307,9 +307,10 @@ def run(
 
     First prints what software cannot check, relief valve and dump valve, and the steps of the plan, and
     asks for a confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
-    measured pressure when to start the test machine's strokes, and waits for them. In a terminal Enter
-    says that they have begun; any word and Enter stops the run. Ends with a table of what was held, which
-    is written beside the journal as `test.csv`.
+    measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
+    accepts words, each with Enter: begin (or Enter alone) when the strokes have begun, or to continue;
+    pause with the pressure held; skip or repeat this pressure; stop. Ends with a table of the pressures
+    that were held, which is also written beside the journal as `test.csv`.
 
     Parameters
     ----------
@@ -329,7 +330,7 @@ def run(
     yes
         Start without asking, for scripts.
     start
-        When strokes count as begun: `asked`, at Enter; `load`, when the load moves, within
+        When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
         60 s; `at-once`, when they are asked for, as without a terminal.
     units
         Of the values: si, metric or us.
@@ -434,11 +435,13 @@ def operator_of(calibration: Any, system: str):
                     f"{now.left:.0f} s left  "
                     + values(now.newest, calibration, system, wanted=now.set_point)
                 )
-            if typed.empty():
-                return ""
-            if typed.get() not in ("", "begin"):
+            word = "" if typed.empty() else typed.get() or "begin"
+            if word == "stop":
                 raise KeyboardInterrupt
-            return "begin"
+            if word not in ("", "begin", "pause", "skip", "repeat"):
+                self.tell(WORDS)
+                return ""
+            return word
 
     def read() -> None:
         with contextlib.suppress(OSError):  # the terminal has gone

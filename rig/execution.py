@@ -28,12 +28,13 @@ LOAD_TIME = 60.0  # s within which the load has to show the first stroke
 STEP_SETTLE, STEP_MEAN = 3.0, 1.0  # s after a step of the pump, and of the mean after that
 _SECOND = 20  # looks
 
-# An attendant's request: none; strokes are under way.
-Request = Literal["", "begin"]
+# An attendant's request: none; strokes are under way, or the run goes on; hold the pressure; leave this
+# block; do this block again.
+Request = Literal["", "begin", "pause", "skip", "repeat"]
 # When strokes count as begun: when they are asked for, when the attendant says so, when the load moves.
 Start = Literal["at-once", "asked", "load"]
-# What a run waits for: the pressure, the first stroke, the last one.
-Phase = Literal["settling", "ready", "strokes"]
+# What a run waits for: the pressure, the first stroke, the last one, the attendant.
+Phase = Literal["settling", "ready", "strokes", "paused"]
 
 
 class Situation(NamedTuple):
@@ -190,7 +191,7 @@ def run(
 ) -> None:
     """Carry out a plan from a block on and stop the rig.
 
-    The pressure is held while it waits for the first stroke.
+    The pressure is held while it is paused, and while it waits for the first stroke.
 
     Args:
         rig: entered, so that it vents whatever happens.
@@ -246,6 +247,10 @@ def sync_seconds(block: int) -> float:
     return 0.51 + 0.26 * (block % 16)
 
 
+class _LeftError(Exception):
+    """A block is left early, by the word "skip" or "repeat"."""
+
+
 class _Run:
     """One run of a plan; arguments as for `run`."""
 
@@ -254,30 +259,39 @@ class _Run:
     ) -> None:
         self._rig, self._plan, self._machine = rig, plan, machine
         self._attendant, self._start = attendant, start
-        self._block, self._done, self._seconds = 0, 0.0, 0.0
+        self._block, self._done, self._seconds, self._paused = 0, 0.0, 0.0, False
         self._pressures: deque[float] = deque(maxlen=_SECOND)
         self._loads: deque[float] = deque(maxlen=2 * _SECOND)
 
     def blocks(self, first: int) -> None:
-        """At each pressure: set, settle, strokes."""
-        rig, plan = self._rig, self._plan
+        """At each pressure: set, settle, strokes; a block may be skipped or repeated."""
+        plan, self._block = self._plan, first
         self._seconds = plan.duration(first)
-        for block, pressure in list(enumerate(plan.pressures))[first:]:
-            self._block = block
-            rig.note("block", block=block, pressure_Pa=pressure)
-            begin, before = self._done, self._begins()
-            rig.set_pressure(before if plan.rise else pressure)
-            while (left := begin + plan.settle - self._done) > 1e-9:
-                self._look("settling", left)
-                if rig.set_point != pressure:
-                    share, sent = min((self._done - begin) / plan.rise, 1.0), rig.link.now
-                    rig.set_pressure(
-                        pressure if share == 1 else before + share * (pressure - before)
-                    )
-                    self._done += rig.link.now - sent
-            self._wait_for_the_first()
-            self._strokes()
-            rig.note("done", block=block)
+        while self._block < len(plan.pressures):
+            self._done = self._seconds - plan.duration(self._block)
+            try:
+                self._one(plan.pressures[self._block])
+                self._rig.note("done", block=self._block)
+                self._block += 1
+            except _LeftError as left:
+                word = str(left)
+                self._rig.note(word, block=self._block)
+                self._attendant.tell(f"block {self._block}: {word}")
+                self._block += word == "skip"
+
+    def _one(self, pressure: float) -> None:
+        rig, plan = self._rig, self._plan
+        rig.note("block", block=self._block, pressure_Pa=pressure)
+        begin, before = self._done, self._begins()
+        rig.set_pressure(before if plan.rise else pressure)
+        while (left := begin + plan.settle - self._done) > 1e-9:
+            self._look("settling", left)
+            if rig.set_point != pressure:
+                share, sent = min((self._done - begin) / plan.rise, 1.0), rig.link.now
+                rig.set_pressure(pressure if share == 1 else before + share * (pressure - before))
+                self._done += rig.link.now - sent
+        self._wait_for_the_first()
+        self._strokes()
 
     def _begins(self) -> float:
         """The set pressure [Pa] from which it rises, which the feed-forward knows."""
@@ -319,7 +333,7 @@ class _Run:
                 tell(self._start_strokes())
             elif asked == "begin":
                 tell("not yet: the pressure is not held; wait or stop")
-            left -= LOOK
+            left -= 0 if self._paused else LOOK
             if self._start == "load" and left <= 0:
                 rig.fault(
                     f"the load has not moved for {LOAD_TIME:.0f} s: no stroke has begun, or the load "
@@ -339,22 +353,35 @@ class _Run:
         return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
     def _look(self, phase: Phase, seconds: float, cycle: int = 0) -> Request:
-        """Wait for a look at most; what the attendant asks.
+        """Wait for a look at most, and do what the attendant asks.
 
-        The plan stands while it waits for the first stroke.
+        The plan stands while it is paused or waits for the first stroke.
+
+        Raises:
+            _LeftError: the block is to be skipped or repeated.
         """
         rig, before = self._rig, self._rig.link.now
         rig.wait(min(seconds, LOOK))
         self._pressures.append(rig.pressure)
         self._loads.append(rig.force)
-        if phase != "ready":
+        if phase != "ready" and not self._paused:
             self._done += rig.link.now - before
-        return self._attendant.look(
+        asked = self._attendant.look(
             Situation(
-                phase, self._block, len(self._plan.pressures) - 1, cycle, self._plan.cycles,
-                rig.set_point, self._done, max(self._seconds - self._done, 0.0), rig.link.newest,
+                "paused" if self._paused else phase, self._block, len(self._plan.pressures) - 1, cycle,
+                self._plan.cycles, rig.set_point, self._done, max(self._seconds - self._done, 0.0),
+                rig.link.newest,
             )
         )  # fmt: skip
+        if asked in ("skip", "repeat"):
+            self._paused = False
+            raise _LeftError(asked)
+        if asked == "pause" or (asked == "begin" and self._paused):
+            self._paused, asked = not self._paused, "pause"
+            rig.note("paused" if self._paused else "went_on", block=self._block)
+            held = "paused, the pressure is held; stop the strokes"
+            self._attendant.tell(f"block {self._block}: {held if self._paused else 'continues'}")
+        return asked
 
     def _start_strokes(self) -> str:
         """The instruction to the person at the test machine, with the measured pressure."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -125,6 +126,7 @@ def read_plan(path: str | Path) -> PlanFile:
         RigError: what is wrong with the file; a missing pressure limit above all.
     """
     content = read_toml(path, "plan", RigError)
+    _refuse_decimal_commas(path)
     if content.keys() != {"plan", "rig"} or not all(isinstance(t, dict) for t in content.values()):
         raise RigError(f"{path}: a plan has the tables [plan] and [rig], got {sorted(content)}")
     of_plan, of_rig = (f"{path}: [{table}]: " for table in ("plan", "rig"))
@@ -140,6 +142,24 @@ def read_plan(path: str | Path) -> PlanFile:
         next(key for key in content["plan"] if key.startswith("pressures_"))[len("pressures_") :],
         {name: getattr(rig, name) for name in ("jump_limit", "frozen_output", "frozen", "stall")},
     )
+
+
+_LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
+
+
+def _refuse_decimal_commas(path: str | Path) -> None:
+    """Refuse a list such as [20,5, 40,5]: TOML reads four numbers where two may have been meant."""
+    for name, items in _LIST(Path(path).read_text(encoding="utf-8")):
+        words = items.split(",")
+        tight = [bool(re.match(r"\d", word)) for word in words[1:]]
+        short = len(words) % 2 == 0 and all(
+            re.fullmatch(r"\d", word.strip()) for word in words[1::2]
+        )
+        if any(tight) and (not all(tight) or short):
+            raise RigError(
+                f"{path}: {name} = [{items.strip()}] may be read with decimal commas: write decimals with "
+                "a point, as 20.5, and a space after each comma"
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 # ruff: noqa: PT012 -- the way out of a with block is what is tested
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -246,6 +246,38 @@ def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(path: Path
     assert np.diff([now.done for now in person.seen]).min() >= 0
     strokes = [now for now in person.seen if now.phase == "strokes"]
     assert {(now.block, now.cycle, now.cycles) for now in strokes} == {(0, 1, 1), (1, 1, 1)}
+
+
+def at_look(asked: Mapping[int, Request]) -> Scripted:
+    """Someone who types words at some looks, counted from the start."""
+    return Scripted(lambda person, _: asked.get(len(person.seen)))
+
+
+def test_a_paused_plan_stands_with_its_pressure_held(path: Path) -> None:
+    person = at_look({40: "pause", 140: "begin"})
+    record = attended(path, person)
+    lasted = record.notes_of("end")[0]["at"] - record.notes_of("plan")[0]["at"]
+    assert lasted == pytest.approx(26.0 + 5.0, abs=1.5)
+    begin, end = record.notes_of("paused")[0]["at"], record.notes_of("went_on")[0]["at"]
+    assert end - begin == pytest.approx(5.0, abs=0.3)
+    assert np.ptp([now.done for now in person.seen if now.phase == "paused"]) == 0
+    assert audit(record).sound
+
+
+@pytest.mark.parametrize(
+    ("word", "blocks", "done"), [("skip", [0, 1], [1]), ("repeat", [0, 0, 1], [0, 1])]
+)
+def test_a_pressure_is_skipped_or_repeated(
+    path: Path, word: Request, blocks: list[int], done: list[int]
+) -> None:
+    record = attended(path, at_look({120: word}))
+    assert [note["block"] for note in record.notes_of("block")] == blocks
+    assert [note["block"] for note in record.notes_of("done")] == done
+    assert record.notes_of(word)[0]["block"] == 0
+    assert audit(record).sound
+    assert [row["completed"] for row in summary(record)] == [
+        b in done and (word == "skip" or k > 0) for k, b in enumerate(blocks)
+    ]
 
 
 @pytest.mark.parametrize("start", ["asked", "load"])

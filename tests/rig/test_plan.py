@@ -79,6 +79,8 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
         ("cycles = 3", "cycles = 2.5", "cycles must be a whole number >= 1, got 2.5"),
         ("[20, 40.5]", '["a"]', "pressures_psi must be one pressure at least, each a number >= 0"),
         ("[20, 40.5]", "[]", "one pressure at least"),
+        ("[20, 40.5]", "[20,5, 40,5]", r"pressures_psi = \[20,5, 40,5\] may be read with decimal"),
+        ("[20, 40.5]", "[20,5]", "decimal commas"),
         ("settle_s = 10", "settle_s = 2\nrise_s = 3", "at most settle_s, 2; got 3"),
         ("settle_s = 10", "settle_s = 2,5", "cannot read the plan"),
         ("settle_s", "settel_s", r"\[plan\]: unknown key 'settel_s'; known are .*settle_<unit>"),
