@@ -1,6 +1,5 @@
 from .camera import (
     Camera as Camera,
-    RulerReading as RulerReading,
     Scale as Scale,
     Silhouette as Silhouette,
     Tone as Tone,
@@ -19,7 +18,6 @@ from .photograph import (
 )
 from .recipe import (
     Quality as Quality,
-    QualityLimits as QualityLimits,
     Recipe as Recipe,
     read_recipe as read_recipe,
     recipe_text as recipe_text,

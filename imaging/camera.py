@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.ndimage import correlate1d
 
+from .errors import ImagingError, NoMuscle
+
 Array = NDArray[np.float64]
 """Positions, brightnesses, errors."""
 
@@ -42,7 +44,7 @@ class Camera:
         k1: radial distortion [-]; negative is a barrel.
 
     Raises:
-        ValueError: a figure that is not finite, or a scale or distance that is not positive.
+        ImagingError: a figure that is not finite, or a scale or distance that is not positive.
 
     Examples:
         >>> camera = Camera(px_per_m=8922.4, distance=1.524, centre=(549.5, 1324.5))
@@ -58,10 +60,8 @@ class Camera:
     def __post_init__(self) -> None:
         figures = (self.px_per_m, self.distance, *self.centre, self.k1)
         if not np.all(np.isfinite(figures)) or self.px_per_m <= 0 or self.distance <= 0:
-            raise ValueError(
-                "a camera has finite figures, px_per_m > 0 and distance > 0; got "
-                f"px_per_m = {self.px_per_m} px/m, distance = {self.distance} m, "
-                f"centre = {self.centre} px, k1 = {self.k1}"
+            raise ImagingError(
+                f"a camera has finite figures, scale and distance > 0; got {figures}"
             )
 
     def moved(self, distance: float) -> "Camera":
@@ -133,30 +133,6 @@ def ring_position(
 
 
 @dataclasses.dataclass(frozen=True)
-class RulerReading:
-    """Options for reading the photograph of a ruler, see `calibrate_ruler`.
-
-    Attributes:
-        pitch: from mark to mark [m]; None reads it off the numbers.
-        expected_px_per_m: the scale to within a quarter [px/m]; None expects that of the only marks.
-        placement_stderr: standard error of the ruler's place in depth [m]; None where it is not known.
-
-    Raises:
-        ValueError: a figure outside its range.
-    """
-
-    pitch: float | None = None
-    expected_px_per_m: float | None = None
-    placement_stderr: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, least in (("pitch", ">"), ("expected_px_per_m", ">"), ("placement_stderr", ">=")):
-            value = getattr(self, name)
-            if value is not None and not (0 < value < np.inf or (value == 0 and least == ">=")):
-                raise ValueError(f"{name} must be finite and {least} 0, got {value}, in SI")
-
-
-@dataclasses.dataclass(frozen=True)
 class Scale:
     """The scale in the plane of the muscle's axis.
 
@@ -177,7 +153,7 @@ class Scale:
             was stated.
 
     Raises:
-        ValueError: a scale that is not positive or a standard error that is negative.
+        ImagingError: a scale that is not positive or a standard error that is negative.
     """
 
     px_per_m: float
@@ -194,7 +170,7 @@ class Scale:
 
     def __post_init__(self) -> None:
         if not (0 < self.px_per_m < np.inf and 0 <= self.stderr < np.inf):
-            raise ValueError(
+            raise ImagingError(
                 "a scale is finite and > 0, its standard error finite and >= 0; got "
                 f"{self.px_per_m} +- {self.stderr} px/m"
             )
@@ -227,21 +203,16 @@ class Tone:
         table: linear light of the values 0 to 255, never falling, 1 at 255, shape (256,).
 
     Raises:
-        ValueError: another shape, values that are not finite, a curve that falls or is flat.
+        ImagingError: another shape, values that are not finite, a curve that falls or is flat.
     """
 
     table: Array
 
     def __post_init__(self) -> None:
         table = np.array(self.table, np.float64)
-        if table.shape != (256,) or not np.all(np.isfinite(table)):
-            raise ValueError(f"a tone curve has 256 finite values, got shape {table.shape}")
-        fall = np.diff(table).min()
-        if fall < 0 or not table[-1] > table[0]:
-            raise ValueError(
-                "a tone curve never falls and rises over its whole; its steepest fall is "
-                f"{fall:.3g} at value {int(np.argmin(np.diff(table)))}"
-            )
+        sound = table.shape == (256,) and np.isfinite(table).all()
+        if not sound or np.diff(table).min() < 0 or not table[-1] > table[0]:
+            raise ImagingError("a tone curve has 256 finite values that rise and never fall")
         table = table / table[-1]
         table.setflags(write=False)
         object.__setattr__(self, "table", table)
@@ -376,15 +347,14 @@ def profile_from_silhouette(
         The body at the positions that both sides show: n points or, with a roll, a few fewer.
 
     Raises:
-        ValueError: no outline, or one that no body of revolution has.
+        NoMuscle: no outline, or one that no body of revolution has.
     """
     v, u = np.asarray(rows, float), np.array([left, right], float)
     if not (v.size >= 9 and u.shape == (2, *v.shape) and np.isfinite(u).all()) or not (
         np.all(np.diff(v) > 0) and np.all(u[0] < u[1])
     ):
-        raise ValueError(
-            "an outline is 9 or more increasing rows, with finite columns of the left side left of those "
-            f"of the right; got the shapes {v.shape} and {u.shape[1:]}"
+        raise NoMuscle(
+            "an outline is 9 or more rows in which the left side is left of the right one"
         )
     d, sign, rays = camera.distance, np.array([[-1.0], [1.0]]), camera.rays(u, v)
     y, R, slope = rays[1] * d, np.zeros(u.shape), np.zeros(u.shape)
@@ -407,10 +377,8 @@ def profile_from_silhouette(
         x0, roll = x0 + shift, roll - tilt
         if abs(tilt) < _TOLERANCE and max(abs(shift), np.abs(R - before).max()) < _TOLERANCE * d:
             return Silhouette(common, (one + other) / 2, x0, roll)
-    raise ValueError(
-        f"the outline must be that of a body of revolution; in {_MOST_STEPS} steps none is found: x0 "
-        f"moves by {shift:.3g} m, the roll by {tilt:.3g} rad. Check that left and right belong together "
-        "and that the outline is smooth"
+    raise NoMuscle(
+        "the outline must be that of a body of revolution, and is not: do left and right belong together?"
     )
 
 

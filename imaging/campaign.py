@@ -1,17 +1,13 @@
 """From many photographs to one table: workers, resuming, CSV and NetCDF."""
 
-import contextlib
-import csv
 import dataclasses
 import functools
 import hashlib
 import importlib.metadata
-import io
 import json
 import math
 import os
-import re
-import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,14 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from famjax.boundary.errors import import_extra
-from famjax.boundary.files import some_of
+from famjax.boundary.files import csv_text, some_of
 from famjax.boundary.tasks import Store, run_tasks
-from famjax.boundary.units import factor, unit_system
+from famjax.boundary.units import factor, finite_or_none, unit_system
 
 from .camera import Array
 from .errors import ImagingError, MixedSizes
 from .measurement import Measurement, of_placement
-from .photograph import Timestamp, read_timestamp, sizes_of
+from .photograph import date_text, read_timestamp, sizes_of
 from .recipe import Recipe, recipe_text
 
 if TYPE_CHECKING:
@@ -40,9 +36,8 @@ POSITION = np.linspace(0, 1, 201)
 SCALE_STDERR = "scale_relative_stderr"
 """Entry of the provenance: relative standard error of px/m, common to all lengths and diameters."""
 
-_START = 2.0  # s, in which a worker starts: what workers save must be more
+_FEW = 4  # pictures that are measured before a second process has started
 _NONE = (math.nan,) * POSITION.size
-_NUMBER = re.compile(r"[-+]*[\d.]+")
 _FIRST = (
     "time", "length", "length_stderr", "mean_diameter", "mean_diameter_stderr", "max_diameter",
     "volume", "volume_stderr", "contraction", "contraction_stderr", "px_per_m", "roll_deg",
@@ -55,33 +50,19 @@ _KINDS |= {kind: kind for kind in ("volume", "force", "pressure")}
 """Kind of unit of a column; the names of the others say theirs."""
 
 
-def column_unit(name: str, system: str) -> tuple[str, float]:
-    """Unit of a column, and SI per unit; a standard error has the unit of its quantity."""
-    if name == "px_per_m":
-        return "", factor(unit_system(system)["scale"], "scale")
-    kind = _KINDS.get(name.removesuffix("_stderr"))
-    unit = "" if kind is None else unit_system(system)[kind]
-    return unit, 1.0 if kind is None else factor(unit, kind)
+def column_unit(name: str, system: str) -> tuple[str, str, float]:
+    """The name of a column in a file, its unit, and SI per unit; a standard error has that of its quantity.
 
-
-def column_name(name: str, system: str) -> str:
-    """The name of a column in a file, with its unit.
-
-    >>> column_name("length", "us"), column_name("px_per_m", "metric"), column_name("roll_deg", "us")
-    ('length_in', 'px_per_mm', 'roll_deg')
+    >>> [column_unit(name, "metric")[0] for name in ("length", "px_per_m", "roll_deg")]
+    ['length_mm', 'px_per_mm', 'roll_deg']
     """
-    unit, _ = column_unit(name, system)
+    units = unit_system(system)
     if name == "px_per_m":
-        return f"px_per_{unit_system(system)['length']}"
-    return f"{name}_{unit}" if unit else name
-
-
-def _cf_unit(name: str) -> dict[str, str]:
-    """Unit of a column in the spelling of the CF conventions, as attributes of a variable."""
-    bare = name.removesuffix("_stderr")
-    spelt = {"_deg": "degree", "_px": "pixel", "px_per_m": "pixel m-1"}
-    by_name = (unit for end, unit in spelt.items() if bare.endswith(end))
-    return {"units": column_unit(name, "si")[0] or next(by_name, "1")}
+        return f"px_per_{units['length']}", "", factor(units["scale"], "scale")
+    kind = _KINDS.get(name.removesuffix("_stderr"))
+    if kind is None:
+        return name, "", 1.0
+    return f"{name}_{units[kind]}", units[kind], factor(units[kind], kind)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,6 +128,10 @@ def measured_row(path: str, recipe: Recipe) -> Row:
         facts["braid_refusal"] = found.braid.refusal
     warnings = " | ".join(found.warnings)
     return Row(path, numbers=_numbers(found), warnings=warnings, **profiles, **facts)
+
+
+def _part(path: str, recipe: Recipe) -> dict[str, Any]:
+    return vars(measured_row(path, recipe))
 
 
 def _numbers(found: Measurement) -> dict[str, float]:
@@ -276,34 +261,31 @@ class Table:
             provenance={**(provenance or {}), SCALE_STDERR: f"{scale_relative_stderr:.6g}"},
         )  # fmt: skip
 
-    def in_units(self, name: str, system: str) -> Array:
-        """A column in the units of a system, those of `column_name`."""
-        return self.columns[name] / column_unit(name, system)[1]
-
-    def csv_text(self, system: str = "us") -> str:
-        """One line per picture, the unit in the name of each column; an empty cell has no value.
+    def rows(self, system: str = "us") -> list[dict[str, Any]]:
+        """One for each picture, the unit in the name of each number; None where there is no value.
 
         Args:
             system: "us", "metric" or "si".
         """
-        numbers = {column_name(name, system): self.in_units(name, system) for name in self.columns}
+        units = {name: column_unit(name, system) for name in self.columns}
+        figures = {units[n][0]: values / units[n][2] for n, values in self.columns.items()}
         dates = self.time_origin + self.columns["time"]
-        columns = {
-            "path": self.path,
-            "ok": ["false" if error else "true" for error in self.error],
-            "error": self.error,
-            "warnings": self.warnings,
-            "taken": ["" if math.isnan(at) else Timestamp(at, 1e-3).text for at in dates],
-            **{
-                name: ["" if math.isnan(value) else f"{value:.10g}" for value in values]
-                for name, values in numbers.items()
-            },
-            "sha256": self.sha256,
-        }
-        lines = csv.writer(text := io.StringIO(), lineterminator="\n")
-        lines.writerow(columns)
-        lines.writerows(zip(*columns.values(), strict=True))
-        return text.getvalue()
+        return [
+            {
+                "path": path,
+                "ok": not self.error[k],
+                "error": self.error[k],
+                "warnings": self.warnings[k],
+                "taken": date_text(dates[k]),
+                **{n: finite_or_none(float(f"{values[k]:.10g}")) for n, values in figures.items()},
+                "sha256": self.sha256[k],
+            }
+            for k, path in enumerate(self.path)
+        ]
+
+    def csv_text(self, system: str = "us") -> str:
+        """One line per picture, see `rows`; an empty cell has no value."""
+        return csv_text([row | {"ok": str(row["ok"]).lower()} for row in self.rows(system)])
 
     def to_xarray(self) -> "xarray.Dataset":
         """The table with profiles, units and provenance, in SI; needs the extra `tables`.
@@ -315,24 +297,23 @@ class Table:
         """
         picture, grid = "picture", ("picture", "position")
         data: dict[str, Any] = {
-            "ok": (picture, self.ok.astype(np.int8), {"long_name": "1 where measured"}),
+            "ok": (picture, self.ok.astype(np.int8)),
             "error": (picture, np.array(self.error, "U")),
-            "sha256": (picture, np.array(self.sha256, "U"), {"long_name": "of the file"}),
+            "sha256": (picture, np.array(self.sha256, "U")),
+            "diameter_m": (grid, self.diameter, {"units": "m"}),
+            "diameter_stderr_m": (grid, self.diameter_stderr, {"units": "m"}),
         }
-        for name, values in self.columns.items():
-            data[column_name(name, "si")] = picture, values, _cf_unit(name)
-        data["diameter_m"] = grid, self.diameter, {"units": "m", "long_name": "D(z), outside"}
-        data["diameter_stderr_m"] = grid, self.diameter_stderr, {"units": "m"}
         if "braid_angle_deg" in self.columns:
-            about = {"units": "degree", "long_name": "theta(z), nan where it is not resolved"}
-            data["braid_angle_profile_deg"] = grid, self.braid_angle, about
-            data["braid_angle_profile_deg_stderr"] = grid, self.braid_angle_stderr, about
-        about = {"units": "1", "long_name": "z/L, from the upper tape edge to the lower one"}
+            for name in ("braid_angle", "braid_angle_stderr"):
+                column = name.replace("angle", "angle_profile_deg")
+                data[column] = grid, getattr(self, name), {"units": "degree"}
+        for name, values in self.columns.items():
+            column, unit, _ = column_unit(name, "si")
+            data[column] = picture, values, {"units": unit} if unit else {}
         coordinates = {
-            "path": (picture, np.array(self.path, "U")), "position": ("position", POSITION, about),
+            "path": (picture, np.array(self.path, "U")), "position": ("position", POSITION),
         }  # fmt: skip
         attributes = {
-            "title": "Shape of a fluidic artificial muscle from photographs",
             "rest_length_m": self.rest_length,
             "time_origin_s": self.time_origin,
             "notes": "\n".join(self.notes),
@@ -343,23 +324,13 @@ class Table:
 
     def write_csv(self, path: str | Path, system: str = "us") -> Path:
         """Write the CSV file, replacing an existing one."""
-        with _on_disk(path, "the table cannot be written"):
-            Path(path).write_bytes(self.csv_text(system).encode())
+        Path(path).write_bytes(self.csv_text(system).encode())
         return Path(path)
 
     def write_netcdf(self, path: str | Path) -> Path:
         """Write a NetCDF 3 file (64-bit offsets), which every NetCDF reader can open."""
-        with _on_disk(path, "the table cannot be written"):
-            self.to_xarray().to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+        self.to_xarray().to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
         return Path(path)
-
-
-@contextlib.contextmanager
-def _on_disk(path: str | Path, what: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise ImagingError(f"{what}: {error}", path=path) from None
 
 
 def _contract(
@@ -392,62 +363,14 @@ def _notes(rows: Sequence[Row], resolution: float) -> Iterator[str]:
         yield f"{silent} of {len(good)} pictures have no time stamp."
     if resolution >= 1:
         yield "The time stamps are cut down to whole seconds: each picture was taken up to 1 s later."
-    alike: dict[str, list[str]] = {}
-    for warning in (one for row in rows if row.warnings for one in row.warnings.split(" | ")):
-        alike.setdefault(_NUMBER.sub("", warning), []).append(warning)  # figures may differ
-    for each in alike.values():
-        yield f"Warning, {len(each)} of {len(rows)} pictures: {each[0]}."
+    if warned := [row for row in rows if row.warnings]:
+        first = warned[0]
+        yield f"Warning, {len(warned)} of {len(rows)} pictures, first {first.path}: {first.warnings}."
     if bare := [row for row in rows if row.braid_refusal]:
         yield (
             f"{len(bare)} of {len(rows)} pictures show no braid angle, first "
             f"{Path(bare[0].path).name}: {bare[0].braid_refusal}."
         )
-
-
-class _Kept(Store):
-    """The rows of a campaign, in `rows.jsonl` as soon as each is measured; a store of `run_tasks`.
-
-    A row is known by the content of its picture and by the settings, so that pictures may be added.
-
-    Args:
-        folder: created if missing; None keeps nothing.
-        settings: what a row depends on besides its picture.
-        paths: of the pictures.
-
-    Raises:
-        ImagingError: the folder cannot be read or written.
-    """
-
-    def __init__(self, folder: Path | None, settings: str, paths: Sequence[str]) -> None:
-        super().__init__(None, "campaign", {}, len(paths))
-        self.path = None if folder is None else folder / "rows.jsonl"
-        self.settings = hashlib.sha256(settings.encode()).hexdigest()
-        if folder is None or self.path is None:
-            return
-        with _on_disk(folder, "the finished part of the campaign cannot be used"):
-            folder.mkdir(parents=True, exist_ok=True)
-            lines = self.path.read_bytes().splitlines() if self.path.exists() else []
-        known = {}
-        for line in lines:
-            with contextlib.suppress(ValueError):  # a line that a stop cut short
-                entry = json.loads(line)
-                if entry.pop("settings") == self.settings:
-                    known[entry["sha256"]] = Row(**entry)
-        for k, path in enumerate(paths if known else ()):
-            if row := known.get(_sha256(path)):
-                self._parts[k] = dataclasses.replace(row, path=path)
-
-    def keep(self, index: int, part: Row) -> None:
-        """Keep a finished row; it is on the disk when this returns."""
-        self._parts[index] = part
-        if self.path is None or not part.sha256:
-            return
-        line = json.dumps(vars(part) | {"settings": self.settings}).encode()
-        what = "the finished part of the campaign cannot be written"
-        with _on_disk(self.path.parent, what), self.path.open("ab") as file:
-            file.write(b"\n" + line)  # ahead of it, so that it is apart from one cut short
-            file.flush()
-            os.fsync(file.fileno())
 
 
 def process(
@@ -457,17 +380,15 @@ def process(
 ) -> Table:  # fmt: skip
     """Measure the shape in every picture separately; a failed picture gives a row with the reason.
 
-    Rows are kept in `output/parts` as soon as they are done. A campaign that was stopped, killed or
-    extended goes on with the pictures that are not there yet, or were measured otherwise: a row is known
-    by the content of its picture and the recipe.
+    Rows are kept in `output/parts` as soon as they are done: a campaign that was stopped or killed goes
+    on with the pictures that are not there yet, where pictures and recipe are the same.
 
     Args:
         paths: of the pictures, all of one size; one named twice is measured once.
         recipe: how to measure, the same for all.
         output: folder for the finished rows, created if missing; None keeps them in memory only.
         executor: a number of processes, None for this one, or an executor as of `run_tasks`, whose
-            workers must see the files. "auto" measures the first picture here, and takes a process for
-            each core where these then save more than their start.
+            workers must see the files. "auto" takes a process for each core, and this one for few pictures.
         progress: called with (pictures done, pictures) whenever some are done.
         rest_length: L0 [m] of the contraction; the longest measured picture if None.
         provenance: further entries of the table's provenance.
@@ -487,34 +408,24 @@ def process(
     if not names:
         raise ImagingError("there are no pictures to measure")
     if (size := common_size(names)) is not None:
-        try:
-            recipe.camera(*size)
-        except ValueError as error:
-            raise ImagingError(f"the recipe does not fit the pictures: {error}") from None
+        recipe.camera(*size)  # refuses a crop that does not lie in its frame
     version = importlib.metadata.version("famjax")
     told = {"famjax_version": version, "recipe": recipe_text(recipe)}
-    kept = _Kept(None if output is None else Path(output) / PARTS, json.dumps(told), names)
-    work = functools.partial(measured_row, recipe=recipe)
-    run_tasks(work, names, executor=_paying(executor, work, names, kept), store=kept,
-              progress=progress, names=names)  # fmt: skip
+    digest = hashlib.sha256(json.dumps([told, *map(_sha256, names)]).encode()).hexdigest()
+    file = None if output is None else Path(output) / PARTS / f"{digest[:16]}.jsonl"
+    kept = Store(file, "campaign", {}, len(names))
+    if executor == "auto":
+        cores, left = os.cpu_count() or 1, len(names) - len(list(kept))
+        executor = cores if cores > 1 and left > _FEW else None
+    work = functools.partial(_part, recipe=recipe)
+    run_tasks(work, names, executor=executor, store=kept, progress=progress, names=names)
     table = Table.from_rows(
-        list(kept), scale_relative_stderr=recipe.scale.relative_stderr,
+        [Row(**part | {"path": name}) for part, name in zip(kept, names, strict=True)],
+        scale_relative_stderr=recipe.scale.relative_stderr,
         rest_length=rest_length, provenance={**told, **(provenance or {})},
     )  # fmt: skip
     notes = (f"{note[0].upper()}{note[1:]}." for note in of_placement(recipe).get("notes", ()))
     return dataclasses.replace(table, notes=(*table.notes, *notes))
-
-
-def _paying(executor: Any, work: Callable[[str], Row], names: Sequence[str], kept: _Kept) -> Any:
-    """The executor; for "auto" a process for each core where these save more than their start."""
-    if executor != "auto":
-        return executor
-    if not (left := [k for k in range(len(names)) if k not in kept]):
-        return None
-    began, cores = time.perf_counter(), os.cpu_count() or 1
-    kept.keep(left[0], work(names[left[0]]))
-    each = time.perf_counter() - began
-    return cores if each * (len(left) - 1) * (1 - 1 / cores) > _START else None
 
 
 def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
@@ -525,18 +436,14 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     Raises:
         MixedSizes: names the pictures that differ from the most common size.
     """
-    by_size: dict[tuple[int, int], list[str]] = {}
-    for path in paths:
-        for size in sizes_of(path)[:1]:
-            by_size.setdefault(size, []).append(path)
-    if len(by_size) < 2:
-        return next(iter(by_size), None)
-    (usual, most), *others = sorted(by_size.items(), key=lambda item: -len(item[1]))
-    differing = [f"{path} ({w} x {h})" for (w, h), some in others for path in some]
-    (width, height), (first, *_) = others[0]
-    raise MixedSizes(
-        "the pictures of a campaign must have one size, because one crop offset and one scale hold "
-        f"for all; {len(most)} have {usual[0]} x {usual[1]} px, but not {some_of(differing)}. "
-        "Measure them in a campaign of their own",
-        path=first, width=width, height=height,
-    )  # fmt: skip
+    sizes = {path: found[0] for path in paths if (found := sizes_of(path))}
+    if not sizes:
+        return None
+    usual, most = Counter(sizes.values()).most_common(1)[0]
+    others = [f"{path} ({w} x {h})" for path, (w, h) in sizes.items() if (w, h) != usual]
+    if others:
+        raise MixedSizes(
+            "the pictures of a campaign must have one size, as one scale holds for all; "
+            f"{most} have {usual[0]} x {usual[1]} px, but not {some_of(others)}. Measure them apart"
+        )
+    return usual

@@ -77,8 +77,6 @@ class RecipeOptions:
         A `recipe.toml`, which the options override.
     braid_angle
         Measure the braid angle from the weave as well: profile, mean, error, turns.
-    n_threads
-        Threads of both families of the braid; counted in the picture unless given.
     orientation
         Of the muscle in the pictures.
     """
@@ -97,7 +95,6 @@ class RecipeOptions:
     tape_hue: str | None = None
     recipe: Path | None = None
     braid_angle: bool | None = None
-    n_threads: int | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None
 
 
@@ -111,7 +108,6 @@ def measure(
     log_offset: Annotated[str | None, Signed] = None,
     column: Columns = (),
     rest_length: str | None = None,
-    diameter: str | None = None,
     jobs: Jobs = None,
     units: Units = "metric",
     output: Path = Path("famjax-measure"),
@@ -123,9 +119,9 @@ def measure(
     """Measure the shape of a muscle in photographs, each picture with its errors.
 
     Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
-    `recipe.toml` (all choices), `profiles.png` and `overlays/`. A stopped
-    campaign goes on when it is run again. Exit code 3 when some pictures could not be measured, or
-    not be matched to the log: they are in the table with the reason.
+    `recipe.toml` (all choices) and `overlays/`. A stopped campaign goes on when it is run again. Exit
+    code 3 when some pictures could not be measured, or not be matched to the log: they are in the table
+    with the reason.
 
     Parameters
     ----------
@@ -146,8 +142,6 @@ def measure(
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given. A scale
         with which no picture could show that muscle is refused.
-    diameter
-        Nominal diameter of the braid at rest, `0.875in`, against which the scale is checked.
     jobs
         Number of processes; unless given one for each core, where that saves time.
     units
@@ -166,60 +160,46 @@ def measure(
     # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .pictures import as_document, expand, measure_pictures
+    from .recipe import recipe_text
 
-    measured: list[int] = []
     try:
         with progress("measuring") as show:
-
-            def count(done: int, total: int) -> None:
-                measured.append(done)
-                show(done, total)
-
             expand(photos)  # a picture that is not there is said before what its recipe lacks
             recipe, provenance = command_recipe(how)
-            setting = set_up(recipe, how, units == "us")
-            provenance["set_up"] = "; ".join(
-                f"{row['what']}: {row['value']} ({row['source']})" for row in setting
-            )
             add_log = None
             if log is not None and read_log is not None:
                 add_log = read_log(
                     log, offset=None if log_offset is None else parse_quantity(log_offset, "time"),
                     columns=parse_columns(column),
                 )  # fmt: skip
-            rest, nominal = (
-                None if one is None else parse_quantity(one, "length")
-                for one in (rest_length, diameter)
-            )
+            rest = None if rest_length is None else parse_quantity(rest_length, "length")
             outcome = measure_pictures(
                 photos, recipe=recipe, provenance=provenance, add_log=add_log, rest_length=rest,
                 executor="auto" if jobs is None else jobs, system=units, output=output,
-                overlays=overlays, rescaled=rescaled, diameter=nominal, progress=count,
+                overlays=overlays, rescaled=rescaled, progress=show,
             )  # fmt: skip
-    except InputError as error:
+    except (InputError, OSError) as error:
         # What a picture was refused for has a name, which the documentation explains.
         named = type(error) not in (InputError, ImagingError)
         print(f"famjax: {type(error).__name__ + ': ' if named else ''}{error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        done = f"{measured[-1]} measured pictures are" if measured else "what was measured is"
         print(
-            f"famjax: stopped; {done} kept in {output}. Run the same command again to go on",
+            f"famjax: stopped; what was measured is kept in {output}. Run the same command again to go on",
             file=sys.stderr,
         )
         return 130
     document = as_document(outcome, units)
-    document["set_up"] = setting
     if json_:
         print_json(document)
     else:
+        print(recipe_text(recipe))
         _print(document)
     return 0 if outcome.complete else 3
 
 
 def _print(document: dict[str, Any]) -> None:
-    """Set-up, figures of the first pictures with their standard errors, reasons, notes and files."""
-    print_rows("set-up", document["set_up"])
+    """Figures of the first pictures with their standard errors, reasons, notes and files."""
     good = [row for row in document["rows"] if row["ok"]]
     failed = [
         {key: row[key] for key in ("path", "error")} for row in document["rows"] if row["error"]
@@ -268,7 +248,7 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
         "frame_size": lambda text, name: _numbers(text, name, "5568,3712", int),
         "tape_hue": lambda text, name: _numbers(text.removesuffix("deg"), name, "355deg")[0],
         "tone": lambda _text, _: Tone.srgb(),
-        **dict.fromkeys(("k1", "braid_angle", "n_threads", "orientation"), lambda given, _: given),
+        **dict.fromkeys(("k1", "braid_angle", "orientation"), lambda given, _: given),
     }
     choices = {
         name: read(given, name.replace("_", " "))
@@ -279,45 +259,6 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
         ruler=options.ruler, recipe=options.recipe, scale=options.scale, reading=reading,
         choices=choices,
     )  # fmt: skip
-
-
-def set_up(recipe: "Recipe", options: RecipeOptions, inch: bool) -> list[dict[str, str]]:
-    """The basis of the figures: each choice of the set-up, its value and its origin.
-
-    Args:
-        recipe: of the options.
-        options: as they were given.
-        inch: lengths in inches, else in mm.
-
-    Returns:
-        Rows with the keys `what`, `value` and `source`, which begins with "stated", "measured" or
-        "assumed".
-    """
-    from .camera import Tone
-
-    unit, size = ("in", 0.0254) if inch else ("mm", 1e-3)
-    scale, stated = recipe.scale, "stated"
-    ruler = scale.source == "ruler"
-    value = f"{scale.px_per_m * size:.6g} +- {scale.stderr * size:.2g} px/{unit}"
-    rows: list[tuple[str, ...]] = [("scale", value, "measured, by the ruler" if ruler else stated)]
-    by_arcs = "see each picture", "measured, by the arcs of the tapes' edges: say --distance"
-    given = (f"{(recipe.distance or 0) / size:.5g} {unit}", stated)
-    rows.append(("distance", *(by_arcs if recipe.distance is None else given)))
-    if ruler and scale.pitch is not None:
-        said = options.pitch is not None or (options.recipe is not None and not options.ruler)
-        read = stated if said else "measured, by the marks from number to number"
-        rows.append(("pitch of the ruler", f"{scale.pitch / size:.5g} {unit}", read))
-    if ruler:
-        placed = scale.placement_stderr
-        assumed = "in the plane of the axis", "assumed: say --ruler-placement"
-        given = (f"+-{(placed or 0) / size:.3g} {unit} off the axis", stated)
-        rows.append(("place of the ruler", *(assumed if placed is None else given)))
-    lens = "assumed: say --k1" if scale.k1_stderr is None else "measured, by the ruler"
-    rows.append(("k1 of the lens", f"{recipe.lens_k1:.3g}", lens if recipe.k1 is None else stated))
-    tone = "assumed, another is in the errors: say --tone srgb" if recipe.tone is None else stated
-    curve = "sRGB" if recipe.tone_curve == Tone.srgb() else "of the recipe"
-    rows.append(("tone curve", curve, tone))
-    return [dict(zip(("what", "value", "source"), row, strict=True)) for row in rows]
 
 
 def _numbers(

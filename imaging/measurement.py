@@ -348,11 +348,11 @@ def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
     Raises:
         ImagingError: one of its kinds, with the path and the figures, when the picture gives no
             measurement.
-        ValueError: an array that is no picture, or a crop outside its frame.
+        ImagingError: an array that is no picture, or a crop outside its frame.
     """
     with named(image) as (rgb, path):
         if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or min(rgb.shape[:2]) < 64:
-            raise ValueError(
+            raise errors.ImagingError(
                 "a picture is RGB of dtype uint8 and shape (h, w, 3), 64 px or more each way; got "
                 f"{rgb.dtype} and {rgb.shape}"
             )
@@ -389,7 +389,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         photo = dataclasses.replace(photo, camera=camera)
         body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, seen, upper, lower, recipe)
-    _check(quality, recipe, body)
+    _check(quality, body)
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
     stated = recipe.distance is not None
@@ -399,7 +399,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         return found
     # An error of the scale has no influence on the angle.
     relative = found.errors.edge / found.mean_diameter
-    braid = braid_angle(photo, body, upper.y, lower.y, relative, n_threads=recipe.n_threads)
+    braid = braid_angle(photo, body, upper.y, lower.y, relative)
     return dataclasses.replace(found, braid=braid)
 
 
@@ -407,10 +407,7 @@ def _placed(
     photo: Photograph, coarse: Segmentation, outline: Outline, recipe: Recipe
 ) -> tuple[Silhouette, Ring, Ring]:
     """The body behind the outline, and the edges of its upper and lower tape."""
-    try:
-        body = profile_from_silhouette(photo.camera, outline.rows, *outline.columns)
-    except ValueError as error:
-        raise errors.NoMuscle(f"the outline is that of no muscle: {error}") from error
+    body = profile_from_silhouette(photo.camera, outline.rows, *outline.columns)
     upper, lower = (
         find_ring(
             photo, recipe.tone_curve, coarse, dataclasses.replace(body, x0=body.x0 + aside),
@@ -421,10 +418,10 @@ def _placed(
     return body, upper, lower
 
 
-def _check(quality: Quality, recipe: Recipe, body: Silhouette) -> None:
-    """Refuse what is worse than the recipe's limits; where background or tape is the cause, name it."""
+def _check(quality: Quality, body: Silhouette) -> None:
+    """Refuse what is worse than the limits; where background or tape is the cause, name it."""
     try:
-        quality.check(recipe.limits)
+        quality.check()
     except errors.MotionBlurred as error:
         smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
         steep = float(np.abs(np.gradient(body.radius, body.y)[[0, -1]]).max())

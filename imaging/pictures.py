@@ -12,11 +12,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from famjax.boundary.files import check_output
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.units import factor, finite_or_none, parse_quantity, unit_system
+from famjax.boundary.units import parse_quantity
 
 from .camera import Indices, Scale
-from .campaign import Table, column_name, process
+from .campaign import Table, process
 from .errors import ImagingError, MixedSizes, ScaleContradiction
 from .measurement import draw_overlay, measure
 from .photograph import HEIC, read_image, sizes_of
@@ -70,13 +71,6 @@ def _natural(path: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path)]
 
 
-def skipped(photos: Sequence[str]) -> list[str]:
-    """Names of the files in the given folders that are not pictures."""
-    folders = [photo for photo in photos if os.path.isdir(photo)]
-    files = [entry for folder in folders for entry in os.scandir(folder) if entry.is_file()]
-    return sorted(entry.name for entry in files if not _is_picture(entry))
-
-
 def picture_recipe(
     *, ruler: Path | None, recipe: Path | None, scale: str | None, reading: Mapping[str, Any],
     choices: Mapping[str, Any],
@@ -87,7 +81,7 @@ def picture_recipe(
         ruler: photograph of a ruler; None without one.
         recipe: file that says what else is to be done; None for the standard.
         scale: by hand, as `parse_scale` reads it; None if the ruler or the file tells it.
-        reading: how the ruler is read, fields of `imaging.RulerReading` in SI.
+        reading: how the ruler is read, arguments of `imaging.calibrate_ruler`.
         choices: fields of `imaging.Recipe` in SI, before those of the file.
 
     Raises:
@@ -111,19 +105,11 @@ def picture_recipe(
         )
     elif base is None:
         fields["scale"] = Scale.manual(1.0)  # until the ruler is read
-    try:
-        found = Recipe(**fields) if base is None else dataclasses.replace(base, **fields)
-        if ruler is not None:
-            how = dataclasses.replace(found.ruler, **reading)
-            read = _ruler_scale(ruler, dataclasses.replace(found, ruler=how))
-            how = dataclasses.replace(how, pitch=read.pitch)
-            found = dataclasses.replace(found, scale=read, ruler=how)
-            digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
-            provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
-    except ImagingError:
-        raise
-    except ValueError as error:
-        raise ImagingError(f"the options do not make a recipe: {error}") from None
+    found = Recipe(**fields) if base is None else dataclasses.replace(base, **fields)
+    if ruler is not None:
+        found = dataclasses.replace(found, scale=_ruler_scale(ruler, found, reading))
+        digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
+        provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
     return found, provenance
 
 
@@ -144,14 +130,14 @@ def parse_scale(text: str) -> Scale:
     return Scale.manual(px_per_m, error)
 
 
-def _ruler_scale(ruler: Path, recipe: Recipe) -> Scale:
+def _ruler_scale(ruler: Path, recipe: Recipe, reading: Mapping[str, Any]) -> Scale:
     """The scale of the ruler, photographed as the muscle was, or in the whole frame."""
     image = read_image(ruler)
     height, width = image.shape[:2]
     whole = (width, height) == recipe.frame_size
     try:
         return calibrate_ruler(
-            image, **dataclasses.asdict(recipe.ruler), distance=recipe.camera_distance,
+            image, **reading, distance=recipe.camera_distance,
             centre=None if whole else recipe.camera(width, height).centre, k1=recipe.k1,
             tone=recipe.tone_curve,
         )  # fmt: skip
@@ -165,49 +151,34 @@ def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
     A ruler in the whole frame serves pictures that the recipe says to be cropped from it.
 
     Raises:
-        MixedSizes: other pixels, or other ones as the camera took them, with their ratio.
+        MixedSizes: other pixels, or other ones as the camera took them.
     """
     others = next((sizes for path in paths if (sizes := sizes_of(path))), [])
     for one, other in zip(sizes_of(ruler), others, strict=False):
-        if one == recipe.frame_size:
-            return
-        if one != other:
+        if one not in (other, recipe.frame_size):
             raise MixedSizes(
-                "the ruler must be photographed, cropped and scaled as the muscle is; its picture has "
-                f"{one[0]} x {one[1]} px, the others have {other[0]} x {other[1]} px, by file or camera, a "
-                f"ratio of {one[0] / other[0]:.4g} in width and {one[1] / other[1]:.4g} in height: say how "
-                "the pictures were cropped (--crop-offset, --frame-size), or that it is meant (--rescaled)",
+                f"the ruler's picture has {one[0]} x {one[1]} px, those of the muscle {other[0]} x "
+                f"{other[1]}, by file or camera, and they must be cropped and scaled alike: say how the "
+                "pictures were cropped (--crop-offset, --frame-size), or that it is meant (--rescaled)",
                 path=ruler,
-            )  # fmt: skip
+            )
 
 
-def check_known_sizes(table: Table, rest_length: float | None, diameter: float | None) -> None:
-    """Refuse a scale with which no muscle could have the sizes that are known of it.
+def check_rest_length(table: Table, rest_length: float) -> None:
+    """Refuse a scale with which no muscle could have the rest length that is known of it.
 
-    A muscle contracts by less than half of its rest length, and is hardly ever longer; it swells to twice
-    its nominal diameter at most.
-
-    Args:
-        table: of the pictures.
-        rest_length: L0 [m]; None where it is not known.
-        diameter: nominal, of the braid at rest [m]; None where it is not known.
+    A muscle contracts by less than half of its rest length, and is hardly ever longer.
 
     Raises:
-        ScaleContradiction: names the size that the pictures contradict.
+        ScaleContradiction: the pictures show other lengths.
     """
-    for name, known, column, least, most in (
-        ("rest length", rest_length, "length", 0.5, 1.05),
-        ("nominal diameter", diameter, "mean_diameter", 0.85, 2.2),
-    ):
-        if known is None or not table.ok.any():
-            continue
-        low, high = np.nanmin(table[column]) / known, np.nanmax(table[column]) / known
-        if not least <= low <= high <= most:
-            raise ScaleContradiction(
-                f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm, and "
-                f"a muscle has {least} to {most} times: correct the {name}, or the scale; is the pitch of "
-                "the ruler right, and were all pictures taken and kept at one size?"
-            )
+    shown = table["length"][table.ok] / rest_length
+    if not np.all((shown > 0.5) & (shown < 1.05)):
+        raise ScaleContradiction(
+            f"the pictures show {shown.min():.3g} to {shown.max():.3g} times the rest length of "
+            f"{rest_length * 1e3:.5g} mm, and a muscle has 0.5 to 1.05 times: correct the rest length, or "
+            "the scale; is the pitch of the ruler right, and were all pictures kept at one size?"
+        )
 
 
 class CampaignOutcome(NamedTuple):
@@ -229,8 +200,7 @@ def measure_pictures(
     add_log: Callable[[Table], Table] | None = None, rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto", system: str = "us",
     output: Path = Path("famjax-measure"), overlays: int = 12,
-    rescaled: bool = False, diameter: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    rescaled: bool = False, progress: Callable[[int, int], None] | None = None,
 ) -> CampaignOutcome:  # fmt: skip
     """Measure the pictures; write table, recipe and check pictures.
 
@@ -245,12 +215,12 @@ def measure_pictures(
         output: folder, created if missing; what was measured there in the same way is taken from it.
         overlays: number of pictures drawn with what was found in them.
         rescaled: that the ruler's picture has another size than the others is meant.
-        diameter: nominal one of the braid at rest, against which the scale is checked [m].
         progress: called with (pictures done, pictures).
 
     Raises:
         ImagingError: input that cannot be used.
     """
+    check_output(output)
     ruler = provenance.get("ruler")
     paths = expand(photos, without=ruler)
     if ruler is not None and not rescaled:
@@ -259,22 +229,16 @@ def measure_pictures(
         paths, recipe, output, executor, progress, rest_length=rest_length,
         provenance=provenance,
     )  # fmt: skip
-    check_known_sizes(table, rest_length, diameter)
-    if others := skipped(photos):
-        note = f"{len(others)} files are no pictures by their names and were skipped, {others[0]} first."
-        table = dataclasses.replace(table, notes=(*table.notes, note))
+    if rest_length is not None:
+        check_rest_length(table, rest_length)
     if add_log is not None:
         table = add_log(table)
-    try:
-        files = [
-            table.write_csv(output / "measurements.csv", system),
-            table.write_netcdf(output / "measurements.nc"),
-            write_recipe(recipe, output / "recipe.toml"),
-            draw_profiles(table, output / "profiles.png", system),
-            draw_overlays(table, recipe, output / "overlays", overlays),
-        ]
-    except OSError as error:
-        raise ImagingError(f"a file cannot be written: {error}", path=output) from None
+    files = [
+        table.write_csv(output / "measurements.csv", system),
+        table.write_netcdf(output / "measurements.nc"),
+        write_recipe(recipe, output / "recipe.toml"),
+        draw_overlays(table, recipe, output / "overlays", overlays),
+    ]
     complete = bool(table.ok.all()) and (add_log is None or "log_time" in table.columns)
     return CampaignOutcome(table, files, complete)
 
@@ -282,20 +246,13 @@ def measure_pictures(
 def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
     """For JSON: unknown values are null."""
     table = outcome.table
-    columns = {column_name(name, system): table.in_units(name, system) for name in table.columns}
-    rows = []
-    for k, (path, error, warnings) in enumerate(
-        zip(table.path, table.error, table.warnings, strict=True)
-    ):
-        figures = {name: finite_or_none(values[k]) for name, values in columns.items()}
-        rows.append({"path": path, "ok": not error, "error": error, "warnings": warnings} | figures)
     return {
         "pictures": len(table),
         "ok": int(table.ok.sum()),
         "complete": outcome.complete,
         "notes": list(table.notes),
         "files": [str(path) for path in outcome.files],
-        "rows": rows,
+        "rows": table.rows(system),
     }
 
 
@@ -314,40 +271,7 @@ def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Pa
     folder.mkdir(parents=True, exist_ok=True)
     for k in by_contraction(table, number).tolist():
         path = Path(table.path[k])
-        if path.exists():
-            image = read_image(path)
-            drawn = draw_overlay(image, measure(image, recipe).trace)
-            Image.fromarray(drawn).save(folder / f"{k + 1:06d}_{path.stem}.jpg", quality=95)
+        image = read_image(path)
+        drawn = draw_overlay(image, measure(image, recipe).trace)
+        Image.fromarray(drawn).save(folder / f"{k + 1:06d}_{path.stem}.jpg", quality=95)
     return folder
-
-
-def draw_profiles(table: Table, path: Path, system: str) -> Path:
-    """Draw D(z) of 40 pictures, and the braid angle if measured, by contraction, beside L over time.
-
-    Args:
-        table: of a campaign.
-        path: of the file.
-        system: "us", "metric" or "si".
-    """
-    from matplotlib import colormaps
-    from matplotlib.figure import Figure
-
-    unit = unit_system(system)["length"]
-    size = factor(unit, "length")
-    profiles = {f"D, {unit}": table.diameter / size}
-    if "braid_angle_deg" in table.columns:
-        profiles["braid angle, deg"] = table.braid_angle
-    figure = Figure(figsize=(5.5 * (1 + len(profiles)), 4), layout="constrained")
-    *left, right = figure.subplots(1, 1 + len(profiles))
-    shown = by_contraction(table, 40)
-    colours = colormaps["viridis"](np.linspace(0, 1, shown.size))
-    for axes, (label, values) in zip(left, profiles.items(), strict=True):
-        axes.set(xlabel=f"z, {unit}", ylabel=label, title=f"{shown.size} pictures, dark: longest")
-        for k, colour in zip(shown.tolist(), colours, strict=True):
-            axes.plot(table.position * table["length"][k] / size, values[k], color=colour, lw=0.8)
-    stamped = table.ok.any() and np.isfinite(table["time"][table.ok]).all()
-    at = table["time"] if stamped else np.arange(len(table))
-    right.set(xlabel="time, s" if stamped else "picture", ylabel=f"L, {unit}")
-    right.errorbar(at, table["length"] / size, table["length_stderr"] / size, fmt=".", lw=0.6)
-    figure.savefig(path, dpi=130)
-    return path

@@ -11,54 +11,7 @@ import numpy as np
 from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
 
 from . import errors
-from .camera import Camera, RulerReading, Scale, Tone
-
-_SOFTER = 1.25  # blur of a tape's edge over that of the outline, by the same lens
-
-
-@dataclasses.dataclass(frozen=True)
-class QualityLimits:
-    """The worst quality that is still accepted.
-
-    Attributes:
-        eta_value: least separability of muscle and cloth.
-        eta_hue: least separability of tape and braid.
-        blur_px: largest blur of the outline [px]; that of the tapes' edges, which are softer by
-            themselves, may be a quarter larger.
-        blur_ratio: largest blur of the tapes' edges along the axis over that of the outline across
-            it, or the reverse; a way of 4 px during the exposure reaches it with a lens of 1 px.
-        flank: largest excess of the mean edge over the model's, see `EdgeProfile`; a way of 25 px
-            during the exposure reaches it.
-        outlier_fraction: largest part of stray rows.
-        residual_rms: largest scatter of the edge about its smooth curve [px].
-        kappa: largest strength of the limb's root [px^-0.5]; the limb of a larger one is lost in
-            the cloth.
-        axis_deviation: largest deviation of the mid-line from a straight one, over the mean radius.
-        axis_kink: the same from a smooth one.
-        misfit: largest misfit of the limb model, over the step; sound pictures have 0.005 at most,
-            ones sharpened by an unsharp mask of 2 about 0.012.
-        tape_sd_px: largest scatter of a tape's edge about a straight one [px].
-        saturated: largest saturated part of the muscle.
-        tape_hue_deg: largest distance from the recipe's hue [deg].
-        scale_contradiction: largest relative difference between the tapes' diameter in the picture
-            and the recipe's; a ruler 7.6 mm off the muscle's plane makes 0.005 at 60 in.
-    """
-
-    eta_value: float = 0.7
-    eta_hue: float = 0.75
-    blur_px: float = 3.5
-    blur_ratio: float = 1.6
-    flank: float = 0.2
-    outlier_fraction: float = 0.2
-    residual_rms: float = 1.5
-    kappa: float = 5.9
-    axis_deviation: float = 0.15
-    axis_kink: float = 0.05
-    misfit: float = 0.02
-    tape_sd_px: float = 5.0
-    saturated: float = 0.2
-    tape_hue_deg: float = 40.0
-    scale_contradiction: float = 0.005
+from .camera import Camera, Scale, Tone
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -103,21 +56,16 @@ class Quality:
     tape_hue_deg: float
     tape_hue_error_deg: float = 0.0
 
-    def check(self, limits: QualityLimits) -> None:
-        """Refuse quality worse than the limits.
+    def check(self) -> None:
+        """Refuse quality worse than the limits of `_CHECKS`.
 
         Raises:
             ImagingError: of the class that the first figure beyond its limit calls for.
         """
-        ratio = max(
-            self.tape_blur_px / max(self.blur_px, 1.0), self.blur_px / max(self.tape_blur_px, 1.0)
-        )
-        values = vars(self) | {"blur_ratio": ratio}
-        allowed = vars(limits) | {
-            "tape_hue_error_deg": limits.tape_hue_deg, "tape_blur_px": _SOFTER * limits.blur_px,
-        }  # fmt: skip
-        for name, error, text in _CHECKS:
-            value, limit = float(values[name]), float(allowed[name])
+        across, along = max(self.blur_px, 1.0), max(self.tape_blur_px, 1.0)
+        values = vars(self) | {"blur_ratio": max(self.tape_blur_px / across, self.blur_px / along)}
+        for name, limit, error, text in _CHECKS:
+            value = float(values[name])
             if value < limit if name in _LEAST else value > limit:
                 figures: dict[str, Any] = {name: value, "limit": limit}
                 raise error(text, **figures)
@@ -134,28 +82,36 @@ _ALIKE = (
     "the two sides must be smooth and mirror each other: is the picture damaged, one side in the shade, "
     "or something in front of the muscle or beside it?"
 )
-_CHECKS: tuple[tuple[str, type[errors.ImagingError], str], ...] = (
-    ("saturated", errors.Overexposed, "expose shorter: where light is cut off there is no edge to find"),
-    ("eta_value", errors.NoMuscle, "muscle and cloth must differ in brightness: give more light, or "
+_CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
+    ("saturated", 0.2, errors.Overexposed, "expose shorter: where light is cut off there is no edge"),
+    ("eta_value", 0.7, errors.NoMuscle, "muscle and cloth must differ in brightness: give more light, or "
      "darker cloth"),
-    ("eta_hue", errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or give "
-     "its hue"),
-    ("tape_hue_error_deg", errors.AmbiguousHue, "the tapes found have another hue than the recipe's"),
-    ("kappa", errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; if "
-     "it is lit, it moved: expose shorter, and take the picture again"),
-    ("blur_ratio", errors.MotionBlurred, _SMEARED),
-    ("blur_px", errors.Defocused, "focus on the muscle's limb, and take the picture again"),
-    ("tape_blur_px", errors.MotionBlurred, _SMEARED),
-    ("flank", errors.MotionBlurred, _SMEARED),
-    ("outlier_fraction", errors.DamagedImage, _ALIKE),
-    ("residual_rms", errors.DamagedImage, _ALIKE),
-    ("axis_deviation", errors.NoMuscle, _ALIKE),
-    ("axis_kink", errors.DamagedImage, _ALIKE),
-    ("misfit", errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: is "
-     "another edge behind it, or does the camera sharpen?"),
-    ("tape_sd_px", errors.AmbiguousHue, "the tapes' edges must be straight rings: is a tape torn, or "
+    ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or "
+     "give its hue"),
+    ("tape_hue_error_deg", 40.0, errors.AmbiguousHue, "the tapes found have another hue than the recipe's"),
+    ("kappa", 5.9, errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; "
+     "if it is lit, it moved: expose shorter, and take the picture again"),
+    ("blur_ratio", 1.6, errors.MotionBlurred, _SMEARED),
+    ("blur_px", 3.5, errors.Defocused, "focus on the muscle's limb, and take the picture again"),
+    ("tape_blur_px", 1.25 * 3.5, errors.MotionBlurred, _SMEARED),
+    ("flank", 0.2, errors.MotionBlurred, _SMEARED),
+    ("outlier_fraction", 0.2, errors.DamagedImage, _ALIKE),
+    ("residual_rms", 1.5, errors.DamagedImage, _ALIKE),
+    ("axis_deviation", 0.15, errors.NoMuscle, _ALIKE),
+    ("axis_kink", 0.05, errors.DamagedImage, _ALIKE),
+    ("misfit", 0.02, errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: "
+     "is another edge behind it, or does the camera sharpen?"),
+    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tapes' edges must be straight rings: is a tape torn, or "
      "covered?"),
 )  # fmt: skip
+"""Figures of `Quality`, the worst that is still accepted, and what a worse one is refused for.
+
+`blur_ratio` is the blur of the tapes' edges along the axis over that of the outline across it, or the
+reverse: a way of 4 px during the exposure reaches it with a lens of 1 px. The tapes' edges are softer by
+themselves, by a quarter. A way of 25 px reaches the limit of `flank`. The limb of a larger `kappa` is lost
+in the cloth. Sound pictures have a `misfit` of 0.005 at most, ones sharpened by an unsharp mask of 2 about
+0.012.
+"""
 
 
 REFERENCE_DISTANCE = 1.524  # m, 60 in
@@ -181,15 +137,10 @@ class Recipe:
             one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
         tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
-        resolution_px: wavelength along the axis that passes at half its height [px]; None takes
-            9.3 mm, which is 83 px at 226.63 px/in.
-        limits: the worst quality that still is a measurement.
-        ruler: how the photograph of a ruler, if the scale comes from one, is read.
         braid_angle: measure it from the weave as well, which takes as long again.
-        n_threads: of both families of the braid, if known [-]; None counts them in the picture.
 
     Raises:
-        ValueError: an option that is not known, a figure outside its range, or half of a crop.
+        ImagingError: an option that is not known, a figure outside its range, or half of a crop.
     """
 
     scale: Scale
@@ -202,34 +153,23 @@ class Recipe:
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
     tape_diameter: float | None = None
-    resolution_px: float | None = None
-    limits: QualityLimits = dataclasses.field(default_factory=QualityLimits)
-    ruler: RulerReading = dataclasses.field(default_factory=RulerReading)
     braid_angle: bool = False
-    n_threads: int | None = None
 
     def __post_init__(self) -> None:
-        if self.orientation not in (known := ("vertical", "horizontal", "auto")):
-            raise ValueError(f"orientation is one of {known}, got {self.orientation!r}")
-        if self.n_threads is not None and (self.n_threads < 8 or self.n_threads % 2):
-            raise ValueError(
-                "n_threads counts both families of the braid, an even number of 8 or more; got "
-                f"{self.n_threads}"
-            )
         tiny, huge = np.nextafter(0.0, 1.0), np.finfo(float).max
         for name, least, most, within in (
             ("distance", tiny, huge, "finite and > 0"),
             ("tape_diameter", tiny, huge, "finite and > 0"),
-            ("resolution_px", 8, huge, "finite and 8 or more"),
             ("tape_hue", 0, 360, "0 to 360"),
         ):
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
-                raise ValueError(f"{name} must be {within}, got {value}")
+                raise errors.ImagingError(f"{name} must be {within}, got {value}")
+        if self.orientation not in (known := ("vertical", "horizontal", "auto")):
+            raise errors.ImagingError(f"orientation is one of {known}, got {self.orientation!r}")
         if self.crop_offset is not None and self.frame_size is None and self.centre is None:
-            raise ValueError(
-                "a crop_offset needs the frame_size that was cropped, or the centre, to say where "
-                f"the optical axis is; got crop_offset = {self.crop_offset} alone"
+            raise errors.ImagingError(
+                "a crop_offset needs the frame_size that was cropped, or the centre"
             )
         for name in ("centre", "crop_offset"):  # floats, as a recipe's file gives them back
             place = getattr(self, name)
@@ -239,7 +179,7 @@ class Recipe:
         """The camera for a picture of this size [px].
 
         Raises:
-            ValueError: the crop does not lie in the frame.
+            ImagingError: the crop does not lie in the frame.
         """
         centre = (width - 1) / 2, (height - 1) / 2
         if self.centre is not None:
@@ -247,8 +187,8 @@ class Recipe:
         elif self.crop_offset is not None and self.frame_size is not None:
             (u, v), (frame_width, frame_height) = self.crop_offset, self.frame_size
             if u < 0 or v < 0 or u + width > frame_width or v + height > frame_height:
-                raise ValueError(
-                    f"the picture of {width} x {height} px at crop_offset {self.crop_offset} must lie "
+                raise errors.ImagingError(
+                    f"the pictures, {width} x {height} px at crop_offset {self.crop_offset}, must lie "
                     f"in the frame of {frame_width} x {frame_height} px"
                 )
             centre = (frame_width - 1) / 2 - u, (frame_height - 1) / 2 - v
@@ -272,7 +212,7 @@ class Recipe:
     @property
     def smoothing_px(self) -> float:
         """Resolution along the axis [px]."""
-        return self.resolution_px or max(8.0, _RESOLUTION * self.scale.px_per_m)
+        return max(8.0, _RESOLUTION * self.scale.px_per_m)
 
 
 _FORMAT = "famjax recipe 1"
@@ -290,31 +230,18 @@ _FORM = Form(
 )
 
 
-def recipe_as_dict(recipe: Recipe) -> dict[str, Any]:
-    """All choices of a recipe in SI, of types that TOML and JSON know.
+def recipe_text(recipe: Recipe) -> str:
+    """All choices of a recipe in SI, as TOML.
 
     A field that is None is left out if that is its default, and "none" if it is not.
     """
-    return {"format": _FORMAT, **to_entries(recipe, _FORM)}
-
-
-def recipe_text(recipe: Recipe) -> str:
-    """The TOML text of a recipe."""
-    return toml_text(recipe_as_dict(recipe))
+    return toml_text({"format": _FORMAT, **to_entries(recipe, _FORM)})
 
 
 def write_recipe(recipe: Recipe, path: str | Path) -> Path:
-    """Write a recipe that `read_recipe` reads back to the same bits.
-
-    Raises:
-        ImagingError: the file cannot be written.
-    """
-    path = Path(path)
-    try:
-        path.write_text(recipe_text(recipe), encoding="utf-8")
-    except OSError as error:
-        raise errors.ImagingError(f"the recipe cannot be written: {error}", path=path) from None
-    return path
+    """Write a recipe that `read_recipe` reads back to the same bits."""
+    Path(path).write_text(recipe_text(recipe), encoding="utf-8")
+    return Path(path)
 
 
 def read_recipe(path: str | Path) -> Recipe:

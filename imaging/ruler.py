@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 from scipy.optimize import curve_fit
 
-from .camera import Array, Camera, Flags, Image, Indices, RulerReading, Scale, Single, Tone
-from .errors import AmbiguousRuler, RulerNotFound
+from .camera import Array, Camera, Flags, Image, Indices, Scale, Single, Tone
+from .errors import AmbiguousRuler, ImagingError, RulerNotFound
 from .photograph import named
 
 INCH = 0.0254  # [m]
@@ -657,14 +657,16 @@ def calibrate_ruler(
         AmbiguousRuler: no scale is expected, and two edges of the ruler show two; or the pitch can be
             read in two ways, or in none.
         UnreadableImage, DamagedImage: as `read_image`.
-        ValueError: a figure outside its range.
+        ImagingError: a figure outside its range.
 
     References:
         Chambers 2021, section 4.2.1.
     """
-    RulerReading(pitch, expected_px_per_m, placement_stderr)  # refuses what cannot be
-    if not (math.isfinite(distance) and distance > 0):
-        raise ValueError(f"distance must be finite and > 0, got {distance} m")
+    for name, value in (("pitch", pitch), ("expected_px_per_m", expected_px_per_m)):
+        if value is not None and not 0 < value < math.inf:
+            raise ImagingError(f"{name} must be finite and > 0, got {value}, in SI")
+    if not 0 <= (placement_stderr or 0.0) < math.inf:
+        raise ImagingError(f"placement_stderr must be finite and >= 0, got {placement_stderr} m")
     with named(image) as (rgb, _):
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)

@@ -348,7 +348,6 @@ def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
 
 _SPACING = 0.5  # of windows, over their standard deviation
 _FEW = 28  # yarns around; windows are the longer the fewer there are
-_OTHER = 0.06  # relative, from the number of yarns that seems to be: another number is meant
 _FRONT, _STRIPE, _SHINY = 1.0, 9, 2.5  # rad; columns; variance of a stripe over the middle one's
 _CONTRAST = 0.5  # of the rays in the mean, in powers of e, from which there is a weave
 _COHERENT = 0.06  # part of the rows' power that is one family's wave, from which it is believed
@@ -381,7 +380,7 @@ class BraidAngle:
         reason: why there is no angle, empty where there is one, n of them.
         yarns: around the circumference in each direction; whole where they could be counted, else
             as many as there seem to be; nan where none are seen.
-        yarns_stderr: its standard error, 0 where they were counted or given; nan where none are seen.
+        yarns_stderr: its standard error, 0 where they were counted; nan where none are seen.
         turns: N of a thread over the length, by threads of one length where nothing is resolved.
     """
 
@@ -448,9 +447,8 @@ def triangle_angle(length: ArrayLike, turns: float, diameter: ArrayLike) -> Arra
 
 
 def braid_angle(
-    photo: Photograph, body: Silhouette, first: float, last: float, relative_stderr: float = 0.0, *,
-    n_threads: int | None = None,
-) -> BraidAngle:  # fmt: skip
+    photo: Photograph, body: Silhouette, first: float, last: float, relative_stderr: float = 0.0
+) -> BraidAngle:
     """Measure the braid angle from the spectrum of the weave along the muscle.
 
     The front is unrolled to azimuth phi and arc length s, where a yarn has d phi / ds = +-g,
@@ -466,7 +464,6 @@ def braid_angle(
         first: position y of the upper tape's inner edge [m].
         last: the same of the lower tape.
         relative_stderr: of the diameter, that of the scale left out.
-        n_threads: threads of both families, an even number; None counts them.
 
     Returns:
         The angle in windows with a standard deviation of half a mean radius, more where there are
@@ -479,13 +476,7 @@ def braid_angle(
     if shines(surface):
         return _nothing(last - first, GLOSSY)
     width = window_width(surface)
-    if n_threads is None:
-        n, uncounted = count_yarns(Waves(surface, seen, width, 1.0), seen.apparent)
-    else:
-        n, uncounted = n_threads / 2, 0.0
-        if abs(n / seen.apparent - 1) > _OTHER:
-            about = 2 * round(seen.apparent)
-            return _nothing(last - first, f"about {about} threads are seen, not {n_threads}")
+    n, uncounted = count_yarns(Waves(surface, seen, width, 1.0), seen.apparent)
     waves = Waves(surface, seen, width * max(1.0, _FEW / n), _SPACING)
     rate, coherence = waves.twist_rates(n)
     radius = np.interp(waves.centres, surface.arc, surface.radius)

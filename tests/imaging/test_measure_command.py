@@ -78,8 +78,7 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
     assert recipe.scale.source == "ruler"
     assert recipe.scale.px_per_m == pytest.approx(lab.truth[0].px_per_m, rel=5e-4)
     assert len(list((out / "overlays").glob("*.jpg"))) == 3
-    for name in ("measurements.nc", "profiles.png"):
-        assert (out / name).stat().st_size > 1000
+    assert (out / "measurements.nc").stat().st_size > 1000
 
 
 @pytest.mark.slow
@@ -162,10 +161,8 @@ def test_options_override_the_recipe_file(tmp_path):
     assert provenance == {"recipe_file": str(path)}
 
 
-def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
+def test_how_a_ruler_is_read_is_an_option(tmp_path):
     """Sixteenths on the other edge: the options tell which, and how well it was placed."""
-    from imaging import RulerReading, write_recipe
-
     scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
     shot = render_ruler(scene, 5)
     ruler = shot.save(tmp_path / "ruler.jpg")
@@ -177,16 +174,10 @@ def test_how_a_ruler_is_read_is_an_option_and_a_choice_of_the_recipe(tmp_path):
     )
     assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
     assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
-    assert found.ruler == RulerReading(0.003175, 120.0 / IN, 0.06 * IN)  # eighths first
-    path = write_recipe(found, tmp_path / "recipe.toml")
-    again, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler))
-    assert again == found
-    finer, _ = command_recipe(RecipeOptions(recipe=path, ruler=ruler, pitch="0.0625in"))
-    assert finer.ruler.placement_stderr == found.ruler.placement_stderr
-    assert finer.scale.px_per_m == pytest.approx(found.scale.px_per_m, rel=1e-3)
+    assert found.scale.pitch == pytest.approx(IN / 8)  # eighths first
 
 
-def test_a_ruler_of_another_size_is_refused_with_its_ratio(tmp_path):
+def test_a_ruler_of_another_size_is_refused(tmp_path):
     """Other pixels; or the same ones, of a frame that the camera took with others."""
     from PIL import Image
 
@@ -199,13 +190,9 @@ def test_a_ruler_of_another_size_is_refused_with_its_ratio(tmp_path):
     plain = Recipe(Scale.manual(9000.0))
     muscle = saved("muscle.jpg", (300, 200), (600, 400))
     check_sizes(saved("alike.jpg", (300, 200), (600, 400)), [muscle], plain)
-    for size, taken, ratio in (
-        ((450, 300), (600, 400), "1.5 in"),
-        ((300, 200), (300, 200), "0.5 in"),
-    ):
-        ruler = saved("ruler.jpg", size, taken)
-        with pytest.raises(MixedSizes, match=f"{ratio} width"):
-            check_sizes(ruler, [muscle], plain)
+    for size, taken in (((450, 300), (600, 400)), ((300, 200), (300, 200))):
+        with pytest.raises(MixedSizes, match="cropped and scaled alike"):
+            check_sizes(saved("ruler.jpg", size, taken), [muscle], plain)
     whole = saved("whole.jpg", (600, 400), (600, 400))
     cropped = Recipe(Scale.manual(9000.0), crop_offset=(10, 10), frame_size=(600, 400))
     check_sizes(whole, [muscle], cropped)

@@ -78,6 +78,6 @@ def test_a_header_of_more_pixels_than_a_picture_has_is_refused_before_decoding(t
             for chunk in chunks
         )
     )
-    with pytest.raises(UnreadableImage, match="178 Mpx at most"):
+    with pytest.raises(UnreadableImage, match="must hold a whole picture"):
         read_image(path)
     assert sizes_of(path) == []

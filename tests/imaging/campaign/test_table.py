@@ -107,13 +107,12 @@ def test_the_log_gives_each_picture_its_force_with_the_error_of_interpolation():
 
 def test_xarray_reads_the_netcdf_with_units_profiles_and_provenance(tmp_path):
     xarray = pytest.importorskip("xarray")
-    found = table(provenance={"recipe": "method = 'limb'\n", "ruler_sha256": "ab" * 32})
+    found = table(provenance={"ruler_sha256": "ab" * 32})
     path = found.write_netcdf(tmp_path / "table.nc")
     with xarray.open_dataset(path, engine="scipy") as data:
         np.testing.assert_array_equal(data["length_m"], found["length"])
         assert data["length_m"].attrs["units"] == "m"
         assert data["volume_m3"].attrs["units"] == "m3"
-        assert data["contraction"].attrs["units"] == "1"
         np.testing.assert_array_equal(data["diameter_m"], found.diameter)
         assert data["diameter_m"].dims == ("picture", "position")
         assert [str(p) for p in data["path"].values] == list(found.path)

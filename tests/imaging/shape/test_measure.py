@@ -247,7 +247,6 @@ def test_the_right_tone_curve_undoes_the_cameras():
         ({"orientation": "diagonal"}, "orientation"),
         ({"distance": 0.0}, "distance"),
         ({"tape_hue": 400.0}, "tape_hue"),
-        ({"resolution_px": 2.0}, "resolution_px"),
         ({"crop_offset": (10.0, 10.0)}, "frame_size"),
     ],
 )

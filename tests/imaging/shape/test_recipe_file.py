@@ -7,9 +7,7 @@ import pytest
 
 from imaging import (
     ImagingError,
-    QualityLimits,
     Recipe,
-    RulerReading,
     Scale,
     Tone,
     read_recipe,
@@ -41,11 +39,7 @@ FULL = Recipe(
     orientation="auto",
     tape_hue=222.0,
     tape_diameter=0.875 * 0.0254,
-    resolution_px=100.0,
-    limits=dataclasses.replace(QualityLimits(), blur_px=4.0, saturated=0.1),
-    ruler=RulerReading(0.001, 8900.0, 0.00025),
     braid_angle=True,
-    n_threads=72,
 )
 
 
@@ -63,12 +57,12 @@ def written(tmp_path, text, scale="[scale]\npx_per_m = 8922.0\nstderr_px_per_m =
 
 
 def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
-    path = written(tmp_path, "distance_in = 60\ntape_diameter_mm = 22\nresolution_px = 83\n")
-    expected = dataclasses.replace(PLAIN, distance=1.524, tape_diameter=0.022, resolution_px=83.0)
+    path = written(tmp_path, "distance_in = 60\ntape_diameter_mm = 22\ntape_hue_deg = 83\n")
+    expected = dataclasses.replace(PLAIN, distance=1.524, tape_diameter=0.022, tape_hue=83.0)
     found = read_recipe(path)
     assert found == dataclasses.replace(expected, distance=found.distance)
     assert found.distance == pytest.approx(1.524, rel=1e-15)
-    assert isinstance(found.resolution_px, float)
+    assert isinstance(found.tape_hue, float)
 
 
 @pytest.mark.parametrize(
@@ -86,9 +80,7 @@ def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
         ("format = 'famjax recipe 9'\n", "has the format 'famjax recipe 1'"),
         ("distance_m = \n", "not a TOML file"),
         ("tone = [0.0, 1.0]\n", "256 finite values"),
-        ("limits = 3\n", "limits must be a table"),
-        ("[ruler]\npitch_in = 0\n", "pitch must be finite and > 0"),
-        ("[ruler]\npitch = 0.125\n", r"\[ruler\]: pitch has no unit"),
+        ("tape_hue_deg = 400\n", "tape_hue must be 0 to 360"),
     ],
 )
 def test_what_cannot_be_a_recipe_is_refused_with_the_path(tmp_path, text, match):
