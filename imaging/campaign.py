@@ -22,7 +22,7 @@ from famjax.boundary.units import factor, finite_or_none, unit_system
 
 from .camera import Array
 from .errors import ImagingError, MixedSizes
-from .measurement import Measurement, of_placement
+from .measurement import Measurement
 from .photograph import date_text, read_timestamp, sizes_of
 from .recipe import Recipe, recipe_text
 
@@ -419,13 +419,11 @@ def process(
         executor = cores if cores > 1 and left > _FEW else None
     work = functools.partial(_part, recipe=recipe)
     run_tasks(work, names, executor=executor, store=kept, progress=progress, names=names)
-    table = Table.from_rows(
+    return Table.from_rows(
         [Row(**part | {"path": name}) for part, name in zip(kept, names, strict=True)],
         scale_relative_stderr=recipe.scale.relative_stderr,
         rest_length=rest_length, provenance={**told, **(provenance or {})},
     )  # fmt: skip
-    notes = (f"{note[0].upper()}{note[1:]}." for note in of_placement(recipe).get("notes", ()))
-    return dataclasses.replace(table, notes=(*table.notes, *notes))
 
 
 def common_size(paths: Sequence[str]) -> tuple[int, int] | None:

@@ -88,8 +88,6 @@ _DARK_THREAD = 0.22  # of the braid's brightness
 _BEHIND = (
     7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
 )
-_DARK_BRAID = 100.0  # level of a colour
-_GREY, _METAL = 0.12, 1.3  # of the brightest colour; of the median level, which one pixel in 20 has
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
 _GUARD = 5  # px at a tape's ends that are left out
 _FEWEST_ROWS = 12
@@ -255,7 +253,7 @@ def find_ring(
         grid, lateral, seen = front.unrolled(y, t, shows)
         for _ in range(_PASSES):
             try:
-                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, coarse, seen)
+                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, seen)
             except MissingFitting:
                 if front.lean == 0 or seen < _LEAST_SEEN:
                     raise
@@ -285,13 +283,13 @@ def find_ring(
         for at in (np.arange(2.0, 8.0), np.arange(14.0, 20.0))
     )
     # Tape beside the edge that was found, and braid beyond: the edge is that of what covers another part.
-    _check_seen(min(seen, 1 - float(np.mean(beside & ~beyond))), coarse)
+    _check_seen(min(seen, 1 - float(np.mean(beside & ~beyond))))
     delta, where = _along(grid, lateral, t, s, slope)
     (offset, left_over), teeth = _line(where / px, delta), 0.0
     if _scatter(left_over) > _RAGGED:
         t, shows, teeth = _window(_DEEPEST / 3), front.uncovered(y, _DEEPEST / 2), _DEEPEST
         grid, lateral, _ = front.unrolled(y, t, shows, teeth)
-        s, delta, where = _pieces(grid, lateral, t, s, coarse)
+        s, delta, where = _pieces(grid, lateral, t, s)
         offset, left_over = _line(where / px, delta)
     seen_in_luma = coarse.braid @ LUMA > _BRIGHTER * (coarse.tape @ LUMA)
     if s > _SOFTER * max(blur, 1.0):
@@ -330,7 +328,7 @@ def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teet
     grid = front.lumas()(u, v)
     use, in_luma = _lit(grid, t - teeth) & shows, s
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
-        ragged = teeth and _pieces(grid[use], lateral[use], t, s, front.coarse)[0]
+        ragged = teeth and _pieces(grid[use], lateral[use], t, s)[0]
         in_luma = ragged or _step(grid[use].mean(axis=0), t, s, sloped=False)[1]
     return min(s, max(in_luma, _lens_alone(s)))
 
@@ -397,9 +395,7 @@ def _scatter(left_over: Array) -> float:
     return math.sqrt(float(left_over @ left_over) / max(left_over.size - 2, 1))
 
 
-def _pieces(
-    grid: Array, lateral: Array, t: Array, s: float, coarse: Segmentation
-) -> tuple[float, Array, Array]:
+def _pieces(grid: Array, lateral: Array, t: Array, s: float) -> tuple[float, Array, Array]:
     """Blur of a ragged edge [px], and shifts of small pieces as `_along` gives them of groups.
 
     The blur is that of the level pieces, each put in its place: a lens smears the flanks of teeth
@@ -415,7 +411,7 @@ def _pieces(
         level = keep & (steep <= np.quantile(steep, _LEVEL))
         aligned = [np.interp(t + d, t, piece) for d, piece in zip(delta, pieces, strict=True)]
         near = np.abs(t) <= _DEEPEST
-        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s, coarse)[1]
+        own = _clear_step(np.mean(np.array(aligned)[level], axis=0)[near], t[near], s)[1]
         if abs(own / s - 1) < _SAME:
             break
         s = own
@@ -434,42 +430,31 @@ def _window(blur: float) -> Array:
 
 
 def _clear_step(
-    profile: Array, t: Array, start: float, coarse: Segmentation, seen: float = 1.0
+    profile: Array, t: Array, start: float, seen: float = 1.0
 ) -> tuple[float, float, float]:
     """Shift, blur and slope of the step in the mean profile of an edge [px].
 
     Raises:
-        MissingFitting: none, or one that is too faint, with the likely cause by the colours.
+        MissingFitting: none, or one that is too faint.
     """
     shift, blur, height, slope = _step(profile, t, start)
     if height > _LEAST_HEIGHT and abs(shift) < t[-1]:
         return shift, blur, slope
-    _check_seen(seen, coarse)
-    cause = _cause(coarse) or "none is seen where its colour ends"
+    _check_seen(seen)
     raise MissingFitting(
-        f"a tape must end in an edge towards the braid; {cause}", step_height=height
+        "a tape must end in an edge towards the braid, and none is seen: a braid darker than its tapes, or "
+        "one that shines, needs chalk, and light from all sides",
+        step_height=height,
     )
 
 
-def _check_seen(seen: float, coarse: Segmentation) -> None:
+def _check_seen(seen: float) -> None:
     if seen < _LEAST_SEEN:
-        cause = _cause(coarse) or "something covers it, or shines on it: clear it, or move the lamp"
         raise MissingFitting(
-            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it; {cause}",
+            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it: clear what "
+            "covers it, or shines on it or on the braid",
             seen=seen,
         )
-
-
-def _cause(coarse: Segmentation) -> str:
-    """Why a tape's edge cannot be seen, by the colours; empty where they do not tell."""
-    braid = coarse.braid
-    if braid @ LUMA < coarse.tape @ LUMA and braid.max() < _DARK_BRAID:
-        return (
-            "the braid is darker than its tapes: take darker tape, or whiten the braid with chalk"
-        )
-    if np.ptp(braid) < _GREY * braid.max() and coarse.glare > _METAL:
-        return "the braid shines as metal does: dull it with chalk, and light it from all sides"
-    return ""
 
 
 def _inside(s: float) -> float:
@@ -517,22 +502,6 @@ def _step(
         if rise > 0:  # light that falls inward is no relief's
             best, height, slope = risen, high, rise
     return float(best[0]), float(blur_of(best)[0]), height, slope
-
-
-class Lean(NamedTuple):
-    """A ring as a plane through a cylinder, from its arc in the picture.
-
-    Attributes:
-        slope: p, by which the ring's front lies lower than its middle, over the radius [-].
-        stderr: its standard error [-].
-        middle: how far the ring's middle lies beyond `Ring.y` along the axis [m].
-        middle_stderr: standard error of the middle's place [m].
-    """
-
-    slope: float
-    stderr: float
-    middle: float
-    middle_stderr: float
 
 
 def check_tape_diameter(
@@ -605,6 +574,10 @@ class Depth(NamedTuple):
     radius, seen by a camera at d and unrolled for one at d0.
 
     Attributes:
+        lean: p of the upper and the lower ring, shape (2,) [-].
+        lean_stderr: its standard error.
+        middle: how far the rings' middles lie beyond `Ring.y` along the axis, shape (2,) [m].
+        middle_stderr: its standard error.
         tilt: of the axis, its lower end away from the camera [rad].
         tilt_stderr: its standard error [rad].
         nearer: 1/d - 1/d0 [1/m].
@@ -612,6 +585,10 @@ class Depth(NamedTuple):
         against: lean of both tapes against each other that this is, p of one end [-].
     """
 
+    lean: Array
+    lean_stderr: Array
+    middle: Array
+    middle_stderr: Array
     tilt: float
     tilt_stderr: float
     nearer: float
@@ -648,29 +625,29 @@ class Axis(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> tuple[Depth, tuple[Lean, Lean]]:
-    """Tilt and distance from the leans of both tapes' edges, and the leans.
+def depth_of_axis(body: Silhouette, upper: Ring, lower: Ring) -> Depth:
+    """Tilt and distance from the leans of both tapes' edges.
 
     Unrolled about an upright cylinder at the camera's distance, a ring square to it is straight.
     The front of one that leans lies lower by p sqrt(R^2 - X^2) at X across the axis, as does that
     of a square one around a tilted axis, or seen from another distance.
     """
-    leans = []
-    for ring in (upper, lower):
-        radius = float(body.radius_at(ring.y))
-        found, stderr = plane_through(radius * ring.lateral, ring.shift, radius)
-        leans.append(Lean(found[2], stderr[2], found[0], stderr[0]))
-    up, low = leans
+    radii = [float(body.radius_at(ring.y)) for ring in (upper, lower)]
+    fits = [
+        plane_through(radius * ring.lateral, ring.shift, radius)
+        for radius, ring in zip(radii, (upper, lower), strict=True)
+    ]
+    (middle, _, lean), (middle_stderr, _, stderr) = np.transpose(fits, (1, 2, 0))
     span = lower.y - upper.y
-    nearer, nearer_stderr = (low.slope - up.slope) / span, math.hypot(low.stderr, up.stderr) / span
-    weight = np.array([up.stderr, low.stderr]) ** -2.0
+    nearer, nearer_stderr = float(np.diff(lean)[0]) / span, math.hypot(*stderr) / span
+    weight = stderr**-2.0
     weight /= weight.sum()
-    tilt = float(weight @ [up.slope, low.slope])
-    against = nearer * span / 2
+    tilt = float(weight @ lean)
     if abs(nearer) > _SEEN * nearer_stderr:
-        tilt = up.slope - upper.y * nearer
-    return Depth(tilt, float((weight**2 @ [up.stderr**2, low.stderr**2]) ** 0.5), nearer,
-                 nearer_stderr, against), (up, low)  # fmt: skip
+        tilt = float(lean[0]) - upper.y * nearer
+    tilt_stderr = float((weight**2 @ stderr**2) ** 0.5)
+    return Depth(lean, stderr, middle, middle_stderr, tilt, tilt_stderr, nearer, nearer_stderr,
+                 nearer * span / 2)  # fmt: skip
 
 
 def axis_of(
@@ -697,27 +674,26 @@ def axis_of(
     Raises:
         DistanceContradiction: both tapes lean against each other too much for tapes.
     """
-    depth, (up, low) = depth_of_axis(body, upper, lower)
+    depth = depth_of_axis(body, upper, lower)
     length, d = lower.y - upper.y, camera.distance
     warnings, parts, wide = [], [], 0.0
     nearer_stderr = math.hypot(depth.nearer_stderr, math.sqrt(2) * _WOUND / length)
     radius = float(np.mean(body.radius))
-    ends = (0.0, 0.0)
-    shown = math.hypot(up.slope / up.stderr, low.slope / low.stderr)
+    ends, y = np.zeros(2), np.array([upper.y, lower.y])
+    shown = math.hypot(*(depth.lean / depth.lean_stderr))
     if stated and _MAY_LEAN < shown <= _LEANS:
-        wound = _LEAST * math.hypot(*(float(body.radius_at(ring.y)) for ring in (upper, lower)))
-        parts.append(min(abs(low.middle - up.middle), wound))
+        wound = _LEAST * math.hypot(*body.radius_at(y))
+        parts.append(min(abs(float(np.diff(depth.middle)[0])), wound))
     if shown > _LEANS:
-        for ring, lean in ((upper, up), (lower, low)):
-            wider = float(body.radius_at(ring.y + lean.middle) - body.radius_at(ring.y))
-            parts.append(_OF_RADIUS * ring.y / d * wider)
+        wider = body.radius_at(y + depth.middle) - body.radius_at(y)
+        parts += (_OF_RADIUS * y / d * wider).tolist()
         if stated:
-            ends = up.middle, low.middle
-            parts += [up.middle_stderr, low.middle_stderr]
+            ends = depth.middle
+            parts += depth.middle_stderr.tolist()
     if not stated:
         front = float(np.mean(np.sqrt(np.maximum(1 - upper.lateral**2, 0))))  # over the radius
-        front = 0.5 * float(body.radius_at(upper.y) + body.radius_at(lower.y)) * front
-        parts.append(front * math.hypot(up.stderr, low.stderr, low.slope - up.slope))
+        front *= float(body.radius_at(y).mean())
+        parts.append(front * math.hypot(*depth.lean_stderr, depth.lean[1] - depth.lean[0]))
         wide = (body.x0**2 + radius**2) / d * nearer_stderr
     elif abs(depth.nearer) > _SURE * depth.nearer_stderr and abs(depth.against) > _LEAST:
         parts.append(depth.against**2 * length / 4)  # of a bow in depth that leans the tapes so
@@ -743,7 +719,7 @@ def axis_of(
     parts.append(length * longer * _ASIDE)
     return Axis(
         distance=d, distance_stderr=0.0 if stated else d**2 * nearer_stderr, tilt=tilt,
-        tilt_stderr=depth.tilt_stderr, bow=deviation, ends=ends,
+        tilt_stderr=depth.tilt_stderr, bow=deviation, ends=(float(ends[0]), float(ends[1])),
         length_factor=factor * (1 + longer), length_stderr=math.hypot(*parts),
         cosine=1 / np.hypot(1, slope),
         diameter_stderr=math.hypot(wide, _ASIDE * deviation * _WAVE / d), warnings=tuple(warnings),
@@ -765,38 +741,28 @@ def distance_by_tapes(
     Raises:
         DistanceContradiction: the arcs are those of no camera.
     """
-    depth, _ = depth_of_axis(body, upper, lower)
+    depth = depth_of_axis(body, upper, lower)
     if not found and abs(depth.nearer) < 2 * depth.nearer_stderr:
         return assumed
     inverse = 1 / assumed + depth.nearer
     if not _NEAREST > inverse > _FARTHEST:
-        raise DistanceContradiction(
-            "the tapes' edges must be arcs as a camera sees them at some distance; these lean against "
-            "each other more than that: say --distance, wind the tapes square to the axis, and hang "
-            "the muscle straight",
-            lean=depth.against,
-        )  # fmt: skip
+        raise DistanceContradiction(f"{_ARCS} at some distance: say --distance", lean=depth.against)
     return 1 / inverse
 
 
 _NEAREST, _FARTHEST = 1 / 0.15, 1 / 15.0  # of cameras [1/m]
+_ARCS = (
+    "wind the tapes square to the axis, and hang the muscle straight: their edges must be arcs as a camera "
+    "sees them"
+)
 
 
 def _contradiction(depth: Depth, d: float) -> str:
-    inverse = 1 / d + depth.nearer
-    seen = f"{1 / inverse / _INCH:.0f} in" if inverse > _FARTHEST else "no distance"
+    seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
+    text = f"{_ARCS}; these belong to {seen}, and {d / _INCH:.0f} in are stated: correct --distance"
     if abs(depth.against) > _MOST:
-        raise DistanceContradiction(
-            "the tapes' edges must be arcs as a camera sees them at the stated distance; these belong "
-            f"to {seen}: correct --distance, or leave it out; if it is right, wind the tapes square to "
-            "the axis, and hang the muscle so that it is not bowed towards the camera",
-            stated=d, lean=depth.against,
-        )  # fmt: skip
-    return (
-        f"the tapes' edges are arcs of a camera at {seen}, and {d / _INCH:.0f} in are stated: correct "
-        "--distance; if it is right, the tapes are not square to the axis, or the muscle is bowed in "
-        "depth, and the errors are wider for it: wind the tapes square, and hang the muscle straight"
-    )
+        raise DistanceContradiction(f"{text}, or leave it out", stated=d, lean=depth.against)
+    return f"{text}; the errors are wider for it"
 
 
 def ends_aside(camera: Camera, outline: Outline) -> tuple[float, float]:

@@ -118,7 +118,6 @@ class Measurement:
         tilt, tilt_stderr: of the axis in depth, its lower end away from the camera [rad].
         bow: largest deviation of the mid-line from a straight one [m].
         warnings: what the errors do not hold, or hold only in part, in words.
-        notes: what the errors take as it was stated, in words.
         trace: the edges in the picture.
         braid: the braid angle along it; None where the recipe does not ask for it.
     """
@@ -140,7 +139,6 @@ class Measurement:
     tilt_stderr: float = math.nan
     bow: float = 0.0
     warnings: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
     braid: BraidAngle | None = None
 
     @property
@@ -211,9 +209,9 @@ def measurement_of_body(
     edge, both_rings = _systematic_part(quality, outline, stated=recipe.tone is not None)
     edge = math.hypot(edge, 2 * _HIDDEN * (outline.left.hidden + outline.right.hidden > 0))
     diameter = 2 * body.radius_at(y) * np.interp(y, at, axis.cosine)
+    left, right = outline.columns
     edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
     stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
-    sides, open_questions = (outline.left.column, outline.right.column), of_placement(recipe)
     return Measurement(
         path=photo.path, z=length * part, diameter=diameter, diameter_stderr=stderr, length=length,
         px_per_m=px_per_m, roll=body.roll, x0=body.x0,
@@ -224,9 +222,8 @@ def measurement_of_body(
             scale=relative,
         ),
         quality=quality, **{name: getattr(axis, name) for name in _OF_AXIS},
-        warnings=(*axis.warnings, *open_questions.get("warnings", ())),
-        notes=open_questions.get("notes", ()),
-        trace=Trace(outline.rows.astype(float), *sides, upper.arc, lower.arc, photo.turned),
+        warnings=(*axis.warnings, *_of_placement(recipe)),
+        trace=Trace(outline.rows.astype(float), left, right, upper.arc, lower.arc, photo.turned),
     )  # fmt: skip
 
 
@@ -263,23 +260,15 @@ def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tup
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
 
 
-def of_placement(recipe: Recipe) -> dict[str, tuple[str, ...]]:
-    """What the recipe leaves open and no picture shows, as a warning or as a note."""
-    scale, part = recipe.scale, 0.00254 / recipe.camera_distance
-    if scale.source != "ruler":
-        return {}
-    if scale.placement_stderr is None:
-        return {"warnings": (
-            "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes "
-            f"all lengths wrong by {part:.2%}; say how well it lay there, --ruler-placement 0.01in",
-        )}  # fmt: skip
-    if recipe.tape_diameter is not None:
-        return {}
-    return {"notes": (
-        f"that the axis was in the ruler's plane to {scale.placement_stderr * 1e3:.3g} mm is taken as "
-        f"stated: no picture shows it, and 0.1 in off makes all lengths wrong by {part:.2%}; a known size "
-        "checks it, --tape-diameter",
-    )}  # fmt: skip
+def _of_placement(recipe: Recipe) -> tuple[str, ...]:
+    """A warning of what the recipe leaves open and no picture shows."""
+    part = 0.00254 / recipe.camera_distance
+    if recipe.scale.source != "ruler" or recipe.scale.placement_stderr is not None:
+        return ()
+    return (
+        "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes "
+        f"all lengths wrong by {part:.2%}; say how well it lay there, --ruler-placement 0.01in",
+    )
 
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
@@ -325,10 +314,7 @@ def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: in
 
 
 _LEAST_WIDTH = 16  # px
-_RAGGED = 1.5  # px, scatter of a tape's edge from which its teeth may pass for blur
 _PASSES = 3  # towards the distance of the tapes' arcs, each linear in what is left
-_STEEP = 0.6  # slope of the radius beside a tape
-_SMEARED = 2.0  # times the outline's blur, from which it is motion all the same
 
 
 def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
@@ -389,7 +375,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         photo = dataclasses.replace(photo, camera=camera)
         body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, seen, upper, lower, recipe)
-    _check(quality, body)
+    quality.check()
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
     stated = recipe.distance is not None
@@ -416,32 +402,6 @@ def _placed(
         for lower, aside in zip((False, True), ends_aside(photo.camera, outline), strict=True)
     )  # fmt: skip
     return body, upper, lower
-
-
-def _check(quality: Quality, body: Silhouette) -> None:
-    """Refuse what is worse than the limits; where background or tape is the cause, name it."""
-    try:
-        quality.check()
-    except errors.MotionBlurred as error:
-        smear = quality.tape_blur_px / max(quality.blur_px, 1.0)
-        steep = float(np.abs(np.gradient(body.radius, body.y)[[0, -1]]).max())
-        if smear > 1 and steep > _STEEP:
-            error.message += (
-                f"; or a shoulder as steep as {steep:.2g} shades the tapes: wind them further in"
-            )
-        if not (quality.tape_sd_px > _RAGGED and _SMEARED > smear > 1):
-            raise
-        raise errors.AmbiguousHue(
-            "the tapes' edges must be cut straight; these are so ragged that they look like "
-            "ones that moved: wind fresh tape with a straight edge", tape_sd_px=quality.tape_sd_px
-        ) from error  # fmt: skip
-    except errors.DamagedImage as error:
-        if not math.isnan(quality.eta_value):
-            raise
-        raise errors.NoMuscle(
-            "the muscle must stand out from its background all along its outline; the background is "
-            "too much like it in places: put a dark cloth behind it", misfit=quality.misfit
-        ) from error  # fmt: skip
 
 
 def _quality(

@@ -76,7 +76,8 @@ _LEAST = {"eta_value", "eta_hue"}
 
 _SMEARED = (
     "edges must be as sharp as the lens makes them, along the axis as across it; these are smeared: expose "
-    "shorter, or hold the muscle still, check the focus, and take the picture again"
+    "shorter, or hold the muscle still, check the focus, wind tapes with a straight edge further in than a "
+    "steep shoulder, and take the picture again"
 )
 _ALIKE = (
     "the two sides must be smooth and mirror each other: is the picture damaged, one side in the shade, "
@@ -100,7 +101,7 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("axis_deviation", 0.15, errors.NoMuscle, _ALIKE),
     ("axis_kink", 0.05, errors.DamagedImage, _ALIKE),
     ("misfit", 0.02, errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: "
-     "is another edge behind it, or does the camera sharpen?"),
+     "is its background like it in places? put a dark cloth behind it; or does the camera sharpen?"),
     ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tapes' edges must be straight rings: is a tape torn, or "
      "covered?"),
 )  # fmt: skip

@@ -539,7 +539,6 @@ class Segmentation:
         eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1; the first nan
             where the muscle was found by its border and not by its brightness.
         saturated: part of the muscle with a colour at 254 or more.
-        glare: level that one pixel of the braid in twenty exceeds, over the median.
     """
 
     rows: Indices
@@ -553,7 +552,6 @@ class Segmentation:
     eta_value: float
     eta_hue: float
     saturated: float
-    glare: float
 
 
 class _Look(NamedTuple):
@@ -679,7 +677,6 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         lower=lower.moved(step, v0, u0), cloth=np.median(cloth, axis=0),
         braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=look.muscle.eta,
         eta_hue=look.eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
-        glare=float(np.divide(*np.quantile(braid.max(axis=1), [0.95, 0.5]))),
     )  # fmt: skip
 
 
