@@ -69,8 +69,6 @@ class RecipeOptions:
     tone
         srgb: the camera's style is neutral, its contrast and sharpening off. Unless given, what
         another style may do is in the errors.
-    tape_diameter
-        Known diameter of the tapes on the fittings, against which the scale is checked.
     tape_hue
         Colour of the tapes, `355deg`; the colour that covers less unless given.
     recipe
@@ -91,7 +89,6 @@ class RecipeOptions:
     scale: str | None = None
     k1: Annotated[float | None, Signed] = None
     tone: Literal["srgb"] | None = None
-    tape_diameter: str | None = None
     tape_hue: str | None = None
     recipe: Path | None = None
     braid_angle: bool | None = None
@@ -241,9 +238,7 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     if options.expected_px_per_in is not None:
         reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
     readers: dict[str, Callable[[Any, str], Any]] = {
-        **dict.fromkeys(
-            ("distance", "tape_diameter"), lambda text, _: parse_quantity(text, "length")
-        ),
+        "distance": lambda text, _: parse_quantity(text, "length"),
         "crop_offset": lambda text, name: _numbers(text, name, "1459,531"),
         "frame_size": lambda text, name: _numbers(text, name, "5568,3712", int),
         "tape_hue": lambda text, name: _numbers(text.removesuffix("deg"), name, "355deg")[0],

@@ -22,10 +22,9 @@ from .camera import (
     turned,
 )
 from .edge import best_shift, height_and_rest, least_squares, step
-from .errors import DistanceContradiction, MissingFitting, ScaleContradiction
-from .outline import Outline, bow, correlated_points, find_outline
+from .errors import DistanceContradiction, MissingFitting
+from .outline import Outline, bow, correlated_points
 from .photograph import Photograph
-from .recipe import Recipe
 from .segment import Segmentation
 
 _LEAST_SEEN = 0.6  # of the lit part of an edge: less than this cannot stand for all of it
@@ -89,11 +88,6 @@ _BEHIND = (
     7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
 )
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
-_GUARD = 5  # px at a tape's ends that are left out
-_FEWEST_ROWS = 12
-_CONTRADICTS = (
-    0.005  # of the tapes' diameter; a ruler 7.6 mm off the muscle's plane makes that at 60 in
-)
 _SOFTER = 1.25  # times the outline's blur, from which a tape's edge is looked at in luma as well
 
 
@@ -159,8 +153,8 @@ class _Front:
         camera, self.plane = photo.camera, (0.0, 0.0)
         self.step = (-1 if lower else 1) / camera.px_per_m  # inward [m]
         band = coarse.lower if lower else coarse.upper
-        u = (band.left + band.right) / 2
-        v, radius = float(np.polyval(band.inner, u)), float(body.radius[-1 if lower else 0])
+        u, radius = band.middle, float(body.radius[-1 if lower else 0])
+        v = float(np.polyval(band.inner, u))
         self.y = float(ring_position(camera, u, v, radius, body.x0, body.roll))
         # The arc in the picture is that of perspective, y / d, and of a lean.
         lean = -2 * float(band.inner[0]) * radius * camera.px_per_m - self.y / camera.distance
@@ -504,55 +498,6 @@ def _step(
     return float(best[0]), float(blur_of(best)[0]), height, slope
 
 
-def check_tape_diameter(
-    photo: Photograph, coarse: Segmentation, body: Silhouette, recipe: Recipe, known: float
-) -> None:
-    """Refuse a scale that contradicts the tapes' known diameter.
-
-    A tape is a cylinder about the muscle's axis: R = rho sin(beta) with the half angle beta between
-    its two tangent planes, by the limb model.
-
-    Raises:
-        ScaleContradiction: the tapes' mean diameter differs from the known one by more than
-            half a per cent, or a tape shows too few rows for that.
-    """
-    camera, tone = photo.camera, recipe.tone_curve
-    # Luma hardly sees blue: the colour in which the tape is brightest does.
-    colour = int(np.argmax(coarse.tape))
-    dark, bright = tone.light(np.array([coarse.cloth[colour], coarse.tape[colour]]))
-    amount = ((tone.table - dark) / (bright - dark)).astype(np.float32)
-    angles = []
-    for tape, first, last in (
-        (coarse.upper, coarse.upper.top, min(coarse.upper.inner_limbs)),
-        (coarse.lower, max(coarse.lower.inner_limbs), coarse.lower.bottom),
-    ):
-        rows = np.arange(int(first) + _GUARD, int(last) - _GUARD)
-        if rows.size < _FEWEST_ROWS:
-            raise ScaleContradiction(
-                f"a tape must show {_FEWEST_ROWS} rows to check the scale by its diameter: use a wider "
-                "tape, or leave the tape's diameter out",
-                rows=rows.size,
-            )
-        y = (rows - camera.centre[1]) / camera.px_per_m
-        X, Y = turned(np.full(rows.size, body.x0), y, body.roll)
-        middle, half = camera.pixels(X, Y, camera.distance)[0], (tape.right - tape.left) / 2
-        outline = find_outline(
-            photo.rgb[..., colour], amount, rows, middle - half, middle + half,
-            resolution=2.0 * rows.size,
-        )  # fmt: skip
-        left, right = np.arctan(turned(*camera.rays(outline.columns, rows), -body.roll)[0])
-        angles.append(float(np.median(right - left)) / 2)
-    mean = 2 * float(np.hypot(body.x0, camera.distance)) * float(np.mean(np.sin(angles)))
-    if abs(mean / known - 1) > _CONTRADICTS:
-        raise ScaleContradiction(
-            "the tapes' diameter in the picture must be the known one; their ratio is "
-            f"{mean / known:.4f}: was the ruler in the plane of the muscle's axis, and is the "
-            "distance right?",
-            diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
-            limit=_CONTRADICTS,
-        )  # fmt: skip
-
-
 _INCH = 0.0254  # [m]
 _SURE = 4.0  # standard errors at which tapes say another distance than the stated one
 _SEEN = 4.0  # the same of a tilt
@@ -746,14 +691,14 @@ def distance_by_tapes(
         return assumed
     inverse = 1 / assumed + depth.nearer
     if not _NEAREST > inverse > _FARTHEST:
-        raise DistanceContradiction(f"{_ARCS} at some distance: say --distance", lean=depth.against)
+        raise DistanceContradiction(f"{_ARCS}; or say --distance", lean=depth.against)
     return 1 / inverse
 
 
 _NEAREST, _FARTHEST = 1 / 0.15, 1 / 15.0  # of cameras [1/m]
 _ARCS = (
-    "wind the tapes square to the axis, and hang the muscle straight: their edges must be arcs as a camera "
-    "sees them"
+    "the tapes' edges must be arcs as a camera sees them: wind the tapes square to the axis, and hang the "
+    "muscle straight"
 )
 
 

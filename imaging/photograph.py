@@ -15,8 +15,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from famjax.boundary.errors import import_extra
-
 from .camera import Camera, Image
 from .errors import DamagedImage, ImagingError, UnreadableImage
 
@@ -26,8 +24,6 @@ _stderr_lock = threading.Lock()
 _ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = 0x0112, 0x8769, 0x9003, 0x9291
 _DIMENSIONS = 0xA002, 0xA003
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
-HEIC = (".heic", ".heif")
-"""Files of telephones, which the extra `heic` reads."""
 
 
 def read_image(path: str | PathLike[str]) -> Image:
@@ -38,8 +34,7 @@ def read_image(path: str | PathLike[str]) -> Image:
     file's data often earns no such line.
 
     Args:
-        path: of a picture in any format that OpenCV reads, or of a HEIC file; more than 8 bits are
-            reduced to 8.
+        path: of a picture in any format that OpenCV reads; more than 8 bits are reduced to 8.
 
     Returns:
         Shape (h, w, 3), dtype uint8.
@@ -53,11 +48,11 @@ def read_image(path: str | PathLike[str]) -> Image:
         data = Path(place).read_bytes()
     except OSError as error:
         raise UnreadableImage(f"the file must be readable; {error.strerror}", path=place) from error
-    if place.lower().endswith(HEIC):
-        return _read_heic(place)
     image, complaint = _decoded(data)
     if image is None or "premature end" in complaint.lower():
-        raise UnreadableImage("the file must hold a whole picture: copy it again", path=place)
+        raise UnreadableImage(
+            "the file must hold a whole picture: copy it again, or export it as JPEG", path=place
+        )
     if complaint:
         raise DamagedImage(f"the decoder must not complain; it says: {complaint}", path=place)
     return image
@@ -71,17 +66,6 @@ def named(image: str | PathLike[str] | Image) -> Iterator[tuple[Image, str]]:
         yield image if isinstance(image, np.ndarray) else read_image(path), path
     except ImagingError as error:
         raise error.at(path) from error if path else None
-
-
-def _read_heic(path: str) -> Image:
-    import_extra("pillow_heif", "heic", UnreadableImage).register_heif_opener()
-    from PIL import Image, ImageOps  # noqa: PLC0415
-
-    try:
-        with Image.open(path) as picture:
-            return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
-    except (OSError, ValueError) as error:
-        raise UnreadableImage(f"the file must hold a picture; {error}", path=path) from None
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:

@@ -20,11 +20,11 @@ from .camera import Indices, Scale
 from .campaign import Table, process
 from .errors import ImagingError, MixedSizes, ScaleContradiction
 from .measurement import draw_overlay, measure
-from .photograph import HEIC, read_image, sizes_of
+from .photograph import read_image, sizes_of
 from .recipe import Recipe, read_recipe, write_recipe
 from .ruler import calibrate_ruler
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", *HEIC)
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Files of a folder that are taken for pictures."""
 
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")

@@ -137,7 +137,6 @@ class Recipe:
         orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
             one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
-        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
         braid_angle: measure it from the weave as well, which takes as long again.
 
     Raises:
@@ -153,14 +152,12 @@ class Recipe:
     tone: Tone | None = None
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
-    tape_diameter: float | None = None
     braid_angle: bool = False
 
     def __post_init__(self) -> None:
         tiny, huge = np.nextafter(0.0, 1.0), np.finfo(float).max
         for name, least, most, within in (
             ("distance", tiny, huge, "finite and > 0"),
-            ("tape_diameter", tiny, huge, "finite and > 0"),
             ("tape_hue", 0, 360, "0 to 360"),
         ):
             value = getattr(self, name)
@@ -220,7 +217,7 @@ _FORMAT = "famjax recipe 1"
 
 
 _FORM = Form(
-    kinds=dict.fromkeys(("distance", "tape_diameter", "pitch", "placement_stderr"), "length"),
+    kinds=dict.fromkeys(("distance", "pitch", "placement_stderr"), "length"),
     keys={"tape_hue": "tape_hue_deg", "stderr": "stderr_px_per_m"},
     codecs={
         Tone: (

@@ -121,6 +121,10 @@ _DARK = 40  # mean level of the bright class below which a muscle is under-expos
 _SHADE = 0.15  # of the way from cloth to muscle at which its shaded side begins
 
 
+_CLOTH = "put a dark cloth behind the muscle"
+_WHOLE = "the whole muscle must be in the picture, not at its border: move the camera, or widen the crop"
+
+
 class MuscleMask(NamedTuple):
     """The muscle with its tapes.
 
@@ -155,29 +159,23 @@ def muscle_mask(rgb: Image) -> MuscleMask:
         lit = lit | above(strength, by_strength.level)
     lit = shaped(lit, cv2.MORPH_OPEN, 3)
     found, area = largest(lit)
-    _check(by_value, area / value.size)
+    enough, figures = area >= LEAST_AREA * value.size, by_value._asdict()
+    if enough and by_value.high < _DARK and by_value.eta > TWO_CLASSES:
+        raise errors.Underexposed(
+            "the muscle is too dark: expose longer, or give more light", **figures
+        )
+    if not enough or by_value.high - by_value.low < LEAST_CONTRAST:
+        raise errors.NoMuscle(
+            "a muscle must stand out from the cloth and hold together: is it in the picture, and lit?",
+            **figures,
+        )
     lit = lit & found
     return MuscleMask(lit, _with_shaded_side(lit, value, by_value), by_value.eta)
-
-
-def _check(split: Split, area: float) -> None:
-    dark = split.high < _DARK and area >= LEAST_AREA and split.eta > TWO_CLASSES
-    if not dark and split.high - split.low >= LEAST_CONTRAST and area >= LEAST_AREA:
-        return
-    kind, text = (
-        (errors.Underexposed, f"the muscle must be brighter than level {_DARK} of 255: expose longer, or "
-         "give it more light") if dark else
-        (errors.NoMuscle, f"the brighter class must stand {LEAST_CONTRAST} levels above the cloth and "
-         "hold together: is the muscle in the picture, and lit?")
-    )  # fmt: skip
-    raise kind(text, eta_value=split.eta, cloth_level=split.low, muscle_level=split.high, area=area)
 
 
 def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
     """The muscle's lit part and what is darker beside it, but not as dark as the cloth."""
     cloth = value[shaped(lit, cv2.MORPH_DILATE, 9) == 0]
-    if cloth.size == 0:
-        return lit
     low, high = map(float, np.quantile(cloth, [0.5, 0.98], method="inverted_cdf"))
     level = max(low + _SHADE * (split.high - low), high + 4)
     shade = shaped(above(value, min(level, split.level)), cv2.MORPH_OPEN, 3)
@@ -187,7 +185,6 @@ def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
 
 _BORDER = 1 / 60  # of the width: what is looked at on either side
 _ALONG = 1 / 30  # of the height, over which the border's colour is evened out
-_EVERY = 4  # pixels of which one is looked at
 _DIM = 0.3  # of the muscle's median brightness: what is darker is a rod or a black thread
 _STREAK = 0.12  # of the muscle's width, which the glare on a rod does not reach
 _TOUCHES = 0.03  # of the rows in which a muscle may reach the border
@@ -219,10 +216,8 @@ def mask_against_border(rgb: Image) -> MuscleMask:
     sure = shaped(above(value, max(split.level, _LEAST)), cv2.MORPH_OPEN, 5)
     if split.high - split.low < _LEAST or np.count_nonzero(sure) < LEAST_AREA * value.size:
         raise errors.NoMuscle(
-            "the muscle must stand out from the background on its left and right; nothing does: "
-            "put a dark cloth behind it",
-            eta_value=split.eta, off_levels=split.high,
-        )  # fmt: skip
+            f"nothing stands out from the background: {_CLOTH}", **split._asdict()
+        )
     guess = np.full(value.shape, cv2.GC_PR_BGD, np.uint8)
     guess[value > _LEAST] = cv2.GC_PR_FGD
     guess[sure > 0] = cv2.GC_FGD
@@ -234,10 +229,7 @@ def mask_against_border(rgb: Image) -> MuscleMask:
     inside = np.where(guess & 1, 255, 0).astype(np.uint8)
     found = _filled(largest(shaped(inside, cv2.MORPH_OPEN, 3))[0])
     if (part := max((found[:, k] > 0).mean() for k in (width, -width - 1))) > _TOUCHES:
-        raise errors.Clipped(
-            "the whole width of the muscle must be in the picture; its outline touches the border: "
-            "move the camera, or widen the crop", part_of_rows=float(part)
-        )  # fmt: skip
+        raise errors.Clipped(_WHOLE, part_of_rows=float(part))
     brightest = np.asarray(rgb.max(axis=2), np.uint8)
     lit = found & above(brightest, _DIM * float(np.median(brightest[found > 0])))
     return MuscleMask(lit & _without_streaks(lit), found, math.nan)
@@ -251,14 +243,6 @@ def _without_streaks(lit: Mask) -> Mask:
     """A mask without the streaks of light on a rod: black threads filled, what is narrow taken off."""
     size = max(3, round(_STREAK * float((lit > 0).sum(axis=1).max())))
     return shaped(_filled(shaped(lit, cv2.MORPH_CLOSE, 5)), cv2.MORPH_OPEN, size)
-
-
-def light_behind(rgb: Image) -> bool:
-    """Whether the left and right borders both belong to the brighter class."""
-    value = np.asarray(rgb.max(axis=2)[::_EVERY, ::_EVERY])
-    level = otsu_split(np.ascontiguousarray(value)).level
-    width = _border(value.shape[1])
-    return all(float(np.median(side)) > level for side in (value[:, :width], value[:, -width:]))
 
 
 def _distance(rgb: Image) -> Single:
@@ -321,7 +305,7 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
         nearest = bool(away[0] <= away[1])
         if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
             take_upper = nearest
-    mask = np.where((_beyond(rgb, muscle, along, level) == take_upper) & (muscle > 0), 255, 0)
+    mask = np.where((_beyond(rgb, along, level) == take_upper) & (muscle > 0), 255, 0)
     return _without_fittings(rgb, mask.astype(np.uint8), muscle), eta
 
 
@@ -345,15 +329,11 @@ def _chromaticity(colours: NDArray[np.floating]) -> NDArray[np.floating]:
     return colours / (colours @ np.ones((3, 1), np.float32) + 1)
 
 
-def _beyond(rgb: Image, inside: Mask, along: NDArray[np.floating], level: float) -> Flags:
-    """Where in the box of a mask the chromaticity is beyond a level, False elsewhere."""
+def _beyond(rgb: Image, along: NDArray[np.floating], level: float) -> Flags:
+    """Where the chromaticity is beyond a level."""
     # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
     form = np.array([[*(along - level), -level]], np.float32)
-    u, v, width, height = cv2.boundingRect(inside)
-    box = slice(v, v + height), slice(u, u + width)
-    found = np.zeros(inside.shape, bool)
-    found[box] = cv2.transform(rgb[box].astype(np.float32), form).reshape(height, width) > 0
-    return found
+    return np.asarray(cv2.transform(rgb.astype(np.float32), form)).reshape(rgb.shape[:2]) > 0
 
 
 def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
@@ -466,30 +446,22 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
     area = areas(labels)
     numbers = np.flatnonzero((area > 0) & (area >= _LEAST_TAPE * area.max()))
     n = int(numbers.size)
-    lines = {"top": muscle[0], "bottom": muscle[-1], "left": muscle[:, 0], "right": muscle[:, -1]}
-    at_frame = " and ".join(name for name, line in lines.items() if line.any())
+    clipped = any(line.any() for line in (muscle[0], muscle[-1], muscle[:, 0], muscle[:, -1]))
     for holds, error, text in (
-        (n < 2 and at_frame, errors.Clipped,
-         f"both tapes must be in the picture; {n} is seen, and the muscle runs out at the {at_frame}: "
-         "move the camera, or widen the crop"),
+        (n < 2 and clipped, errors.Clipped, f"both tapes must be seen, and {_WHOLE}"),
         (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
-         "the tapes must differ in colour from the braid; no two classes of colour are seen: use "
-         "another tape, or give its hue"),
+         "the tapes must differ in colour from the braid: use another tape, or give its hue"),
         (n == 1, errors.MissingFitting,
          "two tapes must be seen; one is: is the other covered, too dark, or without colour?"),
         (n > 2, errors.ExtraFitting,
-         f"two tapes must be seen, and {n} are: remove the rest from the picture, crop it, or give "
-         "the tape's hue"),
+         "two tapes must be seen: remove the rest from the picture, crop it, or give the tape's hue"),
     ):  # fmt: skip
         if holds:
             raise error(text, tapes=n, eta_hue=eta)
     upper, lower = sorted(map(patch, numbers.tolist()), key=lambda patch: patch.centre[1])
     for x, y, (h, w) in ((each.x, each.y, each.mask.shape) for each in (upper, lower)):
         if min(x, y) == 0 or x + w == muscle.shape[1] or y + h == muscle.shape[0]:
-            raise errors.Clipped(
-                "the tapes must lie inside the picture; one touches its border: move the camera, "
-                "or widen the crop", width_part=w / muscle.shape[1], height_part=h / muscle.shape[0],
-            )  # fmt: skip
+            raise errors.Clipped(_WHOLE, tapes=n)
     return upper, lower
 
 
@@ -502,29 +474,24 @@ _MARGIN = 40  # pixels around the muscle that are kept as cloth
 
 
 class TapeBand(NamedTuple):
-    """One tape ring in the picture [px].
+    """The inner edge of one tape in the picture [px].
 
     Attributes:
-        top, bottom, left, right: bounding box.
-        inner: coefficients of the inner edge, v = polynomial in u, highest power first, shape (3,).
-        inner_limbs: rows of the inner edge at its left and right end.
+        middle: its column.
+        inner: coefficients of v = polynomial in u, highest power first, shape (3,).
+        limbs: rows at its left and right end.
     """
 
-    top: float
-    bottom: float
-    left: float
-    right: float
+    middle: float
     inner: Array
-    inner_limbs: tuple[float, float]
+    limbs: tuple[float, float]
 
     def moved(self, step: int, v0: int, u0: int) -> "TapeBand":
-        """The tape in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
+        """The same in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
         a, b, c = self.inner
         inner = a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0
-        rows = (self.top, self.bottom, *self.inner_limbs)
-        top, bottom, *limbs = (row * step + v0 for row in rows)
-        left, right = self.left * step + u0, self.right * step + u0
-        return TapeBand(top, bottom, left, right, np.array(inner), (limbs[0], limbs[1]))
+        left, right = (row * step + v0 for row in self.limbs)
+        return TapeBand(self.middle * step + u0, np.array(inner), (left, right))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -583,21 +550,21 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
         ImagingError: one of NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting,
             Clipped, WrongOrientation; see these classes.
     """
-    error: errors.ImagingError | None = None
+    found = None
     try:
         found = _segmented(rgb, tape_hue, muscle_mask)
         if found.eta_value >= _SEPARATE:
             return found
     except (errors.Underexposed, errors.WrongOrientation):
         raise
-    except errors.ImagingError as refused:
-        found, error = None, refused
+    except errors.ImagingError:
+        pass
     try:
         return _segmented(rgb, tape_hue, mask_against_border)
-    except errors.ImagingError as also:
+    except errors.ImagingError:
         if found is not None:
             return found
-        raise also if error is None or light_behind(rgb) else error from None
+        raise
 
 
 def _segmented(
@@ -610,10 +577,9 @@ def _segmented(
     across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre))
     if across > along:
         raise errors.WrongOrientation(
-            "the muscle must stand in the picture as the recipe says; the line from tape to tape "
-            'lies across it: turn the camera, or set the orientation to "auto"',
-            across_px=float(across * step), along_px=float(along * step),
-        )  # fmt: skip
+            'the muscle must stand upright, and it lies: turn the camera, or set the orientation to "auto"',
+            across_px=float(across * step),
+        )
     v0 = u0 = 0
     if step > _FINE_STEP:
         # The box of both tapes and the muscle between them, with a margin of cloth.
@@ -643,7 +609,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     """The look's masks as rows, columns and colours of the whole picture."""
     step = look.step
     upper, lower = _tape(look.upper, lower=False), _tape(look.lower, lower=True)
-    first, last = max(upper.inner_limbs), min(lower.inner_limbs)
+    first, last = max(upper.limbs), min(lower.limbs)
     rows = np.arange(
         int(np.ceil(first * step)) + step + _GUARD, int(last * step) - step - _GUARD + 1
     )
@@ -656,11 +622,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     left = np.argmax(band, axis=1)
     right = band.shape[1] - 1 - np.argmax(band[:, ::-1], axis=1)
     if left.min() == 0 or right.max() == band.shape[1] - 1:
-        raise errors.Clipped(
-            "the whole width of the muscle must be in the picture; its outline touches the border: "
-            "move the camera, widen the crop, or put a dark cloth behind all of it",
-            left_px=int(left.min() * step), right_px=int(right.max() * step),
-        )  # fmt: skip
+        raise errors.Clipped(f"{_WHOLE}, or {_CLOTH}", left_px=int(left.min() * step))
     at = np.arange(first, last + 1) * step
     body = shaped(look.muscle.lit, cv2.MORPH_ERODE, 5)
     inside = np.zeros_like(body)
@@ -692,7 +654,7 @@ def _tape(found: Patch, *, lower: bool) -> TapeBand:
     keep &= off <= max(2.0, 3 * float(np.median(off[keep])))
     inner = np.polyfit(u[keep], v[keep], 2)
     limbs = np.polyval(inner, np.array([x, x + w - 1.0]))
-    return TapeBand(y, y + h, x, x + w, inner, (float(limbs[0]), float(limbs[1])))
+    return TapeBand(x + w / 2, inner, (float(limbs[0]), float(limbs[1])))
 
 
 _BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it
@@ -738,10 +700,9 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     best = 0 if least[0] >= _LUMA_FIRST * least.max() else int(np.argmax(least))
     if least[best] < _CONTRAST:
         raise errors.NoMuscle(
-            "all of the muscle's outline must be brighter than its background, or all of it darker; "
-            "it is not: put a dark cloth behind it",
-            contrast=float(least[best]), limit=_CONTRAST,
-        )  # fmt: skip
+            f"all of the outline must be brighter than the background, or all of it darker: {_CLOTH}",
+            contrast=float(least[best]),
+        )
     gray = rgb[..., best - 1] if best else cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     gray = np.ascontiguousarray(gray, np.uint8)
     background, muscle = np.median(outside, axis=0), np.median(inside, axis=0)

@@ -5,7 +5,6 @@ import io
 import zlib
 
 import cv2
-import numpy as np
 import pytest
 from PIL import Image
 from rendering import damaged, published_scene
@@ -58,13 +57,6 @@ def test_a_preview_s_end_is_not_the_file_s(tmp_path):
     path.write_bytes(whole[: len(block) + len(body) // 2])
     with pytest.raises((UnreadableImage, DamagedImage)):
         read_image(path)
-
-
-def test_a_heic_file_is_read(tmp_path):
-    heif = pytest.importorskip("pillow_heif")
-    heif.from_pillow(Image.fromarray(photo().rgb)).save(tmp_path / "a.heic", quality=95)
-    seen = read_image(tmp_path / "a.heic").astype(float)
-    assert np.abs(seen - photo().rgb).mean() < 4
 
 
 def test_a_header_of_more_pixels_than_a_picture_has_is_refused_before_decoding(tmp_path):

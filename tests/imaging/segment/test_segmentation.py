@@ -58,8 +58,8 @@ def test_a_large_picture_is_looked_at_twice_and_gives_the_same(photo):
     small, large = segment(photo.rgb), segment(canvas)
     columns = np.interp(small.rows, large.rows - v, large.left - u)
     assert np.abs(columns - small.left)[20:-20].max() < COARSE_PX
-    assert large.upper.inner_limbs == pytest.approx(
-        [edge + v for edge in small.upper.inner_limbs], abs=COARSE_PX
+    assert large.upper.limbs == pytest.approx(
+        [edge + v for edge in small.upper.limbs], abs=COARSE_PX
     )
 
 

@@ -38,7 +38,6 @@ FULL = Recipe(
     tone=Tone(np.linspace(0, 1, 256) ** 2.1),
     orientation="auto",
     tape_hue=222.0,
-    tape_diameter=0.875 * 0.0254,
     braid_angle=True,
 )
 
@@ -57,8 +56,8 @@ def written(tmp_path, text, scale="[scale]\npx_per_m = 8922.0\nstderr_px_per_m =
 
 
 def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
-    path = written(tmp_path, "distance_in = 60\ntape_diameter_mm = 22\ntape_hue_deg = 83\n")
-    expected = dataclasses.replace(PLAIN, distance=1.524, tape_diameter=0.022, tape_hue=83.0)
+    path = written(tmp_path, "distance_in = 60\ntape_hue_deg = 83\n")
+    expected = dataclasses.replace(PLAIN, distance=1.524, tape_hue=83.0)
     found = read_recipe(path)
     assert found == dataclasses.replace(expected, distance=found.distance)
     assert found.distance == pytest.approx(1.524, rel=1e-15)
