@@ -24,6 +24,6 @@ from .recipe import (
     write_recipe as write_recipe,
 )
 from .ruler import calibrate_ruler as calibrate_ruler
-from .weave import BraidAngle as BraidAngle, triangle_angle as triangle_angle
+from .weave import BraidAngle as BraidAngle
 
 __famjax__: str

@@ -240,24 +240,10 @@ class Tone:
         return cls(np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4))
 
 
-def amount_of_luma(tone: Tone, cloth: Array, braid: Array) -> Single:
-    """The amount q of braid for each value of luma, 0 on cloth and 1 at the braid's median colour.
-
-    Luma is used because JPEG keeps it at full resolution.
-
-    Args:
-        tone: the camera's tone curve.
-        cloth: its colour b, encoded values 0 to 255, shape (3,).
-        braid: its colour a, the same.
-
-    Returns:
-        q for the values 0 to 255, held at 1.6 above, shape (256,).
-    """
-    return amount_of_look(tone, tone.light(cloth), tone.light(braid), LUMA)
-
-
 def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) -> Single:
-    """The amount q of muscle for each value of a weighted sum of colours, see `amount_of_luma`.
+    """The amount q of muscle for each value of a weighted sum of colours, 0 on the background.
+
+    Luma is such a sum, which JPEG keeps at full resolution.
 
     A pixel that shows q of muscle and 1 - q of background has in each colour the light b + q (a - b),
     and the sum is that of the three encoded values: a rising or falling function of q, inverted here.
@@ -269,6 +255,9 @@ def amount_of_look(tone: Tone, background: Array, muscle: Array, look: Array) ->
         background: linear light b of its colours, shape (3,).
         muscle: linear light a, the same.
         look: weights of the colours, shape (3,).
+
+    Returns:
+        q for the values 0 to 255, held at 1.6 above, shape (256,).
     """
     values, falls, least, most = np.arange(256.0), background - muscle, -np.inf, _BRIGHTEST
     if float(falls @ look) > 0:

@@ -123,8 +123,11 @@ def measured_row(path: str, recipe: Recipe) -> Row:
         name: np.interp(POSITION, z, getattr(found, name)).tolist() for name in _PROFILES[:2]
     }
     if found.braid is not None:
-        angles = np.degrees(found.braid.at(POSITION * found.length)).tolist()
-        profiles |= dict(zip(_PROFILES[2:], angles, strict=True))
+        for name, values in zip(
+            _PROFILES[2:], (found.braid.angle, found.braid.stderr), strict=True
+        ):
+            at = np.interp(POSITION * found.length, found.braid.z, values)
+            profiles[name] = np.degrees(at).tolist()
         facts["braid_refusal"] = found.braid.refusal
     warnings = " | ".join(found.warnings)
     return Row(path, numbers=_numbers(found), warnings=warnings, **profiles, **facts)

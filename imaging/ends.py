@@ -14,10 +14,9 @@ from .camera import (
     Array,
     Camera,
     Flags,
-    Image,
     Silhouette,
     Tone,
-    amount_of_luma,
+    amount_of_look,
     ring_position,
     turned,
 )
@@ -33,38 +32,6 @@ _ROWS = 6
 _ANOTHER = 0.4  # of the way in colour from tape to braid
 _NOISE = 0.04  # of chromaticity, which a grey tape on a white braid differs by no more
 _SMOOTHED = 1 / 32  # of the tape's width
-
-
-def tape_shows(rgb: Image, tone: Tone, colours: tuple[Array, Array], u: Array, v: Array) -> Flags:
-    """The places along a tape's edge with the tape's colour behind it.
-
-    Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. What is further from
-    the tape's than 0.4 of the way to the braid's is another thing, or gloss. A tape that has the
-    braid's colour, lighter or darker, cannot be distinguished from what covers it.
-
-    Args:
-        rgb: picture, shape (h, w, 3).
-        tone: the camera's tone curve.
-        colours: of tape and braid, encoded values 0 to 255, each of shape (3,).
-        u: columns of positions along the edge and across it on the tape's side, shape (n, k).
-        v: rows of them.
-
-    Returns:
-        Shape (n,).
-    """
-    columns = np.clip(np.rint(u).astype(np.intp), 0, rgb.shape[1] - 1)
-    rows = np.clip(np.rint(v).astype(np.intp), 0, rgb.shape[0] - 1)
-    light = tone.table[rgb[rows, columns]].sum(axis=1)
-    width = max(1, round(_SMOOTHED * light.shape[0]))
-    light = np.stack([np.convolve(one, np.ones(width), "same") for one in light.T], axis=1)
-    seen, tape, braid = (
-        each / np.maximum(each.sum(axis=-1, keepdims=True), 1e-9)
-        for each in (light, *map(tone.light, colours))
-    )
-    off = np.linalg.norm(seen - tape, axis=-1)
-    return off < max(_ANOTHER * float(np.linalg.norm(braid - tape)), _NOISE)
-
-
 _BRIGHTEST = 1.6
 _BRIGHTER = 1.15  # luma of the braid over the tape's, for an edge in it
 _OF_COLOUR = 1.6  # px^2
@@ -84,9 +51,8 @@ _LEVEL = 0.2  # of the pieces, those whose neighbours lie most nearly beside the
 _DEEPEST, _SAME = 10.0, 0.02  # px of a tooth; part of the blur
 _SETTLED = 0.1  # px, which the groups' own shifts take in
 _DARK_THREAD = 0.22  # of the braid's brightness
-_BEHIND = (
-    7.0  # px inward of an edge, over which threads that dip below a tape come up to their light
-)
+# Px inward of an edge, over which threads that dip below a tape come up to their light:
+_BEHIND = 7.0
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
 _SOFTER = 1.25  # times the outline's blur, from which a tape's edge is looked at in luma as well
 
@@ -149,7 +115,7 @@ class _Front:
         *, lower: bool,
     ) -> None:  # fmt: skip
         self.photo, self.tone, self.body = photo, tone, body
-        self.coarse, self.colours = coarse, (coarse.tape, coarse.braid)
+        self.tape, self.braid = map(tone.light, (coarse.tape, coarse.braid))
         camera, self.plane = photo.camera, (0.0, 0.0)
         self.step = (-1 if lower else 1) / camera.px_per_m  # inward [m]
         band = coarse.lower if lower else coarse.upper
@@ -168,16 +134,15 @@ class _Front:
             slice(max(int(np.floor(x.min())) - 3, 0), int(np.ceil(x.max())) + 4) for x in edges
         )
         self.patch = np.ascontiguousarray(photo.rgb[self.rows, self.columns])
-        tape, braid = map(tone.light, self.colours)
         # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
-        own = LUMA - tape * (tape @ LUMA) / (tape @ tape)
-        form = np.array([[*(own / (own @ braid)), 0.0]])
+        own = LUMA - self.tape * (self.tape @ LUMA) / (self.tape @ self.tape)
+        form = np.array([[*(own / (own @ self.braid)), 0.0]])
         self.amounts = self._spline(cv2.transform(cv2.LUT(self.patch, tone.table), form))
 
     def lumas(self) -> Callable[[Array, Array], Array]:
         """The amount of braid by luma, in which outlines are found."""
         luma = np.asarray(cv2.cvtColor(self.patch, cv2.COLOR_RGB2GRAY), np.uint8)
-        return self._spline(amount_of_luma(self.tone, *self.colours)[luma])
+        return self._spline(amount_of_look(self.tone, self.tape, self.braid, LUMA)[luma])
 
     def _spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
         """The amount at picture positions u, v; beyond the patch that of its border."""
@@ -197,10 +162,31 @@ class _Front:
         at = y + t * self.step
         return lateral, *on_cylinder(self.photo.camera, self.body, at, lateral, radius, self.plane)
 
+    def tape_at(self, y: float, t: Array) -> Flags:
+        """Along the edge, where the tape's colour shows at distances t inward of it [px], shape (n,).
+
+        Chromaticity c = (R, G, B) / (R + G + B) in linear light is independent of shading. What is further
+        from the tape's than 0.4 of the way to the braid's is another thing, or gloss. A tape that has the
+        braid's colour, lighter or darker, cannot be distinguished from what covers it.
+        """
+        rgb, (_, u, v) = self.photo.rgb, self.around(y, t)
+        rows, columns = (
+            np.clip(np.rint(at).astype(np.intp), 0, most - 1)
+            for at, most in zip((v, u), rgb.shape, strict=False)
+        )
+        light = self.tone.table[rgb[rows, columns]].sum(axis=1)
+        width = max(1, round(_SMOOTHED * light.shape[0]))
+        light = np.stack([np.convolve(one, np.ones(width), "same") for one in light.T], axis=1)
+        seen, tape, braid = (
+            each / np.maximum(each.sum(axis=-1, keepdims=True), 1e-9)
+            for each in (light, self.tape, self.braid)
+        )
+        off = np.linalg.norm(seen - tape, axis=-1)
+        return off < max(_ANOTHER * float(np.linalg.norm(braid - tape)), _NOISE)
+
     def uncovered(self, y: float, s: float) -> Flags:
         """Where the tape shows behind the edge."""
-        t = -np.arange(_ROWS, dtype=float) - max(_BEYOND[0], _BEYOND[1] * s)
-        return tape_shows(self.photo.rgb, self.tone, self.colours, *self.around(y, t)[1:])
+        return self.tape_at(y, -np.arange(_ROWS, dtype=float) - max(_BEYOND[0], _BEYOND[1] * s))
 
     def unrolled(
         self, y: float, t: Array, shows: Flags, teeth: float = 0.0
@@ -272,10 +258,7 @@ def find_ring(
             break
         inward = front.step / px
         front.plane = front.plane[0] + inward * across, front.plane[1] + inward * lean
-    beside, beyond = (
-        tape_shows(photo.rgb, tone, front.colours, *front.around(y, at)[1:])
-        for at in (np.arange(2.0, 8.0), np.arange(14.0, 20.0))
-    )
+    beside, beyond = (front.tape_at(y, at + np.arange(6.0)) for at in (2.0, 14.0))
     # Tape beside the edge that was found, and braid beyond: the edge is that of what covers another part.
     _check_seen(min(seen, 1 - float(np.mean(beside & ~beyond))))
     delta, where = _along(grid, lateral, t, s, slope)
@@ -299,8 +282,8 @@ def find_ring(
         stderr=px
         * math.hypot(
             spread * math.sqrt(correlated_points(left_over) / left_over.size),
-            slope
-            * (_inside(s) - 1),  # the light behind the edge, of which a line is the simplest law
+            # The light behind the edge, of which a line is the simplest law:
+            slope * (_inside(s) - 1),
             0.0 if seen_in_luma else _IN_COLOUR,
         ),
         spread=spread,

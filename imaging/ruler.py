@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, map_coordinates
@@ -24,7 +23,6 @@ _STRIP = 6  # columns that are averaged in the search
 _REGULAR = 0.35  # least autocorrelation one pitch on
 _HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
 _MOST = 12  # strips tried
-_BAND = 32  # rows worked on at once, which fit a processor's cache
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,20 +94,12 @@ def square_direction(luma: Image) -> float:
     """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
     soft = cv2.GaussianBlur(luma, (0, 0), 1.5)
     gx, gy = (
-        np.asarray(cv2.Sobel(soft, cv2.CV_16S, *order), np.int16) for order in ((1, 0), (0, 1))
+        np.asarray(cv2.Sobel(soft, cv2.CV_16S, *order), np.float32) for order in ((1, 0), (0, 1))
     )
-    least = np.percentile(_power(gx[::4, ::4], gy[::4, ::4]), 90)
-    fourth = []
-    for top in range(0, luma.shape[0], _BAND):
-        du, dv = (slope[top : top + _BAND].astype(np.float32) for slope in (gx, gy))
-        power = _power(du, dv)
-        strong = power > least
-        fourth.append((du[strong] + 1j * dv[strong]) ** 4 / power[strong])
-    return float(np.angle(np.sum(np.concatenate(fourth))) / 4)
-
-
-def _power(gx: NDArray[np.number], gy: NDArray[np.number]) -> Array:
-    return gx.astype(float) ** 2 + gy.astype(float) ** 2
+    power = gx.astype(float) ** 2 + gy.astype(float) ** 2
+    strong = power > np.percentile(power[::4, ::4], 90)
+    fourth = (gx[strong] + 1j * gy[strong]) ** 4 / power[strong]
+    return float(np.angle(np.sum(fourth)) / 4)
 
 
 def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
@@ -377,11 +367,10 @@ def choose_strip(luma: Image, light: Single, pitch: float | None, expected: floa
         good = next(filter(None, alike), [])
     if not good:
         raise RulerNotFound(
-            f"a ruler must show {FEWEST} or more marks at even distances, {_ON_MODEL:.0%} of those "
-            "between the first and the last; is it in the picture, in focus, and are pitch and expected "
-            "scale those of its finest regular marks?",
-            strips=len(lines), marks=max((strip.marks.number.size for strip in strips), default=0),
-        )  # fmt: skip
+            f"a ruler must show {FEWEST} or more marks at even distances; is it in the picture, in focus, "
+            "and are pitch and expected scale those of its finest regular marks?",
+            strips=len(lines),
+        )
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
     if expected is None:
         _check_unique(light, best, strips, pitch or _KNOWN[0])
@@ -421,8 +410,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         ):
             continue
         raise AmbiguousRuler(
-            "the picture must show one scale; two edges of the ruler differ, and the pitch that was "
-            "given can be that of either: say which scale to expect (expected_px_per_m, "
+            "two edges of the ruler differ: say which scale to expect (expected_px_per_m, "
             "--expected-px-per-in), or cover one edge",
             pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
             px_per_in=best.marks.pitch / pitch * INCH,
@@ -481,17 +469,9 @@ def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
         readings = tuple(one for one in readings if abs(one / near - 1) < _EXPECTED)
     if len(readings) == 1:
         return readings[0]
-    if readings:
-        raise AmbiguousRuler(
-            f"every {period}th mark is numbered, as on a ruler in millimetres and on one in tenths of an "
-            "inch: is the pitch 1 mm or 0.1 in? Say --pitch 1mm or --pitch 0.1in",
-            pitch_px=strip.marks.pitch,
-        )
-    seen = f"every {period}th mark is longest or numbered, which is no ruler's that is known"
+    seen = f"every {period}th mark is numbered" if period else "no numbers are seen"
     raise AmbiguousRuler(
-        "how far is it from mark to mark? "
-        + (seen if period else "No numbers and no longest marks are seen that would tell the pitch")
-        + ": say --pitch 0.125in, 1mm, or what the ruler has",
+        f"{seen}, which does not tell the distance of the marks: say --pitch 0.125in, 1mm, or another",
         pitch_px=strip.marks.pitch,
     )
 
@@ -591,14 +571,6 @@ def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
     return (dataclasses.replace(camera, k1=k1) if seen else camera), stderr
 
 
-def straightened(strip: Strip, camera: Camera) -> Numbered:
-    """The marks where a lens without distortion would show them."""
-    if camera.k1 == 0:
-        return strip.marks
-    again = numbered(_shown(strip, camera), strip.marks.pitch)
-    return strip.marks if again is None else again
-
-
 def _shown(strip: Strip, camera: Camera) -> Array:
     """Places along the strip [px] of the marks behind a lens without distortion."""
     line, centre = strip.line, np.array(camera.centre)
@@ -678,8 +650,10 @@ def calibrate_ruler(
         bent = None
         if k1 is None:
             lens, bent = lens_of_marks(strip, lens)
-        marks = straightened(strip, lens)
-        scale = _scale(strip.line, marks, middle, step, distance, placement_stderr or 0.0)
+        straight = numbered(_shown(strip, lens), strip.marks.pitch) if lens.k1 else None
+        scale = _scale(
+            strip.line, straight or strip.marks, middle, step, distance, placement_stderr or 0.0
+        )
         return dataclasses.replace(
             scale, k1=lens.k1, k1_stderr=bent, pitch=step, placement_stderr=placement_stderr
         )
@@ -725,10 +699,10 @@ def _scale(
     random = math.sqrt(gradient @ marks.covariance @ gradient)
     if not random <= _LEAST_EXACT * px_per_m:
         raise RulerNotFound(
-            f"a ruler's marks must give the scale to {_LEAST_EXACT:.1%} or better; these are too few, "
-            "or scatter too much: is it in focus, are its finest marks 5 px or more apart?",
-            relative_stderr=random / px_per_m, marks=marks.number.size, residual_px=marks.residual,
-        )  # fmt: skip
+            f"the marks must give the scale to {_LEAST_EXACT:.1%} or better, and are too few, or scatter "
+            "too much: is the ruler in focus, are its finest marks 5 px or more apart?",
+            relative_stderr=random / px_per_m,
+        )
     a, b, c = fit
     return Scale(
         px_per_m=px_per_m, stderr=math.hypot(random, px_per_m * placement / distance),

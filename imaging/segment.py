@@ -122,7 +122,9 @@ _SHADE = 0.15  # of the way from cloth to muscle at which its shaded side begins
 
 
 _CLOTH = "put a dark cloth behind the muscle"
-_WHOLE = "the whole muscle must be in the picture, not at its border: move the camera, or widen the crop"
+_WHOLE = (
+    "the whole muscle must be in the picture, not at its border: move the camera, or widen the crop"
+)
 
 
 class MuscleMask(NamedTuple):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from .camera import Array, Camera, Flags, Image, Silhouette, Single, turned
@@ -226,11 +226,8 @@ _SPAN = 2.0  # widths of a window in the spectrum to either side: where a yarn's
 _FINER = 0.1  # of such a width
 _SIDES = 0.95, 0.28  # azimuth and width of the parts between which yarns are counted [rad]
 _SEEN = 0.3  # coherence of both parts from which a harmonic counts
-_NEAR_EVEN = (
-    1.0,
-    0.6,
-    0.5,
-)  # yarns that the harmonics' numbers may be off an even one, and 2 n_2 - n_1
+# Yarns that the harmonics' numbers may be off an even one, and 2 n_2 - n_1:
+_NEAR_EVEN = (1.0, 0.6, 0.5)
 _EXCESS, _UNSURE = 0.3, (0.5, 0.8)  # of a number not counted; its standard error by both, by one
 
 
@@ -360,8 +357,6 @@ _NEIGHBOURS = 4.0  # windows over which the scatter of the two families is poole
 _FEWEST = 4  # windows whose scatter says something
 
 
-RESOLVED = ""
-AT_TAPE = "nearer to a tape than a window reaches"
 NO_WEAVE = "no two families of yarns are seen"
 BLURRED = "the yarns are not resolved here"
 GLOSSY = "the braid shines in stripes, which hide the yarns: move the lamps, or make it matt"
@@ -377,7 +372,7 @@ class BraidAngle:
         stderr: its standard error [rad], shape (n,).
         right, left: theta of the yarns that run to the right on the way down, and to the left,
             shape (n,) [rad]. They differ where the muscle is twisted.
-        reason: why there is no angle, empty where there is one, n of them.
+        refusal: why the angle is nowhere known; empty if it is.
         yarns: around the circumference in each direction; whole where they could be counted, else
             as many as there seem to be; nan where none are seen.
         yarns_stderr: its standard error, 0 where they were counted; nan where none are seen.
@@ -389,7 +384,7 @@ class BraidAngle:
     stderr: Array
     right: Array
     left: Array
-    reason: tuple[str, ...]
+    refusal: str
     yarns: float
     yarns_stderr: float
     turns: float
@@ -398,13 +393,6 @@ class BraidAngle:
     def resolved(self) -> Flags:
         """Where the angle is known, shape (n,)."""
         return np.isfinite(self.angle)
-
-    @property
-    def refusal(self) -> str:
-        """Why the angle is nowhere known; empty if it is."""
-        if self.resolved.any():
-            return RESOLVED
-        return next((reason for reason in self.reason if reason != AT_TAPE), AT_TAPE)
 
     @property
     def part(self) -> float:
@@ -421,29 +409,6 @@ class BraidAngle:
     def mean_stderr(self) -> float:
         """Standard error of the mean [rad], assuming fully correlated errors."""
         return float(np.nanmean(self.stderr)) if self.resolved.any() else math.nan
-
-    def at(self, z: ArrayLike) -> tuple[Array, Array]:
-        """Angle and standard error [rad] at any positions [m], nan where none is resolved."""
-        z = np.asarray(z, float)
-        angle, stderr = (np.interp(z, self.z, values) for values in (self.angle, self.stderr))
-        return angle, stderr
-
-
-def triangle_angle(length: ArrayLike, turns: float, diameter: ArrayLike) -> Array:
-    """The braid angle of a cylinder [rad], theta = atan(L / (pi N D)), from the circumference.
-
-    Args:
-        length: L [m].
-        turns: N of one thread about the axis over the length [-].
-        diameter: D [m], broadcast with L.
-
-    References:
-        Chambers 2021, section 2.1: the triangle relation.
-
-    >>> round(float(np.degrees(triangle_angle(9.28125, 1.09, 0.875))), 2)
-    72.11
-    """
-    return np.arctan2(length, np.pi * turns * np.asarray(diameter, float))
 
 
 def braid_angle(
@@ -494,13 +459,12 @@ def braid_angle(
     stderr = np.hypot(_scatter(half, good), systematic)
     good &= np.isfinite(stderr)
     z = np.interp(waves.centres, surface.arc, surface.y) - first
-    inside = (RESOLVED if each else BLURRED for each in good)
     angle, stderr, right, left = (
         np.array([np.nan, *np.where(good, each, np.nan), np.nan])
         for each in (angle, stderr, *families)
     )
     return BraidAngle(
-        np.array([0.0, *z, last - first]), angle, stderr, right, left, (AT_TAPE, *inside, AT_TAPE),
+        np.array([0.0, *z, last - first]), angle, stderr, right, left, "" if good.any() else BLURRED,
         n, uncounted, _turns(surface, seen, waves, np.where(good, rate.mean(axis=0), waves.model)),
     )  # fmt: skip
 
@@ -515,7 +479,7 @@ def shines(surface: Unrolled) -> bool:
 def _nothing(length: float, reason: str) -> BraidAngle:
     none = np.full(2, np.nan)
     at = np.array([0.0, length])
-    return BraidAngle(at, none, none, none, none, (reason, reason), *3 * (math.nan,))
+    return BraidAngle(at, none, none, none, none, reason, *3 * (math.nan,))
 
 
 def _tilt(surface: Unrolled, seen: Directions, waves: Waves) -> Array:

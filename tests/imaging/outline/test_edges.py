@@ -8,7 +8,7 @@ from rendering import random_scene, render
 from scipy.integrate import quad
 
 from imaging import Camera, Recipe, Scale, Silhouette, Tone
-from imaging.camera import amount_of_luma
+from imaging.camera import LUMA, amount_of_look
 from imaging.edge import (
     LARGEST_DISK,
     EdgeProfile,
@@ -129,7 +129,8 @@ def cylinder(limb, blur, noise, seed=0, radius=70.3, rows=300, disk=0.0):
 def table(limb):
     tone = Tone.srgb()
     levels = np.interp([0.01, 0.01 + 0.45], tone.table, np.arange(256))
-    return amount_of_luma(tone, np.full(3, levels[0]), np.full(3, levels[1]))
+    cloth, braid = (tone.light(np.full(3, level)) for level in levels)
+    return amount_of_look(tone, cloth, braid, LUMA)
 
 
 @pytest.mark.parametrize("limb", [1.0, 0.5, 0.25, 0.08])
