@@ -188,9 +188,9 @@ class Table:
             distance of the axis from the optical axis, `tilt_deg` that of the axis in depth, `bow` the
             largest deviation of the mid-line from a straight one, `yarns` those around the
             circumference in each direction; figures of quality as in `Quality`.
-        diameter: at z/L = `position`, shape (n, 201) [m].
+        diameter: at z/L = `POSITION`, shape (n, 201) [m].
         diameter_stderr: its standard error, shape (n, 201) [m].
-        braid_angle: at z/L = `position`, shape (n, 201) [deg]; nan where it is not resolved, as it is
+        braid_angle: at z/L = `POSITION`, shape (n, 201) [deg]; nan where it is not resolved, as it is
             next to the tapes, and where the recipe does not ask for it.
         braid_angle_stderr: its standard error, shape (n, 201) [deg].
         rest_length: against which contraction is counted [m]; nan if no picture was measured.
@@ -342,16 +342,13 @@ def _contract(
 ) -> tuple[float, str]:  # fmt: skip
     """Set contraction and its error; the rest length and where it is from."""
     length, stderr = columns["length"], columns["length_stderr"]
-    if rest_length is not None:
-        rest, source = rest_length, "as given, taken as exact"
-        relative = stderr / length
-    elif np.all(np.isnan(length)):
-        columns["contraction"] = columns["contraction_stderr"] = length
-        return math.nan, "No picture was measured: there is no rest length and no contraction."
-    else:
+    rest, source, relative = rest_length or math.nan, "as given, taken as exact", stderr / length
+    if rest_length is None and np.isnan(length).all():
+        source = "as no picture was measured"
+    elif rest_length is None:
         k = int(np.nanargmax(length))
         rest, source = float(length[k]), f"that of the longest measured picture, {rows[k].path}"
-        noise = np.sqrt(np.maximum((stderr / length) ** 2 - scale_relative_stderr**2, 0))
+        noise = np.sqrt(np.maximum(relative**2 - scale_relative_stderr**2, 0))
         relative = np.hypot(noise, noise[k])
         relative[k] = 0.0
     columns["contraction"] = 1 - length / rest

@@ -37,6 +37,7 @@ AddLog = Callable[["Table"], "Table"]
 """Adds columns of a test machine's log to a table."""
 
 _SHOWN = 20  # pictures on the console
+_PRINTED = re.compile(r"path|error|(length|mean_diameter|distance)(_stderr)?_(in|mm|m)")
 
 
 @Parameter(name="*")
@@ -197,22 +198,12 @@ def measure(
 
 def _print(document: dict[str, Any]) -> None:
     """Figures of the first pictures with their standard errors, reasons, notes and files."""
-    good = [row for row in document["rows"] if row["ok"]]
-    failed = [
-        {key: row[key] for key in ("path", "error")} for row in document["rows"] if row["error"]
-    ]
-    shown = []
-    for row in good[:_SHOWN]:
-        figures: dict[str, Any] = {"path": row["path"]}
-        for name in ("length", "mean_diameter", "distance"):
-            key = next(key for key in row if re.fullmatch(rf"{name}_(in|mm|m)", key))
-            figures[key] = f"{row[key]:.5g} +- {row[key.replace(name, f'{name}_stderr')]:.2g}"
-        shown.append(figures | {"warned": "yes" if row["warnings"] else ""})
-    if shown:
-        print_rows(f"{len(shown)} of {len(good)} measured, with standard errors", shown)
+    shown = document["rows"][:_SHOWN]
+    keys = [key for key in shown[0] if _PRINTED.fullmatch(key)]
+    print_rows(
+        f"{len(shown)} of {document['pictures']}", [{k: row[k] for k in keys} for row in shown]
+    )
     print(f"{document['ok']} of {document['pictures']} pictures measured")
-    if failed:
-        print_rows(f"{len(failed[:_SHOWN])} of {len(failed)} that failed", failed[:_SHOWN])
     for note in document["notes"]:
         print(f"note: {note}")
     print("written:", ", ".join(document["files"]))

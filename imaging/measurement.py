@@ -276,7 +276,7 @@ _BITS = 4  # of the fraction of a pixel in which OpenCV draws
 _MARGIN = 0.6  # of the muscle's width, kept beside it
 
 
-def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: int = 1) -> Image:
+def draw_overlay(image: Image, trace: Trace, *, thickness: int = 1) -> Image:
     """The picture with outline (red), tape edges (yellow) and mid-line (cyan).
 
     Lines are drawn to a sixteenth of a pixel where the edges were found, before perspective and
@@ -285,11 +285,11 @@ def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: in
     Args:
         image: RGB, shape (h, w, 3).
         trace: of its measurement.
-        crop: cut the picture down to the muscle and its surroundings.
         thickness: of the lines [px].
 
     Returns:
-        RGB, dtype uint8; a picture that was turned to be measured stays turned.
+        RGB, dtype uint8, of the muscle and its surroundings; a picture that was turned to be measured stays
+        turned.
     """
     import cv2  # noqa: PLC0415
 
@@ -304,8 +304,6 @@ def draw_overlay(image: Image, trace: Trace, *, crop: bool = True, thickness: in
     for u, v, colour in lines:
         points = np.round(np.stack([u, v], axis=1) * 2**_BITS).astype(np.int32)
         cv2.polylines(drawn, [points], False, colour, thickness, cv2.LINE_AA, _BITS)
-    if not crop:
-        return drawn
     margin = _MARGIN * float(np.median(trace.right - trace.left))
     v = np.concatenate([trace.rows, trace.upper[1], trace.lower[1]])
     top, bottom = int(max(v.min() - margin, 0)), int(v.max() + margin) + 1

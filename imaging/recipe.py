@@ -155,14 +155,10 @@ class Recipe:
     braid_angle: bool = False
 
     def __post_init__(self) -> None:
-        tiny, huge = np.nextafter(0.0, 1.0), np.finfo(float).max
-        for name, least, most, within in (
-            ("distance", tiny, huge, "finite and > 0"),
-            ("tape_hue", 0, 360, "0 to 360"),
-        ):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise errors.ImagingError(f"{name} must be {within}, got {value}")
+        if self.distance is not None and not 0 < self.distance < math.inf:
+            raise errors.ImagingError(f"distance must be finite and > 0, got {self.distance} m")
+        if self.tape_hue is not None and not 0 <= self.tape_hue <= 360:
+            raise errors.ImagingError(f"tape_hue must be 0 to 360 deg, got {self.tape_hue}")
         if self.orientation not in (known := ("vertical", "horizontal", "auto")):
             raise errors.ImagingError(f"orientation is one of {known}, got {self.orientation!r}")
         if self.crop_offset is not None and self.frame_size is None and self.centre is None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_fill_holes
 from skimage.filters.thresholding import threshold_otsu
 
 from . import errors
@@ -49,9 +50,7 @@ def areas(labels: NDArray[np.int32]) -> Indices:
 
 def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
     """The parts with these labels."""
-    table = np.zeros(int(labels.max()) + 1, np.uint8)
-    table[numbers] = 255
-    return table.take(labels)
+    return np.where(np.isin(labels, numbers), 255, 0).astype(np.uint8)
 
 
 def largest(mask: Mask) -> tuple[Mask, int]:
@@ -263,10 +262,7 @@ def _distance(rgb: Image) -> Single:
 
 def _filled(mask: Mask) -> Mask:
     """A part without the holes in it."""
-    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-    filled = np.zeros_like(mask)
-    cv2.drawContours(filled, list(outlines), -1, 255, cv2.FILLED)
-    return filled
+    return np.where(np.asarray(binary_fill_holes(mask)), 255, 0).astype(np.uint8)
 
 
 _OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given

@@ -18,7 +18,7 @@ def trace(turned=False):
 
 
 def test_lines_lie_where_the_edges_were_found():
-    drawn = draw_overlay(np.zeros((200, 120, 3), np.uint8), trace(), crop=False)
+    drawn = draw_overlay(np.zeros((200, 120, 3), np.uint8), trace())
     v, u = marked(drawn, RED)
     side = np.where(u < 60, 40 - 10 * np.sin(np.pi * (v - 20) / 160),
                     80 + 10 * np.sin(np.pi * (v - 20) / 160))  # fmt: skip
