@@ -137,14 +137,9 @@ class _Front:
         # Luma less the tape's part in it: tape shows none, nor does a thick tape's dark rim.
         own = LUMA - self.tape * (self.tape @ LUMA) / (self.tape @ self.tape)
         form = np.array([[*(own / (own @ self.braid)), 0.0]])
-        self.amounts = self._spline(cv2.transform(cv2.LUT(self.patch, tone.table), form))
+        self.amounts = self.spline(cv2.transform(cv2.LUT(self.patch, tone.table), form))
 
-    def lumas(self) -> Callable[[Array, Array], Array]:
-        """The amount of braid by luma, in which outlines are found."""
-        luma = np.asarray(cv2.cvtColor(self.patch, cv2.COLOR_RGB2GRAY), np.uint8)
-        return self._spline(amount_of_look(self.tone, self.tape, self.braid, LUMA)[luma])
-
-    def _spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
+    def spline(self, amounts: ArrayLike) -> Callable[[Array, Array], Array]:
         """The amount at picture positions u, v; beyond the patch that of its border."""
         amounts = np.asarray(amounts, float)
         most = _BRIGHTEST * max(1.0, float(np.quantile(amounts, 0.9)))  # of the brighter side's
@@ -302,7 +297,9 @@ def _less_colour(front: _Front, y: float, shows: Flags, t: Array, s: float, teet
     (1/4 px^2). More than that is the lens', or motion.
     """
     lateral, u, v = front.around(y, t)
-    grid = front.lumas()(u, v)
+    luma = np.asarray(cv2.cvtColor(front.patch, cv2.COLOR_RGB2GRAY), np.uint8)
+    amounts = amount_of_look(front.tone, front.tape, front.braid, LUMA)  # outlines are found in it
+    grid = front.spline(amounts[luma])(u, v)
     use, in_luma = _lit(grid, t - teeth) & shows, s
     if np.count_nonzero(use) >= max(_PIECES, _LEAST_SEEN * use.size):
         ragged = teeth and _pieces(grid[use], lateral[use], t, s)[0]
@@ -626,7 +623,11 @@ def axis_of(
     elif abs(depth.nearer) > _SURE * depth.nearer_stderr and abs(depth.against) > _LEAST:
         parts.append(depth.against**2 * length / 4)  # of a bow in depth that leans the tapes so
         wide = abs(depth.against) * length / math.pi * _WAVE / d
-        warnings.append(_contradiction(depth, d))
+        seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
+        text = f"{_ARCS}; these belong to {seen}, and {d / _INCH:.0f} in are stated: correct --distance"
+        if abs(depth.against) > _MOST:
+            raise DistanceContradiction(f"{text}, or leave it out", stated=d, lean=depth.against)
+        warnings.append(f"{text}; the errors are wider for it")
     tilt, aside = depth.tilt, (upper.y + lower.y) / 2 / d
     turned = 1 / (math.cos(tilt) - math.sin(tilt) * aside) - 1  # what it takes off the length
     factor = 1.0
@@ -683,14 +684,6 @@ _ARCS = (
     "the tapes' edges must be arcs as a camera sees them: wind the tapes square to the axis, and hang the "
     "muscle straight"
 )
-
-
-def _contradiction(depth: Depth, d: float) -> str:
-    seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
-    text = f"{_ARCS}; these belong to {seen}, and {d / _INCH:.0f} in are stated: correct --distance"
-    if abs(depth.against) > _MOST:
-        raise DistanceContradiction(f"{text}, or leave it out", stated=d, lean=depth.against)
-    return f"{text}; the errors are wider for it"
 
 
 def ends_aside(camera: Camera, outline: Outline) -> tuple[float, float]:

@@ -186,17 +186,13 @@ class Recipe:
                     f"in the frame of {frame_width} x {frame_height} px"
                 )
             centre = (frame_width - 1) / 2 - u, (frame_height - 1) / 2 - v
-        return Camera(self.scale.px_per_m, self.camera_distance, centre, self.lens_k1)
+        k1 = self.scale.k1 if self.k1 is None else self.k1
+        return Camera(self.scale.px_per_m, self.camera_distance, centre, k1)
 
     @property
     def camera_distance(self) -> float:
         """The stated distance, or the reference work's 60 in [m]."""
         return REFERENCE_DISTANCE if self.distance is None else self.distance
-
-    @property
-    def lens_k1(self) -> float:
-        """The stated radial distortion, or that found with the ruler of the scale."""
-        return self.scale.k1 if self.k1 is None else self.k1
 
     @property
     def tone_curve(self) -> Tone:

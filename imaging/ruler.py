@@ -122,7 +122,10 @@ def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
     slope = np.diff(strips, axis=1)
     slope = slope - slope.mean(axis=1, keepdims=True)
     lags = np.arange(int(_PITCHES[0]), min(int(_PITCHES[1]), slope.shape[1] // 4))
-    likeness = _autocorrelation(slope, lags[-1] + 2)
+    size = next_fast_len(slope.shape[1] + int(lags[-1]) + 2, real=True)
+    spectrum = np.fft.rfft(slope, size, axis=1)
+    squares = spectrum.real**2 + spectrum.imag**2
+    likeness = np.fft.irfft(squares, size, axis=1)[:, : lags[-1] + 2].astype(np.float32)
     power = likeness[:, 0]
     part = likeness[:, lags[0] - 1 : lags[-1] + 2] / np.maximum(power, 1e-9)[:, None]
     peak = (part[:, 1:-1] >= part[:, :-2]) & (part[:, 1:-1] > part[:, 2:])
@@ -131,14 +134,6 @@ def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
     first = np.argmax(height >= _HARMONICS * top[:, None], axis=1)
     regular = (top > _REGULAR) & (power > 0.05 * power.max())
     return _runs(regular, lags[first], top * np.sqrt(power))
-
-
-def _autocorrelation(rows: Single, lags: int) -> Single:
-    """Of each row with itself at lags 0, 1, ... below `lags`, shape (m, lags)."""
-    size = next_fast_len(rows.shape[1] + lags, real=True)
-    spectrum = np.fft.rfft(rows, size, axis=1)
-    power = spectrum.real**2 + spectrum.imag**2
-    return np.fft.irfft(power, size, axis=1)[:, :lags].astype(np.float32)
 
 
 def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float, float, float]]:
