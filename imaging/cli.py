@@ -70,6 +70,8 @@ class RecipeOptions:
     tone
         srgb: the camera's style is neutral, its contrast and sharpening off. Unless given, what
         another style may do is in the errors.
+    tape_diameter
+        Known diameter of the tapes on the fittings, against which the scale is checked.
     tape_hue
         Colour of the tapes, `355deg`; the colour that covers less unless given.
     recipe
@@ -90,6 +92,7 @@ class RecipeOptions:
     scale: str | None = None
     k1: Annotated[float | None, Signed] = None
     tone: Literal["srgb"] | None = None
+    tape_diameter: str | None = None
     tape_hue: str | None = None
     recipe: Path | None = None
     braid_angle: bool | None = None
@@ -106,6 +109,7 @@ def measure(
     log_offset: Annotated[str | None, Signed] = None,
     column: Columns = (),
     rest_length: str | None = None,
+    diameter: str | None = None,
     jobs: Jobs = None,
     units: Units = "metric",
     output: Path = Path("famjax-measure"),
@@ -140,6 +144,8 @@ def measure(
     rest_length
         Against which contraction is counted, `9.28in`; the longest measured picture unless given. A scale
         with which no picture could show that muscle is refused.
+    diameter
+        Nominal diameter of the braid at rest, `0.875in`, against which the scale is checked.
     jobs
         Number of processes; unless given one for each core, where that saves time.
     units
@@ -170,11 +176,14 @@ def measure(
                     log, offset=None if log_offset is None else parse_quantity(log_offset, "time"),
                     columns=parse_columns(column),
                 )  # fmt: skip
-            rest = None if rest_length is None else parse_quantity(rest_length, "length")
+            rest, nominal = (
+                None if one is None else parse_quantity(one, "length")
+                for one in (rest_length, diameter)
+            )
             outcome = measure_pictures(
                 photos, recipe=recipe, provenance=provenance, add_log=add_log, rest_length=rest,
                 executor="auto" if jobs is None else jobs, system=units, output=output,
-                overlays=overlays, rescaled=rescaled, progress=show,
+                overlays=overlays, rescaled=rescaled, diameter=nominal, progress=show,
             )  # fmt: skip
     except (InputError, OSError) as error:
         # What a picture was refused for has a name, which the documentation explains.
@@ -229,7 +238,9 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     if options.expected_px_per_in is not None:
         reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
     readers: dict[str, Callable[[Any, str], Any]] = {
-        "distance": lambda text, _: parse_quantity(text, "length"),
+        **dict.fromkeys(
+            ("distance", "tape_diameter"), lambda text, _: parse_quantity(text, "length")
+        ),
         "crop_offset": lambda text, name: _numbers(text, name, "1459,531"),
         "frame_size": lambda text, name: _numbers(text, name, "5568,3712", int),
         "tape_hue": lambda text, name: _numbers(text.removesuffix("deg"), name, "355deg")[0],

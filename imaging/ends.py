@@ -21,9 +21,10 @@ from .camera import (
     turned,
 )
 from .edge import best_shift, height_and_rest, least_squares, step
-from .errors import DistanceContradiction, MissingFitting
-from .outline import Outline, bow, correlated_points
+from .errors import DistanceContradiction, MissingFitting, ScaleContradiction
+from .outline import Outline, bow, correlated_points, find_outline
 from .photograph import Photograph
+from .recipe import Recipe
 from .segment import Segmentation
 
 _LEAST_SEEN = 0.6  # of the lit part of an edge: less than this cannot stand for all of it
@@ -54,6 +55,11 @@ _DARK_THREAD = 0.22  # of the braid's brightness
 # Px inward of an edge, over which threads that dip below a tape come up to their light:
 _BEHIND = 7.0
 _LEAST_HEIGHT = 0.2  # of the difference between braid and tape
+_GUARD = 5  # px at a tape's ends that are left out
+_FEWEST_ROWS = 12
+_CONTRADICTS = (
+    0.005  # of the tapes' diameter; a ruler 7.6 mm off the muscle's plane makes that at 60 in
+)
 _SOFTER = 1.25  # times the outline's blur, from which a tape's edge is looked at in luma as well
 
 
@@ -476,6 +482,55 @@ def _step(
         if rise > 0:  # light that falls inward is no relief's
             best, height, slope = risen, high, rise
     return float(best[0]), float(blur_of(best)[0]), height, slope
+
+
+def check_tape_diameter(
+    photo: Photograph, coarse: Segmentation, body: Silhouette, recipe: Recipe, known: float
+) -> None:
+    """Refuse a scale that contradicts the tapes' known diameter.
+
+    A tape is a cylinder about the muscle's axis: R = rho sin(beta) with the half angle beta between
+    its two tangent planes, by the limb model.
+
+    Raises:
+        ScaleContradiction: the tapes' mean diameter differs from the known one by more than
+            `QualityLimits.scale_contradiction`, or a tape shows too few rows for that.
+    """
+    camera, tone = photo.camera, recipe.tone_curve
+    # Luma hardly sees blue: the colour in which the tape is brightest does.
+    colour = int(np.argmax(coarse.tape))
+    dark, bright = tone.light(np.array([coarse.cloth[colour], coarse.tape[colour]]))
+    amount = ((tone.table - dark) / (bright - dark)).astype(np.float32)
+    angles = []
+    for tape, first, last in (
+        (coarse.upper, coarse.upper.box[0], min(coarse.upper.limbs)),
+        (coarse.lower, max(coarse.lower.limbs), coarse.lower.box[1]),
+    ):
+        rows = np.arange(int(first) + _GUARD, int(last) - _GUARD)
+        if rows.size < _FEWEST_ROWS:
+            raise ScaleContradiction(
+                f"a tape must show {_FEWEST_ROWS} rows to check the scale by its diameter: use a wider "
+                "tape, or leave the tape's diameter out",
+                rows=rows.size,
+            )
+        y = (rows - camera.centre[1]) / camera.px_per_m
+        X, Y = turned(np.full(rows.size, body.x0), y, body.roll)
+        middle, half = camera.pixels(X, Y, camera.distance)[0], (tape.box[3] - tape.box[2]) / 2
+        outline = find_outline(
+            photo.rgb[..., colour], amount, rows, middle - half, middle + half,
+            resolution=2.0 * rows.size,
+        )  # fmt: skip
+        left, right = np.arctan(turned(*camera.rays(outline.columns, rows), -body.roll)[0])
+        angles.append(float(np.median(right - left)) / 2)
+    mean = 2 * float(np.hypot(body.x0, camera.distance)) * float(np.mean(np.sin(angles)))
+    if abs(mean / known - 1) > recipe.limits.scale_contradiction:
+        raise ScaleContradiction(
+            "the tapes' diameter in the picture must be the known one; their ratio is "
+            f"{mean / known:.4f}: was the ruler in the plane of the muscle's axis, and is the "
+            "distance right?",
+            diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
+            limit=recipe.limits.scale_contradiction,
+        )  # fmt: skip
 
 
 _INCH = 0.0254  # [m]

@@ -10,7 +10,7 @@ import numpy as np
 from . import errors
 from .camera import Array, Image, Silhouette, profile_from_silhouette
 from .edge import moved_by_limb, shine_of
-from .ends import Axis, Ring, axis_of, distance_by_tapes, ends_aside, find_ring
+from .ends import Axis, Ring, axis_of, check_tape_diameter, distance_by_tapes, ends_aside, find_ring
 from .outline import (
     Outline,
     axis_deviation,
@@ -374,6 +374,8 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, seen, upper, lower, recipe)
     quality.check()
+    if recipe.tape_diameter is not None:
+        check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
     stated = recipe.distance is not None
     axis = axis_of(photo.camera, outline, body, upper, lower, stated=stated)
     found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)

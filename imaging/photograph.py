@@ -2,10 +2,12 @@
 
 import contextlib
 import dataclasses
+import io
 import math
 import os
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from os import PathLike
@@ -14,6 +16,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+
+from famjax.boundary.errors import import_extra
 
 from .camera import Camera, Image
 from .errors import DamagedImage, ImagingError, UnreadableImage
@@ -24,6 +28,8 @@ _stderr_lock = threading.Lock()
 _ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = 0x0112, 0x8769, 0x9003, 0x9291
 _DIMENSIONS = 0xA002, 0xA003
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
+HEIC = (".heic", ".heif")
+"""File suffixes of HEIC pictures, which the extra `heic` reads."""
 
 
 def read_image(path: str | PathLike[str]) -> Image:
@@ -34,7 +40,8 @@ def read_image(path: str | PathLike[str]) -> Image:
     file's data often earns no such line.
 
     Args:
-        path: of a picture in any format that OpenCV reads; more than 8 bits are reduced to 8.
+        path: of a picture in any format that OpenCV reads, or of a HEIC file; more than 8 bits are
+            reduced to 8.
 
     Returns:
         Shape (h, w, 3), dtype uint8.
@@ -48,6 +55,10 @@ def read_image(path: str | PathLike[str]) -> Image:
         data = Path(place).read_bytes()
     except OSError as error:
         raise UnreadableImage(f"the file must be readable; {error.strerror}", path=place) from error
+    if _too_large(data):
+        raise UnreadableImage("a picture has 178 Mpx at most; this one states more", path=place)
+    if place.lower().endswith(HEIC):
+        return _read_heic(place)
     image, complaint = _decoded(data)
     if image is None or "premature end" in complaint.lower():
         raise UnreadableImage(
@@ -66,6 +77,30 @@ def named(image: str | PathLike[str] | Image) -> Iterator[tuple[Image, str]]:
         yield image if isinstance(image, np.ndarray) else read_image(path), path
     except ImagingError as error:
         raise error.at(path) from error if path else None
+
+
+def _read_heic(path: str) -> Image:
+    import_extra("pillow_heif", "heic", UnreadableImage).register_heif_opener()
+    from PIL import Image, ImageOps  # noqa: PLC0415
+
+    try:
+        with Image.open(path) as picture:
+            return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
+    except (OSError, ValueError) as error:
+        raise UnreadableImage(f"the file must hold a picture; {error}", path=path) from None
+
+
+def _too_large(data: bytes) -> bool:
+    """Whether the header states more pixels than Pillow believes, before anything is decoded."""
+    from PIL import Image as Pictures  # noqa: PLC0415
+
+    with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError):
+        warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+        try:
+            Pictures.open(io.BytesIO(data)).close()
+        except Pictures.DecompressionBombError:
+            return True
+    return False
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:

@@ -20,11 +20,11 @@ from .camera import Indices, Scale
 from .campaign import Table, process
 from .errors import ImagingError, MixedSizes, ScaleContradiction
 from .measurement import draw_overlay, measure
-from .photograph import read_image, sizes_of
+from .photograph import HEIC, read_image, sizes_of
 from .recipe import Recipe, read_recipe, write_recipe
 from .ruler import calibrate_ruler
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", *HEIC)
 """Files of a folder that are taken for pictures."""
 
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
@@ -69,6 +69,13 @@ def _is_picture(entry: os.DirEntry[str]) -> bool:
 def _natural(path: str) -> list[tuple[int, str]]:
     """img2 before img10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path)]
+
+
+def skipped(photos: Sequence[str]) -> list[str]:
+    """Names of the files in the given folders that are not pictures."""
+    folders = [photo for photo in photos if os.path.isdir(photo)]
+    files = [entry for folder in folders for entry in os.scandir(folder) if entry.is_file()]
+    return sorted(entry.name for entry in files if not _is_picture(entry))
 
 
 def picture_recipe(
@@ -158,27 +165,40 @@ def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
         if one not in (other, recipe.frame_size):
             raise MixedSizes(
                 f"the ruler's picture has {one[0]} x {one[1]} px, those of the muscle {other[0]} x "
-                f"{other[1]}, by file or camera, and they must be cropped and scaled alike: say how the "
+                f"{other[1]}, by file or camera, a ratio of {one[0] / other[0]:.4g} in width and "
+                f"{one[1] / other[1]:.4g} in height. They must be cropped and scaled alike: say how the "
                 "pictures were cropped (--crop-offset, --frame-size), or that it is meant (--rescaled)",
                 path=ruler,
             )
 
 
-def check_rest_length(table: Table, rest_length: float) -> None:
-    """Refuse a scale with which no muscle could have the rest length that is known of it.
+def check_known_sizes(table: Table, rest_length: float | None, diameter: float | None) -> None:
+    """Refuse a scale with which no muscle could have the sizes that are known of it.
 
-    A muscle contracts by less than half of its rest length, and is hardly ever longer.
+    A muscle contracts by less than half of its rest length, and is hardly ever longer; it swells to twice
+    its nominal diameter at most.
+
+    Args:
+        table: of the pictures.
+        rest_length: L0 [m]; None where it is not known.
+        diameter: nominal, of the braid at rest [m]; None where it is not known.
 
     Raises:
-        ScaleContradiction: the pictures show other lengths.
+        ScaleContradiction: names the size that the pictures contradict.
     """
-    shown = table["length"][table.ok] / rest_length
-    if not np.all((shown > 0.5) & (shown < 1.05)):
-        raise ScaleContradiction(
-            f"the pictures show {shown.min():.3g} to {shown.max():.3g} times the rest length of "
-            f"{rest_length * 1e3:.5g} mm, and a muscle has 0.5 to 1.05 times: correct the rest length, or "
-            "the scale; is the pitch of the ruler right, and were all pictures kept at one size?"
-        )
+    for name, known, column, least, most in (
+        ("rest length", rest_length, "length", 0.5, 1.05),
+        ("nominal diameter", diameter, "mean_diameter", 0.85, 2.2),
+    ):
+        if known is None or not table.ok.any():
+            continue
+        low, high = np.nanmin(table[column]) / known, np.nanmax(table[column]) / known
+        if not least <= low <= high <= most:
+            raise ScaleContradiction(
+                f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm, and "
+                f"a muscle has {least} to {most} times: correct the {name}, or the scale; is the pitch of "
+                "the ruler right, and were all pictures taken and kept at one size?"
+            )
 
 
 class CampaignOutcome(NamedTuple):
@@ -200,7 +220,8 @@ def measure_pictures(
     add_log: Callable[[Table], Table] | None = None, rest_length: float | None = None,
     executor: AnyExecutor | Literal["auto"] = "auto", system: str = "us",
     output: Path = Path("famjax-measure"), overlays: int = 12,
-    rescaled: bool = False, progress: Callable[[int, int], None] | None = None,
+    rescaled: bool = False, diameter: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> CampaignOutcome:  # fmt: skip
     """Measure the pictures; write table, recipe and check pictures.
 
@@ -215,6 +236,7 @@ def measure_pictures(
         output: folder, created if missing; what was measured there in the same way is taken from it.
         overlays: number of pictures drawn with what was found in them.
         rescaled: that the ruler's picture has another size than the others is meant.
+        diameter: nominal diameter of the braid at rest, against which the scale is checked [m].
         progress: called with (pictures done, pictures).
 
     Raises:
@@ -229,8 +251,10 @@ def measure_pictures(
         paths, recipe, output, executor, progress, rest_length=rest_length,
         provenance=provenance,
     )  # fmt: skip
-    if rest_length is not None:
-        check_rest_length(table, rest_length)
+    check_known_sizes(table, rest_length, diameter)
+    if others := skipped(photos):
+        note = f"{len(others)} files are no pictures by their names and were skipped, {others[0]} first."
+        table = dataclasses.replace(table, notes=(*table.notes, note))
     if add_log is not None:
         table = add_log(table)
     files = [

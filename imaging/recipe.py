@@ -137,6 +137,7 @@ class Recipe:
         orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
             one is turned a quarter turn clockwise before it is measured.
         tape_hue: of the tapes [deg]; None finds it.
+        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
         braid_angle: measure it from the weave as well, which takes as long again.
 
     Raises:
@@ -152,11 +153,14 @@ class Recipe:
     tone: Tone | None = None
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
     tape_hue: float | None = None
+    tape_diameter: float | None = None
     braid_angle: bool = False
 
     def __post_init__(self) -> None:
-        if self.distance is not None and not 0 < self.distance < math.inf:
-            raise errors.ImagingError(f"distance must be finite and > 0, got {self.distance} m")
+        for name in ("distance", "tape_diameter"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise errors.ImagingError(f"{name} must be finite and > 0, got {value} m")
         if self.tape_hue is not None and not 0 <= self.tape_hue <= 360:
             raise errors.ImagingError(f"tape_hue must be 0 to 360 deg, got {self.tape_hue}")
         if self.orientation not in (known := ("vertical", "horizontal", "auto")):
@@ -209,7 +213,7 @@ _FORMAT = "famjax recipe 1"
 
 
 _FORM = Form(
-    kinds=dict.fromkeys(("distance", "pitch", "placement_stderr"), "length"),
+    kinds=dict.fromkeys(("distance", "tape_diameter", "pitch", "placement_stderr"), "length"),
     keys={"tape_hue": "tape_hue_deg", "stderr": "stderr_px_per_m"},
     codecs={
         Tone: (

@@ -177,6 +177,8 @@ def muscle_mask(rgb: Image) -> MuscleMask:
 def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
     """The muscle's lit part and what is darker beside it, but not as dark as the cloth."""
     cloth = value[shaped(lit, cv2.MORPH_DILATE, 9) == 0]
+    if cloth.size == 0:
+        return lit
     low, high = map(float, np.quantile(cloth, [0.5, 0.98], method="inverted_cdf"))
     level = max(low + _SHADE * (split.high - low), high + 4)
     shade = shaped(above(value, min(level, split.level)), cv2.MORPH_OPEN, 3)
@@ -472,24 +474,30 @@ _MARGIN = 40  # pixels around the muscle that are kept as cloth
 
 
 class TapeBand(NamedTuple):
-    """The inner edge of one tape in the picture [px].
+    """One tape in the picture [px].
 
     Attributes:
-        middle: its column.
-        inner: coefficients of v = polynomial in u, highest power first, shape (3,).
-        limbs: rows at its left and right end.
+        box: top, bottom, left and right of its bounding box.
+        inner: coefficients of its inner edge, v = polynomial in u, highest power first, shape (3,).
+        limbs: rows of the inner edge at its left and right end.
     """
 
-    middle: float
+    box: tuple[float, float, float, float]
     inner: Array
     limbs: tuple[float, float]
+
+    @property
+    def middle(self) -> float:
+        """Its column."""
+        return (self.box[2] + self.box[3]) / 2
 
     def moved(self, step: int, v0: int, u0: int) -> "TapeBand":
         """The same in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
         a, b, c = self.inner
         inner = a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0
-        left, right = (row * step + v0 for row in self.limbs)
-        return TapeBand(self.middle * step + u0, np.array(inner), (left, right))
+        first, last, top, bottom = (row * step + v0 for row in (*self.limbs, *self.box[:2]))
+        left, right = (column * step + u0 for column in self.box[2:])
+        return TapeBand((top, bottom, left, right), np.array(inner), (first, last))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -652,7 +660,7 @@ def _tape(found: Patch, *, lower: bool) -> TapeBand:
     keep &= off <= max(2.0, 3 * float(np.median(off[keep])))
     inner = np.polyfit(u[keep], v[keep], 2)
     limbs = np.polyval(inner, np.array([x, x + w - 1.0]))
-    return TapeBand(x + w / 2, inner, (float(limbs[0]), float(limbs[1])))
+    return TapeBand((y, y + h, x, x + w), inner, (float(limbs[0]), float(limbs[1])))
 
 
 _BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it

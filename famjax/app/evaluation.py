@@ -164,9 +164,10 @@ def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]
         for name in (photographs.ruler, photographs.recipe)
     )
     reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
-    choices = {name: getattr(photographs, name) for name in ("distance", "k1", "orientation")} | {
-        "tone": None if photographs.tone is None else Tone.srgb()
-    }
+    choices = {
+        name: getattr(photographs, name)
+        for name in ("distance", "tape_diameter", "k1", "orientation")
+    } | {"tone": None if photographs.tone is None else Tone.srgb()}
     given, chosen = (
         {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
     )

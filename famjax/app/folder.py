@@ -66,6 +66,7 @@ class Photographs:
     distance: Positive | None = None
     pitch: Positive | None = None
     ruler_placement: NotNegative | None = None
+    tape_diameter: Positive | None = None
     recipe: Text | None = None
     k1: float | None = None
     tone: Literal["srgb"] | None = None
@@ -145,7 +146,9 @@ _FORM = Form(
     {
         **SHARED_ERRORS.kinds,
         **dict.fromkeys(("near", "log_offset"), "time"),
-        **dict.fromkeys(("zero_displacement", "distance", "pitch", "ruler_placement"), "length"),
+        **dict.fromkeys(
+            ("zero_displacement", "distance", "pitch", "ruler_placement", "tape_diameter"), "length"
+        ),
     }
 )
 _TABLES: dict[str, Any] = {

@@ -6,7 +6,7 @@ import pytest
 from imaging import ImagingError, Table
 from imaging.campaign import POSITION, Row
 from imaging.errors import ScaleContradiction
-from imaging.pictures import by_contraction, check_rest_length, expand
+from imaging.pictures import by_contraction, check_known_sizes, expand
 
 
 def table(n_good, n_failed):
@@ -41,9 +41,15 @@ def test_pictures_to_look_at_are_spread_over_the_stroke(good, failed, drawn):
         assert {0, 99} <= set(chosen) <= set(range(good))
 
 
-@pytest.mark.parametrize("rest", [0.45, 0.185])
-def test_a_scale_that_the_rest_length_contradicts_is_refused(rest):
-    for possible in (0.2, 0.38):
-        check_rest_length(table(3, 1), possible)
-    with pytest.raises(ScaleContradiction, match=f"rest length of {rest * 1e3:.0f} mm"):
-        check_rest_length(table(3, 1), rest)
+@pytest.mark.parametrize(
+    ("rest", "diameter", "refused"),
+    [(0.2, 0.028, ""), (None, None, ""), (0.38, None, ""), (0.45, None, "rest length of 450 mm"),
+     (0.185, None, "rest length of 185 mm"), (0.2, 0.012, "nominal diameter of 12 mm"),
+     (0.2, 0.06, "nominal diameter of 60 mm")],
+)  # fmt: skip
+def test_a_scale_that_a_known_size_contradicts_is_refused_by_its_name(rest, diameter, refused):
+    if not refused:
+        check_known_sizes(table(3, 1), rest, diameter)
+        return
+    with pytest.raises(ScaleContradiction, match=refused):
+        check_known_sizes(table(3, 1), rest, diameter)

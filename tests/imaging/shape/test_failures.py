@@ -17,6 +17,7 @@ from imaging.errors import (
     MotionBlurred,
     NoMuscle,
     Overexposed,
+    ScaleContradiction,
     Underexposed,
     UnreadableImage,
     WrongOrientation,
@@ -85,6 +86,17 @@ def test_the_wrong_tape_hue_is_refused():
     with pytest.raises(AmbiguousHue, match="hue"):
         measure(rgb, recipe(tape_hue=120.0))
     measure(rgb, recipe(tape_hue=215.0))
+
+
+@pytest.mark.parametrize("factor", [0.98, 1.03])
+def test_a_scale_that_contradicts_the_tapes(factor):
+    tape = Tape(diameter=0.95 * INCH)
+    made = muscle(upper=tape, lower=tape)
+    rgb = photograph(made, 1).rgb
+    wrong = Scale.manual(factor * base().camera.px_per_m)
+    with pytest.raises(ScaleContradiction) as caught:
+        measure(rgb, dataclasses.replace(recipe(tape_diameter=0.95 * INCH), scale=wrong))
+    assert caught.value.figures["diameter"] == pytest.approx(0.95 * INCH / factor, rel=5e-3)
 
 
 def test_missing_empty_and_foreign_files(tmp_path):
