@@ -494,7 +494,7 @@ def check_tape_diameter(
 
     Raises:
         ScaleContradiction: the tapes' mean diameter differs from the known one by more than
-            `QualityLimits.scale_contradiction`, or a tape shows too few rows for that.
+            half a per cent, or a tape shows too few rows for that.
     """
     camera, tone = photo.camera, recipe.tone_curve
     # Luma hardly sees blue: the colour in which the tape is brightest does.
@@ -523,13 +523,13 @@ def check_tape_diameter(
         left, right = np.arctan(turned(*camera.rays(outline.columns, rows), -body.roll)[0])
         angles.append(float(np.median(right - left)) / 2)
     mean = 2 * float(np.hypot(body.x0, camera.distance)) * float(np.mean(np.sin(angles)))
-    if abs(mean / known - 1) > recipe.limits.scale_contradiction:
+    if abs(mean / known - 1) > _CONTRADICTS:
         raise ScaleContradiction(
             "the tapes' diameter in the picture must be the known one; their ratio is "
             f"{mean / known:.4f}: was the ruler in the plane of the muscle's axis, and is the "
             "distance right?",
             diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
-            limit=recipe.limits.scale_contradiction,
+            limit=_CONTRADICTS,
         )  # fmt: skip
 
 
