@@ -64,6 +64,8 @@ _FINEST = 1e-4  # of the whole range: narrower gaps are all alike
 _SHARED = 1.5  # readings for each level that was found: fewer, and it is chance
 _NOMINAL = 2.0  # readings for each value: values that repeat exactly are nominal
 _FRACTION = 0.75  # of the readings alone on their level: no levels are to be seen
+_NEAR_ZERO = 0.01  # of the largest value: how far below zero a sensor at zero may read
+_EXTREMES = 1.5  # of the noise that readings below zero show: largest noise above zero
 _SHOWN = 12  # rows of a table in a notebook
 
 
@@ -211,8 +213,9 @@ class ForceData:
     """A static force map in SI, one row per reading.
 
     A reading with force <= 0 is slack: the muscle would push but buckles instead, so all that is
-    known is that its force is not positive. One at or above the limit of the load cell is
-    saturated: its force is at least that. Such rows are censored: they enter no fit as data, but a
+    known is that its force is not positive. Readings slightly below zero show the noise of the load
+    cell, and readings up to 1.5 times that force above zero are slack as well. A reading at or above
+    the limit of the load cell is saturated: its force is at least that. Such rows are censored: they enter no fit as data, but a
     fit is checked against those that are slack, and `identify(..., censored=True)` has both as
     one-sided ones.
 
@@ -228,6 +231,7 @@ class ForceData:
         assumed: fields of the specimen that were not given but assumed, for the verdict.
         units: of the columns of the file by quantity, where there was one; the numbers are SI.
         force_limit: largest force [N] that the load cell reads, or None where it never was at it.
+        slack_below: readings up to this force [N] are slack; None to find it from those below zero.
         count: how many readings were the same to the last digit, shape (n,), or None where none was: they
             are averaged here, and weigh by their number.
         taken: what the columns of a file were taken as, for the command that read it.
@@ -249,6 +253,7 @@ class ForceData:
     pressure_tolerance: float | None = None
     length_tolerance: float | None = None
     force_limit: float | None = None
+    slack_below: float | None = None
     count: np.ndarray | None = None
     taken: str = dataclasses.field(default="", compare=False)
 
@@ -257,6 +262,8 @@ class ForceData:
         for name in COLUMNS:
             if getattr(self, name) is not None or not name.endswith("_std"):
                 object.__setattr__(self, name, self._checked_column(name))
+        if self.slack_below is None:
+            self._find_slack()
         self._check_pulls()
         for name in ("force", "pressure", "length"):
             largest = float(getattr(self, name).max())
@@ -303,6 +310,20 @@ class ForceData:
                     f"{values[k]:.6g} in SI units{_HINTS.get(name, '')}"
                 )
         return values
+
+    def _find_slack(self) -> None:
+        """Readings of a slack muscle scatter about zero: those below it show how far."""
+        noise = -float(self.force.min(initial=0.0))
+        small = noise <= _NEAR_ZERO * float(self.force.max(initial=0.0))
+        found = _EXTREMES * noise if small else 0.0
+        object.__setattr__(self, "slack_below", found)
+        count = int(((self.force > 0) & (self.force <= found)).sum())
+        if count:
+            note = Sentence(
+                f"{count} reading{'s' * (count > 1)} of at most ", Quantity(found, "force", 2),
+                " count as slack: readings below zero show that much noise.",
+            )  # fmt: skip
+            object.__setattr__(self, "notes", (*self.notes, note))
 
     def _check_pulls(self) -> None:
         """There must be something to fit, and it must pull."""
@@ -483,12 +504,12 @@ class ForceData:
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:
         """Rows with a pulling force below the load cell's limit; the others are censored."""
-        return (self.force > 0) & ~self.saturated
+        return ~self.slack & ~self.saturated
 
     @property
     def slack(self) -> Bool[np.ndarray, " n"]:
-        """Rows whose force is at most zero."""
-        return self.force <= 0
+        """Rows whose force is at most zero, but for the noise."""
+        return self.force <= (self.slack_below or 0.0)
 
     @property
     def saturated(self) -> Bool[np.ndarray, " n"]:
@@ -645,7 +666,6 @@ def read_csv(
 
 _NEEDED = ("force", "pressure", "length")
 _LEAST_CONTRACTION = 0.006  # of a map: no muscle is measured over less
-_NEAR_ZERO = 0.01  # of the largest pressure: what a vented gauge may read below zero
 
 
 def _map(

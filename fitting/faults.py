@@ -267,8 +267,8 @@ def suspect(
             Suspicion(
                 "no muscle explains the readings",
                 f"No model of a muscle explains these readings: the richest misses them by "
-                f"{least:.2%} of the largest force. Check units, signs and columns, and the "
-                "specimen's rest length, bore and wall.",
+                f"{least:.2%} of the largest force. Check units, signs and columns, the specimen's rest "
+                "length, bore and wall, and that readings of a slack muscle are 0.",
                 least,
             )
         )
@@ -366,6 +366,8 @@ def _named(
 
 
 def _changed(data: ForceData, **changes: Any) -> Callable[[], ForceData]:
+    if "force" in changes:
+        changes["slack_below"] = None
     return lambda: dataclasses.replace(data, **changes)
 
 

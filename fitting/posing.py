@@ -229,14 +229,15 @@ def source_of(
     if isinstance(geometry, famjax.geometries.AbstractGeometry):
         known = KnownSource(geometry)
         return KnownSource(geometry, tuple(n for n in known.declared if n in named))
-    if not callable(geometry):
+    make: Any = geometry
+    if not callable(make):
         raise InputError(
             "a geometry is one of famjax.geometries, or a class, a function or module:Class that makes "
             f"one of the estimated geometry; got a {type(geometry).__name__}"
         )
-    wrapped = WrappedSource(EstimatedSource(data.specimen), geometry)
+    wrapped = WrappedSource(EstimatedSource(data.specimen), make)
     own = tuple(n for n in wrapped.declared if n in named)
-    return WrappedSource(wrapped.inner, geometry, own)
+    return WrappedSource(wrapped.inner, make, own)
 
 
 def _shared(name: str, of_each: Sequence[Entry]) -> Entry:

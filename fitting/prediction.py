@@ -347,7 +347,7 @@ def seen_slack(
         length: active lengths [m] of the muscle that was measured.
         pressure: gauge pressures [Pa].
     """
-    L, P, pulls = fit.data.length, fit.data.pressure, fit.data.force > 0
+    L, P, pulls = fit.data.length, fit.data.pressure, ~fit.data.slack
     contradicted = ((L[pulls] <= L[~pulls, None]) & (P[pulls] <= P[~pulls, None])).any(axis=1)
     L, P = L[~pulls][~contradicted], P[~pulls][~contradicted]
     within = (length[:, None] <= (1 + _SAME) * L) & (pressure[:, None] <= (1 + _EXACT) * P)
@@ -512,11 +512,12 @@ def _ends(values: Collection[float]) -> tuple[float, float]:
     return float(min(values)), float(max(values))
 
 
-def _braid_limits(muscle: famjax.Muscle | famjax.EquilibriumMuscle) -> Sequence[Any]:
+def _braid_limits(muscle: famjax.AbstractMuscle) -> Sequence[Any]:
     """Lengths [m] at which the braid locks and at which its threads are straight, nan where unknown."""
-    if isinstance(muscle, famjax.Muscle):
-        return muscle.geometry.braid_limits()
-    return math.nan, muscle.braid.rest_thread_length
+    if isinstance(muscle, famjax.EquilibriumMuscle):
+        return math.nan, muscle.braid.rest_thread_length
+    assert isinstance(muscle, famjax.Muscle)
+    return muscle.geometry.braid_limits()
 
 
 def _reach_of(fit: Identification, rest_length: float | None) -> Reach:
