@@ -215,9 +215,9 @@ class ForceData:
     A reading with force <= 0 is slack: the muscle would push but buckles instead, so all that is
     known is that its force is not positive. Readings slightly below zero show the noise of the load
     cell, and readings up to 1.5 times that force above zero are slack as well. A reading at or above
-    the limit of the load cell is saturated: its force is at least that. Such rows are censored: they enter no fit as data, but a
-    fit is checked against those that are slack, and `identify(..., censored=True)` has both as
-    one-sided ones.
+    the limit of the load cell is saturated: its force is at least that. Slack and saturated readings
+    are censored: they enter no fit as data, but a fit is checked against the slack ones, and
+    `identify(..., censored=True)` has both as one-sided ones.
 
     Attributes:
         force: F [N], shape (n,), positive when the muscle pulls.
