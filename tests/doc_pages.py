@@ -48,6 +48,11 @@ def run_page(page: Path, folder: Path) -> int:
             printed = _python("\n" * fence.line + fence.text, names, str(page))
         elif fence.language == "sh":
             printed = _shell(fence.text, folder, where)
+        elif fence.language == "c":  # which the next fence compiles
+            (folder / "pull.c").write_text(fence.text)
+        elif fence.language == "matlab":
+            (folder / "page.m").write_text(fence.text)
+            printed = _shell("octave-cli --norc --quiet page.m", folder, where)
         elif fence.language == "text":
             missing = not_printed(fence.text, printed)
             assert not missing, f"{where}: not printed: {missing}\nprinted was:\n{printed}"
