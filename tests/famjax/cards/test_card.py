@@ -77,34 +77,49 @@ def test_the_schema_file_is_that_of_the_classes() -> None:
     assert SCHEMA_FILE.read_text() == json.dumps(schema(), indent=1) + "\n"
 
 
+MUSCLE = "members.0.muscle"
+
+
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("schema",), "famjax-card/99", "no muscle card of schema famjax-card/1, .*'famjax-card/99'"),
-        (("schema",), ..., "required field `schema`; make one of a fit by famjax card"),
-        (("members",), [], "length >= 1"),
-        (("members", 0, "weight"), "half", r"Expected `float`.*\$.members\[0\].weight"),
-        (("members", 0, "weight"), float("nan"), "is not a JSON file"),
-        (("members", 0, "muscle", "geometry", "braid", "turns"), ..., "no entry 'turns'"),
-        (("data", "length_m"), [0.1], "length >= 2.*data.length_m"),
-        (("colour",), "blue", "unknown field `colour`"),
-        (("covariance", "matrix"), [[1.0, 2.0]], r"matrix must have the shape \(1, 1\).*covariance"),
-        (("sample", "rows"), [[1.0]], "rows must have the shape"),
-        (("sample", "numbers"), [f"n{k}" for k in range(11)], "the sample's numbers must be"),
-        (("hysteresis", "cycle", "turn_Pa"), ..., "required field `turn_Pa`.*cycle"),
+        ("schema", "famjax-card/99", "no muscle card of schema famjax-card/1, .*'famjax-card/99'"),
+        ("schema", ..., "required field `schema`; make one of a fit by famjax card"),
+        ("members", [], "length >= 1"),
+        ("members.0.weight", "half", r"Expected `float`.*\$.members\[0\].weight"),
+        ("members.0.weight", float("nan"), "is not a JSON file"),
+        (f"{MUSCLE}.geometry.type", "Balloon",
+         "muscle.geometry .* unknown type 'Balloon'; known are .*EstimatedGeometry"),
+        (f"{MUSCLE}.geometry.type", "Braid", "unknown type 'Braid'"),
+        (f"{MUSCLE}.geometry.braid.type", "LinearThread", "known are Braid, Compl"),
+        (f"{MUSCLE}.geometry.braid.turns", ..., "no entry 'turns' in .*muscle.geometry.braid"),
+        (f"{MUSCLE}.geometry.bladder.embedded", 1, "embedded .* must be of type bool, got 1"),
+        (f"{MUSCLE}.geometry.bladder", [], "must be an object in braces"),
+        (f"{MUSCLE}.material.type", ..., "muscle.material .* unknown type None; .*Polynom"),
+        (f"{MUSCLE}.material.coefficients_psi", [1.0], "unknown entry 'coefficients_psi'"),
+        (f"{MUSCLE}.material.coefficients_Pa", 1.0, r"must be numbers of shape \(order\), got"),
+        (f"{MUSCLE}.material.coefficients_Pa", [1.0, "x"], "material.coefficients .* finite num"),
+        (f"{MUSCLE}.material.coefficients_Pa", [[1.0], [1.0, 2.0]], "must hold finite numbers"),
+        (f"{MUSCLE}.material.coefficients_Pa", [1.0, None], "must hold finite numbers"),
+        ("data.length_m", [0.1], "length >= 2.*data.length_m"),
+        ("colour", "blue", "unknown field `colour`"),
+        ("covariance.matrix", [[1.0, 2.0]], r"matrix must have the shape \(1, 1\).*covariance"),
+        ("sample.rows", [[1.0]], "rows must have the shape"),
+        ("sample.numbers", [f"n{k}" for k in range(11)], "the sample's numbers must be"),
+        ("hysteresis.cycle.turn_Pa", ..., "required field `turn_Pa`.*cycle"),
     ],
 )  # fmt: skip
 def test_a_damaged_card_is_explained(
-    path: tuple, value: object, message: str, tmp_path: Path
+    path: str, value: object, message: str, tmp_path: Path
 ) -> None:
     document = json.loads((GOLDEN / "card-1.json").read_text())
-    at = document
-    for place in path[:-1]:
-        at = at[place]
+    at, (*places, key) = document, path.split(".")
+    for place in places:
+        at = at[int(place) if isinstance(at, list) else place]
     if value is ...:
-        del at[path[-1]]
+        del at[key]
     else:
-        at[path[-1]] = value
+        at[key] = value
     (tmp_path / "card.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=message):
         read_card(tmp_path / "card.json")

@@ -1,6 +1,5 @@
 """A muscle as plain data and back: every class of famjax that a muscle can be made of."""
 
-import copy
 import functools
 import inspect
 import json
@@ -123,53 +122,6 @@ def test_every_part_of_a_muscle_has_a_card_and_is_tried_above() -> None:
     for name in MUSCLES:
         walk(muscle_as_dict(muscle_named(name)))
     assert tried == {cls.__name__ for cls in CONCRETE}
-
-
-PLAIN = {
-    "type": "Muscle",
-    "geometry": {
-        "type": "EstimatedGeometry",
-        "braid": {"type": "Braid", "rest_thread_length_m": 0.3, "turns": 1.1, "thickness_m": 0.0},
-        "bladder": {"type": "Bladder", "rest_length_m": 0.28, "rest_diameter_m": 0.02,
-                    "rest_thickness_m": 0.001, "embedded": True},
-    },
-    "material": {"type": "PolynomialMaterial", "coefficients_Pa": [1e5, -2e5]},
-    "deadband_pressure_Pa": 4e4,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
-        (("geometry", "type"), "Balloon",
-         "muscle.geometry .* unknown type 'Balloon'; known are .*EstimatedGeometry"),
-        (("geometry", "type"), "Braid", "unknown type 'Braid'"),
-        (("material", "type"), None, "unknown type None; known are .*PolynomialMaterial"),
-        (("geometry", "braid", "type"), "LinearThread", "known are Braid, Compl"),
-        (("geometry", "braid", "turns"), ..., "no entry 'turns' in muscle.geometry.braid"),
-        (("material", "type"), ..., "muscle.material .* unknown type None"),
-        (("material", "coefficients_psi"), [1.0], "unknown entry 'coefficients_psi'"),
-        (("material", "coefficients_Pa"), 1.0, r"must be numbers of shape \(order\), got shape \(\)"),
-        (("material", "coefficients_Pa"), [1.0, "x"], "muscle.material.coefficients .* finite num"),
-        (("material", "coefficients_Pa"), [[1.0], [1.0, 2.0]], "must hold finite numbers"),
-        (("material", "coefficients_Pa"), [1.0, None], "must hold finite numbers"),
-        (("deadband_pressure_Pa",), float("nan"), "must hold finite numbers, got nan"),
-        (("geometry", "bladder", "embedded"), 1, "embedded .* must be of type bool, got 1"),
-        (("geometry", "bladder"), [], "must be an object in braces"),
-    ],
-)  # fmt: skip
-def test_a_card_that_was_edited_is_explained(path: tuple, value: object, message: str) -> None:
-    card = copy.deepcopy(PLAIN)
-    *places, key = path
-    at = card
-    for place in places:
-        at = at[place]
-    if value is ...:
-        del at[key]
-    else:
-        at[key] = value
-    with pytest.raises(InputError, match=message):
-        muscle_from_dict(card)
 
 
 class Undeclared(famjax.materials.AbstractMaterial):
