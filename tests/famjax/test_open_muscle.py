@@ -251,20 +251,3 @@ def test_members_that_cannot_be_spoil_nothing(name: str) -> None:
             want, size = np.asarray(rows)[is_good].sum(axis=0), max(np.abs(rows).max(), 1e-6)
             np.testing.assert_allclose(got, want, rtol=SOLVED, atol=SOLVED * size)
     np.testing.assert_allclose(of_mixed[1][is_good], of_good[1][is_good], rtol=SOLVED)
-
-
-class Bad(famjax.terms.AbstractForceTerm):
-    """What it returns is said by its number."""
-
-    what: int = 0
-
-    def force(self, at, pressure):
-        return [at.hoop_strain, None][self.what]
-
-
-@pytest.mark.parametrize(("what", "came"), [(0, "the shape"), (1, "a NoneType")])
-def test_a_term_returns_one_force_for_each_state(what: int, came: str) -> None:
-    with pytest.raises(
-        ValueError, match=rf"force\(at, pressure\) of Bad must return one.*got {came}"
-    ):
-        famjax.Muscle(CYLINDER_10, Bad(what)).force(jnp.array([0.24, 0.23]), 4e5)

@@ -44,6 +44,19 @@ def apart(*names: str, **bounds: tuple[float, float]) -> famjax.parameters.Apart
     return famjax.take_apart(PLAIN, names, bounds=bounds)
 
 
+class Bad(terms.AbstractForceTerm):
+    """What it returns is said by its number."""
+
+    what: int = 0
+
+    def force(self, at, pressure):
+        return [at.hoop_strain, None][self.what]
+
+
+def pull_of(what: int) -> object:
+    return Muscle(known.CYLINDER_10, Bad(what)).force(jnp.array([0.24, 0.23]), 4e5)
+
+
 RADIANS = r"must lie in \(0, pi/2\] rad.*jnp.deg2rad"
 REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
     # Braids: 64 rad is 66.9 deg after ten turns, a muscle like any other and not the one that was meant.
@@ -100,6 +113,8 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
      lambda: Muscle(known.CYLINDER, PULL).material),
     (AttributeError, "no term of this muscle has a deadband_pressure",
      lambda: Muscle(known.CYLINDER, WALL).braid_force(9.0, 60.0)),
+    (ValueError, r"force\(at, pressure\) of Bad must return one.*got the shape", lambda: pull_of(0)),
+    (ValueError, r"force\(at, pressure\) of Bad must return one.*got a NoneTyp", lambda: pull_of(1)),
     (TypeError, "unsupported operand", lambda: PULL + known.LATEX),
     (ValueError, "virtual work needs the rate of the volume",
      lambda: terms.VirtualWork().force(known.CYLINDER.dimensions(9.0, 60.0), 60.0)),

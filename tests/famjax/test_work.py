@@ -6,7 +6,6 @@ from muscles import INELASTIC as BRAID, LATEX, SPECIMEN as TUBE
 import famjax
 from famjax import Braid, ElasticBraid, EquilibriumMuscle, EstimatedGeometry, Muscle
 from famjax.braids import LinearThread
-from famjax.surfaces import SampledSurface
 from famjax.work import WorkBudget, work_budget
 
 SOFT = ElasticBraid(9.89, 1.09, 0.011, 96.0, LinearThread(2e5, 4e-4))
@@ -29,22 +28,6 @@ def test_a_bare_cylinder_closes(braid: Braid) -> None:
     budget = stroke(bare)
     assert float(abs(budget.left_over / budget.fluid)) < 1e-9
     assert (float(abs(budget.stored)) > 1) == (braid is SOFT)
-
-
-@pytest.mark.slow
-def test_gaylord_on_the_true_shape_makes_work_from_nothing() -> None:
-    """The force of a cylinder, taken on the shape that mechanics gives."""
-    shaped = EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=0.863)
-    lengths, x = np.linspace(9.2, 6.4, 15), np.linspace(0, 1, 101)
-    profile = shaped.profile(lengths, 100.0, points=201)
-    diameters = [
-        2 * np.interp(x * length, position, radius)
-        for length, position, radius in zip(lengths, profile.position, profile.radius, strict=True)
-    ]
-    surface = SampledSurface(lengths=lengths, pressures=[100.0], diameters=np.array([diameters]),
-                             braid=BRAID)  # fmt: skip
-    measured = work_budget(Muscle(famjax.MeasuredGeometry(surface, TUBE), LATEX), 100.0, 9.1, 6.5)
-    assert -0.3 < float(measured.left_over / measured.fluid) < -0.08
 
 
 def test_derivatives() -> None:
