@@ -5,7 +5,7 @@ import datetime
 import struct
 from os import PathLike
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from imaging.camera import Image
 
 from .scene import CameraSensor, Jpeg, Lens, Setting
-from .truth import MuscleTruth, RulerTruth
 
 
 def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
@@ -81,11 +80,8 @@ def _disk(radius: float) -> NDArray[np.floating]:
     return (part / part.sum()).astype(np.float32)
 
 
-T = TypeVar("T", MuscleTruth, RulerTruth)
-
-
 @dataclasses.dataclass(frozen=True)
-class Photo(Generic[T]):
+class Photo:
     """A photograph.
 
     Attributes:
@@ -96,7 +92,7 @@ class Photo(Generic[T]):
     """
 
     rgb: Image
-    truth: T
+    truth: Any
     file: bytes | None
     time: datetime.datetime | None = None
 
@@ -119,15 +115,15 @@ _EXACT_POISSON_BELOW = 4.0  # electrons; above, a normal deviate with Poisson's 
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearPhoto(Generic[T]):
+class LinearPhoto:
     """The light that falls on the sensor, linear RGB, before noise; `truth` as of `Photo`."""
 
     scene: Setting
     light: NDArray[np.floating]
-    truth: T
+    truth: Any
 
 
-def expose(linear: LinearPhoto[T], seed: int) -> Photo[T]:
+def expose(linear: LinearPhoto, seed: int) -> Photo:
     """The photograph that the scene's sensor makes of the light."""
     import cv2
 

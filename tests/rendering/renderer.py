@@ -10,7 +10,7 @@ from imaging.camera import Array
 from .exposure import LinearPhoto, Photo, expose, through_lens
 from .ruler import Ruler, RulerScene
 from .scene import Light, Scene, Setting
-from .truth import MuscleTruth, RulerTruth, true_figures
+from .truth import true_figures
 from .world import Hits, Shoulder, World, unit_vectors
 
 _BLOCK_ROWS = 64
@@ -32,7 +32,7 @@ class LitWorld:
     light: Light
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:
-        """Columns [px] within which bodies can be seen in these rows."""
+        """As of the world."""
         return self.world.span(v_first, v_last)
 
     def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
@@ -212,12 +212,12 @@ def _refine(
         light[rows[at], columns[at]] = mean + missed[:, None] * background[rows[at], columns[at]]
 
 
-def render(scene: Scene, seed: int) -> Photo[MuscleTruth]:
+def render(scene: Scene, seed: int) -> Photo:
     """The photograph of a scene, with the truth beside it; the seed is that of the noise."""
     return expose(render_linear(scene), seed)
 
 
-def render_linear(scene: Scene) -> LinearPhoto[MuscleTruth]:
+def render_linear(scene: Scene) -> LinearPhoto:
     """The light on the sensor. Take it once where only sensor, file or noise are to vary.
 
     Every pixel is one ray; those near an edge are the mean of 55, so that the light in them is that
@@ -229,7 +229,7 @@ def render_linear(scene: Scene) -> LinearPhoto[MuscleTruth]:
     return LinearPhoto(scene, draw(LitWorld(world, scene.light), scene), true_figures(world))
 
 
-def render_ruler(scene: RulerScene, seed: int) -> Photo[RulerTruth]:
+def render_ruler(scene: RulerScene, seed: int) -> Photo:
     """The photograph of a ruler, with the truth beside it."""
     ruler = Ruler(scene)
     return expose(LinearPhoto(scene, draw(ruler, scene), ruler.truth()), seed)

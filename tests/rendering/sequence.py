@@ -15,7 +15,6 @@ from .exposure import Photo
 from .muscle import stroke_shape
 from .renderer import render
 from .scene import Scene
-from .truth import MuscleTruth
 
 Contraction = Callable[[Array], ArrayLike]
 START = datetime.datetime(2021, 3, 1, 10, 0, 0)
@@ -37,7 +36,7 @@ def render_sequence(
     *,
     clock_offset: float = 0.0,
     seed: int,
-) -> Iterator[Photo[MuscleTruth]]:
+) -> Iterator[Photo]:
     """Photographs of a stroke, one after the other, each with the truth of its own instant.
 
     The upper end stays where it is in `scene`, whose muscle is the one at rest; the profile is

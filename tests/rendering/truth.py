@@ -21,7 +21,7 @@ class MuscleTruth:
         length: L, between the inner edges of the tapes along the axis.
         turns: of a strand about the axis over the length [-].
         px_per_m: scale in the plane of the axis.
-        x0, roll, y0: as of `MuscleScene`.
+        x0, roll: as of `MuscleScene`.
         upper_edge, lower_edge: points (u, v) of the tapes' inner edges, the front half of a circle
             [px], shape (k, 2), from the left to the right.
     """
@@ -34,13 +34,11 @@ class MuscleTruth:
     length: float
     volume: float
     mean_diameter: float
-    maximum_diameter: float
     braid_angle: Array
     turns: float
     px_per_m: float
     x0: float
     roll: float
-    y0: float
     upper_edge: Array
     lower_edge: Array
 
@@ -95,13 +93,11 @@ def true_figures(world: World) -> MuscleTruth:
         length=world.length,
         volume=float(simpson(np.pi / 4 * D**2, x=z)),
         mean_diameter=float(simpson(D, x=z)) / world.length,
-        maximum_diameter=float(D.max()),
         braid_angle=np.arctan2(1, np.interp(along, world.y, world.weave.cotangent)),
         turns=float(np.ptp(world.weave.twist)) / (2 * np.pi),
         px_per_m=world.camera.px_per_m,
         x0=muscle.x0,
         roll=muscle.roll,
-        y0=muscle.y0,
         upper_edge=world.ring(world.axis.first, world.edge_radius(muscle.upper, 0)),
         lower_edge=world.ring(lower, world.edge_radius(muscle.lower, -1)),
     )

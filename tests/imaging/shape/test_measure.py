@@ -217,18 +217,6 @@ def test_the_scales_error_enters_every_figure():
     assert np.all(found.diameter_stderr > 0.0099 * found.diameter)
 
 
-def test_blur_is_estimated():
-    made = scene()
-    found = {}
-    for blur in (0.6, 1.6):
-        blurred = dataclasses.replace(made, lens=Lens(blur_px=blur))
-        shown = photo(blurred)
-        found[blur] = measure(shown.rgb, recipe_of(blurred))
-        # The pixel's box and the weave's relief come on top.
-        assert found[blur].quality.blur_px == pytest.approx(math.hypot(blur, 0.35), rel=0.15)
-        check(found[blur], shown.truth)
-
-
 def test_the_right_tone_curve_undoes_the_cameras():
     made = dataclasses.replace(scene(), sensor=CameraSensor(s_curve=0.8))
     shown = photo(made)

@@ -1,22 +1,20 @@
 """Things that lie on a tape, shine on it, or touch the muscle: a right length, or an error."""
 
-import dataclasses
 import functools
 
 import cv2
 import numpy as np
 import pytest
-from rendering import Lens, published_scene, random_scene
+from rendering import published_scene, random_scene
 from slow_cases import slow_after
 
 from imaging import ImagingError, Recipe, Scale, measure
-from imaging.errors import MissingFitting, MotionBlurred
+from imaging.errors import MissingFitting
 from tests.imaging.photographs import photograph
 
 SIZE = (1325, 550)
 SIGMAS = 3.0  # standard errors by which a length that is given may be off
 SKIN, GREY, GLARE = (205, 150, 120), (40, 40, 40), (225, 235, 255)
-BLUE, TAN = np.array([40.0, 90.0, 190.0]), np.array([200.0, 180.0, 130.0])
 
 
 @functools.cache
@@ -72,19 +70,3 @@ def test_nothing_covers_a_tape_that_lies_open(seed):
     how = Recipe(Scale.manual(camera.px_per_m), distance=camera.distance, centre=camera.centre)
     found = measure(photograph(scene, seed).rgb, how)
     assert found.quality.axis_kink < 0.03  # 0.05 is refused
-
-
-@pytest.mark.parametrize(("blur", "told"), [(0.7, 6.5), (1.2, 8.0)])
-def test_motion_is_told_before_it_matters(blur, told):
-    base = published_scene(0.15, size=(1060, 440))
-
-    def moved(way):
-        return photograph(dataclasses.replace(base, lens=Lens(blur_px=blur, motion_px=way)), 8)
-
-    how = Recipe(Scale.manual(base.camera.px_per_m))
-    still, slow = (measure(moved(way).rgb, how) for way in (0.0, 3.0))
-    px = 1 / base.camera.px_per_m
-    assert abs(slow.length - still.length) < 0.15 * px
-    assert abs(slow.mean_diameter - still.mean_diameter) < 0.05 * px
-    with pytest.raises(MotionBlurred):
-        measure(moved(told).rgb, how)
