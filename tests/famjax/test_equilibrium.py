@@ -56,24 +56,6 @@ def test_a_long_muscle_has_a_cylinder_between_its_shoulders(aspect: float, cylin
     assert force == pytest.approx(long_muscle(one, length, 100.0), rel=cylinder)
 
 
-def test_derivatives_are_those_of_differences(muscle: EquilibriumMuscle) -> None:
-    length, pressure, h = 7.9, 70.0, 2e-4
-
-    def force(numbers: jax.Array) -> jax.Array:
-        L, P, B, N, end, *E = numbers
-        made = EquilibriumMuscle(Braid(B, N, BRAID.thickness), TUBE, PolynomialMaterial(jnp.stack(E)),
-                                 end_diameter=end, modes=muscle.modes)  # fmt: skip
-        return made.force(L, P)
-
-    at = np.array([length, pressure, PRINT.B, PRINT.N, PRINT.end, *PRINT.E])
-    exact = jax.jit(jax.grad(force))(at)
-    steps = h * at[:, None] * np.eye(at.size)
-    many = jax.jit(jax.vmap(force))(np.concatenate([at + s * steps for s in (1, -1, 2, -2)]))
-    ahead, back, far, far_back = np.asarray(many).reshape(4, -1)
-    numeric = (8 * (ahead - back) - (far - far_back)) / (12 * h * at)
-    np.testing.assert_allclose(exact, numeric, rtol=1e-6)
-
-
 def _cycle(made: EquilibriumMuscle, lengths: tuple, pressures: tuple) -> tuple[float, float]:
     """Work left over in a closed cycle, and the work F dL of its upper edge."""
     (L1, L2), (P1, P2) = lengths, pressures
@@ -176,25 +158,6 @@ def test_elastic_threads_stretch_and_keep_the_books() -> None:
     assert abs(left) < 1e-8 * work
     tension = kevlar.profile(PRINT.L0, 100.0).thread_tension[50] / 144
     assert float(tension) == pytest.approx(8.5, rel=0.1)  # of the reference work's table 5.1
-
-
-@pytest.mark.slow
-def test_single_precision_and_many_muscles(muscle: EquilibriumMuscle) -> None:
-    expected = np.asarray(muscle.force(LENGTHS, 80.0))
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), muscle)
-    force = single.force(jnp.asarray(LENGTHS, jnp.float32), jnp.float32(80.0))
-    assert force.dtype == jnp.float32
-    np.testing.assert_allclose(force, expected, rtol=2e-4)
-
-    @eqx.filter_vmap
-    def pull(end: jax.Array) -> jax.Array:
-        made = EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=end, modes=muscle.modes)
-        return made.force(LENGTHS[1], 80.0)
-
-    ends = jnp.array([0.8, PRINT.end])
-    many = pull(ends)
-    assert float(many[1]) == pytest.approx(expected[1], rel=1e-9)
-    assert float(many[0]) < float(many[1])
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from jax.flatten_util import ravel_pytree
 
 import famjax
 from famjax import braids, geometries, profiles, surfaces, terms
+from famjax.control import Antagonist, Lever, pressure_for_force
 from famjax.design import Combination
 from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian
 from famjax.muscle import give_way
@@ -207,6 +208,14 @@ def together(_: None, part: jax.Array) -> jax.Array:
     return jnp.vectorize(lambda k: APART.muscle(k * APART.scaled).force(0.27, 4e5))(part)
 
 
+def in_joint(pair: Antagonist, angle: jax.Array, torque: jax.Array) -> jax.Array:
+    """Bounds of the stiffness, and the pressures for the middle of it."""
+    can = pair.stiffness_range(angle, torque)
+    found = pair.pressures_for(angle, 0.5 * (can.lowest + can.highest), torque)
+    every = jnp.broadcast_arrays(can.lowest, can.highest, found.flexor, found.extensor)
+    return jnp.stack(every, -1) / jnp.array([1e2, 1e2, 1e5, 1e5])
+
+
 RANDOM = np.random.default_rng(0)
 RIG = famjax.MountedMuscle(known.FESTO, 5e-6)
 SOLVES: dict[str, tuple[Callable, tuple[float, ...]]] = {
@@ -251,6 +260,23 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
     yield "ideal design", Case(ideal, sleeve, states)
     yield "design of latex", Case(latex, sleeve, states, 2e-4)
     yield "history of slips", Case(MaxwellSlip.along, slips, states, 1e-3)
+    shaped = lambda: famjax.EquilibriumMuscle(  # noqa: E731
+        known.INELASTIC, known.SPECIMEN, known.LATEX, end_diameter=0.863
+    )
+    yield "equilibrium", Case(force, shaped, BY_STATE, 2e-4)
+    load = lambda m, P: famjax.work_budget(m, P, known.L0, 0.7 * known.L0).load  # noqa: E731
+    yield "load of a stroke", Case(load, known.CHAMBERS, (PRESSURES,), 2e-4)
+    paths = Lever([-0.03, 0.0], [-0.01, -0.3], 0.025), Lever([0.03, 0.0], [0.01, -0.3], 0.025)
+    pair = Antagonist(known.FESTO, known.FESTO, paths, (0.0, 6e5), (-0.9, 0.9))
+    angles = np.array([0.2, -0.1, 0.3])
+    for name, call, states in (
+        ("pressure for a force", lambda m, F, L: pressure_for_force(m, F, L, (0.0, 6e5)).pressure,
+         (np.array([400.0, 200.0, 300.0]), np.array([0.27, 0.275, 0.267]))),
+        ("pressures of a joint", in_joint, (angles, np.array([1.0, 0.0, 0.5]))),
+        ("angle of a joint", lambda m, *at: m.equilibrium(*at).angle,
+         (np.array([3e5, 3.3e5, 4e5]), np.array([2e5, 3e5, 3e5]), np.array([1.0, 0.5, 1.0]))),
+    ):  # fmt: skip
+        yield name, Case(call, known.FESTO if name == "pressure for a force" else pair, states)
     yield "stiffness in a rig", Case(famjax.MountedMuscle.stiffness, RIG, (1.18 * L, P), 2e-3)
     yield "free contraction in a rig", Case(SOLVES["free contraction"][0], RIG, (P,), 2e-4)
 
@@ -260,7 +286,7 @@ SLOW = (
     "measured", "sampled", "average", "toe geometry", "table 4.3", "at thread length",
     "virtual work term", " in a rig", "onset", "path modulus",
     "toe braid at", "elastic muscle", "ogden", "at a load", "free contraction", "mounted by a power",
-    "embedded geometry",
+    "embedded geometry", " of a joint", "pressure for a force",
 )  # fmt: skip
 EVERY = [
     pytest.param(case, id=name, marks=[pytest.mark.slow] * any(word in name for word in SLOW))
@@ -327,8 +353,8 @@ def as_single(tree: Any) -> Any:
     return jax.tree.map(lambda x: x.astype(np.float32) if eqx.is_inexact_array(x) else x, tree)
 
 
-# The knots of a monotone law, and the muscle that was taken apart, are of float64.
-DOUBLE = ("monotone law", "taken apart")
+# The knots of a monotone law, the muscle that was taken apart, and limits of pressures are of float64.
+DOUBLE = ("monotone law", "taken apart", "pressure for a force", "pressures of a joint")
 
 
 @pytest.mark.parametrize("case", [one for one in EVERY if one.id not in DOUBLE])

@@ -1,4 +1,3 @@
-import jax
 import numpy as np
 import pytest
 from muscles import INELASTIC as BRAID, LATEX, SPECIMEN as TUBE
@@ -30,10 +29,6 @@ def test_a_bare_cylinder_closes(braid: Braid) -> None:
     assert (float(abs(budget.stored)) > 1) == (braid is SOFT)
 
 
-def test_derivatives() -> None:
-    def load(pressure: float) -> famjax.Real:
-        return stroke(Muscle(EstimatedGeometry(BRAID, TUBE), LATEX), pressure).load
-
-    difference = (load(100.1) - load(99.9)) / 0.2
-    assert jax.grad(load)(100.0) == pytest.approx(float(difference), rel=1e-7)
-    assert np.isnan(work_budget(Muscle(EstimatedGeometry(BRAID, TUBE), LATEX), 1.0, 9.0, 12.0).load)
+def test_a_stroke_that_cannot_be_has_no_work() -> None:
+    latex = Muscle(EstimatedGeometry(BRAID, TUBE), LATEX)
+    assert np.isnan(work_budget(latex, 1.0, 9.0, 12.0).load)

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 import famjax
 from famjax.control import Antagonist, Outcome, Pulley, pressure_for_force
@@ -39,17 +38,6 @@ def test_what_is_not_attained_has_the_nearest_and_a_code(festo: famjax.Muscle) -
     np.testing.assert_array_equal(found.pressure, [HIGH, 2e5, 2e5, np.nan, np.nan])
     np.testing.assert_allclose(found.force[:3], festo.force(0.28, found.pressure[:3]), rtol=1e-12)
     assert len({outcome.message for outcome in Outcome}) == len(Outcome)
-
-
-@pytest.mark.slow
-def test_derivatives_jit_and_vmap(festo: famjax.Muscle) -> None:
-    def pressure(x: jax.Array) -> jax.Array:
-        return pressure_for_force(festo, 400 * x[0], 0.27 * x[1], (0.0, HIGH)).pressure / HIGH
-
-    check_grads(jax.jit(pressure), (jnp.array([1.0, 1.0]),), order=1, atol=1e-5, rtol=1e-5)
-    x = jnp.array([[1.0, 1.0], [0.5, 1.02], [2.0, 0.99]])
-    loop = [float(pressure(one)) for one in x]
-    np.testing.assert_allclose(jax.jit(jax.vmap(pressure))(x), loop, rtol=1e-12)
 
 
 def test_one_that_is_not_attained_leaves_the_derivatives_of_the_others(
