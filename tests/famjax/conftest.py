@@ -1,24 +1,17 @@
-"""Muscles of `tests/muscles.py`, which are made where a test asks for one."""
+"""Muscles of `tests/muscles.py`, made where a test asks for one: making them compiles."""
 
 import pytest
 
-import famjax
-
 
 @pytest.fixture
-def festo() -> famjax.Muscle:
+def festo():
+    from muscles import FESTO
+
+    return FESTO
+
+
+@pytest.fixture(params=["FESTO", "CHAMBERS"])
+def muscle(request: pytest.FixtureRequest):
     import muscles
 
-    return muscles.FESTO
-
-
-@pytest.fixture
-def chambers() -> famjax.Muscle:
-    import muscles
-
-    return muscles.CHAMBERS
-
-
-@pytest.fixture(params=["festo", "chambers"])
-def muscle(request: pytest.FixtureRequest) -> famjax.Muscle:
-    return request.getfixturevalue(request.param)
+    return getattr(muscles, request.param)

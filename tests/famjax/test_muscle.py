@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from muscles import CYLINDER_10, GEOMETRIES, LATEX
+from muscles import CHAMBERS, CYLINDER_10, GEOMETRIES, LATEX
 
 import famjax
 from famjax.materials import SaturatingMaterial
@@ -19,7 +19,7 @@ def _states(muscle: famjax.Muscle) -> tuple[np.ndarray, np.ndarray]:
     return rest * np.linspace(0.72, 1.02, 7), pressure * np.linspace(0.1, 1.2, 7)
 
 
-def test_force_is_the_sum_of_its_terms_by_hand(chambers: famjax.Muscle) -> None:
+def test_force_is_the_sum_of_its_terms_by_hand() -> None:
     """The force balance written out once more, in plain numpy, for the reference specimen."""
     L, P, N, B, V = 7.0, 80.0, 1.09, 9.89, np.pi * 0.0625 * (0.875 - 0.0625) * 9.28125
     R = np.sqrt(B**2 - L**2) / (2 * np.pi * N)
@@ -35,7 +35,7 @@ def test_force_is_the_sum_of_its_terms_by_hand(chambers: famjax.Muscle) -> None:
         + law(ez) * V / L
         - law(ec) * t * L**2 / (2 * np.pi * R * N**2)
     )
-    assert float(chambers.force(L, P)) == pytest.approx(by_hand, rel=1e-12)
+    assert float(CHAMBERS.force(L, P)) == pytest.approx(by_hand, rel=1e-12)
 
 
 def test_stiffness_is_the_slope_of_the_force(muscle: famjax.Muscle) -> None:
@@ -161,11 +161,8 @@ BRAIDS = {
 LAW = famjax.PolynomialMaterial([1.2e6, -0.4e6, 0.3e6])
 
 
-def muscle(kind: str, end_factor: float | None = None) -> famjax.Muscle:
-    geometry: famjax.geometries.AbstractGeometry = famjax.EstimatedGeometry(BRAIDS[kind], BLADDER)
-    if end_factor is not None:
-        geometry = famjax.geometries.EndEffectGeometry(geometry, end_factor)
-    return famjax.Muscle(geometry, LAW, 2e4)
+def muscle(kind: str) -> famjax.Muscle:
+    return famjax.Muscle(famjax.EstimatedGeometry(BRAIDS[kind], BLADDER), LAW, 2e4)
 
 
 @pytest.mark.parametrize("kind", BRAIDS)

@@ -1,7 +1,6 @@
 """Shapes over length and pressure: exact where measured, splines between, nan beyond."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import muscles as known
 import numpy as np
@@ -19,23 +18,6 @@ EXACT = 1e-12
 ROUNDING = 1e-11  # a small linear system has been solved
 X = np.linspace(0, 1, 17)
 INELASTIC = known.INELASTIC
-
-
-class ClosedFormBraid(AbstractBraid):
-    """Elastic threads under Gaylord's force: B = B0 / (1 - B0 P L / (2 pi N^2 n A E))."""
-
-    rest_thread_length: jax.Array
-    turns: jax.Array
-    thickness: jax.Array
-
-    def thread_length(self, length: jax.Array, pressure: jax.Array) -> jax.Array:
-        stiffness = 2 * jnp.pi * self.turns**2 * 144 * 1.332e-4 * 11.6e6
-        return self.rest_thread_length / (
-            1 - self.rest_thread_length * pressure * length / stiffness
-        )
-
-
-ELASTIC = ClosedFormBraid(jnp.array(9.89), jnp.array(1.09), jnp.array(0.011))
 
 
 def _profile(contraction: float) -> FourierProfile:
@@ -72,10 +54,10 @@ def test_is_scipys_not_a_knot_spline_also_in_the_margin(contractions: np.ndarray
 
 
 def test_pressure_scales_by_the_triangle() -> None:
-    family = _family(EVEN, ELASTIC)
+    family = _family(EVEN, known.KEVLAR)
     L, P = jnp.array([6.5, 9.0])[:, None], 30.0
     scale = [
-        diameter_from_length(L, ELASTIC.thread_length(L, jnp.array(pressure)), 1.09)
+        diameter_from_length(L, known.KEVLAR.thread_length(L, jnp.array(pressure)), 1.09)
         for pressure in (P, 100.0)
     ]
     low, high = (np.asarray(_diameter(family, X, L, np.array(at))) for at in (P, 100.0))
