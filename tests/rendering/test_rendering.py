@@ -13,7 +13,6 @@ from rendering import (
     CameraSensor,
     Lens,
     Light,
-    RulerScene,
     Scene,
     expose,
     published_ruler,
@@ -21,7 +20,6 @@ from rendering import (
     published_shape,
     render,
     render_linear,
-    render_ruler,
     render_sequence,
     silhouette_from_profile,
     stroke_log,
@@ -176,23 +174,6 @@ def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
         half = wide * truth.line / 2
         covered = np.minimum(rows + 0.5, v + half) - np.maximum(rows - 0.5, v - half)
         np.testing.assert_allclose(dark, np.clip(covered, 0, 1), atol=MARK_PART)
-
-
-def test_scale_of_a_ruler_follows_tilt_and_place():
-    camera = Camera(40 / INCH, 60 * INCH, (60.0, 200.0))
-    ruler = RulerScene(camera, (400, 120), marks=65)
-    inches = render_ruler(ruler, 0)
-    assert inches.truth.line == pytest.approx(camera.px_per_m, rel=1e-12)
-    worn = render_ruler(dataclasses.replace(ruler, worn=0.5), 0)
-    assert worn.rgb.mean() > inches.rgb.mean()  # less ink
-    behind = render_ruler(dataclasses.replace(ruler, offset=0.1 * INCH), 0).truth
-    assert behind.line == pytest.approx(camera.px_per_m * 60 / 60.1, rel=1e-12)
-    assert behind.px_per_m == camera.px_per_m
-    tilted = render_ruler(dataclasses.replace(ruler, tilt_deg=3.0), 0).truth
-    pitches = np.diff(tilted.marks[::8, 1])
-    # Local scale ~ d^2 cos/(d + s sin)^2: the change from end to end is -2 * 7 in * sin / d.
-    expected = -2 * 7 * np.sin(np.deg2rad(3.0)) / 60
-    assert pitches[-1] / pitches[0] - 1 == pytest.approx(expected, rel=0.02)
 
 
 def test_stroke_is_what_machine_and_camera_saw(tmp_path):

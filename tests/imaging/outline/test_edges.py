@@ -1,13 +1,10 @@
 """Edges against closed forms, manufactured limbs and rendered muscles."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from rendering import random_scene, render
 from scipy.integrate import quad
 
-from imaging import Camera, Recipe, Scale, Silhouette, Tone
+from imaging import Camera, Silhouette, Tone
 from imaging.camera import LUMA, amount_of_look
 from imaging.edge import (
     LARGEST_DISK,
@@ -29,7 +26,6 @@ from imaging.outline import (
     variance_of_smooth,
     without_dents,
 )
-from imaging.segment import edge_light, segment
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
 DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian
@@ -202,26 +198,6 @@ def test_a_dent_of_one_side_is_as_the_other_side_is_there(depth, bow):
     assert np.abs((outline.left.column - left)[near]).max() > 0.9 * abs(depth)
     assert np.abs((found.left.column - left)[near]).max() < 0.3 * abs(depth)
     assert np.abs((found.right.column - outline.right.column)[near]).max() == 0
-
-
-def test_black_threads_in_the_outline_are_seen_as_hidden():
-    hidden = []
-    for flecks in (0.0, 0.05):
-        made = random_scene(3, px_per_in=(120.0, 150.0))
-        assert made.muscle is not None
-        made = dataclasses.replace(made, muscle=dataclasses.replace(made.muscle, flecks=flecks))
-        photo = render(made, 1)
-        recipe = Recipe(
-            Scale.manual(made.camera.px_per_m), made.camera.distance, centre=made.camera.centre
-        )
-        coarse = segment(photo.rgb)
-        image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
-        outline = find_outline(
-            image, amount, coarse.rows, coarse.left, coarse.right, resolution=recipe.smoothing_px
-        )
-        hidden.append(outline.left.hidden + outline.right.hidden)
-    assert hidden[0] == 0
-    assert 0 < hidden[1] < 0.2
 
 
 @pytest.mark.parametrize("kappa", [-0.1, 0.0, 0.07, 2.0])

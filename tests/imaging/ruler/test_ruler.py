@@ -26,7 +26,9 @@ CASES = {
     "turned right": {"rotation_deg": 2.0},
     "tilted away": {"tilt_deg": -5.0},
     "marks on both edges": {"edge": "both"},
-    "wood": {"face": (0.62, 0.40, 0.17)},
+    "marks on both edges, worn": {"edge": "both", "worn": 0.1},
+    "marks of one length": {"mark_lengths": (0.2 * INCH,) * 4},
+    "wood, marks on the right": {"edge": "right", "face": (0.62, 0.40, 0.17)},
     "light marks": {"face": (0.04, 0.04, 0.04), "ink": (0.7, 0.7, 0.7)},
     "wide marks, no numbers": {"mark_width": 0.03 * INCH, "numbers": False},
     "short and aside": {"marks": 41, "x0": 0.4 * INCH, "y0": 0.3 * INCH},
@@ -41,7 +43,7 @@ def test_the_scale_of_any_ruler(base, case):
     spread = SCALE * (base.marks / marks) ** 1.5
     assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=spread)
     assert scale.tilt_deg == pytest.approx(photo.truth.tilt_deg, abs=TILT_DEG)
-    assert scale.marks == marks
+    assert marks * (1 - 1.5 * CASES[case].get("worn", 0)) <= scale.marks <= marks
     assert scale.source == "ruler"
     assert abs(scale.px_per_m / photo.truth.px_per_m - 1) < 5 * scale.relative_stderr
 
@@ -93,17 +95,6 @@ def test_two_edges_that_differ_are_ambiguous_until_a_scale_is_expected(base, cas
     )
     told = calibrate_ruler(photo.rgb, expected_px_per_m=1.1 * photo.truth.px_per_m)
     assert told.px_per_m == pytest.approx(photo.truth.px_per_m, rel=2 * SCALE)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"edge": "right"}, {"edge": "both"}, {"edge": "both", "worn": 0.1}, {"numbers": False},
-     {"mark_lengths": (0.2 * INCH,) * 4}, {"edge": "right", "face": (0.62, 0.40, 0.17)}],
-)  # fmt: skip
-def test_longer_marks_and_numbers_make_no_second_scale(base, changes):
-    photo = render_ruler(dataclasses.replace(base, **changes), 4)
-    scale = calibrate_ruler(photo.rgb)
-    assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=SCALE)
 
 
 @pytest.mark.parametrize(("width", "longest"), [(0.8, 0.42), (0.9, 0.42), (0.9, 0.25), (1.0, 0.25)])
