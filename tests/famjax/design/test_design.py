@@ -112,6 +112,17 @@ def test_force_with_a_bladder_is_the_muscles():
     assert combination.force(0.2, 60 * PSI, material) < combination.force(0.2, 60 * PSI)
 
 
+@pytest.mark.slow
+def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
+    combination, material = the_7_8_in(), latex()
+    pressures = np.array([20.0, 60.0]) * PSI
+    usable = combination.usable_contraction(pressures, material)
+    blocked = combination.force(0.0, pressures, material)
+    # The root is bisected to 1e-15 of the rest length; the force falls by some blocked / 0.3.
+    assert np.all(np.abs(combination.force(usable, pressures, material)) < 1e-10 * blocked)
+    assert np.all(np.diff(usable) > 0)
+
+
 def test_gradients_are_finite_at_rest_at_the_jam_and_beyond():
     combination = the_7_8_in()
     slope = jax.jit(jax.grad(combination.force))
