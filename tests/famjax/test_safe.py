@@ -167,6 +167,14 @@ def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
         SafeMuscle.of(LATEX, [0.24, 0.3], [-5e4, 6e5])
 
 
+def test_a_load_is_carried_also_where_the_pull_fades_into_slack() -> None:
+    of = SafeMuscle.of(LATEX, [0.24, 0.3], [2e5, 6e5])
+    loads = of.slack_width * jnp.array([0.01, 0.3, 0.9, 1.1, 3.0])
+    length = of.length_at_load(loads, 4e5)
+    np.testing.assert_allclose(of.force(length, 4e5), loads, rtol=1e-7)
+    assert np.isnan(of.length_at_load(-1.0, 4e5, throw=False))
+
+
 def test_the_largest_rectangle_is_found() -> None:
     from famjax.continuation import largest_block
 
