@@ -35,33 +35,14 @@ def test_c_is_the_model(
     assert np.abs(back - P[told]).max() < pressure_error
 
 
-@pytest.mark.slow
-@needs("gcc")
-@pytest.mark.parametrize("real", ["double", "float"])
-def test_code_is_small(real: str, dmsp_20: Subject, tmp_path: Path) -> None:
-    export(dmsp_20, ["c"], tmp_path)
-    sizes = code_sections(tmp_path / "dmsp_20.c", f"-DDMSP_20_REAL={real}")
-    assert sizes[".text"] < 3000
-    assert sizes[".data"] == sizes[".bss"] == 0  # tables are constant, and nothing is kept
-    symbols = ran("nm", "-u", tmp_path / "dmsp_20.o")
-    assert symbols.returncode == 0
-    assert "alloc" not in symbols.stdout
-
-
-@pytest.mark.slow
-@needs("avr-gcc")
-def test_c_for_an_avr(dmsp_20: Subject, tmp_path: Path) -> None:
-    export(dmsp_20, ["c"], tmp_path)
-    source = tmp_path / "dmsp_20.c"
-    sizes = code_sections(source, "-mmcu=atmega328p", compiler="avr-gcc", size="avr-size")
-    assert sizes[".text"] < 5500
-    assert sizes[".rodata"] + sizes[".data"] + sizes[".bss"] < 64  # tables stay in the flash
-
-
 @needs("avr-gcc")
 @needs("simavr")
 def test_an_avr_computes_the_same(dmsp_20: Subject, tmp_path: Path) -> None:
     export(dmsp_20, ["c"], tmp_path)
+    options = {"compiler": "avr-gcc", "size": "avr-size"}
+    sizes = code_sections(tmp_path / "dmsp_20.c", "-mmcu=atmega328p", **options)
+    assert sizes[".text"] < 5500
+    assert sizes[".rodata"] + sizes[".data"] + sizes[".bss"] < 64  # tables stay in the flash
     program = tmp_path / "pull.elf"
     sources = [Path(__file__).with_name("avr_pull.c"), tmp_path / "dmsp_20.c"]
     built = ran("avr-gcc", "-mmcu=atmega328p", "-Os", "-Wall", "-Wextra", "-Werror",
