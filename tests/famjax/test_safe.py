@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, assume, example, given, settings, strategies
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.continuation import Region, SafeMuscle, rising_region
+from famjax.continuation import Region, SafeMuscle, bent, rising_region, taut
 from famjax.muscle import MeanMuscle
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
@@ -167,7 +167,23 @@ def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
         SafeMuscle.of(LATEX, [0.24, 0.3], [-5e4, 6e5])
 
 
-def test_a_load_is_carried_also_where_the_pull_fades_into_slack() -> None:
+def test_a_step_is_bent_smoothly_towards_an_end_that_it_never_passes() -> None:
+    x, ends = jnp.linspace(-3, 3, 601), jnp.array([2.0, 0.0])
+    y = bent(x, ends)
+    np.testing.assert_array_equal(y[x >= -0.4], x[x >= -0.4])
+    assert y[0] > -0.5
+    assert (jnp.diff(y) > 0).all()
+    slope = jax.vmap(jax.grad(lambda x: bent(x, ends)))(jnp.array([-0.4 - 1e-9, -0.4 + 1e-9]))
+    np.testing.assert_allclose(slope, 1.0, atol=1e-7)
+
+
+def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too() -> None:
+    G, width = jnp.linspace(-1, 3, 401), jnp.asarray(2.0)
+    np.testing.assert_array_equal(taut(G, width), jnp.where(G >= 2, G, taut(G, width)))
+    np.testing.assert_array_equal(taut(G[G <= 0], width), 0.0)
+    slope = jax.vmap(jax.grad(taut), (0, None))(jnp.array([1e-9, 2 - 1e-9]), width)
+    np.testing.assert_allclose(slope, [0.0, 1.0], atol=1e-7)
+    assert float(taut(width * (1 - 1e-9), width)) == pytest.approx(2.0, rel=1e-8)
     of = SafeMuscle.of(LATEX, [0.24, 0.3], [2e5, 6e5])
     loads = of.slack_width * jnp.array([0.01, 0.3, 0.9, 1.1, 3.0])
     length = of.length_at_load(loads, 4e5)
