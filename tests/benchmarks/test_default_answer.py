@@ -5,14 +5,13 @@ import dataclasses
 import math
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import dense_truth as truth
 import numpy as np
 import pytest
 import tubes
 
-from fitting import bundled_names, load_bundled, read_csv
+from fitting import load_bundled, read_csv
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 answers = pytest.importorskip("default_answer")
@@ -145,10 +144,3 @@ def test_a_small_map_is_examined() -> None:
     assert not one.why
     assert one.rmse_percent < 5
     assert one.coverage > 50
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", bundled_names())
-def test_bands_of_slack_readings_contain_no_force(name: str) -> None:
-    found = answers.slack(SimpleNamespace(map=load_bundled(name), source=name))
-    assert set(found.values()) == {0.0}
