@@ -25,17 +25,16 @@ from .folder_truth import (
     TRUTH,
     Truth,
     TwinErrors,
-    TwinMuscle,
     drawn_truth,
     read_truth,
     truth_text,
 )
+from .sequence import START, at_length
 
 TRUE_LENGTHS = "truth-lengths.csv"
 """The true length in every picture; no step of an evaluation reads it."""
 
 _STRANDS = 36  # of the reference work's braid
-_BEGAN = datetime.datetime(2021, 3, 1, 10, 0, 0, tzinfo=datetime.UTC)
 _LOG_INTERVAL = 0.02  # s, of the simulated machine
 
 
@@ -46,20 +45,15 @@ def write_twin(
     size: Literal["small", "large"] = "small",
     flawed: bool = True,
     truth: Path | None = None,
-) -> TwinMuscle:
-    """Make a characterisation folder of a known muscle; returns the muscle.
+) -> None:
+    """Make a characterisation folder of a known muscle.
 
     A test on the simulated rig in air, photographs of it by a camera with a clock of its own, a
     ruler, the sheet, and the truth. With noise everywhere, a shutter that jitters, clocks that
     drift and, if it is to be flawed, a damaged picture and a second that the log lacks. The same
     arguments make the same bytes.
 
-    Args:
-        folder: must not hold a sheet.
-        seed: of the muscle and of all noise.
-        size: as of `drawn_truth`.
-        flawed: as of `drawn_truth`.
-        truth: a file as the twin's own `truth.toml`; what it does not say is drawn.
+    The truth is that of a file as the twin's own `truth.toml`; what it does not say is drawn.
     """
     assert not (folder / SHEET).exists(), folder
     made_of = drawn_truth(seed, size, flawed=flawed)
@@ -76,7 +70,6 @@ def write_twin(
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows([("picture", "length_m"), *lengths.items()])
     (folder / TRUE_LENGTHS).write_text(table.getvalue(), encoding="utf-8")
-    return made_of.muscle
 
 
 def _test(folder: Path, truth: Truth, seed: int) -> Any:
@@ -87,7 +80,8 @@ def _test(folder: Path, truth: Truth, seed: int) -> Any:
     made = simulate(
         PlanFile(plan, "air", limit, Control.per_psi(4, 2)), folder,
         muscle=muscle.muscle(), friction=muscle.friction,
-        clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed, began=_BEGAN,
+        clock=MachineClock(rig.clock_ahead, rig.clock_drift), seed=seed,
+        began=START.replace(tzinfo=datetime.UTC),
         calibrated=lambda perfect: _calibrated(perfect, truth.errors),
     )  # fmt: skip
     (folder / "dataset.csv").unlink()
@@ -139,16 +133,13 @@ def _photographs(
     tape = Tape(diameter=fitting)
     assert scene.muscle is not None
     body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
+    scene = dataclasses.replace(scene, muscle=body)
     found = {}
     for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):
         contraction = float(np.clip(1 - length / rest, 0.0, MOST))
-        now = dataclasses.replace(
-            body, profile=truth.muscle.shape(contraction), length=length,
-            y0=body.y0 - (rest - length) / 2,
-        )  # fmt: skip
         shown = camera.clock_ahead + (1 + camera.clock_drift) * float(time)
-        stamp = _BEGAN.replace(tzinfo=None) + datetime.timedelta(seconds=shown)
-        picture = dataclasses.replace(scene, muscle=now, time=stamp)
+        stamp = START + datetime.timedelta(seconds=shown)
+        picture = at_length(scene, length, truth.muscle.shape(contraction), stamp)
         name = f"DSC_{k:04d}.JPG"
         render(picture, seed + 100 + k).save(folder / "photographs" / name)
         found[name] = length
@@ -170,10 +161,8 @@ def _flaw(folder: Path, truth: Truth, rng: np.random.Generator) -> None:
 
 
 def _sheet(truth: Truth, seed: int) -> str:
-    muscle, names = (
-        truth.muscle,
-        ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness"),
-    )
+    muscle = truth.muscle
+    names = ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness")
     rest, wall, bladder, braid = (
         f"{(getattr(muscle, name) + getattr(truth.errors, name)) / INCH:.6g}" for name in names
     )

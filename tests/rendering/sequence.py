@@ -12,7 +12,7 @@ from famjax.boundary.units import factor
 from imaging.camera import Array
 
 from .exposure import Photo
-from .muscle import stroke_shape
+from .muscle import Profile, stroke_shape
 from .renderer import render
 from .scene import Scene
 
@@ -27,6 +27,15 @@ def triangle_stroke(peak: float, period_s: float) -> Contraction:
         return peak * (1 - np.abs(np.asarray(time, float) % period_s * 2 / period_s - 1))
 
     return contraction
+
+
+def at_length(scene: Scene, length: float, profile: Profile, time: datetime.datetime) -> Scene:
+    """The scene at another length and time, the muscle's upper end where it was."""
+    muscle = scene.muscle
+    assert muscle is not None
+    y0 = muscle.y0 - (muscle.length - length) / 2
+    now = dataclasses.replace(muscle, profile=profile, length=length, y0=y0)
+    return dataclasses.replace(scene, muscle=now, time=time)
 
 
 def render_sequence(
@@ -48,15 +57,9 @@ def render_sequence(
     times = np.asarray(times, float)
     shortened = np.asarray(contraction(times), float)
     for k, (time, c) in enumerate(zip(times, shortened, strict=True)):
-        length = muscle.length * (1 - float(c))
-        now = dataclasses.replace(
-            muscle,
-            profile=stroke_shape(float(c), float(muscle.diameter(0.0))),
-            length=length,
-            y0=muscle.y0 - (muscle.length - length) / 2,
-        )
+        shape = stroke_shape(float(c), float(muscle.diameter(0.0)))
         stamp = START + datetime.timedelta(seconds=clock_offset + float(time))
-        yield render(dataclasses.replace(scene, muscle=now, time=stamp), seed + 1 + k)
+        yield render(at_length(scene, muscle.length * (1 - float(c)), shape, stamp), seed + 1 + k)
 
 
 @dataclasses.dataclass(frozen=True)
