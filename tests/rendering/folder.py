@@ -161,23 +161,19 @@ def _flaw(folder: Path, truth: Truth, rng: np.random.Generator) -> None:
 
 
 def _sheet(truth: Truth, seed: int) -> str:
-    muscle = truth.muscle
+    muscle, errors = truth.muscle, truth.errors
     names = ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness")
-    rest, wall, bladder, braid = (
-        f"{(getattr(muscle, name) + getattr(truth.errors, name)) / INCH:.6g}" for name in names
+    sizes = "\n".join(
+        f"{name}_in = {(getattr(muscle, name) + getattr(errors, name)) / INCH:.6g}"
+        for name in names
     )
-    rest_std, wall_std, bladder_std, braid_std = (
-        f"{getattr(STATED, name) / INCH:.3g}" for name in names
-    )
+    stated = "\n".join(f"{name}_in = {getattr(STATED, name) / INCH:.3g}" for name in names)
     return f"""\
 # A twin: made by the simulated rig and camera, seed {seed}. {TRUTH} holds what it was made from.
 
 [specimen]
 name = "twin {seed}"
-rest_length_in = {rest}
-wall_thickness_in = {wall}
-bladder_diameter_in = {bladder}
-braid_thickness_in = {braid}
+{sizes}
 
 [records]
 journal = "test.fam"
@@ -191,10 +187,7 @@ pitch_in = 0.125
 ruler_placement_in = 0.01
 
 [errors]
-rest_length_in = {rest_std}
-wall_thickness_in = {wall_std}
-bladder_diameter_in = {bladder_std}
-braid_thickness_in = {braid_std}
+{stated}
 force_reading = {STATED.force_reading:g}
 
 [fit]

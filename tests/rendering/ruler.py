@@ -6,11 +6,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imaging import Camera
 from imaging.camera import Array, Flags
 
 from .muscle import INCH
-from .scene import PUBLISHED_CROP, PUBLISHED_DISTANCE, PUBLISHED_PX_PER_IN, Setting
+from .scene import PUBLISHED_CROP, Setting, published_camera
 from .truth import RulerTruth
 
 
@@ -65,9 +64,7 @@ class RulerScene(Setting):
 
 def published_ruler(*, size: tuple[int, int] = PUBLISHED_CROP) -> RulerScene:
     """An 11 in steel ruler in 1/8 in, as the reference work's camera saw it (`published_scene`)."""
-    px_per_in = PUBLISHED_PX_PER_IN * size[0] / PUBLISHED_CROP[0]
-    centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
-    return RulerScene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size)
+    return RulerScene(published_camera(size), size)
 
 
 _NUMBERS_PER_M = 12000  # px of the raster that holds the printed numbers

@@ -199,6 +199,15 @@ class Scene(Setting):
     muscle: MuscleScene | None
 
 
+def published_camera(size: tuple[int, int]) -> Camera:
+    """The reference work's: 60 in away, 226.63 px/in; see `published_scene`."""
+    px_per_in = PUBLISHED_PX_PER_IN
+    if size != PUBLISHED_FRAME:
+        px_per_in *= size[0] / PUBLISHED_CROP[0]
+    centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
+    return Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre)
+
+
 def published_scene(
     contraction: float = 0.2625,
     *,
@@ -211,9 +220,8 @@ def published_scene(
     measure; the whole frame has the scale of `PUBLISHED_CROP`. Between the published contractions
     the profile is that of `stroke_shape`, with tapes of 0.875 in.
     """
-    px_per_in = PUBLISHED_PX_PER_IN
-    if size != PUBLISHED_FRAME:
-        px_per_in *= size[0] / PUBLISHED_CROP[0]
+    camera = published_camera(size)
+    px_per_in = camera.px_per_m * INCH
     fitting = 0.875 * INCH
     if contraction in PUBLISHED_CONTRACTIONS:
         profile = published_shape(contraction)
@@ -225,8 +233,7 @@ def published_scene(
     muscle = MuscleScene(
         profile, rest_length * (1 - contraction), strands=strands, upper=tape, lower=tape
     )
-    centre = ((size[1] - 1) / 2, (size[0] - 1) / 2)
-    return Scene(Camera(px_per_in / INCH, PUBLISHED_DISTANCE, centre), size, muscle)
+    return Scene(camera, size, muscle)
 
 
 _WHITE_THREAD = (0.75, 0.75, 0.72)
