@@ -17,7 +17,8 @@ from processes import python
 from test_glossary import labels_of_page, unexplained
 
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "api" not in page.relative_to(DOCS).parts)
-RUN = [page for page in PAGES if any(one.language in {"python", "sh"} for one in fences(page))]
+README = ROOT / "README.md"
+RUN = [README, *(p for p in PAGES if any(one.language in {"python", "sh"} for one in fences(p)))]
 HOW_TO = DOCS / "how-to"
 LAB = HOW_TO / "lab.md"
 LONG = [
@@ -42,13 +43,15 @@ TUTORIALS = DOCS / "tutorials.md"
         for page in RUN
         if page not in (LAB, TUTORIALS, *WRITTEN)
     ],
-    ids=lambda page: page.relative_to(DOCS).as_posix(),
+    ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_every_fence_of_a_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    if page == README:
+        (tmp_path / "examples").symlink_to(ROOT / "examples")
     if page.stem == "export":
         for program in ("gcc", "octave-cli"):
             if shutil.which(program) is None:
@@ -94,7 +97,17 @@ def test_tutorials_are_what_their_scripts_print(tmp_path: Path) -> None:
     assert all(one.stat().st_size > 5000 for one in pictures)
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)
+def test_the_readme_is_short_and_holds_the_two_commands() -> None:
+    text = README.read_text()
+    assert len(text.splitlines()) < 150
+    install = (
+        'python3 -m venv .venv && .venv/bin/python -m pip install -e ".[all{}]" && .venv/bin/{}\n'
+    )
+    for extra, command in (("", "famjax fit"), (",test", "python -m pytest")):
+        assert install.format(extra, command) in text
+
+
+@pytest.mark.parametrize("page", [*PAGES, README], ids=lambda page: page.name)
 def test_links_lead_to_files(page: Path) -> None:
     for target in links(page):
         file = page.parent / target.partition("#")[0]
