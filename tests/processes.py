@@ -18,6 +18,13 @@ def python(*arguments: object, **options: Any) -> subprocess.CompletedProcess[st
     return ran(sys.executable, *arguments, **options)
 
 
+def said(*arguments: object, **options: Any) -> str:
+    """What a program of Python prints that must end well."""
+    done = python(*arguments, **options)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def needs(program: str) -> pytest.MarkDecorator:
     return pytest.mark.skipif(shutil.which(program) is None, reason=f"no {program} on this machine")
 

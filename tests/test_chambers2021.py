@@ -11,17 +11,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from processes import python
+from processes import said
 
 import fitting
 
 FOLDER = Path(__file__).parents[1] / "examples" / "chambers2021"
-
-
-def said(script: str, *arguments: str) -> str:
-    done = python(FOLDER / f"{script}.py", *arguments)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +35,7 @@ def chapter7() -> Iterator[ModuleType]:
     ],
 )
 def test_chapters_from_the_print(script: str, line: str) -> None:
-    assert line in " ".join(said(script).split())
+    assert line in " ".join(said(FOLDER / f"{script}.py").split())
 
 
 @pytest.mark.slow
@@ -101,12 +95,12 @@ def test_answer_follows_from_the_numbers(chapter7: ModuleType) -> None:
 def test_chapters_on_a_twin(tmp_path: Path) -> None:
     """All from one folder; chapter by chapter what the twin is known to be."""
     folder = ("--folder", str(tmp_path / "twin"))
-    told = said("chapter3_rig", *folder)
+    told = said(FOLDER / "chapter3_rig.py", *folder)
     assert "TWIN, water, 100 psi, mean pressure" in told
-    told = said("chapter4_shape", *folder)
+    told = said(FOLDER / "chapter4_shape.py", *folder)
     assert "TWIN, 35 of 36 pictures" in told
-    assert "TWIN, measured, 100 psi" in said("chapter6_force", *folder)
-    told = said("chapter7_identification", *folder)
+    assert "TWIN, measured, 100 psi" in said(FOLDER / "chapter6_force.py", *folder)
+    told = said(FOLDER / "chapter7_identification.py", *folder)
     assert "TWIN, order 3, fixed, E_1" in told
     # What was made of a constant law needs no other where shape, deadband and pull are right.
     assert "they are enough for 4 of 4 muscles of known truth" in told
@@ -116,7 +110,7 @@ def test_chapters_on_a_twin(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_threads_of_the_shape_from_mechanics() -> None:
     """Its diameters and forces beside the print are rows of the benchmarks."""
-    rows = json.loads(said("equilibrium_shape", "--json"))
+    rows = json.loads(said(FOLDER / "equilibrium_shape.py", "--json"))
     threads = [row for row in rows if "pinned_thread_in" in row]
     pinned = [row["pinned_thread_in"] for row in threads]
     assert pinned == pytest.approx([9.960, 9.983, 10.032, 10.051, 10.074], abs=2e-3)

@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -104,13 +104,10 @@ def telling(subject: Subject, length: np.ndarray, pressure: np.ndarray) -> np.nd
     return between & (force > pull.slack_width) & (area > 0.01 * area[: len(area) // 2].mean())
 
 
-@dataclasses.dataclass(frozen=True)
-class KneeRun:
+class KneeRun(NamedTuple):
     """What a knee did."""
 
-    overrun: (
-        float  # by how much it left the identified stroke at either end, the lesser, in strokes
-    )
+    overrun: float  # of the identified stroke at either end, the lesser, in strokes
     fastest: float  # largest speed of all 10 s [rad/s]
     at_rest: float  # that of the last second, the drive being off [rad/s]
     finite: bool  # whether every state was

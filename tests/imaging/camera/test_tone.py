@@ -18,13 +18,5 @@ def test_srgb_has_the_values_of_the_standard():
     assert np.all(np.diff(table) > 0)
 
 
-def test_sensor_and_tone_undo_each_other():
-    for sensor in (
-        CameraSensor(),
-        CameraSensor(s_curve=0.7),
-        CameraSensor(gamma=0.8),
-        CameraSensor(gamma=1.25),
-    ):
-        encoded = sensor.encoded(sensor.tone().table)
-        np.testing.assert_allclose(encoded, np.arange(256) / 255, atol=ROUNDING)
+def test_the_tone_of_a_rendered_sensor_is_that_of_the_standard():
     np.testing.assert_allclose(CameraSensor().tone().table, Tone.srgb().table, atol=ROUNDING)
