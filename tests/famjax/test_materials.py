@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import muscles as known
 import numpy as np
 import pytest
@@ -79,17 +78,13 @@ def test_cauchy_stresses_equal_closed_forms(name: str, state: str) -> None:
 
 
 @pytest.mark.parametrize("law", HYPERELASTIC.values(), ids=HYPERELASTIC)
-def test_small_strain_is_linear_elasticity_at_poissons_ratio_one_half(
+def test_modulus_at_small_strain_is_that_of_poissons_ratio_one_half(
     law: AbstractHyperelastic,
 ) -> None:
     mu = float(law.initial_shear_modulus)
     assert mu > 0
     assert float(law.initial_modulus) == pytest.approx(3 * mu)
     assert float(jax.jit(jax.grad(law.uniaxial_stress))(0.0)) == pytest.approx(3 * mu, rel=EXACT)
-    # Plane stress: E / (1 - nu^2) = 4 mu along, nu times that across.
-    both = jax.jacobian(lambda e: jnp.stack(law.stresses(e[0], e[1], 0.0)))
-    tangent = jax.jit(both)(np.zeros(2))
-    np.testing.assert_allclose(tangent, [[4 * mu, 2 * mu], [2 * mu, 4 * mu]], rtol=EXACT)
 
 
 @pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)

@@ -14,15 +14,17 @@ import famjax
 from fitting import load_fit
 
 
-@pytest.mark.slow
-def test_json_is_one_object_and_nothing_else(
-    run: Callable, force_map: Path, tmp_path: Path
-) -> None:
-    code, out, _ = run(
-        "fit", force_map, "--order", 2, "--json", "--output", tmp_path / "o",
+@pytest.fixture
+def asked(force_map: Path, tmp_path: Path) -> tuple:
+    return (
+        "fit", force_map, "--order", 2, "--output", tmp_path / "o",
         "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20",
-        "--units", "us",
     )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_json_is_one_object_and_nothing_else(run: Callable, asked: tuple, tmp_path: Path) -> None:
+    code, out, _ = run(*asked, "--json", "--units", "us")
     assert code == 0
     fit = json.loads(out)
     wanted = {"rmse_N", "mae_N", "max_error_N", "max_force_N", "n_points", "parameters",
@@ -37,11 +39,7 @@ def test_json_is_one_object_and_nothing_else(
 
 
 @pytest.mark.slow
-def test_table_for_people(run: Callable, force_map: Path, tmp_path: Path) -> None:
-    asked = (
-        "fit", force_map, "--order", 2, "--output", tmp_path / "o",
-        "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20",
-    )  # fmt: skip
+def test_table_for_people(run: Callable, asked: tuple, tmp_path: Path) -> None:
     code, out, _ = run(*asked)
     assert code == 0
     assert len(out.splitlines()) <= 15
