@@ -16,7 +16,6 @@ open.
 """
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -226,8 +225,8 @@ def alike_tube(
         tube, unknowns = _drawn(random, float(length.max()))
 
         def of(numbers: np.ndarray, tube: Tube = tube, unknowns: Any = tuple(unknowns)) -> Tube:
-            for (_, _, put), number in zip(unknowns, numbers, strict=True):
-                tube = put(tube, float(number))
+            for (_, _, name), number in zip(unknowns, numbers, strict=True):
+                tube = _changed(tube, name, float(number))
             return tube
 
         def residuals(numbers: np.ndarray, of: Any = of) -> np.ndarray:
@@ -247,12 +246,19 @@ def alike_tube(
             return of(at), rmse
 
 
-_Unknown = tuple[float, float, Callable[[Tube, float], Tube]]
-"""Bounds of a number that is fitted, and what puts it into the muscle."""
+def _changed(tube: Tube, name: str, value: float) -> Tube:
+    """The muscle with another modulus [MPa], angle [deg], number of its law, or field."""
+    rubber = tube.rubber
+    if name == "modulus":
+        return dataclasses.replace(tube, rubber=dataclasses.replace(rubber, modulus=1e6 * value))
+    if name.isdigit():
+        shape = tuple(value if k == int(name) else one for k, one in enumerate(rubber.shape))
+        return dataclasses.replace(tube, rubber=dataclasses.replace(rubber, shape=shape))
+    return dataclasses.replace(tube, **{name: np.deg2rad(value) if name == "angle" else value})
 
 
-def _drawn(random: np.random.Generator, rest: float) -> tuple[Tube, list[_Unknown]]:
-    """A muscle of 10 mm bore in its rig, and what of it is fitted."""
+def _drawn(random: np.random.Generator, rest: float) -> tuple[Tube, list[tuple[float, float, str]]]:
+    """A muscle of 10 mm bore in its rig, and what of it is fitted: bounds and name."""
     law = dataclasses.replace(
         drawn_rubber(random, 1e6), plateau=float(random.uniform(0, 1e6)),
         knee=float(np.exp(random.uniform(np.log(0.03), np.log(0.4)))),
@@ -263,39 +269,23 @@ def _drawn(random: np.random.Generator, rest: float) -> tuple[Tube, list[_Unknow
         end_size=float(random.uniform(1.2, 4.0) if ends == "cones" else random.uniform(0.5, 3.0)),
     )  # fmt: skip
 
-    def put(name: str) -> Callable[[Tube, float], Tube]:
-        return lambda tube, value: dataclasses.replace(tube, **{name: value})
-
-    def modulus(tube: Tube, value: float) -> Tube:
-        return dataclasses.replace(
-            tube, rubber=dataclasses.replace(tube.rubber, modulus=1e6 * value)
-        )
-
-    def shape(k: int) -> Callable[[Tube, float], Tube]:
-        def change(tube: Tube, value: float) -> Tube:
-            of = tube.rubber.shape
-            rubber = dataclasses.replace(tube.rubber, shape=(*of[:k], value, *of[k + 1 :]))
-            return dataclasses.replace(tube, rubber=rubber)
-
-        return change
-
     ranges = {
         "mooney-rivlin": ((0.0, 1.0),),
         "ogden": ((1.0, 6.0), (-10.0, -0.5), (0.0, 1.0)),
         "gent": ((1.0, 30.0),),
         "yeoh": ((-0.3, 0.5), (0.0, 0.3)),
     }[law.law]
-    unknowns: list[_Unknown] = [
-        (0.1, 4.0, modulus),
-        (60.0, 70.0, lambda tube, v: dataclasses.replace(tube, angle=np.deg2rad(v))),
-        (0.0, 6e4, put("deadband")),
-        (0.0, 2e-5, put("thread_stretch")),
-        *((low, high, shape(k)) for k, (low, high) in enumerate(ranges)),
+    unknowns = [
+        (0.1, 4.0, "modulus"),
+        (60.0, 70.0, "angle"),
+        (0.0, 6e4, "deadband"),
+        (0.0, 2e-5, "thread_stretch"),
+        *((low, high, str(k)) for k, (low, high) in enumerate(ranges)),
     ]
     if random.random() < 0.6:
-        unknowns += [(0.0, 5e-6, put("rig_give")), (0.0, 2e-3, put("rig_play"))]
+        unknowns += [(0.0, 5e-6, "rig_give"), (0.0, 2e-3, "rig_play")]
         tube = dataclasses.replace(tube, taut=float(random.uniform(20, 100)))
     if ends != "none":
         low, high = (1.0, 5.0) if ends == "cones" else (0.0, 4.0)
-        unknowns.append((low, high, put("end_size")))
+        unknowns.append((low, high, "end_size"))
     return tube, unknowns
