@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, assume, example, given, settings, strategies
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.continuation import Region, SafeMuscle, bent, rising_region, taut
+from famjax.continuation import Region, SafeMuscle, bent, rising_region, stopped, taut
 from famjax.muscle import MeanMuscle
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
@@ -175,6 +175,15 @@ def test_a_step_is_bent_smoothly_towards_an_end_that_it_never_passes() -> None:
     assert (jnp.diff(y) > 0).all()
     slope = jax.vmap(jax.grad(lambda x: bent(x, ends)))(jnp.array([-0.4 - 1e-9, -0.4 + 1e-9]))
     np.testing.assert_allclose(slope, 1.0, atol=1e-7)
+
+
+def test_a_stop_begins_and_becomes_stiff_without_a_jump() -> None:
+    travel = jnp.array([-1e-9, 1e-9, 0.1 - 1e-9, 0.1 + 1e-9])
+    force, stiffness = jax.vmap(
+        jax.value_and_grad(lambda x: stopped(x, jnp.asarray(3.0), jnp.asarray(0.1)))
+    )(travel)
+    np.testing.assert_allclose(force, [0, 0, 0.15, 0.15], atol=1e-8)
+    np.testing.assert_allclose(stiffness, [0, 0, 3, 3], atol=1e-6)
 
 
 def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too() -> None:
