@@ -11,7 +11,7 @@ import pytest
 from benches import LIMIT, PSI, Wired, journal_of, opened, recorded, vented
 
 from famjax.app.isobaric import analyse, convert, table
-from famjax.plant import HydraulicCircuit, LinearMcKibben
+from famjax.plant import HydraulicCircuit
 from fitting.records import read_machine_log
 from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, stored_settings
@@ -22,7 +22,7 @@ from rig.journal import Record, audit, read_journal, summary
 from rig.link import VirtualLink
 from rig.plan import Isobaric
 from rig.protocol import PRESSURE_UNIT, RUN, SAFE, frame
-from rig.simulation import SimulatedRig, load_cell
+from rig.simulation import SimulatedRig
 
 PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=3.0)
 
@@ -151,23 +151,6 @@ def test_the_device_reports_what_its_twin_stores_of_the_settings(path: Path) -> 
     assert (settings.silence, settings.ticks_per_record) == (500, 5)
     (note,) = read_journal(path).notes_of("rig")
     assert (note["frozen_output_counts"], note["unseen"]) == (6, [])
-
-
-SMALL = {"rest_length": 0.1, "thread_length": 0.106, "turns": 2.35, "solid_volume": 0.6e-6,
-         "bladder_stiffness": 200.0}  # a muscle of 3/16 in and 1.2 ml  # fmt: skip
-
-
-def test_a_small_muscle_trips_on_a_large_step_until_the_plan_allows_it() -> None:
-    def step(**limit: float) -> float:
-        sim = SimulatedRig(muscle=LinearMcKibben(**SMALL), force_sensor=load_cell(500.0))
-        with opened(sim, control=Control.per_psi(1, 2), **limit) as rig:
-            rig.set_pressure(80 * PSI)
-            rig.wait(5.0)
-            return sim.pressure
-
-    with pytest.raises(RigFault, match=r"TRIP by itself: jump.*raise jump_limit_<unit>"):
-        step()
-    assert step(jump_limit=60 * PSI) == pytest.approx(80 * PSI, abs=PSI)
 
 
 def test_the_set_pressure_rises_evenly_where_the_plan_says_so(path: Path) -> None:

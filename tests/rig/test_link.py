@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from benches import Port, Recorder, until
 
-from rig.errors import RigError, RigFault
+from rig.errors import RigError
 from rig.journal import Journal, read_journal
 from rig.link import ALIVE, HEARTBEAT, Link, Lost, Reset, Session, Silent, Timing, serial_opener
 from rig.protocol import TICKS, Sample, frame
@@ -223,17 +223,6 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path: Pat
     found = read_journal(path)
     assert found.missing == ()
     assert len(found.rows) > 50
-
-
-@pytest.mark.slow
-def test_a_port_that_stays_away_is_told_as_silence() -> None:
-    port = Port()
-    with Link(port.open) as link:
-        link.command("hello")
-        port.cable_out = True
-        until(lambda: any(isinstance(alarm, Silent) for alarm in link.alarms))
-        with pytest.raises(RigFault, match=r"failed: "):
-            link.command("status")
 
 
 def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch: pytest.MonkeyPatch) -> None:
