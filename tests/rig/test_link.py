@@ -180,6 +180,15 @@ def test_a_command_whose_answer_was_lost_is_obeyed_once() -> None:
     assert sum(sample.sync for sample in recorder.samples) == 7
 
 
+def test_a_stop_does_not_wait_for_what_is_in_progress() -> None:
+    session = begun()
+    before = session.command("set", 40)
+    assert b" set 40*" in session.poll(0.0)
+    session.command("stop")
+    assert before.failure is not None
+    assert b" stop*" in session.poll(0.001)
+
+
 def test_heartbeats_go_on_only_for_a_while_after_keep_alive() -> None:
     session = begun()
     assert session.poll(0.0) == b""
