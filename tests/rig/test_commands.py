@@ -92,22 +92,6 @@ def test_characterise_repeats_what_simulate_found(
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
-def test_characterise_says_which_stroke_a_torn_journal_costs(
-    simulated: Path, path: Path, capsys: Capsys
-) -> None:
-    data = bytearray((simulated / "test.fam").read_bytes())
-    middle = len(data) // 4
-    data[middle : middle + 4096] = bytes(4096)
-    path.write_bytes(data)
-    code, out, _ = run(
-        capsys, "characterise", path, simulated / "machine.csv", "--rest-length", "9.28125in",
-        "--output", path.parent,
-    )  # fmt: skip
-    assert (code, "stroke 1 lacks 0." in out) == (0, True)
-    (bar,) = json.loads((path.parent / "characterisation.json").read_text())["isobars"]
-    assert bar["set_pressure_Pa"] == pytest.approx(80 * PSI, rel=1e-3)
-
-
 def test_check_recomputes_every_record_and_finds_what_was_edited_or_forged(
     simulated: Path, path: Path, capsys: Capsys
 ) -> None:
@@ -275,6 +259,22 @@ def test_a_run_prints_the_plan_and_waits_for_a_yes(
         monkeypatch.setattr("sys.stdin", Typed(text, terminal=terminal))
         code, _, err = run(capsys, *command, *more)
         assert (code, sentence in err) == (2, True), err
+
+
+def test_a_run_is_recorded_once_and_can_be_monitored(
+    sim: SimulatedRig, tmp_path: Path, capsys: Capsys
+) -> None:
+    plan = calibrated(tmp_path, pressures="30", settle="4", stroke="0.2", rate="0.2")
+    code, out, _ = run(capsys, "monitor", "none", "--seconds", 0.01)
+    assert (code, "SAFE" in out) == (0, True)
+    command = ("run", plan, "--output", tmp_path / "o", "--yes", *NONE)
+    code, out, _ = run(capsys, *command)
+    assert (code, sim.device.output) == (0, 0)
+    for text in ("1 strokes of 5.08 mm", "block 0: pressure held, ", "start the strokes", "RMS"):
+        assert text in out
+    assert read_journal(tmp_path / "o" / "test.fam").notes_of("end")[-1]["reason"] == "complete"
+    code, _, err = run(capsys, *command, "--resume")
+    assert (code, "is complete" in err) == (2, True)
 
 
 LIMIT = "pressure_limit_psi = 110"

@@ -70,23 +70,6 @@ def test_a_run_that_is_cut_short_ends_in_a_sentence_a_vented_rig_and_a_sound_jou
     assert note["confirmed"] == (how == "signal")
 
 
-def test_run_and_monitor_over_a_port(
-    port: Port, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    plan = calibrated(tmp_path, pressures="30", settle="4", stroke="0.2", rate="0.2")
-    code, out, _ = run(capsys, "monitor", "p", "--seconds", 3)
-    assert (code, "SAFE" in out) == (0, True)
-    words = ("run", plan, "--output", tmp_path / "o", "--yes", "--port", "p")
-    code, out, _ = run(capsys, *words)
-    assert code == 0
-    for text in ("1 strokes of 5.08 mm", "block 0: pressure held, ", "start the strokes", "RMS"):
-        assert text in out
-    assert port.sim.device.output == 0
-    assert read_journal(tmp_path / "o" / "test.fam").notes_of("end")[-1]["reason"] == "complete"
-    code, _, err = run(capsys, *words, "--resume")
-    assert (code, "is complete" in err) == (2, True)
-
-
 @pytest.mark.parametrize("last", ["", "stop"])
 def test_a_person_at_a_terminal_begins_and_stops(
     last: str, port: Port, tmp_path: Path, capsys: pytest.CaptureFixture,
