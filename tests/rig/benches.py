@@ -157,6 +157,19 @@ def until(holds: Callable[[], bool], seconds: float = 10) -> None:
         time.sleep(0.002)
 
 
+# ---- records ----
+
+
+def record_line(seq: int, tick: int | None = None, **fields: int) -> bytes:
+    tick = 5 * seq + 5 if tick is None else tick
+    sample = Sample(0, seq, tick, 1000 + seq % 7, 200, 2500, 0, 0, 0)._replace(**fields)
+    return frame("T," + ",".join(map(str, sample)))
+
+
+def records(*numbers: int, **fields: int) -> bytes:
+    return b"".join(record_line(number, **fields) for number in numbers)
+
+
 # ---- a device on the bench ----
 
 # A constant reading may stay so while the output is high: there is no plant.

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from benches import record_line, records
 
 from famjax.app.isobaric import clocks
 from rig.errors import RigError
@@ -18,15 +19,6 @@ from rig.journal import Journal, Missing, read_journal
 from rig.protocol import TICK_HZ, TICKS, frame
 
 PAGE = 4096
-
-
-def record(seq: int, boot: int = 0, *, tick: int | None = None, output: int = 0) -> bytes:
-    tick = 5 * seq + 5 if tick is None else tick
-    return frame(f"T,{boot},{seq},{tick},{1000 + seq % 7},200,2500,{output},0,0")
-
-
-def records(*numbers: int, boot: int = 0) -> bytes:
-    return b"".join(record(number, boot) for number in numbers)
 
 
 def opened(path: Path, *, at: float = 0.0, **options: object) -> Journal:
@@ -98,7 +90,7 @@ def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole: Path, path: P
     ("data", "rows", "missing", "refused"),
     [
         (  # a row a tick late, its CRC right, and another line with a number that was there
-            records(*range(7)) + record(7, tick=41) + records(*range(8, 20)) + record(12, output=5),
+            records(*range(7)) + record_line(7, 41) + records(*range(8, 20)) + record_line(12, output=5),
             [0] * 18, (Missing(0, 7, 1, False), Missing(0, 12, 1, False)),
             ((0, 7), (0, 12), (0, 12)),
         ),
@@ -132,7 +124,7 @@ def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path: Path
     with pytest.raises(RigError, match=r"run.fam exists; give another name, or resume it"):
         opened(path)
     with path.open("ab") as file:
-        file.write(record(2)[:9])
+        file.write(record_line(2)[:9])
     with opened(path, at=2.0, append=True) as journal:
         journal.lines(records(3, 4, 5))
     found = read_journal(path)
@@ -194,7 +186,7 @@ def test_killing_the_recorder_loses_no_more_than_the_last_lines(path: Path) -> N
     found = read_journal(path)
     assert found.column("seq").max() >= max([100, *handed_over]) - 20
     assert found.missing == ()
-    assert found.damaged_bytes < len(record(0))
+    assert found.damaged_bytes < len(record_line(0))
 
 
 def test_time_goes_on_where_the_ticks_wrap(path: Path) -> None:
@@ -202,7 +194,7 @@ def test_time_goes_on_where_the_ticks_wrap(path: Path) -> None:
     with opened(path) as journal:
         for k in range(300):
             tick = (TICKS - 5 * 150 + 5 * k) % TICKS
-            journal.lines(record(7000 + k, tick=tick))
+            journal.lines(record_line(7000 + k, tick))
             if k % 25 == 0:
                 journal.note("clock", boot=0, tick=tick, arrival_s=50 + 0.01 * k)
     found = read_journal(path)

@@ -4,22 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benches import Port, Recorder, until
+from benches import Port, Recorder, record_line, records, until
 
 from rig.errors import RigError
 from rig.journal import Journal, read_journal
 from rig.link import ALIVE, HEARTBEAT, Link, Lost, Reset, Session, Silent, Timing, serial_opener
 from rig.protocol import TICKS, Sample, frame
-
-
-def record_line(seq: int, tick: int | None = None, **fields: int) -> bytes:
-    tick = 5 * seq + 5 if tick is None else tick
-    sample = Sample(0, seq, tick, 1000, 200, 2500, 0, 0, 0)._replace(**fields)
-    return frame("T," + ",".join(map(str, sample)))
-
-
-def records(*numbers: int) -> bytes:
-    return b"".join(map(record_line, numbers))
 
 
 def begun(*, damaged: bool = False) -> Session:
