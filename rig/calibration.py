@@ -108,21 +108,18 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
         raise RigError(
             f"{y[bad[0]]:g} counts are at the end of the converter's range: leave that reading out"
         )
-    spread = float(np.sum((x - x.mean()) ** 2))
-    if spread == 0:
+    if np.ptp(x) == 0:
         raise RigError(f"all references are {x[0]:g}; apply two different ones at least")
-    slope = float(np.sum((x - x.mean()) * (y - y.mean()))) / spread
-    zero = float(y.mean() - slope * x.mean())
-    variance = float(np.sum((y - zero - slope * x) ** 2)) / (y.size - 2)
-    slope_std = math.sqrt(variance / spread)
+    (slope, zero), covariance = np.polyfit(x, y, 1, cov=True)
+    slope_std, zero_std = np.sqrt(np.diag(covariance))
     if abs(slope) <= 3 * slope_std or slope == 0:
         raise RigError("the counts do not follow the references: check wiring and order")
-    zero_std = math.sqrt(variance * (1 / y.size + x.mean() ** 2 / spread))
     # gain = 1/slope turns the sign of its correlation with the zero
-    correlation = variance * x.mean() / spread / (slope_std * zero_std) if variance else 0.0
-    gain = 1 / slope
-    scatter = math.sqrt(variance) * abs(gain)
-    return Sensor(gain, zero, slope_std * gain * gain, zero_std, float(correlation), scatter)
+    correlation = -covariance[0, 1] / (slope_std * zero_std) if zero_std else 0.0
+    gain, left = 1 / slope, y - zero - slope * x
+    scatter = abs(gain) * np.sqrt(left @ left / (y.size - 2))
+    found = gain, zero, slope_std * gain * gain, zero_std, correlation, scatter
+    return Sensor(*map(float, found))
 
 
 @dataclasses.dataclass(frozen=True)
