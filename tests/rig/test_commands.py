@@ -14,7 +14,7 @@ from rig import read_journal
 from rig.calibration import read_calibration, write_calibration
 from rig.journal import stored_calibration
 from rig.link import VirtualLink
-from rig.protocol import SAFE, TRIP, frame
+from rig.protocol import SAFE, TRIP
 from rig.simulation import HydraulicCircuit, SimulatedRig
 
 Capsys = pytest.CaptureFixture
@@ -92,7 +92,7 @@ def test_characterise_repeats_what_simulate_found(
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
-def test_check_recomputes_every_record_and_finds_what_was_edited_or_forged(
+def test_check_recomputes_every_record_and_finds_what_was_edited(
     simulated: Path, path: Path, capsys: Capsys
 ) -> None:
     code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
@@ -101,14 +101,10 @@ def test_check_recomputes_every_record_and_finds_what_was_edited_or_forged(
     assert found["checked"] == found["equal"] == found["records"] > 3000
     lines = (simulated / "test.fam").read_bytes().split(b"\n")
     at, line = next((k, x) for k, x in enumerate(lines) if k > 2000 and x.startswith(b"T,"))
-    fields = line.rpartition(b"*")[0].decode().split(",")
-    fields[7] = str(int(fields[7]) ^ 1)  # the output, its CRC made right
-    wrong = f"1 records do not follow the law, the first is record {fields[2]}"
-    lost = f"the file lost 1 records; {len(line) + 1} bytes are damaged"
-    for other, words_ in ((frame(",".join(fields))[:-1], wrong), (line.replace(b",", b";"), lost)):
-        path.write_bytes(b"\n".join([*lines[:at], other, *lines[at + 1 :]]))
-        code, out, _ = run(capsys, "check", path)
-        assert (code, f"NOT sound: {words_}" in out) == (1, True)
+    path.write_bytes(b"\n".join([*lines[:at], line.replace(b",", b";"), *lines[at + 1 :]]))
+    code, out, _ = run(capsys, "check", path)
+    lost = f"NOT sound: the file lost 1 records; {len(line) + 1} bytes are damaged"
+    assert (code, lost in out) == (1, True)
 
 
 # ---- what is refused, and what a person reads ----

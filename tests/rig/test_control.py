@@ -67,6 +67,7 @@ def test_an_audit_sees_an_edited_figure(whole: Path, path: Path, column: int, by
     found = audit(read_journal(path))
     assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
     assert found.first_wrong == (0, int(fields[2]))
+    assert f"records do not follow the law, the first is record {fields[2]}" in found.faults[0]
 
 
 def test_columns_have_units_and_one_row_for_each_record(whole: Path, tmp_path: Path) -> None:
