@@ -229,12 +229,12 @@ def source_of(
     if isinstance(geometry, famjax.geometries.AbstractGeometry):
         known = KnownSource(geometry)
         return KnownSource(geometry, tuple(n for n in known.declared if n in named))
-    make: Any = geometry
-    if not callable(make):
+    if not callable(geometry):
         raise InputError(
             "a geometry is one of famjax.geometries, or a class, a function or module:Class that makes "
             f"one of the estimated geometry; got a {type(geometry).__name__}"
         )
+    make = cast(Any, geometry)
     wrapped = WrappedSource(EstimatedSource(data.specimen), make)
     own = tuple(n for n in wrapped.declared if n in named)
     return WrappedSource(wrapped.inner, make, own)
