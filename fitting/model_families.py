@@ -208,9 +208,6 @@ def _peers(
         ("tondu_lopez", "Tondu & Lopez 2000, k", tondu, (*both, "k_far"), of_braid),
         ("tondu_lopez_deadband", "Tondu & Lopez, k, deadband", tondu, (*late, "k_far"), of_braid),
         ("tondu_lopez_pressure", "Tondu & Lopez, k(P)", tondu, (*both, "k_far", "k_rise"), of_braid),
-        ("kerscher", "Kerscher 2006", peers.Kerscher(tondu, 0.0, 1.0, 1.0),
-         (angle, "k_far", "k_rise", "factor_rate", "factor_rise", "factor_far"), of_braid,
-         "the braid's diameter is held, as its factor scales the section"),
         ("ferraresi", "Ferraresi 2001", elastic, (*both, "E_1"), of_cylinder),
         ("ferraresi_deadband", "Ferraresi, deadband", elastic, (*late, "E_1"), of_cylinder),
         ("kothera", "Kothera 2009, deadband", peers.Kothera(elastic), (*late, "E_1"), of_cylinder),
@@ -270,10 +267,6 @@ def _without_braid(rest: float, P: float, force: float) -> list[tuple]:
     model = peers.Bolen(rest, _CONTRACTION, force, 1.0, 1.0, 1.0)
     constants = ("largest_force", "c0", "c1", "c2")
     rows.append(("bolen", "Bolen 2026", model, constants, None, _OF_SCALE))
-    slack = Declared("m", "slack_length", low=0.2 * rest, high=rest)
-    springs = (slack, "k0", "k1", "k2", "k3")
-    model = peers.Wickramatunge(rest, np.ones(4))
-    rows.append(("wickramatunge", "Wickramatunge 2010", model, springs))
     surfaces: list[tuple] = [
         ("hildebrandt", "Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
     ]

@@ -131,7 +131,6 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "davis": peers.Gaylord(braids.CompliantBraid.of(BRAID_10, 2e-6), resting_length=REST),
     "chou_hannaford": peers.ChouHannaford(BRAID_10, 1e-3, REST),
     "tondu_lopez": TONDU,
-    "kerscher": peers.Kerscher(TONDU, 0.4, 20.0, 0.8),
     "ferraresi": peers.ferraresi(CYLINDER_10, 2e6, 3e4),
     "kothera": peers.Kothera(peers.ferraresi(CYLINDER_10, 2e6)),
     "robinson": peers.robinson(
@@ -142,7 +141,6 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "martens": peers.Martens.published("DMSP-10-250"),
     "hunt": peers.Hunt.published(rest_length=REST, largest_contraction=0.2),
     "bolen": peers.Bolen.published("10 mm", rest_length=REST, largest_contraction=0.2),
-    "wickramatunge": peers.Wickramatunge(0.18, [500.0, 1e-8, 0.02, -2e5], REST),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
     "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),
 }

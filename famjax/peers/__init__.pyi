@@ -2,7 +2,6 @@ from .balance import (
     ChouHannaford as ChouHannaford,
     Gaylord as Gaylord,
     Hunt as Hunt,
-    Kerscher as Kerscher,
     Kothera as Kothera,
     Martens as Martens,
     PeerModel as PeerModel,
@@ -16,5 +15,4 @@ from .empirical import (
     Hildebrandt as Hildebrandt,
     PolynomialSurface as PolynomialSurface,
     Sarosi as Sarosi,
-    Wickramatunge as Wickramatunge,
 )

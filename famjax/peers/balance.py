@@ -195,46 +195,6 @@ class TonduLopez(PeerModel):
         return Gaylord(self.braid, self.deadband_pressure).force(shortened, P)
 
 
-class Kerscher(PeerModel):
-    """Tondu and Lopez' model times a factor that depends on the contraction.
-
-    F = mu(eps) F_TL, mu = a_m exp(-c_m eps) + b_m
-
-    The factor scales the section too, so it cannot be separated from the braid's diameter.
-
-    Attributes:
-        muscle: Tondu and Lopez' model.
-        factor_rise: a_m [-].
-        factor_rate: c_m [-].
-        factor_far: b_m [-].
-
-    References:
-        Kerscher, Albert, Zoellner & Berns 2006. General knowledge, not read again.
-    """
-
-    muscle: TonduLopez
-    factor_rise: Float[Given, "..."] = parameter(linear=True)
-    factor_rate: Float[Given, "..."] = parameter(low=0.0, high=100.0)
-    factor_far: Float[Given, "..."] = parameter(linear=True)
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        eps = 1 - L / self.muscle.rest_length
-        factor = self.factor_rise * jnp.exp(-self.factor_rate * eps) + self.factor_far
-        pull = self.muscle.force(L, P)
-        reached = jnp.isfinite(pull)
-        return jnp.where(reached, factor * jnp.where(reached, pull, 0.0), jnp.nan)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """Those of Tondu and Lopez' model."""
-        return self.muscle.length_range()
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction."""
-        return self.muscle.rest_length
-
-
 def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:
     """The force balance with a linear elastic bladder, sigma = E eps in both directions.
 

@@ -9,40 +9,7 @@ from jaxtyping import Float
 from .._arrays import Given, RealArray
 from ..parameters import number, parameter
 from ..units import BAR, KILOPASCAL, MEGAPASCAL
-from .balance import PeerModel, WithoutRestLength
-
-
-class Wickramatunge(WithoutRestLength):
-    """A spring whose stiffness depends on pressure and stretch; no physics.
-
-    F = K s, K = k0 + k1 P^2 + k2 P s + k3 s^2, s = L - L_s
-
-    Attributes:
-        slack_length: L_s [m], from which the stretch s is counted.
-        coefficients: k0 [N/m], k1 [N/m/Pa2], k2 [N/m2/Pa], k3 [N/m3], shape (4,).
-        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
-
-    References:
-        Wickramatunge & Leephakpreeda 2010. General knowledge, not read again.
-    """
-
-    slack_length: Float[Given, "..."] = parameter("m", low=0.0)
-    coefficients: Float[Given, " 4"] = parameter(
-        ("N/m", "N/m/Pa2", "N/m2/Pa", "N/m3"), linear=True, name=("k0", "k1", "k2", "k3")
-    )
-    resting_length: Float[Given, "..."] | None = parameter(
-        "m", low=0.0, name="rest_length", default=None
-    )
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        s = L - self.slack_length
-        k0, k1, k2, k3 = self.coefficients
-        return s * (k0 + k1 * P**2 + k2 * P * s + k3 * s**2)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From the slack length, where the spring is relaxed, to twice that."""
-        return self.slack_length, 2 * self.slack_length
+from .balance import PeerModel
 
 
 class Hildebrandt(PeerModel):
