@@ -230,16 +230,15 @@ def _peers(
     if specimen.nominal_diameter is not None:
         rows.append(("martens", label, martens, (angle, *moduli), of_braid))
     rows.append(("martens_diameter", f"{label}, diameter", martens, (*both, *moduli), of_braid))
-    rows += _without_braid(rest, P, force)
+    rows += _without_braid(rest, force)
     return {name: _family(*row) for name, *row in rows}
 
 
-def _without_braid(rest: float, P: float, force: float) -> list[tuple]:
+def _without_braid(rest: float, force: float) -> list[tuple]:
     """Formulas of length and pressure alone.
 
     Args:
         rest: L0 [m].
-        P: highest pressure [Pa].
         force: largest force [N].
     """
     rows: list[tuple] = []
@@ -253,17 +252,6 @@ def _without_braid(rest: float, P: float, force: float) -> list[tuple]:
         count = len(names) + 1
         label = f"Sarosi 2012, {count} parameters"
         rows.append((f"sarosi_{count}", label, model, ("a3", *names), translate))
-    hunt = (
-        Declared("Pa", "offset_pressure", low=-2 * P, high=4 * P),
-        Declared("Pa", "tangent_pressure", low=1e-3 * P, high=5 * P),
-        Declared("", "tangent_slope", low=0.1, high=10.0),
-        Declared("rad", "tangent_angle", low=0.0, high=1.5),
-        Declared("1/N", "contraction_per_force",
-                 low=-_CONTRACTION / force, high=-1e-6 * _CONTRACTION / force),
-        Declared("Pa/N", "pressure_per_force", low=0.05 * P / force, high=3 * P / force),
-    )  # fmt: skip
-    model = peers.Hunt(rest, _CONTRACTION, P, P, 1.0, 0.0, -_CONTRACTION / force, P / force)
-    rows.append(("hunt", "Hunt 2017", model, hunt, _of_tangent, _OF_SCALE))
     model = peers.Bolen(rest, _CONTRACTION, force, 1.0, 1.0, 1.0)
     constants = ("largest_force", "c0", "c1", "c2")
     rows.append(("bolen", "Bolen 2026", model, constants, None, _OF_SCALE))
@@ -284,13 +272,6 @@ def _relaxed(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
     """Sarosi's model of four numbers: no force at rest without pressure."""
     del model
     return {**given, "a6": -given["a2"]}
-
-
-def _of_tangent(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
-    """The tangent's offset of Hunt's model, by its angle at rest."""
-    del model
-    offset = -given.pop("tangent_angle") / given["tangent_slope"]
-    return {**given, "tangent_offset": offset}
 
 
 def _family(

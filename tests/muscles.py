@@ -139,7 +139,6 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "klute_hannaford": peers.klute_hannaford(CYLINDER_10, 2e5, 1e5, 3e4),
     "sarosi": peers.Sarosi.published("10 mm", rest_length=REST),
     "martens": peers.Martens.published("DMSP-10-250"),
-    "hunt": peers.Hunt.published(rest_length=REST, largest_contraction=0.2),
     "bolen": peers.Bolen.published("10 mm", rest_length=REST, largest_contraction=0.2),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
     "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),

@@ -1,7 +1,6 @@
 from .balance import (
     ChouHannaford as ChouHannaford,
     Gaylord as Gaylord,
-    Hunt as Hunt,
     Kothera as Kothera,
     Martens as Martens,
     PeerModel as PeerModel,
