@@ -478,8 +478,8 @@ class SafeMuscle(AbstractMuscle):
             )
             if (had != kept).any():
                 found.append(
-                    f"the model is monotone from {kept[0]:.4g} to {kept[1]:.4g} {unit} of {name}, "
-                    f"and continued from there, not from the data's {had[0]:.4g} and {had[1]:.4g}"
+                    f"the model is monotone from {kept[0]:.4g} to {kept[1]:.4g} {unit} of {name} only; "
+                    f"the data reach from {had[0]:.4g} to {had[1]:.4g}"
                 )
         return tuple(found)
 

@@ -14,6 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from ._arrays import Real, RealArray, as_number, as_real
+from .boundary.units import UNITS
 
 QUANTITY = "quantity"
 """Key of the declaration in a field's metadata."""
@@ -119,6 +120,13 @@ def parameter(
     >>> Tape(40.0).declared()["stiffness"].unit
     'N/m'
     """
+    for one in (unit,) if isinstance(unit, str) else unit:
+        if any(scale.get(one, 1.0) != 1.0 for scale in UNITS.values()):
+            raise ValueError(
+                f"the unit of a parameter must be an SI unit, such as Pa or m, got {one!r}"
+            )
+    if kind is not None and kind not in UNITS:
+        raise ValueError(f"unknown kind {kind!r}; available: {', '.join(UNITS)}")
     if kind is None:
         kind = _KINDS.get(unit, unit) if isinstance(unit, str) else "number"
     return _field(Declared(unit, name or "", kind, low, high, scale, linear), default)

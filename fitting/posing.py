@@ -166,7 +166,7 @@ def pose(
         for k, (one, source) in enumerate(zip(data, sources, strict=True))
     )
     nodes = len(data) if own_law else 1 + (dependence == "linear")
-    low, high = np.array([_interval(table[name]) for name in nonlinear]).reshape(-1, 2).T
+    low, high = np.array([_interval(name, table[name]) for name in nonlinear]).reshape(-1, 2).T
     least, most = np.array([(table[name].min, table[name].max) for name in linear * nodes] or
                            np.zeros((0, 2))).T  # fmt: skip
     problem = program(
@@ -251,11 +251,17 @@ def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
     return dataclasses.replace(of_each[0], min=low, max=high)
 
 
-def _interval(entry: Entry) -> tuple[float, float]:
+def _interval(name: str, entry: Entry) -> tuple[float, float]:
     """Bounds, finite: where there are none, four standard deviations of the prior."""
     mean, std = entry.prior or (0.0, math.inf)
     low = entry.min if math.isfinite(entry.min) else mean - 4 * std
     high = entry.max if math.isfinite(entry.max) else mean + 4 * std
+    if not math.isfinite(high - low):
+        raise InputError(
+            f"{name} is searched and needs finite bounds, got {entry.min:.4g} to {entry.max:.4g} (SI): "
+            "declare it by famjax.parameter(low=..., high=...), give bounds, or declare linear=True with "
+            'kind="stress" if the force is linear in it'
+        )
     return low, high
 
 

@@ -124,6 +124,19 @@ def install(
     wanted = {model.actuator(name).id: pull for name, pull in pulls.items()}
     plants = {k: pull for k, pull in wanted.items() if isinstance(pull, CompiledPlant)}
     called = {model.actuator(name).id: name for name in pulls}
+    for number, name in called.items():
+        if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
+            raise ValueError(
+                f'the actuator {name} must have biastype="user"; it would exert no force'
+            )
+        of_tendon = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_TENDON
+        first = model.tendon_adr[model.actuator_trnid[number][0]] if of_tendon else 0
+        fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
+        if fixed and name not in (offsets or {}):
+            raise ValueError(
+                f"the tendon of {name} is fixed, so its length is 0 at zero joint angle: give the length "
+                f"of the muscle there as an offset, install(model, pulls, {{'{name}': 0.27}})"
+            )
     added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
     states, copies = model.actuator_actadr.tolist(), {model._address}
 

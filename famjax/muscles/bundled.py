@@ -54,8 +54,11 @@ def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
     Raises:
         InputError: as of `read_card`.
     """
-    if not Path(source).exists() and bundled_name(str(source)):
-        return bundled_card(str(source))
+    if not Path(source).exists():
+        if bundled_name(str(source)):
+            return bundled_card(str(source))
+        known = " and ".join(NAMES)
+        raise InputError(f"no such file: {source}; the bundled muscles are {known}")
     return read_card(source, own=own)
 
 

@@ -88,7 +88,7 @@ def predict(
         Predict at these gauge pressures, with units: `--pressure 500kPa`.
     force
         Find the pressure at which the muscle pulls with these forces, up to the highest measured
-        pressure: `--force 200N`.
+        pressure: `--force 200N`. Fits only.
     onset
         Find the pressure at which the force leaves zero at each length.
     rest_length
@@ -124,10 +124,13 @@ def predict(
     typed, heading, notes = [*length[:1], *pressure[:1]], "", []
     if _is_card(muscle):
         _only(given, ("--length", "--pressure", "--onset"), "{} needs a fit: give the fit.json of famjax "
-              "fit. For a card or a bundled muscle use famjax.control.pressure_for_force for forces and "
-              "famjax export --length to cut it")  # fmt: skip
+              "fit. In Python, famjax.control.pressure_for_force(card.safe(), force, length, limits) finds "
+              "the pressure for a card or a bundled muscle")  # fmt: skip
         rows, heading = _by_card(muscle, L, P, own, onset=onset)
-        notes.append("rows that are not inside are continued beyond the region of the card's model")
+        if not all(row["inside"] for row in rows):
+            notes.append(
+                "rows that are not inside are continued beyond the region of the card's model"
+            )
     else:
         saved = fitting.load_fit(muscle, own=own)
         warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
