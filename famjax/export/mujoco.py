@@ -102,6 +102,25 @@ class CompiledPlant:
         return self._pull(self._state, length, velocity)
 
 
+def _check_actuators(
+    mujoco: Any, model: Any, named: Mapping[int, str], offsets: Mapping[str, float]
+) -> None:
+    """Refuse actuators by which a muscle would exert no force."""
+    for number, name in named.items():
+        if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
+            raise ValueError(
+                f'the actuator {name} must have biastype="user"; it would exert no force'
+            )
+        of_tendon = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_TENDON
+        first = model.tendon_adr[model.actuator_trnid[number][0]] if of_tendon else 0
+        fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
+        if fixed and name not in offsets:
+            raise ValueError(
+                f"the tendon of {name} is fixed, so its length is 0 at zero joint angle: give the length "
+                f"of the muscle there as an offset, install(model, pulls, {{'{name}': 0.27}})"
+            )
+
+
 def install(
     model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
 ) -> None:
@@ -124,19 +143,7 @@ def install(
     wanted = {model.actuator(name).id: pull for name, pull in pulls.items()}
     plants = {k: pull for k, pull in wanted.items() if isinstance(pull, CompiledPlant)}
     called = {model.actuator(name).id: name for name in pulls}
-    for number, name in called.items():
-        if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
-            raise ValueError(
-                f'the actuator {name} must have biastype="user"; it would exert no force'
-            )
-        of_tendon = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_TENDON
-        first = model.tendon_adr[model.actuator_trnid[number][0]] if of_tendon else 0
-        fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
-        if fixed and name not in (offsets or {}):
-            raise ValueError(
-                f"the tendon of {name} is fixed, so its length is 0 at zero joint angle: give the length "
-                f"of the muscle there as an offset, install(model, pulls, {{'{name}': 0.27}})"
-            )
+    _check_actuators(mujoco, model, called, offsets or {})
     added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
     states, copies = model.actuator_actadr.tolist(), {model._address}
 
@@ -269,7 +276,7 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         "HEADING": docstring(subject.about_table),
         "name": name,
         "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
-        "CALLBACK": "\n\n".join(map(inspect.getsource, (CompiledPull, CompiledPlant, install, uninstall)))
+        "CALLBACK": "\n\n".join(map(inspect.getsource, (CompiledPull, CompiledPlant, _check_actuators, install, uninstall)))
         + f"\n\n_LOADERS = {_LOADERS!r}",
         "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
     })  # fmt: skip
