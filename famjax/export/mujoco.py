@@ -276,7 +276,7 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         "HEADING": docstring(subject.about_table),
         "name": name,
         "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
-        "CALLBACK": "\n\n".join(map(inspect.getsource, (CompiledPull, CompiledPlant, _check_actuators, install, uninstall)))
+        "CALLBACK": "\n\n".join(map(inspect.getsource, _WRITTEN))
         + f"\n\n_LOADERS = {_LOADERS!r}",
         "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
     })  # fmt: skip
@@ -292,6 +292,10 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         f"{name}.xml": load,
         f"{name}_mujoco.py": module,
     }
+
+
+_WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, uninstall)
+"""Parts of the written module."""
 
 
 def mjx_files(subject: Subject) -> dict[str, bytes]:

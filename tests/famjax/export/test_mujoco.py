@@ -62,6 +62,25 @@ def test_without_the_callback_and_in_another_model_nothing_pulls(
     assert data.actuator_force[0] == 0
 
 
+JOINT = """<mujoco><worldbody><body><joint name="elbow"/><geom size="0.1"/></body></worldbody>
+<tendon><fixed name="t"><joint joint="elbow" coef="-0.02"/></fixed></tendon>
+<actuator><general name="flexor" tendon="t" gainprm="0" biastype="BIAS"/></actuator></mujoco>"""
+
+
+def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject: Subject) -> None:
+    pulls = {"flexor": subject.pull}
+    with pytest.raises(ValueError, match='must have biastype="user"'):
+        install(mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "affine")), pulls)
+    model = mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "user"))
+    with pytest.raises(ValueError, match="give the length of the muscle there as an offset"):
+        install(model, pulls)
+    install(model, pulls, {"flexor": 0.27})
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 3e5
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force[0] == pytest.approx(-subject.pull.force(0.27, 3e5))
+
+
 def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging) -> None:
     model, data = hanging
     data.ctrl[0] = 4.5
