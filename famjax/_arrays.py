@@ -37,7 +37,7 @@ def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
 
 
 def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """As `as_real`, for stored values: a Python float takes JAX's default precision.
+    """Like `as_real`, but for stored values: a Python float takes JAX's default precision.
 
     Left "weak", as it is, a muscle of Python floats would be compiled apart from the same one read from a
     file, every program twice. What is made within a trace takes on the precision of what it meets.

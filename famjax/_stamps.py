@@ -1,4 +1,4 @@
-"""Time stamps as seconds: times of the day, minutes, dates, across midnight."""
+"""Time stamps as seconds: times of day, minutes or dates, including runs that cross midnight."""
 
 import datetime
 import math

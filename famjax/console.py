@@ -224,7 +224,7 @@ def print_table(
     *,
     numbers: Literal["left", "right"] = "right",
 ) -> None:
-    """Print a table of text; all columns but the first are right-aligned."""
+    """Print a text table; all columns but the first are right-aligned."""
     columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
     widths = [
         max(cell_len(line) for one in column for line in one.split("\n")) for column in columns

@@ -126,7 +126,7 @@ class AbstractGeometry(Parametrised):
 
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the search of an equilibrium."""
+        """Shortest and longest active length [m] for the equilibrium search."""
 
     @property
     @abc.abstractmethod

@@ -543,7 +543,7 @@ def take_apart(
         raise ValueError(f"each free parameter is named once, got {', '.join(names)}")
     for name, (low, high) in given.items():
         if name not in names:
-            raise ValueError(f"bounds are for free parameters; {name!r} is not one of them")
+            raise ValueError(f"bounds apply only to free parameters; {name!r} is not free")
         if not low < high:
             raise ValueError(
                 f"the lower bound of {name!r} must be below the upper one, got {low} and {high}. "

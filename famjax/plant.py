@@ -43,7 +43,7 @@ _BAR = 1e5  # Pa, scale of a pressure
 
 
 def choked_share(drop: Real, critical_ratio: Real) -> RealArray:
-    """Flow of an orifice over its choked flow, by ISO 6358; odd and smooth through zero.
+    """Ratio of an orifice's flow to its choked flow, per ISO 6358; odd and smooth through zero.
 
         psi = 1 up to the critical ratio b of r = p_2/p_1, sqrt(1 - ((r - b)/(1 - b))^2) above it
 
@@ -266,7 +266,7 @@ class AbstractFriction(Parametrised):
 
     @abc.abstractmethod
     def start(self, length: Real, pressure: Real) -> Any:
-        """The state in which a history begins at a length [m] and a gauge pressure [Pa]."""
+        """Initial state of a history that starts at a length [m] and a gauge pressure [Pa]."""
 
     @abc.abstractmethod
     def moved(self, state: Any, length: Real, pressure: Real) -> Any:

@@ -240,7 +240,7 @@ class MaxwellSlip(eqx.Module):
         length: Float[Array | np.ndarray, " n"] | Sequence[float],
         pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
     ) -> Float[Array, ""]:
-        """Energy [J] that the sliders turn into heat along a history, never negative."""
+        """Energy [J] that the sliders dissipate over a history; never negative."""
         states = self.states(length, pressure)
         change = jnp.diff(states.coordinates, axis=0)
         wall = self.wall.heat(states.wall, change[:, 0])

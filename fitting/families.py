@@ -153,7 +153,7 @@ class AbstractGeometrySource(eqx.Module):
 
     @abc.abstractmethod
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
-        """The geometry of these parameters [SI]; those it does not know are ignored."""
+        """The geometry built from these parameters [SI]; parameters it does not use are ignored."""
 
     @property
     def stretches(self) -> bool:

@@ -179,7 +179,7 @@ def solve(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Identification, ...]:
-    """The identifications, one for each force map, of a problem that is posed.
+    """The identifications for a posed problem, one per force map.
 
     Args:
         posed: the problem.

@@ -365,7 +365,7 @@ def _noise(result: Identification, noise: Noise | None) -> Noise:
     ends = noise if isinstance(noise, tuple) else (noise, noise)
     if not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
         raise InputError(
-            f"the noise is a standard deviation > 0, or two of them, low and high; got {noise}"
+            f"noise must be one standard deviation > 0, or two (low, high); got {noise}"
         )
     return noise if isinstance(noise, tuple) and ends[0] < ends[1] else float(ends[0])
 

@@ -33,7 +33,7 @@ _HELD = 1e-9  # of the box: a parameter this near to a bound is on it
 
 @dataclasses.dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter besides the data.
+    """Prior knowledge about a parameter, beyond the data.
 
     Attributes:
         place: in the vector of nonlinear parameters, or among the coefficients of a law.

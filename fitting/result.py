@@ -415,7 +415,7 @@ _PLAIN_AT = {
 
 
 class Remark(NamedTuple):
-    """A sentence on a fit, and whether it is a note (0), a doubt (1) or grave (2)."""
+    """A sentence about a fit, and its severity: note (0), warning (1) or serious (2)."""
 
     level: int
     sentence: str

@@ -324,7 +324,7 @@ def descend_all(
     starts: Float[np.ndarray, "k p"],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
-    """The ends of the descents from all starts; the best of them goes on to its last digit."""
+    """End points of the descents from all starts; the best one is refined to full precision."""
     ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=progress)
     best = _lowest(ends)
     if best is not None:

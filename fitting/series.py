@@ -88,7 +88,7 @@ class Series:
         return left_out * math.sqrt(1 - 1 / n**2)
 
     def muscle(self, rest_length: float) -> famjax.MountedMuscle:
-        """A muscle of the series with the rest length L0 [m], in the rig of the others."""
+        """A muscle of the series with rest length L0 [m], in the same rig as the others."""
         one = self.specimens[0].mounted
         return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
 

@@ -87,7 +87,7 @@ class Pictures:
         n = len(self.names)
         if self.length.shape != (n,) or self.pressure.shape != (n,) or len(self.diameter) != n:
             raise InputError(
-                f"{n} pictures need as many lengths, pressures and profiles, got "
+                f"{n} pictures need {n} lengths, pressures and profiles, got "
                 f"{self.length.shape}, {self.pressure.shape}, {self.diameter.shape}"
             )
         if n < _LEAST:
@@ -176,7 +176,7 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
         AttributeError,
     ):
         raise InputError(
-            f"{path} is not the NetCDF file of `famjax measure`, measurements.nc"
+            f"{path} is not a measurements.nc file (NetCDF) written by `famjax measure`"
         ) from None
     missing = {"diameter_m", "length_m", "ok", "path"} - held.keys()
     if missing:
@@ -591,7 +591,7 @@ class FourierFit:
     rmse: float
 
     def diameter(self, x: ArrayLike) -> Array:
-        """D [m] at x [-], of its shape."""
+        """D [m] at x [-], same shape as x."""
         x = np.asarray(x, float)
         angle = np.arange(1, self.cosines.size + 1) * self.frequency * x[..., None]
         return self.mean + np.cos(angle) @ self.cosines + np.sin(angle) @ self.sines

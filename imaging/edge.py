@@ -197,7 +197,7 @@ _LEAST_ANGLE = 0.2  # at 0, which is a Gaussian, all directions lead to larger d
 
 @dataclasses.dataclass(frozen=True)
 class EdgeProfile:
-    """Result of the mean profiles of both sides.
+    """Result from the mean profiles of the two sides.
 
     Attributes:
         blur: s, standard deviation of the spread of light across the edge, common to both [px].

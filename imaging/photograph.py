@@ -33,7 +33,7 @@ HEIC = (".heic", ".heif")
 
 
 def read_image(path: str | PathLike[str]) -> Image:
-    """Read the picture of a file: RGB, oriented by its EXIF entry.
+    """Read a picture from a file as RGB, oriented according to its EXIF tag.
 
     OpenCV decodes damaged JPEG files without an error but for a line that libjpeg writes to the process'
     standard error; that line is caught here, and is a `DamagedImage`. A bit that flips in the

@@ -54,7 +54,7 @@ def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mas
 
 
 def largest(mask: Mask) -> tuple[Mask, int]:
-    """The largest part of a mask whose gaps under 5 px are closed, and its number of pixels."""
+    """The largest part of a mask after gaps under 5 px have been closed, and its pixel count."""
     labels = parts(shaped(mask, cv2.MORPH_CLOSE, 5))
     area = areas(labels)
     return chosen(labels, int(np.argmax(area))), int(area.max())

@@ -470,7 +470,7 @@ def braid_angle(
 
 
 def shines(surface: Unrolled) -> bool:
-    """Whether the contrast stands in stripes along the muscle, as that of gloss does."""
+    """Whether the contrast forms stripes along the muscle, as gloss does."""
     across = np.var(surface.contrast[:, np.abs(surface.azimuth) < _FRONT], axis=0)
     across = np.convolve(across, np.ones(_STRIPE) / _STRIPE, "valid")
     return bool(across.max() > _SHINY * np.median(across))

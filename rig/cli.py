@@ -140,7 +140,7 @@ def acknowledge(
     baud: int = 115200,
     yes: bool = False,
 ) -> int:
-    """Acknowledge a trip, after its cause was found; nothing else clears one.
+    """Acknowledge a trip once its cause has been found; nothing else clears it.
 
     Shows why the device tripped, at which reading and output, and asks whether the cause was found.
     The device refuses while the pressure is at the limit or the reading out of range.
@@ -513,7 +513,7 @@ def _typed(question: str) -> str:
 
 
 def confirm(question: str, done: str, *, yes: bool) -> None:
-    """Ask a person, and end the command unless the answer is yes."""
+    """Ask the user for confirmation, and exit unless the answer is yes."""
     if yes:
         return
     if not sys.stdin.isatty():

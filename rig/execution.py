@@ -189,7 +189,7 @@ def run(
     attendant: Attendant | None = None,
     start: Start = "at-once",
 ) -> None:
-    """Carry out a plan from a block on and stop the rig.
+    """Run a plan from a given block onwards, then stop the rig.
 
     The pressure is held while it is paused, and while it waits for the first stroke.
 

@@ -594,7 +594,7 @@ class Audit:
 
     @property
     def faults(self) -> list[str]:
-        """Why the record is not sound, in sentences."""
+        """Reasons why the record is unsound, one sentence each."""
         wrong, (_, at) = self.checked - self.equal, self.first_wrong or (0, 0)
         found = {
             f"the file lost {self.torn} records": self.torn,

@@ -54,7 +54,7 @@ def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> 
         return importlib.import_module(name)
     except ImportError:
         raise error(
-            f'{name} comes with the extra {extra!r}: python -m pip install "famjax[{extra}]"'
+            f'{name} requires the extra {extra!r}: python -m pip install "famjax[{extra}]"'
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""Result files: checked before the work, and complete on disk or absent."""
+"""Result files: checked before work starts, and either complete on disk or absent."""
 
 import base64
 import csv

@@ -255,7 +255,7 @@ def sentence_in_units(sentence: str, system: str) -> str:
 
 
 def text_in_units(text: str, system: str) -> str:
-    """A text from a file, with its lengths, pressures and forces converted to a unit system.
+    """Text from a file, with the lengths, pressures and forces in it converted to a unit system.
 
     Numbers that a unit follows, and ranges such as `159 to 236 mm`; what is in units of the system
     already stays to the last digit, and so does every other number.

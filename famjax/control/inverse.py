@@ -78,7 +78,7 @@ class Outcome(enum.IntEnum):
 
 
 class Answer(eqx.Module):
-    """A result with codes: shows its numbers, and the codes as words.
+    """A result with status codes; its printed form shows the numbers, and the codes as words.
 
     Attributes:
         code: an `Outcome` of each member.
@@ -138,7 +138,7 @@ def first_crossing(
     *,
     falling_only: bool = False,
 ) -> Crossing:
-    """The first place between stations at which a function takes a value.
+    """First position between stations where a function reaches a given value.
 
     The stations are walked in their order to the first cell with the value between its ends, and
     that cell is bisected to the last digit. A value that is beyond all others by rounding alone is

@@ -128,7 +128,8 @@ def parse_requirement(entries: Iterable[str]) -> "Requirement":
     """Parse a requirement from entries such as `force_lbf=900`, `stroke_mm=50`, `contraction=0.3`.
 
     Args:
-        entries: `key_unit=value`; the keys are the fields of `Requirement`, and pressure is needed.
+        entries: `key_unit=value`; the keys are the fields of `Requirement`, and `pressure` is
+            required.
 
     Raises:
         InputError: an entry that cannot be read, with what is known, or that no muscle can meet.

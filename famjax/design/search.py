@@ -645,7 +645,7 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
 
 
 def balance(costs: Floats) -> Floats:
-    """Weights of the costs, (objectives,), whose weighted sum is smallest at the balanced design.
+    """Cost weights, shape (objectives,); the balanced design minimises the weighted sum.
 
     Each cost counts by how far it is on the way from the front's least to its greatest.
     """

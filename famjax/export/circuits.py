@@ -122,7 +122,7 @@ _COMPILER = ("gcc", "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"
 
 
 def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
-    """The archive: description, sources, and a binary for this Linux where gcc is at hand.
+    """The archive: description, sources, and a binary for this Linux system if gcc is available.
 
     Args:
         subject: the muscle, with its plant.

@@ -1,4 +1,4 @@
-"""Published empirical surfaces of force over contraction and pressure."""
+"""Published empirical force surfaces as functions of contraction and pressure."""
 
 import math
 

@@ -190,7 +190,7 @@ class Problem:
 
     @classmethod
     def of(cls, data: fitting.ForceData, asked: Asked) -> "Problem":
-        """The problem that options make of a map.
+        """The problem built from a map and the command-line options.
 
         Raises:
             InputError: what is wrong with them.

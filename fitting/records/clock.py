@@ -475,7 +475,7 @@ def _refined(
     # Between two rows of a slow log it may go to and fro, by less than it is known.
     if not abs(step[0]) < max(_SETTLED * interval, _TO_AND_FRO * errors[0]):
         raise InputError(
-            f"the alignment by load does not settle: after {_STEPS} steps it still moves by "
+            f"the load alignment does not converge: after {_STEPS} steps it still shifts by "
             f"{abs(step[0]):.2g} s. Do both channels record the same load?"
         )
     residual = float(np.sqrt(np.mean(left**2)))

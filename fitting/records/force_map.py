@@ -57,7 +57,7 @@ Curves = tuple[Float[np.ndarray, "2 records levels"], Bool[np.ndarray, "2 record
 
 @dataclasses.dataclass(frozen=True)
 class StaticMap:
-    """Static force at common pressures of every length, one row per length and pressure.
+    """Static force at common pressures for every length, one row per length and pressure.
 
     Attributes:
         length: L [m], shape (rows,).
@@ -345,7 +345,7 @@ def _merged(P: Column, F: Column, slack: Mask, width: float) -> tuple[np.ndarray
 
 
 def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -> BranchPairs:
-    """The branches of every record at common pressures, where both pull.
+    """The branches of every record at common pressures, where both branches pull.
 
     Args:
         points: of records at one length or several; the curves through them are those of

@@ -73,7 +73,7 @@ class RampRecord:
         for name in ("time", "pressure"):
             if np.ptp(getattr(self, name)) == 0:
                 raise InputError(
-                    f"the {name} of a record must change, and does not: check the column"
+                    f"the {name} in a record must vary, but it is constant: check the column"
                 )
 
 
