@@ -61,7 +61,7 @@ def test_arviz_reads_the_groups(posterior: Posterior) -> None:
 
 
 def test_refusals(result: Identification) -> None:
-    with pytest.raises(fitting.InputError, match="the noise is a standard deviation > 0"):
+    with pytest.raises(fitting.InputError, match="noise must be one standard deviation > 0"):
         fitting.sample(result, noise=-1.0)
     with pytest.raises(fitting.InputError, match="draws must be a whole number >= 4, got 1"):
         fitting.sample(result, draws=1)

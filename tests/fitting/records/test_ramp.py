@@ -254,8 +254,8 @@ BAD: list[tuple[Callable[[], object], str]] = [
         "rows of the map are slack",
     ),
     (lambda: dataclasses.replace(_ramp(0.3), length=0.0), "length must be > 0"),
-    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure of a record must"),
-    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time of a record must change"),
+    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure in a record must"),
+    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time in a record must vary"),
 ]
 
 
