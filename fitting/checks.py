@@ -33,8 +33,8 @@ def check_law(law: Law, constraint: str, dependence: str) -> None:
         raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
     if dependence not in ("fixed", "linear"):
         raise InputError(
-            f"the pressure dependence is one of fixed, linear, got {dependence!r}; coefficients free at "
-            "each pressure are those of fitting.sweep"
+            f"the pressure dependence is one of fixed, linear, got {dependence!r}; use "
+            "fitting.sweep for coefficients that are free at each pressure"
         )
     if dependence == "linear" and not isinstance(law.material, famjax.PolynomialMaterial):
         raise InputError(
@@ -44,7 +44,7 @@ def check_law(law: Law, constraint: str, dependence: str) -> None:
         raise InputError(
             "the slope constraint is for laws whose two directions do not interact (polynomial, "
             "saturating, monotone, and those of a class with directions_interact = False), not for "
-            f"{type(law.material).__name__}; drucker asks the same of both together"
+            f"{type(law.material).__name__}; the drucker constraint covers both directions together"
         )
 
 
@@ -67,7 +67,7 @@ def known_bounds(
     said = [name for name in known if name in given and name not in geometry.declared()]
     if said:
         raise InputError(
-            f"{said[0]}: the known geometry says it already ({known[said[0]]:.6g} in SI at rest); leave "
+            f"{said[0]}: the known geometry already defines it ({known[said[0]]:.6g} in SI at rest); leave "
             "its bounds out, or leave geometry out to identify a cylinder"
         )
     return {name: (value, value) for name, value in known.items() if name not in given}
@@ -91,12 +91,11 @@ def check_specimen(
         )
     if "braid_compliance" in named and getattr(source, "thread", None) is not None:
         raise InputError(
-            "braid_compliance is for threads that are not known; this geometry has the law of its "
-            "thread already"
+            "braid_compliance applies only to threads without a law; this geometry already has a thread law"
         )
     if censored and "series_compliance" in table:
         raise InputError(
-            "censored readings do not go together with series_compliance: how far a rig gives way is "
+            "censored readings cannot be combined with series_compliance: how far a rig gives way is "
             "known only where a force was read. Leave one of them out"
         )
     _check_lengths(data, table)
@@ -109,8 +108,9 @@ def check_specimen(
         )
     if priors and noise is None and data.force_std is None:
         raise InputError(
-            f"the prior of {', '.join(priors)} is weighed against the noise of the force, which is "
-            "not known: give noise, the standard deviation of one reading in N (--error noise_N=1.5), or a "
+            f"the prior of {', '.join(priors)} is weighted against the force noise, which is "
+            "unknown: give noise, the standard deviation of one reading in N (--error "
+            "noise_N=1.5), or a "
             "column force_std in the data"
         )
 
@@ -216,8 +216,8 @@ def check_affine(problem: Problem) -> None:
     if bent.size:
         raise InputError(
             f"{', '.join(dict.fromkeys(problem.linear[k] for k in bent))}: declared linear, but the force "
-            "is not affine in it. Declare it without linear=True and with a finite range, low and high, "
-            "and it is searched"
+            "is not affine in it. Declare it without linear=True and with a finite range (low and "
+            "high), so that it is searched"
         )
     _SEEN_TO_BE_AFFINE.add(batch.layout.forms)
 
@@ -239,7 +239,8 @@ def check_solvable(problem: Problem) -> None:
     if not np.isfinite(point.G).all():
         raise InputError(
             "the constraint cannot be posed: the actuation path, which runs to the shortest length "
-            "in the map, slack readings included, leaves what the geometry is known for. Leave out "
+            "in the map, slack readings included, leaves the range in which the geometry is "
+            "known. Leave out "
             "readings that are shorter than the last measured shape, or use --constraint none"
         )
     if point.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:

@@ -200,7 +200,7 @@ def choose(
     if not candidates:
         raise InputError(
             f"{int(data.loaded.sum())} loaded readings at "
-            f"{np.unique(data.lengths.level[data.loaded]).size} lengths determine no family: "
+            f"{np.unique(data.lengths.level[data.loaded]).size} lengths cannot determine any model: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
     plainest = posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle

@@ -271,7 +271,9 @@ class ForceData:
         if self.count is None:
             self._average_copies()
         elif np.shape(self.count) != np.shape(self.force):
-            raise InputError("count must be as long as force: leave it out, and it is counted anew")
+            raise InputError(
+                "count must have the same length as force; omit it to have it recomputed"
+            )
 
     def _check_arguments(self) -> None:
         """What is no column must be of its kind."""
@@ -611,7 +613,7 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     """
     known = bundled_map_name(name) if isinstance(name, str) else None
     if known is None:
-        raise InputError(f"no bundled map {name!r}; bundled are {', '.join(bundled_names())}")
+        raise InputError(f"unknown bundled map {name!r}; available: {', '.join(bundled_names())}")
     with importlib.resources.as_file(
         importlib.resources.files("fitting") / "maps" / f"{known.lower()}.csv"
     ) as path:
@@ -725,7 +727,8 @@ def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None
     largest = float(arrays["contraction"].max())
     if largest < _LEAST_CONTRACTION:
         raise InputError(
-            f"the largest contraction is {largest:.2%}, as of fractions that are called percent: if they "
+            f"the largest contraction is {largest:.2%}, which looks like fractions labelled "
+            "percent: if they "
             'are fractions, --column contraction="NAME [-]"'
         )
     if largest >= 1:

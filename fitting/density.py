@@ -452,7 +452,7 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, PureProbl
         spread = np.insert(np.insert(spread, p, 0.0, axis=0), p, 0.0, axis=1)
         spread[p, p] = 1 / (2 * freedom)
     if not mean.size:
-        raise InputError("nothing of the posterior is left to sample: every parameter is held")
+        raise InputError("there is nothing to sample: every parameter is held")
     box = BoxMap.of(low, high, mean, spread)
     density = Density(
         fit=PureProblem.of(at_faces(problem, faces)),

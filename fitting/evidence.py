@@ -119,7 +119,7 @@ class SharedErrors:
             return dataclasses.replace(data, length=rest - (rest - length) * (1 + by))
         if getattr(specimen, name) is None:
             raise InputError(
-                "an error of bladder_diameter was given and no bladder_diameter: the bladder fills "
+                "an error of bladder_diameter was given, but no bladder_diameter: the bladder fills "
                 "the braid, leave the error out"
             )
         if name == "rest_length":

@@ -99,7 +99,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
         laws = known_laws()
         if law not in laws:
             raise InputError(
-                f"the law is one of {', '.join(laws)}, or module:Class for one of your own; "
+                f"the law must be one of {', '.join(laws)}, or module:Class for one of your own; "
                 f"got {law!r}"
             )
         law = laws[law]

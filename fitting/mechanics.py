@@ -39,7 +39,7 @@ def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
     others += ["own_law"] if asked.get("own_law") else []
     if ends == "equilibrium" and others:
         raise InputError(
-            f"the shape from mechanics takes no {others[0]} of its own: leave out {others[0]} or ends"
+            f"the shape from mechanics cannot be combined with {others[0]}: leave out {others[0]} or ends"
         )
     return ends
 

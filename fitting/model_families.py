@@ -84,7 +84,7 @@ class ModelFamily(AbstractFamily):
         """
         if isinstance(model, type):
             raise InputError(
-                f"give one of the family, as {model.__name__}.template(...) makes it; got the class"
+                f"give an instance, as {model.__name__}.template(...) makes it; got the class"
             )
         known, given = model.declared(), dict(bounds or {})
         unknown = [name for name in given if name not in known]

@@ -178,7 +178,7 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
         )
     if low == high and entry.prior is not None:
         raise InputError(
-            f"{name} is held at {low:.6g} (SI) by its bounds, where a prior says nothing: give its "
+            f"{name} is held at {low:.6g} (SI) by its bounds, so a prior has no effect: give its "
             "prior or the value at which it is held, not both"
         )
     return dataclasses.replace(entry, min=float(low), max=float(high))
@@ -244,11 +244,6 @@ def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None
     if table["braid_angle"].max >= math.pi / 2:
         raise InputError("braid_angle lies between 0 and 90 deg, measured from the circumference")
     if "end_factor" in table and "end_length" in table:
-        raise InputError(
-            "end_factor and end_length are the same thing said in two ways: name one of them"
-        )
+        raise InputError("end_factor and end_length describe the same quantity: name one of them")
     if "series_exponent" in table and "series_compliance" not in table:
-        raise InputError(
-            "series_exponent is of the compliance of the rig, which takes no part: name "
-            "series_compliance as well"
-        )
+        raise InputError("series_exponent needs series_compliance: name that as well")

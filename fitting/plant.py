@@ -220,7 +220,8 @@ def identify_plant(
     slow = max(records, key=lambda one: one.step)
     if "lag" in names and slow.step > 2 * float(plant.circuit.lag):
         raise InputError(
-            f"{slow.name} is sampled every {slow.step * 1e3:.3g} ms, which does not tell a lag of about "
+            f"{slow.name} is sampled every {slow.step * 1e3:.3g} ms, too slowly to determine a "
+            "lag of about "
             f"{float(plant.circuit.lag) * 1e3:.3g} ms: record faster, or leave lag out of free"
         )
     problem = _Shooting(plant, names, [_pieces(one) for one in records])

@@ -137,7 +137,7 @@ def pose(
     if len({one.force_std is None for one in data}) > 1:
         raise InputError(
             "some specimens have standard deviations of their forces (force_std) and some have "
-            "not: readings identified together are weighed alike, so give them to all or none"
+            "not: readings identified together must be weighted alike, so give force_std for all or none"
         )
     sources = [source_of(one, geometry, (*bounds, *parameters)) for one in data]
     tables = [

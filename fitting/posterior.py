@@ -101,7 +101,7 @@ class Posterior:
             KeyError: no such parameter, with those there are.
         """
         if name not in self.names:
-            raise KeyError(f"no parameter {name!r}; there are {', '.join(self.names)}")
+            raise KeyError(f"no parameter {name!r}; available: {', '.join(self.names)}")
         return self.samples[:, :, self.names.index(name)]
 
     @functools.cached_property
@@ -213,7 +213,7 @@ def load_blackjax() -> Any:
         if error.name != "blackjax":
             raise
         raise InputError(
-            "the posterior is sampled by blackjax, which is not installed; it comes with the extra "
+            "the posterior is sampled by blackjax, which is not installed; install the extra "
             '"posterior": python -m pip install "famjax[posterior]"'
         ) from None
 

@@ -382,7 +382,7 @@ class Identification:
             if estimate.name == name:
                 return estimate
         names: list[Any] = [e.name for e in self.estimates + self.derived]
-        raise KeyError(f"no parameter {name!r}; there are {', '.join(names)}")
+        raise KeyError(f"unknown parameter {name!r}; available: {', '.join(names)}")
 
 
 def check_identified(result: object) -> None:

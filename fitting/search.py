@@ -341,8 +341,8 @@ def best_of(ends: Sequence[End]) -> End:
     best = _lowest(ends)
     if best is None:
         raise InputError(
-            "no start ended at a force for every reading: somewhere in the box the bladder does "
-            "not fit in the braid or a length cannot be reached; narrow the bounds"
+            "no start ended at a force for every reading: somewhere within the bounds the bladder "
+            "does not fit in the braid or a length cannot be reached; narrow the bounds"
         )
     return ends[best]
 
@@ -550,7 +550,7 @@ def descend_reweighted(
         else:
             best = best_of(descend_all(changed, best.u[None]))
     raise InputError(
-        f"the weights of objective={objective!r} did not settle in {_REWEIGHTED} rounds: the readings "
+        f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds: the readings "
         "leave several fits equally good. Fix parameters by bounds, or use objective='sum_of_squares'"
     )
 

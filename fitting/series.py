@@ -286,7 +286,8 @@ def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geomet
         raise InputError(f"a series needs a law, such as {', '.join(DEFAULT_LAWS)}; got none")
     if len({one.specimen.rest_length for one in data}) < 2:
         raise InputError(
-            "all specimens have one rest length: they say nothing of another. Give specimens of "
+            "all specimens have the same rest length, so they carry no information about another "
+            "one. Give specimens of "
             "different lengths, or fit each by famjax fit (all at once by identify_together)"
         )
     never_cut = famjax.geometries.AbstractGeometry.cut_to_length

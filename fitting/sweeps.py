@@ -173,9 +173,7 @@ def sweep(
         )
     check_maps(data)
     if not isinstance(geometry, famjax.geometries.AbstractGeometry):
-        raise InputError(
-            f"the geometry of a sweep is known: give one, with its numbers, got {shown(geometry)}"
-        )
+        raise InputError(f"a sweep needs a known geometry, with its numbers; got {shown(geometry)}")
     if not (is_number(deadband) and 0 <= deadband < math.inf):
         raise InputError(
             f"the deadband is a gauge pressure [Pa], zero or above; got {shown(deadband)}"

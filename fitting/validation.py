@@ -145,7 +145,7 @@ def check_groups(result: Identification, groups: str) -> None:
         raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
     if groups == "specimen" and (own or len(problem.linear) > result.order):
         raise InputError(
-            f"{own[0] if own else 'the law'} is a specimen's own, so nothing is known of it without "
+            f"{own[0] if own else 'the law'} belongs to one specimen, so nothing is known about it without "
             "its readings: identify the specimens with own=() and own_law=False"
         )
     if _group_of_each(problem, groups, None, 2) is None:
@@ -326,7 +326,7 @@ def profile(
     chosen = list(free) if names is None else check_names("names", names)
     for name in chosen:
         if name not in free:
-            raise InputError(f"no identified parameter {name!r}; there are {', '.join(free)}")
+            raise InputError(f"no identified parameter {name!r}; available: {', '.join(free)}")
     profiles = []
     for done, name in enumerate(chosen, 1):
         profiles.append(_profile(result, free[name], points))

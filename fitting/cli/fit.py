@@ -207,7 +207,8 @@ def fit(
     add_cwd_to_path()
     if len(data) != 1:
         raise fitting.InputError(
-            f"a fit takes one force map, got {len(data)}: {', '.join(data)}. For several muscles use "
+            f"famjax fit accepts one force map, got {len(data)}: {', '.join(data)}. For several "
+            "muscles use "
             "famjax series, for raw ramps of one muscle famjax ramps"
         )
     if asked.shape is not None:

@@ -140,7 +140,7 @@ def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
     """
     for name in names:
         if name not in kinds:
-            raise InputError(f"--free {name}: unknown parameter; known are {', '.join(kinds)}")
+            raise InputError(f"--free {name}: unknown parameter; available: {', '.join(kinds)}")
     return {name: Parameter() for name in names}
 
 

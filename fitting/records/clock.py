@@ -326,8 +326,9 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     k = int(np.argmax(explained))
     if not correlation[k] >= _LEAST_AGREEMENT:
         raise InputError(
-            f"the loads of journal and log agree nowhere: their best correlation is "
-            f"{correlation[k]:.2f}, {_LEAST_AGREEMENT} is needed. Are they of one test, and of one sign?"
+            f"the loads of journal and log do not match anywhere: their best correlation is "
+            f"{correlation[k]:.2f}, {_LEAST_AGREEMENT} is needed. Do they come from the same "
+            "test, with the same sign?"
         )
     peak = explained[1:-1] >= np.maximum(explained[:-2], explained[2:])
     peaks = 1 + np.flatnonzero(peak & (np.abs(lags[1:-1] - lags[k]) > 10 * _COARSE))

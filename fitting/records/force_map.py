@@ -459,7 +459,7 @@ def _listed(path: Path) -> list[tuple[Path, float]]:
     units = [unit for unit in UNITS["length"] if rows and f"length_{unit}" in rows[0]]
     if not rows or "file" not in rows[0] or len(units) != 1:
         raise InputError(
-            f"{path} is no list of records with the columns file and length_mm (or another unit). "
+            f"{path} is not a list of records with the columns file and length_mm (or another unit). "
             f"A single record needs its length: write {path}=73.25mm"
         )
     named = []

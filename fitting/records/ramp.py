@@ -471,8 +471,8 @@ def _atmosphere(record: RampRecord, given: float | tuple[float, float]) -> float
     if low < given - _VACUUM * np.ptp(record.pressure):
         raise InputError(
             f"{record.source} reads down to {low / 1e3:.4g} kPa, far below the {given / 1e3:.4g} kPa "
-            "that its sensor is said to read at atmosphere: give what it reads where the muscle is "
-            "vented, which is 0kPa of a gauge that was zeroed"
+            "that its sensor is said to read at atmosphere: give its reading with the muscle "
+            "vented: 0kPa for a gauge that was zeroed"
         )
     return float(given)
 

@@ -199,7 +199,7 @@ def read_machine_log(
     try:
         keep = check_time(table)
         if keep.sum() < 2:
-            raise InputError("one row of numbers makes no log")
+            raise InputError("a log needs at least two rows")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     time = table.columns["time"][keep]

@@ -108,7 +108,7 @@ def test_what_cannot_be_identified_is_refused() -> None:
     slow = dataclasses.replace(GOOD, time=TIME * 10)
     for record, options, said in (
         (GOOD, {"free": ("size",)}, "free must name numbers of the plant: supply"),
-        (slow, {}, "does not tell a lag of about 12 ms"),
+        (slow, {}, "determine a lag of about 12 ms"),
         ([], {}, "at least one PlantRecord"),
     ):
         with pytest.raises(InputError, match=said):

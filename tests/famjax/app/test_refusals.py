@@ -20,7 +20,7 @@ FIT_MAP: list[tuple[tuple[str, ...], str]] = [
     (("--specimen", "colour=red"), "unknown entry of the specimen"),
     (("--prior", "rest_length=300+-1"), "rest_length needs a unit"),
     (("--prior", "rest_length_mm=300"), "must read name_unit=mean+-std"),
-    (("--law", "ogden", "--prior", "rest_length_mm=300+-1"), "weighed against the noise"),
+    (("--law", "ogden", "--prior", "rest_length_mm=300+-1"), "weighted against the force noise"),
     (("--free", "colour"), "unknown parameter"),
     (("--output", "MAP/below"), "is not a folder"),
 ]

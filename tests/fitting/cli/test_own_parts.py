@@ -122,7 +122,7 @@ def test_parts_take_part_are_saved_and_predict(here: Path, capsys: pytest.Captur
         (("--term", "own_parts_here:Needy"), "cannot be identified by its class"),
         (("--geometry", "own_parts_here:Cone"), "was not found"),
         (("--geometry", "own_parts_here:Capped", "--shape", "m.nc"), "either --shape or --geometry"),
-        (("--term", "own_parts_here:Spring", "--free", "spring"), "unknown parameter; known are"),
+        (("--term", "own_parts_here:Spring", "--free", "spring"), "unknown parameter; available"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_before_any_fit(

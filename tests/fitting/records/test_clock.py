@@ -120,11 +120,11 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly() -> None:
 def test_records_of_different_tests_and_of_the_other_sign_are_refused() -> None:
     t, F, tm, Fm = recorded(0, 5.0, 0.0)
     rng = np.random.default_rng(1)
-    with pytest.raises(InputError, match="agree nowhere"):
+    with pytest.raises(InputError, match="do not match anywhere"):
         align_by_load(t, F, tm, np.cumsum(rng.normal(size=tm.size)))
-    with pytest.raises(InputError, match="agree nowhere"):
+    with pytest.raises(InputError, match="do not match anywhere"):
         align_by_load(t, F, tm, -Fm)
-    with pytest.raises(InputError, match="agree nowhere"):
+    with pytest.raises(InputError, match="do not match anywhere"):
         align_by_load(t, F, tm, np.full(tm.size, 3.0))
     with pytest.raises(InputError, match="must be finite, and time must rise"):
         align_by_load(t[::-1], F, tm, Fm)
