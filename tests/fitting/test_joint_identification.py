@@ -144,7 +144,7 @@ def test_two_muscles_share_what_they_share() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"law": "rubber"}, "the law is one of polynomial, ogden"),
+        ({"law": "rubber"}, "the law must be one of polynomial, ogden"),
         ({"law": "ogden", "order": 3}, "only the polynomial law"),
         (
             {"law": "ogden", "dependence": "linear"},
@@ -162,7 +162,7 @@ def test_two_muscles_share_what_they_share() -> None:
         ),
         (
             {"parameters": {"rest_length": Parameter(prior=(300.0, 1.0), unit="mm")}},
-            "weighed against the noise of the force, which is not known",
+            "weighted against the force noise, which is unknown",
         ),
         ({"parameters": {"end_factor": Parameter(min=1.2, max=1.1)}}, "must not exceed the upper"),
         ({"parameters": {"end_factor": Parameter(vary=False)}}, "vary=False goes with the value"),

@@ -172,19 +172,19 @@ def test_what_is_no_series_is_refused() -> None:
     with pytest.raises(InputError, match="two specimens or more, got 1"):
         identify_series([one])
     for laws, message in (
-        (("spam",), "the law is one of polynomial"),
+        (("spam",), "the law must be one of polynomial"),
         ((), "needs a law, such as linear"),
         (("linear", "linear"), "tried once: got one of linear twice"),
     ):
         with pytest.raises(InputError, match=message):
             identify_series([one, specimen(0.2, 1)], laws=laws)
     again = dataclasses.replace(one, specimen=dataclasses.replace(one.specimen, name="other"))
-    with pytest.raises(InputError, match="say nothing of another"):
+    with pytest.raises(InputError, match="carry no information about another"):
         identify_series([one, again])
     with pytest.raises(InputError, match="rest_length cannot be shared"):
         identify_series([one, specimen(0.2, 1)], parameters={"rest_length": Parameter()})
     both = {"end_length": Parameter(), "end_factor": Parameter()}
-    with pytest.raises(InputError, match="the same thing said in two ways"):
+    with pytest.raises(InputError, match="describe the same quantity"):
         identify_series([one, specimen(0.2, 1)], parameters=both)
 
 

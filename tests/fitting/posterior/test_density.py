@@ -81,7 +81,7 @@ def test_coefficients_are_those_of_quadrature(
     assert data.loaded.all() != censored
     if not censored and constraint == "none":  # no coordinate is left to sample
         result = fitting.identify(data, order=2, bounds=HELD, constraint=constraint)
-        with pytest.raises(fitting.InputError, match="nothing of the posterior is left"):
+        with pytest.raises(fitting.InputError, match="there is nothing to sample"):
             density_of(result, NOISE)
         posterior = fitting.sample(result, noise=(NOISE, NOISE * 1.0001), seed=1)
     else:
