@@ -492,7 +492,7 @@ class SafeMuscle(AbstractMuscle):
         return self.continued.force(length, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the search of an equilibrium."""
+        """Shortest and longest active length [m] for the equilibrium search."""
         return self.continued.length_range()
 
     @property

@@ -502,7 +502,7 @@ class EndEffectGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """As the cylinder."""
+        """Same as for the cylinder."""
         return self.cylinder.keeps_apart
 
     def length_range(self) -> tuple[RealArray, RealArray]:
@@ -537,7 +537,7 @@ class EndEffectGeometry(AbstractGeometry):
         return jnp.where(reached, volume, jnp.nan)
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
-        """Those of the cylinder, mapped back: rounded ends shift both lengths."""
+        """Limits [m] of the cylinder, mapped back: rounded ends shift both lengths."""
         rest = self.rest_length
         lock, straight = self.cylinder.braid_limits()
         return rest + (lock - rest) / self.end_factor, rest + (straight - rest) / self.end_factor

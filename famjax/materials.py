@@ -111,7 +111,7 @@ class AbstractUniaxialLaw(AbstractMaterial):
         return self.stress(axial_strain), self.stress(hoop_strain)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume, the sum over both directions of int sigma dlambda / lambda.
+        """Energy W [J/m3] per unit volume, the sum over both directions of int sigma dlambda / lambda.
 
         Gauss-Legendre quadrature with 32 nodes from the unstrained state.
 
@@ -353,7 +353,7 @@ class AbstractHyperelastic(AbstractMaterial):
 
     @abc.abstractmethod
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
+        """Energy W [J/m3] per unit volume at lambda_z, lambda_c [-], both > 0, broadcast shape."""
 
     @property
     @abc.abstractmethod
@@ -416,7 +416,7 @@ class NeoHookeanMaterial(AbstractHyperelastic):
     law_name: ClassVar[str] = "neo-hookean"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume, broadcast shape."""
+        """Energy W [J/m3] per unit volume, broadcast shape."""
         I1 = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch))
         return self.shear_modulus / 2 * (I1 - 3)
 
@@ -447,7 +447,7 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
     law_name: ClassVar[str] = "mooney-rivlin"
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume, broadcast shape."""
+        """Energy W [J/m3] per unit volume, broadcast shape."""
         axial, hoop = as_real(axial_stretch), as_real(hoop_stretch)
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
@@ -494,7 +494,7 @@ class YeohMaterial(AbstractHyperelastic):
         return super().template(**fields)
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume, broadcast shape."""
+        """Energy W [J/m3] per unit volume, broadcast shape."""
         x = _first_invariant(as_real(axial_stretch), as_real(hoop_stretch)) - 3
         energy = jnp.zeros_like(x)
         for i in reversed(range(self.coefficients.shape[-1])):
@@ -540,7 +540,7 @@ class OgdenMaterial(AbstractHyperelastic):
             )
 
     def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per volume, broadcast shape."""
+        """Energy W [J/m3] per unit volume, broadcast shape."""
         axial, hoop = as_real(axial_stretch)[..., None], as_real(hoop_stretch)[..., None]
         a = self.exponents
         powers = axial**a + hoop**a + (axial * hoop) ** -a

@@ -68,7 +68,7 @@ class AbstractMuscle(Parametrised):
 
     @abc.abstractmethod
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the search of an equilibrium."""
+        """Shortest and longest active length [m] for the equilibrium search."""
 
     def stops(self) -> Float[Array, "2"]:
         """Lengths [m] at which the braid locks and at which its threads are straight.
@@ -436,7 +436,7 @@ class Muscle(AbstractMuscle):
         return _pull(self.geometry, self.terms, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] for the search of an equilibrium."""
+        """Shortest and longest active length [m] for the equilibrium search."""
         return self.geometry.length_range()
 
     def stops(self) -> Float[Array, "2"]:
@@ -586,11 +586,11 @@ class MountedMuscle(AbstractMuscle):
         return _forces(self, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """That of the muscle: without load the mountings do not deflect."""
+        """Length range [m] of the muscle; without load the mountings do not deflect."""
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Those of the muscle."""
+        """Lengths [m] of the stops of the muscle."""
         return self.muscle.stops()
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
@@ -756,6 +756,6 @@ def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> AbstractMuscle:
     own = getattr(muscle, "cut_to_length", None)
     if own is None:
         raise ValueError(
-            f"a {type(muscle).__name__} cannot be cut to another length: cut the muscle that it is made of"
+            f"a {type(muscle).__name__} cannot be cut to another length: cut the muscle that it contains"
         )
     return own(as_real(rest_length))

@@ -1,4 +1,4 @@
-"""What is known of an identification besides its optimum: validation, profiles, bootstrap, shared errors.
+"""What is known about an identification beyond its optimum: validation, profiles, bootstrap, shared errors.
 
 A transducer's gain, the rest length, the wall, the shape that photographs showed: no scatter of the
 readings tells of errors that all of them share, and no repetition. Each moves the readings, or the

@@ -235,7 +235,7 @@ def _of_the_ladder(law: str) -> Law:
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
-    """What is known of the law's parameters, whatever the muscle.
+    """Prior knowledge about the law's parameters, for any muscle.
 
     Args:
         law: as `identify` takes it.

@@ -361,7 +361,7 @@ def linear_program(
 
 
 class Weighing(NamedTuple):
-    """What is known of a fit besides its model.
+    """Facts about a fit beyond its model.
 
     Attributes:
         force: measured [N], shape (readings,).

@@ -81,7 +81,7 @@ _SAID = tuple(
     for one in dataclasses.fields(ForceData)
     if one.name not in {*COLUMNS, "specimen", "notes", "assumed"}
 )
-"""What is known of a map besides."""
+"""Further facts about a map."""
 _KNOWN = "known"  # a geometry that is the muscle's own, such as a measured one
 _MECHANICS = "equilibrium"  # that follows from mechanics
 

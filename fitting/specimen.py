@@ -1,4 +1,4 @@
-"""What is known of a muscle besides its readings, and the sizes that muscles have.
+"""Prior knowledge about a muscle, and the sizes that muscles have.
 
 A number far from what is plausible has another unit than it says.
 """
@@ -193,7 +193,7 @@ def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = ""
 
 @dataclasses.dataclass(frozen=True)
 class Specimen:
-    """What is known of the muscle besides the force map.
+    """Prior knowledge about the muscle, beyond the force map.
 
     Attributes:
         name: for reports.

@@ -236,7 +236,7 @@ class Kothera(PeerModel):
         return self.muscle.force(kothera_length(L, radius, rest_radius), P)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """That of the cylindrical muscle, which is shorter than this one."""
+        """Length range [m] of the cylindrical muscle, which is shorter than this one."""
         return self.muscle.length_range()
 
     @property

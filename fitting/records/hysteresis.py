@@ -157,7 +157,7 @@ class BranchPairs:
         rest_length: float,
         name: str = "ramp",
     ) -> "BranchPairs":
-        """Those of one record at constant length that starts vented.
+        """Branch pairs of one record at constant length that starts vented.
 
         Args:
             length: L [m].
@@ -186,7 +186,7 @@ class BranchPairs:
         cycled: bool = True,
         name: str = "stroke",
     ) -> "BranchPairs":
-        """Those of strokes at one nominal pressure, such as an `Isobar` holds.
+        """Branch pairs of strokes at one nominal pressure, such as an `Isobar` holds.
 
         Args:
             length: L [m] of the points, shape (n,).
