@@ -213,13 +213,6 @@ def _speed() -> Iterator[Row]:
         ("RMSE / the best of lmfit", "<=", 1.0001, "as good an optimum"), data=BOTH,
         command='fitting.identify(data, constraint="none")', part="compiled",
     )  # fmt: skip
-    yield from rows(
-        "speed, photographs", "speed:photographs",
-        ("crop, times faster than scikit-image", ">=", 15, "many pictures while a test runs"),
-        ("crop, diameter bias [in]", "<=", 0.0008, "as accurate as the slow way"),
-        ("file of 20 megapixels, times of its decoding", "<=", 1.6, "decoding is what it must cost"),
-        data="rendered scenes", command="imaging.measure(file, recipe)", part="CPU time, one thread",
-    )  # fmt: skip
     waits = "a person waits: a few times an import"
     for name, wait in WAITS.items():
         limits: list[Limit] = [(f"{regime}, CPU time / import", "<=", limit, waits)

@@ -1,16 +1,10 @@
-"""Speed of identification and photogrammetry beside named peers in the same run, accuracy beside it.
+"""Speed of identification beside named peers in the same run, accuracy beside it.
 
 Times are the shortest of repeated runs: take ratios, on a machine that does nothing else.
 """
 
-import json
-import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -142,73 +136,3 @@ def joint(case: Case, starts: int = 16) -> dict[str, float]:
         "times faster than lmfit, 16 starts": (time.perf_counter() - begin) / seconds,
         "RMSE / the best of lmfit": ours.errors.rmse / min(reached),
     }
-
-
-def photographs(case: Case) -> dict[str, float]:
-    """`measured_photographs` in a process whose libraries have one thread each."""
-    one = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    words = [sys.executable, __file__, str(case.repeat)]
-    found = subprocess.run(words, env=one, check=True, capture_output=True, text=True)
-    return json.loads(found.stdout)
-
-
-def measured_photographs(repeat: int) -> dict[str, float]:
-    """Crops of 2650 x 1100 px beside scikit-image's outline, a whole file beside its decoding.
-
-    scikit-image as its users write it, on V of HSV: rgb2hsv, threshold_otsu, label, regionprops and
-    find_contours. One thread, runs interleaved, CPU times.
-    """
-    import cv2  # noqa: PLC0415
-    from photographs import INCH, figures_of_photo  # noqa: PLC0415
-    from rendering import PUBLISHED_FRAME, published_scene, render  # noqa: PLC0415
-    from skimage.color import rgb2hsv  # noqa: PLC0415
-    from skimage.filters import threshold_otsu  # noqa: PLC0415
-    from skimage.measure import find_contours, label, regionprops  # noqa: PLC0415
-
-    from imaging import Recipe, Scale, Tone, measure  # noqa: PLC0415
-
-    cv2.setNumThreads(1)
-
-    def recipe(photo: Any) -> Recipe:
-        scale = Scale.manual(photo.truth.px_per_m, 1e-5 * photo.truth.px_per_m)
-        return Recipe(scale, distance=60 * INCH, tone=Tone.srgb(), k1=0.0)
-
-    def outline(rgb: Any) -> Any:
-        value = rgb2hsv(rgb)[..., 2]
-        level = threshold_otsu(value)
-        largest = max(regionprops(label(value > level)), key=lambda region: region.area)
-        return largest.bbox, max(find_contours(value, level), key=len)
-
-    def interleaved(*ways: Callable[[], Any]) -> list[float]:
-        spent: list[list[float]] = [[] for _ in ways]
-        for _ in range(4 * repeat + 1):  # the first loads libraries and fills caches
-            for times, way in zip(spent, ways, strict=True):
-                begin = time.process_time()
-                way()
-                times.append(time.process_time() - begin)
-        return [min(times[1:]) for times in spent]
-
-    ratios, errors = [], []
-    for seed, contraction in enumerate((0.0, 0.175, 0.2625)):
-        photo = render(published_scene(contraction), seed)
-        of = recipe(photo)
-        ours, theirs = interleaved(
-            lambda photo=photo, of=of: measure(photo.rgb, of),
-            lambda photo=photo: outline(photo.rgb),
-        )
-        ratios.append(theirs / ours)
-        errors.append(abs(figures_of_photo(measure(photo.rgb, of), photo.truth)["bias"]))
-    with tempfile.TemporaryDirectory() as folder:
-        frame = render(published_scene(0.175, size=PUBLISHED_FRAME), 5)
-        path, of = str(frame.save(Path(folder) / "frame.jpg")), recipe(frame)
-        flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
-        whole, decoding = interleaved(lambda: measure(path, of), lambda: cv2.imread(path, flags))
-    return {
-        "crop, times faster than scikit-image": min(ratios),
-        "crop, diameter bias [in]": max(errors),
-        "file of 20 megapixels, times of its decoding": whole / decoding,
-    }
-
-
-if __name__ == "__main__":
-    print(json.dumps(measured_photographs(int(sys.argv[1]))))
