@@ -1,4 +1,4 @@
-"""What an argument must be, refused in one sentence where it is something else."""
+"""Checks of arguments; each refuses a wrong one in one sentence."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -71,7 +71,7 @@ def check_pair(name: str, pair: Any, what: str) -> tuple[float, float]:
 
 
 def check_mapping(name: str, given: Any, holds: str) -> None:
-    """Refuse what is no mapping by name.
+    """Refuse an argument that is not a mapping by name.
 
     Raises:
         InputError: it is none.
@@ -81,7 +81,7 @@ def check_mapping(name: str, given: Any, holds: str) -> None:
 
 
 def check_names(name: str, given: Any) -> tuple[str, ...]:
-    """Several names; one alone, as a text, is a likely slip.
+    """Check a sequence of names; a single text is refused as a likely slip.
 
     Raises:
         InputError: it is a text, or holds something else than texts.
@@ -106,7 +106,7 @@ def check_path(name: str, given: Any) -> Path:
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it: what is long, or a table, by its type."""
+    """A value as shown in a message; long values and tables are shown by their type."""
     text = repr(value)
     plain = "\n" not in text and len(text) <= _SHOWN
     kind = type(value).__name__

@@ -1,4 +1,4 @@
-"""Error bands of predictions, from readings that were left out and from the parameters.
+"""Error bands of predictions, from held-out readings and from the parameter errors.
 
 What a law does not know of a muscle is a smooth function of length (and of pressure), zero to within
 the noise where it was measured. Between and beyond the measured lengths its variance is that of the
@@ -58,7 +58,7 @@ _NEAR = 1e-6  # variance of the spline one hundredth of the range from what is k
 
 @dataclasses.dataclass(frozen=True)
 class Along:
-    """What one coordinate, length or pressure, adds to the error.
+    """Contribution of one coordinate, length or pressure, to the error.
 
     Attributes:
         levels: measured [m or Pa], ascending.
@@ -82,7 +82,7 @@ class Along:
 
 @dataclasses.dataclass(frozen=True)
 class ModelError:
-    """Errors of predictions of single readings.
+    """Prediction errors of single readings.
 
     Attributes:
         noise: standard deviation [N] at what was measured.
@@ -131,7 +131,7 @@ class ModelError:
 
     @property
     def covers(self) -> str:
-        """What the interval covers, in a sentence."""
+        """One sentence about what the interval covers."""
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
         seen = "assumed from other muscles"
@@ -175,7 +175,7 @@ def model_error(
     left_out: Mapping[str, LeftOut],
     unknowns: int,
 ) -> ModelError:
-    """The error of predictions, from the errors on what was left out.
+    """Prediction error model, from the errors on held-out readings.
 
     Args:
         data: the map.
@@ -304,7 +304,7 @@ def pull(
     rest_length: float | None = None,
     length_std: float = 0.0,
 ) -> Pull:
-    """Forces of a muscle, and how well they are known by linear theory.
+    """Forces of a muscle, with standard errors by linear theory.
 
     Args:
         mounted: the identified muscle in its rig.
@@ -467,7 +467,7 @@ def disagreement(
 def where_they_differ(
     data: ForceData, chosen: famjax.MountedMuscle, alike: Collection[famjax.MountedMuscle]
 ) -> Sentence | str:
-    """Where models that fit the readings alike differ most between the measured lengths, if it is much.
+    """Where models that fit equally well differ most between the measured lengths, if they differ much.
 
     Args:
         data: the map.

@@ -1,4 +1,4 @@
-"""What a force map must hold for an identification to make sense, asked before any work is done."""
+"""Checks of a force map before an identification starts."""
 
 import itertools
 import math
@@ -28,7 +28,7 @@ _SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the s
 
 
 def check_law(law: Law, constraint: str, dependence: str) -> None:
-    """The named choices must be among those there are, and go together."""
+    """Check that the choices are known and can be combined."""
     if constraint not in CONSTRAINTS:
         raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
     if dependence not in ("fixed", "linear"):
@@ -116,7 +116,7 @@ def check_specimen(
 
 
 def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
-    """Every length must be within what a braid in the box can reach."""
+    """Check that a braid within the bounds can reach every length."""
     rest, steepest = data.specimen.rest_length, table["braid_angle"].max
     rest = table["rest_length"].min if "rest_length" in table else rest
     longest = rest / math.sin(steepest)
@@ -152,7 +152,7 @@ def check_count(
     *,
     own_law: bool = False,
 ) -> None:
-    """There must be as many readings as parameters, and strained lengths as coefficients.
+    """Check that there are enough readings for the parameters, and enough lengths for the coefficients.
 
     Specimens identified together are counted together: a shared parameter is one parameter.
     """
@@ -191,7 +191,7 @@ _SEEN_TO_BE_AFFINE: set[tuple] = set()
 
 
 def check_affine(problem: Problem) -> None:
-    """The force must be affine in the coefficients that are declared linear.
+    """Check that the force is affine in the coefficients that are declared linear.
 
     It is evaluated: the derivatives at no coefficients and at others must be the same. What has been
     seen to be affine is so with other numbers.
@@ -223,7 +223,7 @@ def check_affine(problem: Problem) -> None:
 
 
 def check_solvable(problem: Problem) -> None:
-    """The convex fit must have a solution in the middle of the box."""
+    """Check that the convex fit has a solution in the middle of the bounds."""
     point = solve(problem, problem.low + (problem.high - problem.low) / 2, tolerance=_ROUGH)
     count = problem.force.size
     lost = np.flatnonzero(~np.isfinite(point.A[:count]).all(axis=1) | ~np.isfinite(point.b[:count]))

@@ -1,4 +1,4 @@
-"""`choose`: the family that predicts best what it has not seen, beside those that fit the data alike."""
+"""`choose`: the family with the best predictions of held-out readings."""
 
 import contextlib
 import dataclasses
@@ -50,7 +50,7 @@ _NO_FORCE = "no family of the ladder has a force at every reading: narrow the bo
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """The model of a map, chosen by what each family predicts of readings left out.
+    """The model of a map, chosen by cross-validation.
 
     Attributes:
         data: the map.
@@ -77,19 +77,19 @@ class Choice:
 
     @property
     def error(self) -> ModelError:
-        """Of predictions, as the readings left out show it."""
+        """Prediction error, from held-out readings."""
         error = self.chosen.outlook.error
         assert error is not None
         return error
 
     @property
     def alike(self) -> Mapping[str, famjax.MountedMuscle]:
-        """By name, the muscles of the other families that fit the data alike: the data do not tell."""
+        """The muscles of the other families that fit the data equally well, by name."""
         return self.chosen.outlook.alike
 
     @property
     def name(self) -> str:
-        """Of the chosen family."""
+        """Name of the chosen family."""
         return self.tried[0].candidate.name
 
     @property
@@ -99,7 +99,7 @@ class Choice:
 
     @property
     def clear(self) -> str:
-        """How clear the choice was, in a sentence."""
+        """One sentence about how clear the choice was."""
         first, *others = self.tried
         if not others:
             return f"Only {self.name} could be tried: the map is too small for more."
@@ -166,7 +166,7 @@ def choose(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Choice:
-    """The model of a force map, from a ladder of families, by what each predicts of readings left out.
+    """Choose the model of a force map from a ladder of families by cross-validation.
 
     Each family is fitted to all readings and again without each length and without groups of
     neighbouring pressures. The one with the smallest held-out error is chosen; on a map of too few
@@ -277,7 +277,7 @@ def choose(
 def _identified(
     tried: Sequence[Tried], order: Sequence[int], identify: Callable[[int], Identification]
 ) -> tuple[int, Identification]:
-    """The first family with a certified optimum, of those that err little more than the best.
+    """The first family with a certified optimum whose error is close to the smallest.
 
     Its place and its fit; the first fit of any where none of them has an optimum.
 
@@ -299,7 +299,7 @@ def _identified(
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:
-    """The map with the error of the laws in the standard deviations of its readings.
+    """The map with the model error added to the standard deviations of its readings.
 
     Args:
         data: the map.
@@ -383,7 +383,7 @@ MOST = 20
 
 @dataclasses.dataclass(frozen=True)
 class NestedValidation(LeftOut):
-    """Errors of a choice on what neither the fits nor the choice had seen.
+    """Errors of a choice on readings that neither the fits nor the choice had seen.
 
     One "pressure" or one "length" was left out after another; neighbouring ones together, where there
     are many.

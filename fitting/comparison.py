@@ -103,7 +103,7 @@ class PeerFit:
         return tuple(np.array(problem.names + problem.linear)[reached].tolist())
 
     def determines(self, kept: Bool[np.ndarray, " points"]) -> bool:
-        """Whether some readings determine what the model predicts of the others."""
+        """Whether some readings determine the model's predictions of the others."""
         _, jacobian, _ = joint_derivatives(self.end.point)
         columns = jacobian[: kept.size]
         size = np.linalg.norm(columns[kept], axis=0)
@@ -117,7 +117,7 @@ class PeerFit:
 def fit_peer(
     name: str | ModelFamily, data: ForceData, *, starts: int = 32, seed: int = 0
 ) -> PeerFit:
-    """The peer of that name that fits the loaded readings of a map best, by least squares.
+    """Fit a published model to the loaded readings of a map by least squares.
 
     Args:
         name: one of `peer_families(data)`, or a family of your own.
@@ -190,7 +190,7 @@ def _posed(family: ModelFamily, data: ForceData) -> Problem:
 
 @dataclasses.dataclass(frozen=True)
 class _Fit:
-    """A model fitted to a map, as a row of the table has it.
+    """A model fitted to a map, with the figures of its table row.
 
     Attributes:
         n_parameters, at_bound, notes: as in `ComparisonRow`.
@@ -206,7 +206,7 @@ class _Fit:
 
 
 def _chosen(data: ForceData, starts: int, seed: int) -> _Fit:
-    """What `choose` finds, made anew without each length and each group of pressures that it predicts."""
+    """The result of `choose`, repeated without each length and each group of pressures."""
     choice, most = choose(data, starts=starts, seed=seed), {"pressure": _PRESSURE_GROUPS}
     result = choice.chosen
     return _Fit(
@@ -231,7 +231,7 @@ def _identified(data: ForceData, starts: int, seed: int, options: Mapping[str, A
 
 
 def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> _Fit:
-    """A published model; one of which nothing is free predicts what it says."""
+    """A published model; a model without free parameters predicts with its own constants."""
     if not family.declared:
         problem = _posed(family, data)
         at = problem.parts[0].inputs
@@ -463,7 +463,7 @@ def _place(row: ComparisonRow) -> tuple[float, float, int]:
 
 
 def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
-    """The name of a model of a user's own, and the model.
+    """Name and model of a user's own model.
 
     Raises:
         InputError: no such class or option, or a class that cannot be fitted alone.
@@ -499,7 +499,7 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
 def _row(
     data: ForceData, starts: int, seed: int, model: str | tuple[str, _Model]
 ) -> dict[str, Any]:
-    """The row of a model, as plain values; of one that cannot be fitted with a note and no errors."""
+    """Table row of a model as plain values; if it cannot be fitted, a note without errors."""
     name, (label, note, fitted) = (model, _models(data)[model]) if isinstance(model, str) else model
     notes = [note] if note else []
     try:

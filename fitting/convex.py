@@ -45,7 +45,7 @@ def bucket(count: int, least: int = 8) -> int:
 
 
 class Status(enum.IntEnum):
-    """How a quadratic programme ended; `message` says what to do about it."""
+    """How a quadratic programme ended; `message` gives the remedy."""
 
     OPTIMAL = 0
     RANK_DEFICIENT = 1
@@ -288,7 +288,7 @@ def nearest_point(
     eps, unit = float(jnp.finfo(centre.dtype).eps), jnp.eye(n, dtype=centre.dtype)
 
     def most_violated(y: Float[Array, " n"]) -> Int[Array, ""]:
-        """The row with the least slack, or -1 where none is violated."""
+        """Row with the least slack, or -1 if no row is violated."""
         row = jnp.argmin(G @ y - h)
         normal, offset = G[row], h[row]
         size = jnp.sqrt((normal @ normal) * (centre @ centre)) + jnp.abs(offset)

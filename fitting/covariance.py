@@ -1,4 +1,4 @@
-"""Standard errors of an optimum: Gauss-Newton covariance on the directions that stay free."""
+"""Standard errors at an optimum: Gauss-Newton covariance in the free directions."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""A measured static force map: force, pressure and length, with the specimen they belong to, and its file.
+"""Measured static force maps, with their specimen, and their files.
 
 Measured pressures and lengths scatter about nominal ones. `levels_of` finds the levels: what "at one
 pressure" and "at one length" mean for a map.
@@ -169,7 +169,7 @@ def _rounded(
     group: Int[np.ndarray, " n"],
     beside: Float[np.ndarray, " n"] | None,
 ) -> bool:
-    """Whether values of one group are a single one that was read here so, there so.
+    """Whether the values of one group are readings of a single value.
 
     What was set on purpose at two neighbouring values was set at both of them somewhere.
     """
@@ -181,7 +181,7 @@ def _rounded(
 
 
 def _tolerance_of_gaps(distinct: Float[np.ndarray, " k"], readings: int) -> float:
-    """The tolerance that the gaps show, or 0."""
+    """Tolerance found from the gaps, or 0."""
     if distinct.size < 3:
         return 0.0
     span = distinct[-1] - distinct[0]
@@ -276,7 +276,7 @@ class ForceData:
             )
 
     def _check_arguments(self) -> None:
-        """What is no column must be of its kind."""
+        """Check the types of the arguments that are not columns."""
         if not isinstance(self.specimen, Specimen):
             raise InputError(
                 f"specimen must be a fitting.Specimen, got {shown(self.specimen)}: it has the name, the "
@@ -328,7 +328,7 @@ class ForceData:
             object.__setattr__(self, "notes", (*self.notes, note))
 
     def _check_pulls(self) -> None:
-        """There must be something to fit, and it must pull."""
+        """Check that some readings pull."""
         sign = "A muscle pulls with positive force: check the sign of the force column"
         if not self.loaded.any() and self.saturated.any():
             raise InputError(
@@ -412,7 +412,7 @@ class ForceData:
         specimen: "Specimen | Mapping[str, Any] | None" = None,
         columns: Mapping[str, str] | None = None,
     ) -> "ForceData":
-        """The force map in a table of pandas, the unit in the name of each column as in a CSV file.
+        """Build a force map from a pandas table; column names state the units, as in a CSV file.
 
         Args:
             frame: with columns such as `force_N`, `pressure_kPa` and `length_mm`; others, such as the
@@ -443,7 +443,7 @@ class ForceData:
         specimen: "Specimen | Mapping[str, Any] | None" = None,
         columns: Mapping[str, str] | None = None,
     ) -> "ForceData":
-        """The force map in a data set of xarray; see `from_pandas`.
+        """Build a force map from an xarray data set; see `from_pandas`.
 
         Variables over several dimensions, such as length and pressure, become one reading for each of
         their combinations. Without a specimen that in the attributes counts, as `to_xarray` writes it.
@@ -462,14 +462,14 @@ class ForceData:
         return cls.from_pandas(frame, known if specimen is None else specimen, columns)
 
     def _repeated(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Columns in which readings that were averaged stand as often as they were read."""
+        """Columns with averaged readings repeated as often as they were read."""
         if self.count is None or self.force_std is not None:
             return dict(columns)
         times = self.count.astype(int)
         return {name: np.repeat(values, times) for name, values in columns.items()}
 
     def columns(self, system: str = "si") -> dict[str, np.ndarray]:
-        """The columns there are in a unit system, by name and unit."""
+        """The available columns in a unit system, by name and unit."""
         units = unit_system(system)
         return {
             f"{name}_{units[kind]}": values / factor(units[kind], kind)
@@ -494,7 +494,7 @@ class ForceData:
         return {"pressure": self.pressures, "length": self.lengths}[kind].level
 
     def left_out_as(self, kind: str) -> Float[np.ndarray, " n"]:
-        """What is left out with each reading: its level, or the middle of it and its neighbours.
+        """The level that is left out with each reading, or the middle of a group of levels.
 
         Levels are left out one by one, but many of them (see `MOST_APART`) in groups of neighbours.
         """
@@ -520,17 +520,17 @@ class ForceData:
 
     @property
     def strained(self) -> Bool[np.ndarray, " n"]:
-        """Loaded rows away from the rest length, where the bladder has a part in the force."""
+        """Loaded rows away from the rest length, where the bladder is strained."""
         away = np.abs(self.lengths.level - self.specimen.rest_length) > self.lengths.tolerance
         return self.loaded & away
 
     @property
     def max_force(self) -> float:
-        """Largest measured force [N], by which errors are scaled."""
+        """Largest measured force [N]; errors are given relative to it."""
         return float(self.force.max())
 
     def part(self, rows: Bool[np.ndarray, " n"]) -> "ForceData":
-        """The force map of some of the readings.
+        """The force map with some of the readings only.
 
         What is at one pressure or length does not change with what is left.
 
@@ -581,7 +581,7 @@ def bundled_names() -> list[str]:
 
 
 def bundled_map_name(name: str) -> str | None:
-    """The name of a bundled map as people write it, or None where it is none.
+    """Name of the bundled map that a text stands for, or None.
 
     In any case, with hyphens or underscores, and with or without the muscle's length, which the name
     of its card lacks.
@@ -673,7 +673,7 @@ _LEAST_CONTRACTION = 0.006  # of a map: no muscle is measured over less
 def _map(
     table: Table, given: Specimen | None, known: dict[str, Any], tolerances: Mapping[str, Any]
 ) -> ForceData:
-    """The map of a table: of the specimen that is given, or of what is known of it."""
+    """Build the map from a table and the specimen, or from what is known about the specimen."""
     arrays = dict(table.columns)
     for unknown in sorted(known.keys() - {one.name for one in dataclasses.fields(Specimen)}):
         if unknown != "force_limit":
@@ -693,7 +693,7 @@ def _map(
 
 
 def _told(table: Table) -> Iterable[str]:
-    """Notes on what the user said of columns, and on what was left aside."""
+    """Notes on columns that the user named, and on columns that were ignored."""
     if named := [(quantity, one) for quantity, one in table.taken.items() if one.named]:
         said = ", ".join(
             f"{quantity} is {one.name!r} in {one.unit or '-'}" for quantity, one in named
@@ -716,7 +716,7 @@ def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
 
 
 def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None:
-    """Put lengths in the place of contractions."""
+    """Replace contractions by lengths."""
     if "contraction" not in arrays:
         return
     if rest is None:
@@ -827,7 +827,7 @@ def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
 
 
 def check_maps(*data: object) -> None:
-    """Refuse what is no force map, such as a file that has not been read.
+    """Refuse anything that is not a force map, such as the path of a file.
 
     Raises:
         InputError: one of them is none.

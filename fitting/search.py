@@ -1,4 +1,4 @@
-"""The search: bounded nonlinear least squares, many at once, and what goes around it.
+"""Bounded nonlinear least squares for many problems at once.
 
 Damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2 with u + d
 inside the unit box, so that a bound is met exactly. The damping mu follows Nielsen. Many descents go in
@@ -45,7 +45,7 @@ ROUNDED = 4 * _EPS
 
 @dataclasses.dataclass(frozen=True)
 class End:
-    """Where a descent ended.
+    """End point of a descent.
 
     Attributes:
         u: point in the unit box, shape (p,).
@@ -131,7 +131,7 @@ def descend_many(
 
 
 def _structure(problem: Problem, at: Layout) -> tuple:
-    """Equal for problems of one program that have readings at the same states."""
+    """Key that is equal for problems that share a program and the states of their readings."""
     arrays = tuple(leaf.tobytes() for group in at.groups for leaf in group.arrays)
     return at.forms, at.sizes, arrays, problem.side.tobytes(), problem.constraint, problem.ridge
 
@@ -228,18 +228,18 @@ class _State:
         )  # fmt: skip
 
     def kept(self, rows: Bool[np.ndarray, " b"]) -> "_State":
-        """Some of them."""
+        """A selection of the descents."""
         return _State(**{name: leaf[rows] for name, leaf in vars(self).items()})
 
     def joined(self, other: "_State") -> "_State":
-        """These and others."""
+        """These descents and others."""
         both = {name: (leaf, getattr(other, name)) for name, leaf in vars(self).items()}
         return _State(**{name: np.concatenate(leaves) for name, leaves in both.items()})
 
     def ends(
         self, gone: Bool[np.ndarray, " b"], converged: Bool[np.ndarray, " b"]
     ) -> Iterator[tuple[int, End]]:
-        """Number and end of those that are gone."""
+        """Number and end of the descents that have ended."""
         for k in np.flatnonzero(gone):
             chunk, row = self.at[k]
             numbers = float(self.residual[k]), int(self.steps[k]), bool(converged[k])
@@ -333,7 +333,7 @@ def descend_all(
 
 
 def best_of(ends: Sequence[End]) -> End:
-    """The end of the lowest cost; one whose cost is nan never is.
+    """The end point with the lowest cost; nan costs are ignored.
 
     Raises:
         InputError: none has a cost.
@@ -348,7 +348,7 @@ def best_of(ends: Sequence[End]) -> End:
 
 
 def _lowest(ends: Sequence[End]) -> int | None:
-    """Place of the lowest cost; None where none is finite."""
+    """Index of the lowest cost; None if no cost is finite."""
     costs = np.array([end.cost for end in ends])
     return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
 
@@ -424,7 +424,7 @@ def _margin(part: Part, point: Point, place: int, kind: Constraint) -> Margin:
 
 
 def rounding_of(point: Point) -> float:
-    """Violation of a constraint [Pa] that counts as rounding.
+    """Constraint violation [Pa] that counts as rounding.
 
     In parts of the largest coefficient; of a law that all but vanishes, of a thousandth of the largest by
     which one alone would carry the force.
@@ -480,7 +480,7 @@ _ROUNDING = 1e-9  # of the root mean square force: a spread below is none
 
 @dataclasses.dataclass(frozen=True)
 class Weights:
-    """What an objective that is no sum of squares makes of the readings.
+    """Weights of the readings for an objective other than the sum of squares.
 
     Attributes:
         factor: of every reading, on its own weight, shape (points,).
@@ -493,7 +493,7 @@ class Weights:
 
 
 def check_objective(objective: str, *, censored: bool = False) -> None:
-    """The objective must be one of those there are, and one that can be asked for."""
+    """Check that the objective is known and can be used here."""
     if censored and objective != "sum_of_squares":
         raise InputError(
             "censored readings are one-sided squares: use objective='sum_of_squares', or leave "
@@ -509,7 +509,7 @@ def descend_reweighted(
     objective: str,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[End, list[End], Weights]:
-    """The optimum of an objective that weighted least squares reach, weighed anew until that settles.
+    """Optimum of an objective by iteratively reweighted least squares.
 
     Huber's threshold is 1.345 standard deviations of the noise, estimated from the median of the
     residuals as the first rounds go, and kept in those that follow.
@@ -556,7 +556,7 @@ def descend_reweighted(
 
 
 def _least(problem: Problem) -> float:
-    """A spread below which there is none, in the unit of the weighted residual."""
+    """Smallest spread that is told from zero, in the unit of the weighted residual."""
     return _ROUNDING * float(np.sqrt(np.mean((problem.force * problem.weight) ** 2)))
 
 

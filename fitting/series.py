@@ -1,4 +1,4 @@
-"""A series of muscles, the same but for their length: one model of all, and of lengths never seen.
+"""A series of muscles that differ only in length: one model for all, including new lengths.
 
 What transfers from one length to another is decided by leaving each specimen out in turn. A model
 that fits each specimen best by itself need not transfer: a deadband and a dead end make up for
@@ -51,7 +51,7 @@ _EQUAL = (
 
 @dataclasses.dataclass(frozen=True)
 class Series:
-    """One model of a series of muscles.
+    """A model of a series of muscles.
 
     Attributes:
         name: of the family that transfers best, in words.
@@ -100,7 +100,7 @@ class Series:
         *,
         length_std: float = 0.0,
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Force of a muscle never seen, as the rig would measure it, with its standard deviation.
+        """Force of a new muscle as the rig would measure it, with its standard deviation.
 
         The standard deviation is that between specimens, which leaving one out shows with the error
         of the parameters in it, or that of parameters and lengths by linear theory where it is larger.
@@ -139,7 +139,7 @@ def identify_series(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Series:
-    """The model of a series that predicts each specimen from the others best.
+    """Find the model of a series that predicts each specimen best from the others.
 
     Every law is identified on all specimens together, with every parameter shared, with and without
     a deadband, and again without each of the specimens. Whether the rig gives way is not to be told
@@ -240,7 +240,7 @@ class _Judged:
 def _judged(
     data: Sequence[ForceData], constraint: str, starts: int, seed: int, candidate: Candidate
 ) -> _Judged | None:
-    """Its errors; None where the others do not determine the force of every specimen."""
+    """Errors of a candidate; None if the other specimens do not determine every force."""
     posed = _posed(data, constraint, candidate)
     problem, best = posed.problem, descended(posed, starts, seed)
     kinds = {"specimen": (None, 2)}
@@ -340,7 +340,7 @@ def _of_mechanics(
 
 
 def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
-    """The map with readings that weigh less, the more of them there are."""
+    """The map with weights such that every specimen counts the same."""
     largest, mean = max(one.max_force for one in of), np.mean([one.loaded.sum() for one in of])
     std = BETWEEN * largest * np.sqrt(data.loaded.sum() / mean)
     return dataclasses.replace(
@@ -350,7 +350,7 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
 
 @dataclasses.dataclass(frozen=True)
 class OtherLengths:
-    """What is believed of muscles of the same make and another length.
+    """Prior beliefs about muscles of the same make and another length.
 
     Attributes:
         names: of the families.

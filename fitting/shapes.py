@@ -1,4 +1,4 @@
-"""From photographs to the shape of a muscle over length and pressure; a profile as a Fourier series.
+"""Shape of a muscle over length and pressure, from photographs; a profile as a Fourier series.
 
 `shape_surface(table)` fits D(z; L, P) to the pictures, tests it on pictures held out, and gives the
 measured geometry of a muscle with `surface.geometry(specimen)`. `fit_fourier` describes one profile.
@@ -222,7 +222,7 @@ class _Polynomials:
         self.left_out = self.residuals / np.maximum(1 - self.leverage, 1e-9)[:, None]
 
     def basis(self, length: Array, pressure: Array) -> Array:
-        """Chebyshev polynomials in the length, then those times the pressure, each in [-1, 1]."""
+        """Chebyshev polynomials in the length, then the same times the pressure, each in [-1, 1]."""
         low, high = self.ends
         x = (2 * length - low - high) / (high - low)
         terms = np.polynomial.chebyshev.chebvander(x, self.form.degree)
@@ -238,7 +238,7 @@ class _Polynomials:
         return self.coefficients + self.solve @ (sizes * self.left_out)
 
     def variance(self, length: Array, pressure: Array) -> Array:
-        """Of a new picture's diameters there [m2], shape (n, m)."""
+        """Variance of the diameters of a new picture [m2], shape (n, m)."""
         terms = self.basis(length, pressure) @ self.solve
         scatter = np.sum(self.residuals**2, axis=0) / max(len(self.leverage) - len(self.solve), 1)
         return (1 + np.sum(terms**2, axis=1))[:, None] * scatter
@@ -305,7 +305,7 @@ def _fit_threads(pictures: Pictures) -> Threads:
 
 @dataclasses.dataclass(frozen=True)
 class HeldOut:
-    """Errors of a surface on pictures that were left out of it.
+    """Errors of a surface on held-out pictures.
 
     Attributes:
         pictures: that were held out.
@@ -352,7 +352,7 @@ class ShapeSurface:
     notes: tuple[str, ...]
 
     def summary(self) -> tuple[str, ...]:
-        """Sentences that a reader of a fit with this shape must know."""
+        """Notes for the reader of a fit with this shape."""
         test, (short, long) = self.held_out, (self.lengths[-1], self.lengths[0])
         return (
             f"The shape is measured: {len(self.used)} pictures from {short * 1e3:.4g} to "
@@ -475,7 +475,7 @@ def shape_surface(table: Any, *, draws: int = 64, seed: int = 0) -> ShapeSurface
 
 
 def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
-    """Errors of the diameter that all pictures have in common [m], shape (draws, m).
+    """Diameter errors [m] shared by all pictures, shape (draws, m).
 
     That of the average diameter, and along the axis what the positions' own errors exceed it by,
     correlated as the outline is smoothed.
@@ -490,7 +490,7 @@ def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
 
 
 def _forms(pictures: Pictures) -> list[SurfaceForm]:
-    """Those that the pictures can carry, the plainest first."""
+    """Forms that the pictures can determine, the simplest first."""
     span = float(np.ptp(pictures.length))
     lengths = 1 + int(np.sum(np.diff(np.sort(pictures.length)) > 1e-3 * span)) if span else 1
     if lengths < 4:
@@ -509,7 +509,7 @@ def _forms(pictures: Pictures) -> list[SurfaceForm]:
 
 
 def _choose(pictures: Pictures) -> SurfaceForm:
-    """The form that predicts best a picture that is left out, and more of it.
+    """The form with the best prediction of held-out pictures, and its errors.
 
     What predicts best still errs as much by its bias as by its scatter, and no band covers a bias.
     """

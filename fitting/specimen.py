@@ -25,7 +25,7 @@ _OF_THE_FIT = ("braid_angle", "braid_diameter", "deadband_pressure")
 
 
 class Plausible(NamedTuple):
-    """A kind of quantity, and what muscles have of it.
+    """A kind of quantity, and its plausible range for muscles.
 
     Attributes:
         kind: of unit, one of `UNITS`.
@@ -94,7 +94,7 @@ def any_units() -> Iterator[None]:
 
 
 def check_plausible(what: str, value: float, quantity: str | None, unit: str = "") -> None:
-    """Refuse a number that no muscle has, and say which unit it looks like.
+    """Refuse an implausible number, and suggest the unit that it looks like.
 
     Args:
         what: it is, the subject of the sentence.
@@ -164,7 +164,7 @@ def check_bounds(name: str, kind: str, ends: Iterable[float], unit: str = "") ->
 
 
 def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = "") -> None:
-    """Refuse a prior of another unit, and one that is so narrow that it holds the parameter.
+    """Refuse a prior in another unit, and a prior so narrow that it fixes the parameter.
 
     Args:
         name: of the parameter.
@@ -258,7 +258,7 @@ SPECIMEN_LENGTHS = (
 
 
 def said_number(value: str, what: str) -> float:
-    """A number of a line that describes a muscle."""
+    """A number from a line that describes a muscle."""
     try:
         return float(value)
     except ValueError:
@@ -317,7 +317,7 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
 
 
 class Described(NamedTuple):
-    """A specimen of which not everything was said.
+    """A specimen that is not completely described.
 
     Attributes:
         specimen: with what had to be assumed.
@@ -331,7 +331,7 @@ class Described(NamedTuple):
 
 
 def describe(known: Mapping[str, Any], longest: float) -> Described:
-    """Complete a specimen with defaults for what is not given.
+    """Complete a specimen with defaults for missing fields.
 
     Args:
         known: fields of `Specimen` in SI; the name is needed.

@@ -1,4 +1,4 @@
-"""From the end of a search to an identification: covariance, estimates with errors, certificate."""
+"""From an optimum to an identification: covariance, estimates with errors, certificate."""
 
 import dataclasses
 import math
@@ -27,7 +27,7 @@ _STEP = 1e-3  # of a path, by which the bend of a modulus is seen
 
 @dataclasses.dataclass(frozen=True)
 class Optimal:
-    """An optimum and what follows from it for a reader.
+    """An optimum with its covariance and coefficients.
 
     Attributes:
         problem: with its stations placed.
@@ -217,7 +217,7 @@ def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...
 def concerning(
     estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, found: Optimal
 ) -> tuple[Estimate, ...]:
-    """The estimates that concern one specimen; of a law with several nodes, none of them."""
+    """The estimates for one specimen, without coefficients of a law with several nodes."""
     count = len(found.problem.names)
     mine = own_names(found.problem.names, data.specimen.name)
     geometry = tuple(e for e in estimates[:count] if e.name in mine)
@@ -234,7 +234,7 @@ def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Est
 
 
 def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...]:
-    """What follows from a specimen's parameters, with errors by the delta method."""
+    """Derived quantities of a specimen, with errors by the delta method."""
     part = found.problem.parts[place]
     names, values, slopes = part.family.derived_names, reported.derived, reported.d_derived.T
     own = part.at[: len(slopes)]
@@ -260,7 +260,7 @@ def summarise(
     seed: int,
     weights: Weights | None = None,
 ) -> tuple[Identification, ...]:
-    """The identifications, one for each force map, that an optimum stands for."""
+    """The identifications at an optimum, one per force map."""
     problem, point = found.problem, found.point
     margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
     certificate = _certificate(found, ends, margins)

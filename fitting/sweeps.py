@@ -98,7 +98,7 @@ class SweepRow:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Sweep:
-    """What `sweep` found.
+    """Result of `sweep`.
 
     Attributes:
         rows: all fits, by dependence, order and constraint.
@@ -197,7 +197,7 @@ def sweep(
 
 
 def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """What was named, in the order in which it is known."""
+    """The named options in their standard order."""
     strange = [value for value in given if value not in known]
     if strange or not given:
         raise InputError(f"{what}: known are {', '.join(known)}; got {strange or 'none'}")

@@ -1,4 +1,4 @@
-"""What a fit says when it is made again: cross-validation, profile likelihood, bootstrap.
+"""Repeated fits: cross-validation, profile likelihood, bootstrap.
 
 Levels of pressure or length, or specimens, are left out one after another; a parameter is held beside
 its optimum; readings are drawn anew. All refits of a question run at once.
@@ -33,7 +33,7 @@ _QUICK: dict[str, Any] = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
 
 @dataclasses.dataclass(frozen=True)
 class LeftOut:
-    """Errors of predictions of readings that the fit had not seen.
+    """Prediction errors on held-out readings.
 
     Attributes:
         groups: what was left out together, readings of one "pressure", "length" or "specimen".
@@ -55,7 +55,7 @@ class LeftOut:
 
     @property
     def values(self) -> Float[np.ndarray, " groups"]:
-        """What was left out one after another, see `level`; means where a group has several."""
+        """The level of each group that was left out; the mean if a group has several levels."""
         return levels_of_groups(self.level, self.group)
 
     @property
@@ -65,12 +65,12 @@ class LeftOut:
 
     @property
     def rmse(self) -> float:
-        """Over all readings [N]."""
+        """RMSE over all readings [N]."""
         return _root_mean_square(self.error)
 
     @property
     def interior_rmse(self) -> float:
-        """Over all groups but the lowest and the highest [N], which are extrapolations; nan if none."""
+        """RMSE [N] without the lowest and the highest group (extrapolations); nan if none remain."""
         return _root_mean_square(self.error[(self.group > 0) & (self.group < self.group.max())])
 
 
@@ -109,7 +109,7 @@ def validate(
     starts: int = 4,
     progress: Callable[[int, int], None] | None = None,
 ) -> LeftOut:
-    """The errors of an identification on pressures, lengths or muscles that it has not seen.
+    """Cross-validate an identification by pressures, lengths or specimens.
 
     Everything that was identified is identified again without the group, from the optimum and
     from other starts, and predicts it. All refits run at once.
@@ -134,7 +134,7 @@ def validate(
 
 
 def check_groups(result: Identification, groups: str) -> None:
-    """Refuse groups of which each alone cannot be left out, and predicted from the others.
+    """Refuse groups that cannot be left out and predicted from the others.
 
     Raises:
         InputError: as from `validate`.
@@ -229,7 +229,7 @@ def best_ends(
     progress: Callable[[int, int], None] | None = None,
     **settings: Any,
 ) -> list[End]:
-    """The best ends of descents, one for each problem.
+    """Best end point of the descents of each problem.
 
     Args:
         problems: with other readings, weights or bounds.

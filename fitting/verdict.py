@@ -60,7 +60,7 @@ _LEFT_OUT = 0.05  # RMSE of what is left out, of the largest force
 
 @dataclasses.dataclass(frozen=True)
 class Judgement:
-    """Whether a fit may be believed.
+    """Verdict on whether a fit can be trusted.
 
     Attributes:
         level: the verdict.
@@ -86,7 +86,7 @@ def _judgement(
     results: Sequence[Identification],
     suspicions: Sequence[Suspicion] = (),
 ) -> Judgement:
-    """The verdict that remarks make."""
+    """The verdict that follows from remarks."""
     reasons = [one for one in sorted(said, key=lambda one: -one.level) if one.level]
     worst = max((one.level for one in reasons), default=0)
     unsure = any("rest_length" in one.data.assumed for one in results)
@@ -134,7 +134,7 @@ def judge(
 
 
 def _of_one_pressure(result: Identification) -> list[str]:
-    """What readings at a single pressure leave to the model."""
+    """What readings at a single pressure cannot determine."""
     data, loaded = result.data, result.data.loaded
     if np.unique(data.pressures.level[loaded]).size > 1:
         return []
@@ -158,7 +158,7 @@ _CHECKS = {
 
 
 def _unchecked(result: Identification) -> str:
-    """What the description of the specimen leaves open."""
+    """What is missing in the description of the specimen."""
     left = [check for name, check in _CHECKS.items() if name in result.data.assumed]
     if not left:
         return ""
@@ -167,7 +167,7 @@ def _unchecked(result: Identification) -> str:
 
 
 def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]:
-    """Pressures, or lengths between the shortest and the longest, that the others predict badly."""
+    """Pressures or interior lengths that are predicted badly from the others."""
     found = []
     for kind, one in left_out.items():
         errors = one.group_rmse
@@ -188,7 +188,7 @@ def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]
 
 
 def _of_residuals(result: Identification, misfit: float) -> list[str]:
-    """Residuals that are no noise, where they are not small, either."""
+    """Residuals that are not noise and not small."""
     found = []
     std = result.data.force_std
     if std is not None:
