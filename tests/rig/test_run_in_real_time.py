@@ -95,6 +95,6 @@ def test_a_person_at_a_terminal_begins_and_stops(
     code, out, _ = run(capsys, "run", plan, "--port", port, "--output", tmp_path, "--yes")
     thread.join()
     assert code == (130 if last else 0)
-    assert "Press Enter when the strokes have begun" in out
+    assert "Type begin (or Enter alone), pause, skip, repeat or stop" in out
     done = read_journal(journal).notes_of("done")
     assert [note["block"] for note in done] == ([0] if last else [0, 1])
