@@ -86,8 +86,8 @@ def test_the_law_and_the_turns_come_back(folder: Path, capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "not the NetCDF file"),
-        (b"pressure_psi\n1\n", "not the NetCDF file"),
+        (b"", "not a measurements.nc file"),
+        (b"pressure_psi\n1\n", "not a measurements.nc file"),
         (None, "no such file"),
     ],
 )
