@@ -242,12 +242,11 @@ def ranked(
 def preferred(tried: Sequence[Tried]) -> list[int]:
     """Places of the families, the one to believe first in front.
 
-    The smallest held-out error comes first. Where only pressures could be left out, little tells the laws
-    apart: those within `ALIKE` of the smallest come in the order of the ladder then.
+    The smallest held-out error comes first. Pressures, or a few specimens, hardly tell the laws apart: if
+    no lengths could be left out, those within `ALIKE` of the smallest come in the order of the ladder.
     """
     least = min(one.held_out for one in tried)
-    telling = {kind for one in tried for kind in one.left_out} - {"pressure"}
-    factor = 1.0 if telling else ALIKE
+    factor = 1.0 if any("length" in one.left_out for one in tried) else ALIKE
 
     def order(place: int) -> tuple[bool, float | tuple[int, ...]]:
         one = tried[place]

@@ -263,8 +263,9 @@ def series(
     """Identify several muscles of a series together, to predict those of other lengths.
 
     All share one braid, one bladder and one rig; only the length differs. Each law, with and without a
-    deadband and a compliant rig, is judged by specimens that it predicts from the others. The best is
-    kept. Predictions are its mean with up to two more models of its law.
+    deadband and a compliant rig, is judged by specimens that it predicts from the others. The first
+    law with an error within half of the smallest is kept. Predictions are its mean with up to two more
+    models of its law.
 
     Writes `fit.json`, for `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The exit
     code is 1 if nothing was identified.
