@@ -352,8 +352,8 @@ class Density(eqx.Module):
         return scale[:, None] * (A @ of.scale), b, jnp.asarray(N @ of.scale), h - N @ of.centre
 
     def _prior(self, p: Array) -> Array:
-        places, means, weights = self.fit.priors
-        return jnp.asarray(weights / self.prior_noise * (p[places] - means))
+        rows, means = self.fit.priors
+        return jnp.asarray((rows @ p - means) / self.prior_noise)
 
     def _coefficients(
         self, N: Array, offset: Array, slack: Array, rest: Array

@@ -371,9 +371,9 @@ def _weighing(problem: Problem, at: Layout) -> Weighing:
         weight = problem.noise / prior.std
         targets[row] = weight * prior.mean
         if row < len(problem.coefficient_priors):
-            rows[row, prior.place] = weight
+            rows[row, :n] = weight * prior.direction
         else:
-            d_targets[prior.place, row] = -weight
+            d_targets[: prior.direction.size, row] = -weight * prior.direction
     unused = np.arange(n, sizes.coefficients)
     rows[len(known) + unused - n, unused] = 1.0
     force, weight = at.spread(problem.force), at.spread(problem.weight, missing=0.0)

@@ -7,15 +7,18 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
+from famjax.boundary.errors import InputError
 
 from .arguments import check_whole
 from .data import ForceData, several_maps
 from .families import LawGiven
 from .mechanics import check_ends, equilibrium_options
 from .parameters import Parameter
+from .pictured import join, read_pictures
 from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
 from .search import best_of, check_objective, descend_all, descend_reweighted, refine
+from .shapes import Pictures
 from .summary import optimal, summarise
 
 
@@ -33,6 +36,7 @@ def identify(
     geometry: Geometry | None = None,
     terms: famjax.terms.AbstractForceTerm | None = None,
     ends: str = "cylinder",
+    pictures: Any = None,
     censored: bool = False,
     starts: int = 16,
     seed: int = 0,
@@ -79,6 +83,8 @@ def identify(
         ends: "cylinder", or "equilibrium": the shape follows from mechanics between end-fittings whose
             diameter is identified, `famjax.EquilibriumMuscle`. The force is not linear in the law then,
             so that the fit has a local optimum and no certificate, and no constraint is placed.
+        pictures: photographs whose profiles are fitted together with the force, a `measurements.nc` with
+            pressures or its table; for ends="equilibrium".
         censored: whether slack readings count where the model pulls at them, and saturated ones
             where it pulls less than the load cell's limit, as one-sided squares; the fit stays convex.
         starts: number of starts, Latin hypercube over the box.
@@ -103,10 +109,19 @@ def identify(
     }  # fmt: skip
     if check_ends(ends, asked) == "equilibrium":
         asked = equilibrium_options((data,), law, order, bounds, parameters, seed)
+    elif pictures is not None:
+        raise InputError(
+            "pictures are fitted together with the force only for ends='equilibrium'. To use the measured "
+            "shape instead, give geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
+        )
+    shapes = None if pictures is None else read_pictures(pictures)
+    if shapes is not None and objective != "sum_of_squares":
+        raise InputError(f"with pictures the objective is sum_of_squares, got {objective!r}")
     posed = pose((data,), noise=noise, censored=censored, **asked)
     (found,) = solve(
-        posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress
-    )
+        posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress,
+        pictures=shapes, noise=noise or (None if data.force_std is None else 1.0),
+    )  # fmt: skip
     return found
 
 
@@ -178,6 +193,8 @@ def solve(
     objective: str = "sum_of_squares",
     seed: int,
     progress: Callable[[int, int], None] | None = None,
+    pictures: Pictures | None = None,
+    noise: float | None = None,
 ) -> tuple[Identification, ...]:
     """The identifications for a posed problem, one per force map.
 
@@ -187,18 +204,22 @@ def solve(
         objective: as in `identify`.
         seed: of the starts, which the identification knows.
         progress: called with (starts done, starts).
+        pictures: fitted together with the force of the one map.
+        noise: standard deviation of a force reading by which they are weighed; None if not stated.
 
     Raises:
         InputError: no start ends at a force for every reading.
     """
-    problem, weights = posed.problem, None
+    problem, weights, shapes = posed.problem, None, None
     if objective != "sum_of_squares":
         best, ends, weights = descend_reweighted(problem, starts, objective, progress)
         problem = problem.with_readings(factor=weights.factor)
     else:
         ends = descend_all(problem, starts, progress)
         best = best_of(ends)
+    if pictures is not None:
+        best, problem, shapes = join(problem, best, pictures, noise)
     best, problem = refine(problem, best, EXCHANGES)
     best = best_of([best])  # a rig that gives way may have a force there only by way of the descent
     found = optimal(problem, best, posed.law.order, weights)
-    return summarise(posed, found, ends, seed, weights)
+    return summarise(posed, found, ends, seed, weights, shapes)

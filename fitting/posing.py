@@ -266,8 +266,8 @@ def _interval(name: str, entry: Entry) -> tuple[float, float]:
 
 
 def _priors(names: Sequence[str], table: Mapping[str, Entry]) -> tuple[Prior, ...]:
-    found = [(place, table[name].prior) for place, name in enumerate(names)]
-    return tuple(Prior(place, *prior) for place, prior in found if prior is not None)
+    found = zip(np.eye(len(names)), (table[name].prior for name in names), strict=True)
+    return tuple(Prior(row, *prior) for row, prior in found if prior is not None)
 
 
 def _part(

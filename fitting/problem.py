@@ -33,14 +33,15 @@ _HELD = 1e-9  # of the box: a parameter this near to a bound is on it
 
 @dataclasses.dataclass(frozen=True)
 class Prior:
-    """Prior knowledge about a parameter, beyond the data.
+    """Prior knowledge beyond the data: direction . parameters = mean +- std.
 
     Attributes:
-        place: in the vector of nonlinear parameters, or among the coefficients of a law.
+        direction: of the nonlinear parameters, or of the coefficients, shape (q,) or (n,); a unit vector
+            for one of them.
         mean, std: in SI.
     """
 
-    place: int
+    direction: Float[np.ndarray, " _"]
     mean: float
     std: float
 
@@ -223,7 +224,7 @@ class PureProblem(eqx.Module):
         free: places of those that may move.
         limits: rows and offsets of the bounds on the coefficients, G x >= h; zeros for none.
         prior_rows: rows and targets of priors on coefficients, weighted.
-        priors: places, means and weights of priors on nonlinear parameters.
+        priors: rows and targets of priors on nonlinear parameters, weighted.
         constraint: on the coefficients.
         compliant: whether a rig gives way.
     """
@@ -234,7 +235,7 @@ class PureProblem(eqx.Module):
     free: tuple[int, ...] = eqx.field(static=True)
     limits: tuple[Float[AnyArray, "m n"], Float[AnyArray, " m"]]
     prior_rows: tuple[Float[AnyArray, "k n"], Float[AnyArray, " k"]]
-    priors: tuple[Int[AnyArray, " r"], Float[AnyArray, " r"], Float[AnyArray, " r"]]
+    priors: tuple[Float[AnyArray, "r q"], Float[AnyArray, " r"]]
     constraint: Constraint = eqx.field(static=True)
     compliant: bool = eqx.field(static=True)
 
@@ -244,12 +245,11 @@ class PureProblem(eqx.Module):
         unit, (low, high) = np.eye(len(problem.linear)), (problem.lowest, problem.coefficient_max)
         ends = [(np.isfinite(low), unit, low), (np.isfinite(high), -unit, -high)]
 
-        def priors(of: tuple[Prior, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            rows = [(prior.place, prior.mean, problem.noise / prior.std) for prior in of]
-            places, means, weights = np.array(rows, float).reshape(-1, 3).T
-            return places.astype(int), means, weights
+        def priors(of: tuple[Prior, ...], size: int) -> tuple[np.ndarray, np.ndarray]:
+            weights = np.array([problem.noise / one.std for one in of])
+            rows = np.array([one.direction for one in of]).reshape(-1, size)
+            return weights[:, None] * rows, weights * np.array([one.mean for one in of])
 
-        places, means, weights = priors(problem.coefficient_priors)
         return cls(
             parts=tuple(
                 _Part(p.family, p.inputs, p.weight, p.at, p.coefficients) for p in problem.parts
@@ -261,8 +261,8 @@ class PureProblem(eqx.Module):
                 np.concatenate([rows * on[:, None] for on, rows, _ in ends]),
                 np.concatenate([np.where(on, end, -1.0) for on, _, end in ends]),
             ),
-            prior_rows=(weights[:, None] * unit[places], weights * means),
-            priors=priors(problem.priors),
+            prior_rows=priors(problem.coefficient_priors, len(problem.linear)),
+            priors=priors(problem.priors, len(problem.names)),
             constraint=problem.constraint,
             compliant=any(part.rig for part in problem.parts),
         )
@@ -334,10 +334,8 @@ class PureProblem(eqx.Module):
             )
             residuals.append(part.weight * (model - force[here]))
             values.append(constraint)
-        (rows, targets), (G, h), (places, means, weights) = (
-            self.prior_rows, self.limits, self.priors
-        )  # fmt: skip
-        residuals += [rows @ x - targets, jnp.asarray(weights * (p[places] - means))]
+        (rows, targets), (G, h), (own, means) = self.prior_rows, self.limits, self.priors
+        residuals += [rows @ x - targets, jnp.asarray(own @ p - means)]
         return jnp.concatenate(residuals), jnp.concatenate([*values, G @ x - h])
 
     def differentiable(

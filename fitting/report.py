@@ -33,6 +33,7 @@ from famjax.compile_options import as_arrays, quick_jit
 from .arguments import check_path
 from .choice import Choice, choice_table
 from .evidence import Evidence, Table, evidence_tables, evidence_warnings
+from .pictured import PictureFit
 from .prediction import static_rows
 from .result import Estimate, Identification, check_identified
 from .saved import correlations, fit_as_dict, versions
@@ -101,6 +102,7 @@ def _templates(package: str) -> jinja2.Environment:
 _COLOURS = mpl.colormaps["viridis"]
 _BEYOND = 1.25  # the law is drawn to this multiple of the strain range
 _CURVES = 24  # of the model at most: a map may have as many pressures as readings
+_PROFILES = 6  # in one picture
 _SINGLE = 500  # readings that a page has one by one; more are a picture in it
 
 
@@ -254,6 +256,26 @@ def plot_law(result: Identification, axes: Axes | None = None, system: str = "me
     axes.set_title(f"{way}bladder law; dashed where falling", fontsize=9)
     axes.legend(framealpha=1, fontsize=8)
     return axes
+
+
+def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
+    """Photographed (points) and computed profiles (lines), from the longest to the shortest muscle."""
+    figure = Figure(figsize=(11, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes, size = figure.subplots(), _unit(system, "length")
+    order = np.argsort(-pictures.length)
+    for place in order[np.unique(np.linspace(0, order.size - 1, _PROFILES).astype(int))]:
+        length, level = float(pictures.length[place]), float(pictures.pressure[place])
+        z = pictures.position * length / size
+        (line,) = axes.plot(z, pictures.computed[place] / size)
+        told = [Quantity(length, "length", 4), Quantity(level, "pressure", 3)]
+        axes.plot(z, pictures.measured[place] / size, "o", color=line.get_color(), markersize=4,
+                  label=", ".join(one.in_units(system) for one in told))  # fmt: skip
+    unit = unit_system(system)["length"]
+    axes.set(xlabel=f"position along the muscle, {unit}", ylabel=f"braid diameter, {unit}")
+    axes.legend(title="length, pressure", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.margins(y=0.1)
+    return figure
 
 
 def law_stress(
@@ -485,6 +507,7 @@ class Findings:
                 "The shape is stable at every loaded reading (smallest stiffness "
                 f"{certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear in the law: the "
                 "optimum is the best of those that were found, without a certificate.",
+                *([] if result.pictures is None else [result.pictures.summary()]),
                 _WITHIN,
             ]
         # A margin at rounding level is that of an active constraint.
@@ -690,12 +713,17 @@ def html_report(
     """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
     result = found.result
     drawn = plot_fit(result, system) if figure is None else figure
+    profiles = None
+    if result.pictures is not None:
+        drawn_profiles = as_svg(plot_profiles(result.pictures, system))
+        profiles = inline_svg(drawn_profiles, "profiles", "photographed and computed profiles")
     content = [found.numbers(system), *found.tables(system), specimen_table(result, system)]
     return page(
         "report.html",
         found=found,
         system=system,
         figure=inline_svg(as_svg(drawn), "fit", "isobars, residuals and the bladder's law"),
+        profiles=profiles,
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
         terms={type(one).__name__ for one in terms_of(result.muscle)},
         origin=origin,

@@ -21,6 +21,7 @@ from .data import ForceData, data_frame
 from .engine import predict
 from .families import Law
 from .parameters import standard_table
+from .pictured import PictureFit
 from .problem import Problem
 from .response import Constraint
 from .search import End
@@ -197,6 +198,7 @@ class Identification:
         place: which of the problem's parts this specimen is.
         solved: the problem and the end of the best descent; of a fit that was read back, what makes both
             anew from its readings.
+        pictures: photographed and computed profiles, if both were fitted together.
         outlook: what predictions are made of.
         document: the whole `fit.json` of a fit that was read back, as plain data in SI; empty otherwise.
     """
@@ -225,6 +227,7 @@ class Identification:
     covariance: Float[np.ndarray, "k k"]
     place: int
     solved: Solved | Callable[[], Solved]
+    pictures: PictureFit | None = None
     outlook: Outlook = Outlook()
     document: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 

@@ -46,6 +46,7 @@ from .evidence import Evidence, evidence_as_dict, evidence_warnings
 from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
 from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
+from .pictured import PictureFit
 from .posing import EXCHANGES, pose
 from .result import (
     Certificate,
@@ -143,6 +144,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     elif isinstance(muscle, famjax.EquilibriumMuscle):
         ends = {one.name: (one.min, one.max) for one in estimates}
         law = SearchedLaw(muscle.material, tuple((name, *ends[name]) for name in law.coefficients))
+    pictures = document["photographs"]
     known = {
         name: document[name]
         for name in ("strain_range", "constraint", "dependence", "seed", "converged",
@@ -167,6 +169,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
         covariance=_array(document["covariance"]["matrix"]),
         place=0,
         solved=functools.partial(_opened, document, own),
+        pictures=pictures and PictureFit.from_dict(pictures),
         outlook=_outlook(document, mounted, own),
         document=document,
         **known,
@@ -199,7 +202,9 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     )  # fmt: skip
     (part,) = posed.problem.parts
     problem = dataclasses.replace(
-        posed.problem, parts=(dataclasses.replace(part, weight=_array(asked["reading_weights"])),)
+        posed.problem,
+        parts=(dataclasses.replace(part, weight=_array(asked["reading_weights"])),),
+        priors=posed.problem.priors + (fit.pictures.priors if fit.pictures else ()),
     )
     values = np.array([fit.estimate(name).value for name in problem.names])
     low, high = problem.low[problem.free], problem.high[problem.free]
@@ -465,6 +470,7 @@ def fit_as_dict(
             **{n: v.tolist() if isinstance(v := getattr(data, n), np.ndarray) else v for n in _SAID},
         },
         "posed": result.document.get("posed") or _posed(result),
+        "photographs": None if result.pictures is None else result.pictures.as_dict(),
         "seed": result.seed,
         "spread": {
             "band": "linear" if drawn is None else "bootstrap",

@@ -16,6 +16,7 @@ from .covariance import Covariance, covariance
 from .data import ForceData
 from .engine import Point, numbers_of, partial, predict, report_of, solve
 from .parameters import Entry
+from .pictured import PictureFit
 from .posing import Posed, own_names
 from .problem import Part, Problem
 from .response import Report, unflat
@@ -259,6 +260,7 @@ def summarise(
     ends: Sequence[End],
     seed: int,
     weights: Weights | None = None,
+    pictures: PictureFit | None = None,
 ) -> tuple[Identification, ...]:
     """The identifications at an optimum, one per force map."""
     problem, point = found.problem, found.point
@@ -309,6 +311,7 @@ def summarise(
                 covariance=found.spread.matrix,
                 place=k,
                 solved=Solved(problem, found.end),
+                pictures=pictures,
             )
         )
     return tuple(results)

@@ -112,7 +112,8 @@ class Asked:
         Add a force term of your own, module:Class, repeatable. Its declared numbers are identified.
     shape
         Use the shape from photographs, the `measurements.nc` of `famjax measure`, instead of a
-        cylinder. The turns of the threads are identified; `--bounds turns=1.09` holds them.
+        cylinder. The turns of the threads are identified; `--bounds turns=1.09` holds them. With
+        `--ends equilibrium`, fit profiles and force together.
     ends
         Take the ends as the cylinder's, or let the shape follow from mechanics (equilibrium). Without --law
         the shape from mechanics is one more model to choose from; its fit has no certificate.

@@ -217,7 +217,9 @@ class Problem:
             "ends": asked.ends,
         }
         fitted, surface = data, None
-        if asked.shape is not None:
+        if asked.shape is not None and asked.ends == "equilibrium":
+            options["pictures"] = asked.shape
+        elif asked.shape is not None:
             fitted, options, surface = _with_shape(data, Path(asked.shape), options)
         return cls(asked, fitted, options, errors, surface)
 

@@ -91,6 +91,55 @@ def test_a_fitting_of_unknown_diameter_is_asked_for(data: fitting.ForceData) -> 
         EquilibriumSource.of(nameless)
 
 
+def _pictures(specimen: fitting.Specimen, error: float = 2e-5) -> fitting.shapes.Pictures:
+    """Eight photographs of the made-up muscle, their diameters with this error [m]."""
+    length, pressure = 0.2 * np.linspace(0.84, 1, 8), np.linspace(3e5, 5e5, 8)
+    x = np.linspace(0, 1, 41)
+    shape = _muscle(specimen, TRUTH).profile(length, pressure, 401)
+    exact = [
+        np.interp(x * L, z, 2 * r)
+        for L, z, r in zip(length, shape.position, shape.radius, strict=True)
+    ]
+    noise = np.random.default_rng(5).normal(0, error, (8, x.size))
+    names = tuple(f"{k}.jpg" for k in range(8))
+    return fitting.shapes.Pictures(
+        names, length, exact + noise, pressure, local_std=np.full(x.size, error)
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_photographs_and_force_are_fitted_together(
+    data: fitting.ForceData, fit: fitting.Identification, tmp_path: Path
+) -> None:
+    pictures = _pictures(data.specimen)
+    both = fitting.identify(
+        data, law="ogden", ends="equilibrium", noise=1.0, starts=4, pictures=pictures
+    )
+    assert both.pictures is not None
+    assert both.pictures.rmse < 4e-5
+    for name, true in {**TRUTH, **OF_LAW}.items():
+        one = both.estimate(name)
+        assert abs(one.value - true) < 4 * one.stderr, name
+        assert one.stderr < 1.05 * fit.estimate(name).stderr, name
+    # The photographs show the fittings, which the force hardly feels.
+    assert both.estimate("end_diameter").stderr < 0.3 * fit.estimate("end_diameter").stderr
+    fitting.write_fit(both, tmp_path)
+    saved = fitting.load_fit(tmp_path / "fit.json")
+    assert saved.pictures.summary() == both.pictures.summary()
+    np.testing.assert_allclose(saved.problem.priors[0].direction, both.pictures.priors[0].direction)
+    assert "photographed and computed profiles" in (tmp_path / "report.html").read_text()
+
+
+def test_photographs_that_cannot_be_used(data: fitting.ForceData) -> None:
+    pictures = _pictures(data.specimen)
+    with pytest.raises(InputError, match="only for ends='equilibrium'"):
+        fitting.identify(data, pictures=pictures)
+    unknown = dataclasses.replace(pictures, pressure=np.full(8, np.nan))
+    with pytest.raises(InputError, match="every photograph needs its pressure"):
+        fitting.identify(data, ends="equilibrium", pictures=unknown)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_series_tells_of_a_length_that_it_has_not_seen() -> None:
