@@ -450,7 +450,10 @@ def shape_surface(table: Any, *, draws: int = 64, seed: int = 0) -> ShapeSurface
     lengths = np.linspace(used.length.max(), used.length.min(), KNOTS)
     low, high = used.pressure_ends()
     if form.with_pressure >= 0:
-        notes.append(f"The shape at a length changes with the pressure: {form}.")
+        notes.append(
+            f"The shape at a length changes with the pressure: polynomials of degree {form.degree} in "
+            f"length, and of degree {form.with_pressure} in length times the pressure."
+        )
     elif np.isfinite(low):
         notes.append("The shape at a length does not change with the pressure beyond its scatter.")
         low = high = np.nan
@@ -509,12 +512,22 @@ def _forms(pictures: Pictures) -> list[SurfaceForm]:
 
 
 def _choose(pictures: Pictures) -> SurfaceForm:
-    """The form with the best prediction of held-out pictures, and its errors.
+    """The form with the smallest held-out error, and two more degrees in length.
 
-    What predicts best still errs as much by its bias as by its scatter, and no band covers a bias.
+    The form that predicts best has as much bias as scatter, and no band covers a bias. Terms with the
+    pressure must lower the error by more than its standard error (Breiman et al. 1984).
     """
     forms = _forms(pictures)
-    best = min(forms, key=lambda form: np.mean(_Polynomials(pictures, form).left_out ** 2))
+    errors = {form: np.mean(_Polynomials(pictures, form).left_out ** 2, axis=1) for form in forms}
+    best, *other = (
+        min(group, key=lambda form: np.mean(errors[form]))
+        for dependent in (False, True)
+        if (group := [form for form in forms if (form.with_pressure >= 0) == dependent])
+    )
+    for form in other:
+        gain = errors[best] - errors[form]
+        if gain.mean() > gain.std(ddof=1) / np.sqrt(gain.size):
+            best = form
     more = best._replace(degree=best.degree + MORE)
     return more if more in forms else best
 

@@ -20,7 +20,7 @@ from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
 from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.report import write_fit
-from imaging.campaign import PARTS
+from imaging.campaign import PARTS, Table
 from rig.calibration import Calibration
 from rig.journal import read_journal, stored_calibration
 
@@ -43,7 +43,7 @@ GEOMETRIES = {
 FORCE_MAP = "dataset.csv"
 CLOCK = "clock"
 """Source of error: the alignment of the journal's clock and the log's."""
-_CLOCK_MAP, _SENSORS = "dataset-clock.csv", "sensors.json"
+_CLOCK_MAP, _SENSORS, _PRESSURES = "dataset-clock.csv", "sensors.json", "pressures.csv"
 
 
 def evaluation_steps(
@@ -128,8 +128,9 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     journal = read_journal(sheet.path(records.journal))
     named = parse_columns(records.columns)
     named.pop("pressure", None)  # the journal has it
+    log = read_machine_log(sheet.path(records.machine_log), columns=named)
     analysed = functools.partial(
-        analyse, journal, read_machine_log(sheet.path(records.machine_log), columns=named),
+        analyse, journal, log,
         rest_length=rest,
         sync_column=records.sync_column,
         near=None if records.near is None else (records.near, 5.0),
@@ -143,6 +144,11 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
         found.alignment, offset=found.alignment.offset + found.alignment.offset_error
     )
     _write_shared(analysed(alignment=apart), stored_calibration(journal), place)
+    machine_time = np.interp(found.record.time, found.alignment.journal_time(log.time), log.time)
+    np.savetxt(
+        place / _PRESSURES, np.stack([machine_time, found.record.pressure], axis=1),
+        fmt="%.10g", delimiter=",", header="time_s,pressure_Pa", comments="",
+    )  # fmt: skip
     entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
     dates = [note["wall"] for note in journal.notes_of("journal")]
@@ -207,7 +213,11 @@ def _measure(
         [str(sheet.folder / photographs.pictures)],
         recipe=recipe,
         provenance=dict(provenance),
-        add_log=None if log is None else add_log(log, photographs.log_offset),
+        add_log=None
+        if log is None
+        else lambda table: _with_pressures(
+            add_log(log, photographs.log_offset)(table), _results(sheet) / RECORDS / _PRESSURES
+        ),
         rest_length=sheet.specimen.rest_length,
         executor=executor,
         system=system,
@@ -221,6 +231,23 @@ def _measure(
         )
     checks = picture_checks(sheet, photographs, outcome.table, log, read_map(sheet).length)
     settle(checks, place)
+
+
+def _with_pressures(table: Table, path: Path) -> Table:
+    """The table with the journal's pressure at each picture; nan where the journal is silent.
+
+    Args:
+        table: of the pictures, with their times by the machine's clock.
+        path: pressures over the machine's time, from the records' step.
+    """
+    if "log_time" not in table.columns or "pressure" in table.columns or not path.exists():
+        return table
+    time, pressure = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+    at = table["log_time"]
+    apart = np.min(np.abs(time - at[:, None]), axis=1)
+    known = apart <= 2 * np.median(np.diff(time))
+    found = np.where(known, np.interp(at, time, pressure), np.nan)
+    return dataclasses.replace(table, columns={**table.columns, "pressure": found})
 
 
 def _shape(sheet: Sheet, place: Path) -> None:
