@@ -5,7 +5,7 @@ import os
 import sys
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -110,6 +110,20 @@ def pytest_sessionfinish() -> None:
     """Look for garbage once: pytest does so five times at the end, through all that was compiled."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture) -> Callable[..., tuple[int, str, str]]:
+    """A command in this process: its exit code, and what it prints to both streams."""
+    from famjax.__main__ import main
+
+    def command(*words: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as stop:
+            main([*map(str, words)])
+        printed = capsys.readouterr()
+        return int(stop.value.code or 0), printed.out, printed.err
+
+    return command
 
 
 MAPPINGS = Path("/proc/self/maps")

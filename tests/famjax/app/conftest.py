@@ -1,22 +1,6 @@
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-from famjax.__main__ import main
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture) -> Callable[..., tuple[int, str, str]]:
-    """A command in this process: its exit code, and what it prints to both streams."""
-
-    def command(*words: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as stop:
-            main([*map(str, words)])
-        printed = capsys.readouterr()
-        return int(stop.value.code or 0), printed.out, printed.err
-
-    return command
 
 
 @pytest.fixture(scope="session")

@@ -34,6 +34,11 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("rig", "simulat"), "Try 'famjax rig --help'"),
     (("series", "MAP"), "predict --rest-length"),
     (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "must be above its diameter"),
+    (("export", "dmsp-30", "--to", "c"), "dmsp-30"),
+    (("export", "dmsp-10", "--to", "fortran"), "fortran"),
+    (("export", "dmsp-10", "--to", "c", "--length", "300"), "unit"),
+    (("export", "dmsp-10", "--to", "c", "--length", "0mm"), "must be > 0"),
+    (("export", "dmsp-10"), "--to"),
     (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
     ((*DESIGN, "--require", "force_dyn=3"), "force_dyn has the unknown unit 'dyn'"),
     ((*DESIGN, "--require", "contraction=30"), "a fraction in [0, 1)"),
@@ -59,42 +64,42 @@ DAMAGED = [  # what is replaced in a map by what, and what is said of it
     ("100,290", "100,900", ("--specimen", "rest_length_mm=300"), "longer than its thread"),
     ("100,290", "-40,290", (), "must be >= 0; reading 2 has -40000 in SI units"),
 ]
-WORDS = [*((("fit", "MAP", *words), said) for words, said in FIT_MAP), *OTHERS]
 
 
-def check_refusal(run: Callable, force_map: Path, words: tuple[str, ...], said: str) -> None:
-    code, out, err = run(*(word.replace("MAP", str(force_map)) for word in words))
-    assert (code, out) == (2, "")
-    assert said in " ".join(err.split())
-    for internal in ("Traceback", "class '", "Equinox"):
-        assert internal not in err
-    assert [*force_map.parent.iterdir()] == [force_map]
-
-
-@pytest.mark.parametrize(("words", "said"), WORDS)
-def test_a_refusal_says_what_to_do(
-    run: Callable, monkeypatch: pytest.MonkeyPatch, force_map: Path,
-    words: tuple[str, ...], said: str,
-) -> None:  # fmt: skip
+@pytest.fixture
+def refused(run: Callable, monkeypatch: pytest.MonkeyPatch, force_map: Path) -> Callable:
     monkeypatch.chdir(force_map.parent)
-    check_refusal(run, force_map, words, said)
+
+    def check(words: tuple[str, ...], said: str) -> None:
+        code, out, err = run(*(word.replace("MAP", str(force_map)) for word in words))
+        assert (code, out) == (2, "")
+        assert said in " ".join(err.split())
+        for internal in ("Traceback", "class '", "Equinox"):
+            assert internal not in err
+        assert [*force_map.parent.iterdir()] == [force_map]
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [*((("fit", "MAP", *words), said) for words, said in FIT_MAP), *OTHERS]
+)
+def test_a_refusal_says_what_to_do(refused: Callable, words: tuple[str, ...], said: str) -> None:
+    refused(words, said)
 
 
 @pytest.mark.parametrize(("old", "new", "words", "said"), DAMAGED)
 def test_a_damaged_map_is_refused_with_its_place(
-    run: Callable, monkeypatch: pytest.MonkeyPatch, force_map: Path,
-    old: str, new: str, words: tuple[str, ...], said: str,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(force_map.parent)
+    refused: Callable, force_map: Path, old: str, new: str, words: tuple[str, ...], said: str
+) -> None:
     force_map.write_text(force_map.read_text().replace(old, new, 1))
-    check_refusal(run, force_map, ("fit", "MAP", *words), said)
+    refused(("fit", "MAP", *words), said)
 
 
 @pytest.mark.parametrize(("words", "said"), AT_ONCE)
 def test_numbers_out_of_range_are_refused_before_any_work(
-    run: Callable, monkeypatch: pytest.MonkeyPatch, force_map: Path,
-    words: tuple[str, ...], said: str,
-) -> None:  # fmt: skip
+    refused: Callable, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: str
+) -> None:
     def load() -> None:
         raise AssertionError("the library is loaded for a command that cannot run")
 
@@ -102,5 +107,4 @@ def test_numbers_out_of_range_are_refused_before_any_work(
     modules = [importlib.import_module(f"fitting.cli.{name}") for name in ("fit", "several")]
     for module in modules:
         monkeypatch.setattr(module, "load_fitting", load)
-    monkeypatch.chdir(force_map.parent)
-    check_refusal(run, force_map, words, said)
+    refused(words, said)

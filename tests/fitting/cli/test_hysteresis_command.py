@@ -1,13 +1,14 @@
 """Raw ramps in, both branches out: `famjax ramps`, `fit`, `assess --hysteresis`, `predict --history`."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import command
 
 import famjax
-from famjax.__main__ import main
 from famjax.slip import MaxwellSlip, SlipElements
 from fitting import load_fit
 from fitting.prediction import predict_history, static_rows
@@ -20,13 +21,6 @@ REST, TOP, ZERO = 0.3, 6e5, 9e3
 LENGTHS = (0.3, 0.288, 0.276, 0.264)
 SLIP = MaxwellSlip(SlipElements([0.01], [6.0]), SlipElements([0.004], [12.0]), REST, 1e6)
 PRESSURES = (0.0, 4e5, TOP, 4e5, 5e5, 4e5)  # fill, vent, and a minor loop
-
-
-def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    captured = capsys.readouterr()
-    return int(stop.value.code or 0), captured.out, captured.err
 
 
 def _muscle() -> famjax.Muscle:
@@ -61,12 +55,10 @@ def fitted(records: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path
     specimen = [word for one in known for word in ("--specimen", one)]
     for words in (
         ["ramps", *records, "--atmosphere", f"{ZERO}Pa", *specimen],
-        ["fit", str(folder / "map.csv"), "--order", "2"],
-        ["assess", str(folder / "fit.json"), "--hysteresis", str(folder / "branches.csv")],
+        ["fit", folder / "map.csv", "--order", "2"],
+        ["assess", folder / "fit.json", "--hysteresis", folder / "branches.csv"],
     ):
-        with pytest.raises(SystemExit) as stop:
-            main([*words, "--output", str(folder)])
-        assert not stop.value.code
+        command(*words, "--output", folder)
     return folder
 
 
@@ -83,13 +75,11 @@ def test_the_fit_holds_the_hysteresis(fitted: Path) -> None:
     assert load_fit(fitted / "fit.json").outlook.hysteresis is not None
 
 
-def test_both_branches_are_predicted(
-    capsys: pytest.CaptureFixture, fitted: Path, tmp_path: Path
-) -> None:
+def test_both_branches_are_predicted(run: Callable, fitted: Path, tmp_path: Path) -> None:
     path = tmp_path / "history.csv"
     rows = [f"{k},270,{P / 1e3}" for k, P in enumerate(PRESSURES)]
     path.write_text("\n".join(["time_s,length_mm,pressure_kPa", *rows]) + "\n")
-    code, out, _ = run(capsys, "predict", fitted / "fit.json", "--history", path, "--json")
+    code, out, _ = run("predict", fitted / "fit.json", "--history", path, "--json")
     assert code == 0
     got = json.loads(out)
     force, static = (np.array([row[key] for row in got]) for key in ("force_N", "static_force_N"))
@@ -101,16 +91,14 @@ def test_both_branches_are_predicted(
     assert (force[3] - force[1]) / 2 == pytest.approx(half, rel=0.1)
     assert (force[3] + force[1]) / 2 == pytest.approx(static[1], rel=1e-3)
     assert force[5] == pytest.approx(force[3], rel=1e-9)  # the minor loop leaves no trace
-    code, out, _ = run(capsys, "predict", fitted / "fit.json", "--history", path)
+    code, out, _ = run("predict", fitted / "fit.json", "--history", path)
     assert code == 0
     assert "Force along the history" in out
     assert "a slack muscle pulls nothing" in out
     table = " ".join(out.split())
     assert "length mm pressure kPa force N static force N hysteresis N" in table  # as in the file
     assert "270 400" in table
-    code, out, _ = run(
-        capsys, "predict", fitted / "fit.json", "--history", path, "--units", "us", "--json"
-    )
+    _, out, _ = run("predict", fitted / "fit.json", "--history", path, "--units", "us", "--json")
     assert json.loads(out)[1]["pressure_psi"] == pytest.approx(4e5 / 6894.757, rel=1e-6)
 
 

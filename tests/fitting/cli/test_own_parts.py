@@ -1,33 +1,30 @@
-"""Laws, geometries, terms and models of a user's own, by `module:Class`, in every command that fits."""
+"""Parts of a user's own, by `module:Class`; a file of somebody else imports no module that it names."""
 
+import copy
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from famjax.__main__ import main
+import famjax
+import fitting
+from famjax.boundary.errors import InputError
+from famjax.cards import read_card
+from fitting.cli.problem import Problem
+from fitting.saved import fit_as_dict
 
 PARTS = """
+import pathlib
 import famjax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-
-class Foreign(famjax.AbstractMuscle):
-    rest_length: Float[Array, ""] = famjax.parameters.number("m")
-    section: Float[Array, ""] = famjax.parameter("m2", low=0.0, linear=True)
-    shape: Float[Array, ""] = famjax.parameter(low=0.5, high=5.0)
-
-    def force(self, length, pressure):
-        contraction = 1 - jnp.asarray(length) / self.rest_length
-        return self.section * pressure * (1 - self.shape * contraction) ** 2
-
-    def length_range(self):
-        return 0.5 * self.rest_length, 1.1 * self.rest_length
+pathlib.Path("imported").write_text("")
 
 
-class Rubber(famjax.materials.AbstractHyperelastic):
+class Law(famjax.materials.AbstractHyperelastic):
     shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
 
     def energy(self, axial_stretch, hoop_stretch):
@@ -47,19 +44,15 @@ class Spring(famjax.terms.AbstractForceTerm):
 class Needy(Spring):
     length: float
 
-    def force(self, at, pressure):
-        return self.spring_rate * (at.length - self.length)
-
 
 class Capped(famjax.geometries.AbstractGeometry):
     cylinder: famjax.geometries.AbstractGeometry
     cap_length: Float[Array, ""] = famjax.parameter("m", low=0.0, high=0.05, default=0.0)
 
     def dimensions(self, length, pressure):
-        return self.cylinder.dimensions(self.moved(length, self.rest_length), pressure)
-
-    def moved(self, length, rest):
-        return rest + (length - rest) * rest / (rest - self.cap_length)
+        rest = self.rest_length
+        moved = rest + (length - rest) * rest / (rest - self.cap_length)
+        return self.cylinder.dimensions(moved, pressure)
 
     def length_range(self):
         rest = self.rest_length
@@ -72,62 +65,108 @@ class Capped(famjax.geometries.AbstractGeometry):
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a module of own parts, from which the command starts."""
-    (tmp_path / "own_parts_here.py").write_text(PARTS)
+    """The folder that the command starts from, with a module that says when it is imported."""
+    (tmp_path / "spy.py").write_text(PARTS)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.delitem(sys.modules, "own_parts_here", raising=False)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.delitem(sys.modules, "spy", raising=False)
     return tmp_path
 
 
-def run(*words: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(list(words))
-    assert isinstance(stop.value.code, int | None)
-    return stop.value.code or 0
-
-
-FIT = (
-    "fit",
-    "DMSP-20-300",
-    "--geometry",
-    "own_parts_here:Capped",
-    "--term",
-    "own_parts_here:Spring",
-)
-
-
 @pytest.mark.slow
-def test_parts_take_part_are_saved_and_predict(here: Path, capsys: pytest.CaptureFixture) -> None:
-    assert run(*FIT, "--bounds", "cap_length_mm=10", "--json") == 0
-    found = json.loads(capsys.readouterr().out)["parameters"]
-    assert found["cap_length"]["value"] == pytest.approx(10)  # held
-    assert found["spring_rate"]["unit"] == "N/m"
-    assert 0 < found["spring_rate"]["value"] < 5e3
-    fit = "famjax-fit/fit.json"
-    asked = ("--length", "270mm", "--pressure", "5bar", "--json", "--own", "own_parts_here")
-    assert run("predict", fit, *asked) == 0
-    force = json.loads(capsys.readouterr().out)[0]["force_N"]
-    assert run("card", fit, "--own", "own_parts_here") == 0
-    capsys.readouterr()
-    card = "famjax-fit/card.json"
-    assert run("predict", card, *asked) == 0
-    assert json.loads(capsys.readouterr().out)[0]["force_N"] == pytest.approx(force, rel=1e-9)
+def test_parts_take_part_are_saved_and_predict(here: Path, run: Callable) -> None:
+    def found(*words: str) -> Any:
+        code, out, _ = run(*words)
+        assert code == 0
+        return json.loads(out) if "--json" in words else None
+
+    parts = "--geometry", "spy:Capped", "--term", "spy:Spring"
+    fitted = found("fit", "DMSP-20-300", *parts, "--bounds", "cap_length_mm=10", "--json")
+    numbers = fitted["parameters"]
+    assert numbers["cap_length"]["value"] == pytest.approx(10)  # held
+    assert numbers["spring_rate"]["unit"] == "N/m"
+    assert 0 < numbers["spring_rate"]["value"] < 5e3
+    fit, card = "famjax-fit/fit.json", "famjax-fit/card.json"
+    asked = ("--length", "270mm", "--pressure", "5bar", "--json", "--own", "spy")
+    force = found("predict", fit, *asked)[0]["force_N"]
+    found("card", fit, "--own", "spy")
+    assert found("predict", card, *asked)[0]["force_N"] == pytest.approx(force, rel=1e-9)
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--term", "own_parts_here:Capped"), "derived from famjax.terms.AbstractForceTerm"),
-        (("--term", "own_parts_here:Needy"), "cannot be identified by its class"),
-        (("--geometry", "own_parts_here:Cone"), "was not found"),
-        (("--geometry", "own_parts_here:Capped", "--shape", "m.nc"), "either --shape or --geometry"),
-        (("--term", "own_parts_here:Spring", "--free", "spring"), "unknown parameter; available"),
+        (("--term", "spy:Capped"), "derived from famjax.terms.AbstractForceTerm"),
+        (("--term", "spy:Needy"), "cannot be identified by its class"),
+        (("--geometry", "spy:Cone"), "was not found"),
+        (("--term", "spy:Spring", "--free", "spring"), "unknown parameter; available"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_used_is_refused_before_any_fit(
-    here: Path, words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture
+    here: Path, words: tuple[str, ...], message: str, run: Callable
 ) -> None:
-    assert run("fit", "DMSP-20-300", *words) == 2
-    assert message in " ".join(capsys.readouterr().err.split())
+    code, _, err = run("fit", "DMSP-20-300", *words)
+    assert code == 2
+    assert message in " ".join(err.split())
     assert not (here / "famjax-fit" / "fit.json").exists()
+
+
+# ---- files of somebody else
+
+LAW = {"type": "spy:Law", "shear_modulus_Pa": 2e5}
+GOLDEN = Path(__file__).parents[2] / "famjax" / "cards" / "golden" / "card-1.json"
+SERIES = {
+    "between_N": 1.0, "rest_lengths_m": [0.3, 0.2], "length_ratios": [0.8, 1.0],
+    "pressures_Pa": [1e5, 5e5],
+}  # fmt: skip
+
+
+@pytest.fixture
+def files(fitted20: fitting.Identification) -> dict[str, Any]:
+    card = json.loads(GOLDEN.read_text()) | {"sample": None}
+    plain = card["members"][1]
+    foreign = copy.deepcopy(plain) | {"family": "foreign", "weight": 0.5}
+    foreign["muscle"]["material"] = LAW
+    of_card = {key: value for key, value in foreign.items() if key != "family"} | {"weight": 0.0}
+    fit = json.loads(json.dumps(fit_as_dict(fitted20)))
+    fit["spread"]["directions"] = []
+    return {
+        "card": card | {"members": [plain | {"weight": 1.0}, of_card]},
+        "fit": fit | foreign,
+        "series": fit | {"series": SERIES, "averaged_with": [foreign]},
+        "alike": fit | {"alike": [foreign]},
+        "lengths": fit | {"other_lengths": {"between_N": 1.0, "members": [foreign]}},
+        "problem": fit | {"problem": {"asked": {"law": "spy:Law"}}},
+    }
+
+
+@pytest.mark.parametrize("kind", ["card", "fit", "series", "alike", "lengths", "problem"])
+def test_a_file_imports_nothing_unless_the_module_is_named(
+    kind: str, files: dict[str, Any], here: Path, run: Callable
+) -> None:
+    path = here / f"{kind}.json"
+    path.write_text(json.dumps(files[kind]))
+    predict = ["predict", path, "--length", "270mm", "--pressure", "5bar"]
+    code, _, err = run(*(["assess", path, "--validate"] if kind == "problem" else predict))
+    assert code == 2
+    said = " ".join(err.split())
+    assert "'spy:Law', which is not famjax's" in said
+    assert "--own spy or own=('spy',) in Python" in said
+    assert "spy" not in sys.modules
+    assert not (here / "imported").exists()
+
+
+def test_a_module_that_is_named_is_imported(files: dict[str, Any], here: Path) -> None:
+    for kind, document in files.items():
+        (here / f"{kind}.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="not famjax's"):
+        read_card("card.json", own=("other", famjax.materials.YeohMaterial))
+    assert not (here / "imported").exists()
+    card = read_card("card.json", own=("spy",))
+    law = type(card.members[1].muscle.material)
+    assert (law.__module__, law.__name__) == ("spy", "Law")
+    assert (here / "imported").exists()
+    assert type(fitting.load_fit("fit.json", own=(law,)).muscle.material) is law
+    assert len(fitting.load_fit("series.json", own=("spy:Law",)).outlook.others) == 1
+    with pytest.raises(InputError, match="the law is 'spy:Law'"):  # whoever was imported before
+        Problem.of_fit(fitting.load_fit("problem.json"))

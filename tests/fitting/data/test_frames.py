@@ -1,22 +1,18 @@
 """Maps, fits and sweeps as tables of pandas, xarray and notebooks."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import famjax
 import fitting
+from fitting import ForceData
 
 
 @pytest.fixture(scope="module")
 def found() -> fitting.Identification:
     return fitting.identify(fitting.load_bundled("DMSP-10-250"), starts=1)
-
-
-def test_a_map_is_a_table_in_si(found: fitting.Identification) -> None:
-    data = found.data
-    frame = data.to_pandas()
-    assert list(frame) == ["force_N", "pressure_Pa", "length_m", "loaded"]
-    np.testing.assert_array_equal(frame["force_N"], data.force)
 
 
 def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> None:
@@ -44,3 +40,33 @@ def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) ->
     assert np.nanmax(drawn) == pytest.approx(
         float(np.max(famjax.Muscle.force(found.muscle, found.data.length.max(), 6.5e5))), rel=1e-6
     )
+
+
+def test_a_table_of_pandas_is_a_map_and_back(dmsp20: ForceData) -> None:
+    data = dmsp20
+    frame = data.to_pandas()
+    assert list(frame) == ["force_N", "pressure_Pa", "length_m", "loaded"]
+    again = ForceData.from_pandas(frame, data.specimen)
+    np.testing.assert_array_equal(again.force, data.force)
+    np.testing.assert_array_equal(again.length, data.length)
+    other = frame.rename(columns={"length_m": "length_mm"}).assign(length_mm=1e3 * data.length)
+    known = {k: v for k, v in dataclasses.asdict(data.specimen).items() if v is not None}
+    np.testing.assert_allclose(ForceData.from_pandas(other, known).length, data.length)
+    foreign = frame.rename(columns={"force_N": "Kanal 3"}).assign(counter=range(len(frame)))
+    named = fitting.read_csv(foreign, known, {"force": "Kanal 3 [N]"})
+    np.testing.assert_array_equal(named.force, data.force)
+    assert "Columns left aside: counter." in named.notes
+
+
+def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10: ForceData) -> None:
+    data = dmsp10
+    again = ForceData.from_xarray(data.to_xarray())
+    assert again.sha256 == data.sha256
+    xarray = pytest.importorskip("xarray")
+    grid = xarray.Dataset(
+        {"force_N": (("pressure_kPa", "length_mm"), [[30.0, np.nan], [60.0, 20.0]])},
+        {"pressure_kPa": [100.0, 200.0], "length_mm": [250.0, 240.0]},
+    )
+    made = ForceData.from_xarray(grid, data.specimen)
+    assert made.force.tolist() == [30.0, 60.0, 20.0]
+    assert made.pressure.tolist() == [1e5, 2e5, 2e5]

@@ -74,14 +74,9 @@ def test_a_part_keeps_its_levels_and_every_column() -> None:
     pressure = np.array([1e5, 1.001e5, 2e5, 2.002e5, 3e5, 3.001e5])
     n = pressure.size
     data = ForceData(
-        force=np.linspace(10.0, 60.0, n),
-        pressure=pressure,
-        length=np.linspace(0.2, 0.25, n),
-        specimen=Specimen("a", 0.3, 0.002),
-        force_std=np.full(n, 0.5),
-        pressure_tolerance=500.0,
-        length_tolerance=1e-4,
-    )
+        np.linspace(10.0, 60.0, n), pressure, np.linspace(0.2, 0.25, n), SPECIMEN,
+        force_std=np.full(n, 0.5), pressure_tolerance=500.0, length_tolerance=1e-4,
+    )  # fmt: skip
     part = data.part(data.pressure > 1.5e5)
     np.testing.assert_array_equal(part.force, data.force[2:])
     np.testing.assert_array_equal(part.force_std, data.force_std[2:])

@@ -1,6 +1,5 @@
 """Numbers of another unit than they say, and arguments of another type, are refused in a sentence."""
 
-import dataclasses
 import json
 import re
 import subprocess
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 import fitting
-from fitting import ForceData, Parameter, Specimen, identify, load_bundled
+from fitting import ForceData, Parameter, Specimen, identify
 from fitting.parameters import complete_table
 
 
@@ -28,12 +27,8 @@ def loads(**given) -> ForceData:
 
 def table(bounds=None, parameters=None):
     law = fitting.families.law_named("polynomial", 3)
-    return complete_table(
-        specimen(nominal_diameter=20e-3),
-        law.coefficients,
-        bounds or {},
-        parameters or {},
-    )
+    bore = specimen(nominal_diameter=20e-3)
+    return complete_table(bore, law.coefficients, bounds or {}, parameters or {})
 
 
 SLIPS = {
@@ -120,35 +115,6 @@ def test_real_muscles_are_not_refused(size: float, length: float) -> None:
         force=[1e5, 10.0], pressure=[1e7, 1e7], length=[length, 0.9 * length], specimen=muscle
     )
     assert data.max_force == 1e5
-
-
-def test_a_table_of_pandas_is_a_map_and_back() -> None:
-    data = load_bundled("DMSP-20-300")
-    frame = data.to_pandas()
-    again = ForceData.from_pandas(frame, data.specimen)
-    np.testing.assert_array_equal(again.force, data.force)
-    np.testing.assert_array_equal(again.length, data.length)
-    other = frame.rename(columns={"length_m": "length_mm"}).assign(length_mm=1e3 * data.length)
-    known = {k: v for k, v in dataclasses.asdict(data.specimen).items() if v is not None}
-    np.testing.assert_allclose(ForceData.from_pandas(other, known).length, data.length)
-    foreign = frame.rename(columns={"force_N": "Kanal 3"}).assign(counter=range(len(frame)))
-    named = fitting.read_csv(foreign, known, {"force": "Kanal 3 [N]"})
-    np.testing.assert_array_equal(named.force, data.force)
-    assert "Columns left aside: counter." in named.notes
-
-
-def test_a_data_set_of_xarray_is_a_map_and_back() -> None:
-    data = load_bundled("DMSP-10-250")
-    again = ForceData.from_xarray(data.to_xarray())
-    assert again.sha256 == data.sha256
-    xarray = pytest.importorskip("xarray")
-    grid = xarray.Dataset(
-        {"force_N": (("pressure_kPa", "length_mm"), [[30.0, np.nan], [60.0, 20.0]])},
-        {"pressure_kPa": [100.0, 200.0], "length_mm": [250.0, 240.0]},
-    )
-    made = ForceData.from_xarray(grid, data.specimen)
-    assert made.force.tolist() == [30.0, 60.0, 20.0]
-    assert made.pressure.tolist() == [1e5, 2e5, 2e5]
 
 
 if __name__ == "__main__":
