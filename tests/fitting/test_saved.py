@@ -1,4 +1,4 @@
-"""What a fit leaves behind: one JSON file that gives the same muscle back, a picture, a page."""
+"""What a fit leaves behind: a file that gives the same muscle back, a page, a card."""
 
 import dataclasses
 import html
@@ -10,10 +10,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from maps import cylinder
+from processes import command
 
 import famjax
 from famjax.boundary.files import Origin
-from famjax.cards import muscle_as_dict, muscle_from_dict
+from famjax.cards import read_card
 from fitting import (
     Identification,
     InputError,
@@ -23,7 +25,7 @@ from fitting import (
     write_fit,
 )
 from fitting.report import Findings, html_report
-from fitting.saved import correlations, fit_as_dict
+from fitting.saved import card_of, correlations, fit_as_dict
 
 
 def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:
@@ -44,25 +46,12 @@ def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path
     assert (tmp_path / "deep" / "er" / "fit.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_pressure_dependent_muscle_round_trips(fitted20: Identification) -> None:
-    law = famjax.materials.PressurePolynomialMaterial([1e5, 5e5], [[1e6, -2e6], [3e6, 0.1e6]])
-    muscle = famjax.Muscle(fitted20.muscle.geometry, law, 1e4)
-    again = muscle_from_dict(json.loads(json.dumps(muscle_as_dict(muscle))))
-    assert float(again.force(0.27, 3e5)) == float(muscle.force(0.27, 3e5))
-
-
 def test_report_is_one_self_contained_page(fitted20: Identification) -> None:
     page = html_report(Findings(fitted20))
     assert page.startswith("<!doctype html>")
     assert not re.search(r'(?:src|href)="(?!#|data:)', page)
-    for needed in (
-        "<svg",
-        "braid_diameter",
-        "Drucker-stable",
-        fitted20.data.sha256,
-        "at the bound",
-        "sigma = sum over n of E_n sign(eps)",
-    ):
+    shown = ("<svg", "braid_diameter", "Drucker-stable", "at the bound", fitted20.data.sha256)
+    for needed in (*shown, "sigma = sum over n of E_n sign(eps)"):
         assert needed in page
     order = ("verdict", 'class="summary"', "<svg", "five numbers", "What to do next", ">Model<")
     places = [page.index(one, page.index("<body>")) for one in order]
@@ -97,23 +86,6 @@ def test_report_says_where_it_comes_from_and_what_was_measured(
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("{", "is not a JSON file"),
-        ("{}", "must be a fit of schema 'famjax-fit/2', got None"),
-        ('{"schema": "famjax-fit/2", "muscle": {}}', "no entry 'data'"),
-    ],
-)
-def test_files_that_are_no_fit(tmp_path: Path, content: str, message: str) -> None:
-    path = tmp_path / "fit.json"
-    with pytest.raises(InputError, match="cannot read"):
-        load_fit(path)
-    path.write_text(content)
-    with pytest.raises(InputError, match=message):
-        load_fit(path)
-
-
-@pytest.mark.parametrize(
     ("spoil", "message"),
     [
         (lambda fit: fit.pop("muscle"), "no entry 'muscle'"),
@@ -129,7 +101,7 @@ def test_files_that_are_no_fit(tmp_path: Path, content: str, message: str) -> No
 def test_damaged_fits_are_refused_when_they_are_read(
     fitted20: Identification, tmp_path: Path, spoil: Callable[[dict], object], message: str
 ) -> None:
-    document = fit_as_dict(fitted20)
+    document = json.loads(json.dumps(fit_as_dict(fitted20)))
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(document))
     load_fit(path)
@@ -137,6 +109,17 @@ def test_damaged_fits_are_refused_when_they_are_read(
     path.write_text(json.dumps(document))
     with pytest.raises(InputError, match=f"fit.json is damaged: .*{message}"):
         load_fit(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "cannot read"), ("{", "is not a JSON file"), ("{}", "must be a fit of schema 'famjax-fit/2'")],
+)  # fmt: skip
+def test_files_that_are_no_fit(tmp_path: Path, content: str | None, message: str) -> None:
+    if content:
+        (tmp_path / "fit.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        load_fit(tmp_path / "fit.json")
 
 
 def test_a_saved_fit_is_what_was_identified(fitted20: Identification, tmp_path: Path) -> None:
@@ -169,19 +152,57 @@ def test_the_saved_band_is_that_of_the_parameters(fitted20: Identification, tmp_
 
     def force(values: np.ndarray) -> np.ndarray:
         diameter, angle, deadband = values[:3]
-        braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle, length=0.296)
-        bladder = famjax.Bladder(0.296, diameter, 1.8e-3, embedded=True)
-        geometry = famjax.EstimatedGeometry(braid, bladder)
+        geometry = cylinder(diameter, np.degrees(angle), 0.296, 1.8e-3)
         muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(values[3:]), deadband)
         return np.asarray(muscle.force(L, P[0]))
 
     np.testing.assert_allclose([row["force_N"] for row in rows], force(at), rtol=1e-9)
     steps = np.diag(1e-6 * at)
     slopes = np.array([(force(at + step) - force(at - step)) / (2 * step.sum()) for step in steps])
-    covariance = np.nan_to_num(
-        fitted20.covariance
-    )  # the diameter is at its bound: it does not vary
+    covariance = np.nan_to_num(fitted20.covariance)  # the diameter does not vary: at its bound
     expected = np.sqrt(np.einsum("pk,pq,qk->k", slopes, covariance, slopes))
     np.testing.assert_allclose([row["force_std_N"] for row in rows], expected, rtol=1e-5)
     assert {row["band"] for row in rows} == {"linear"}
     assert "muscle_force_N" not in rows[0]
+
+
+# ---- the card of a saved fit
+
+
+@pytest.fixture(scope="module")
+def fit_json(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fit")
+    command("fit", "DMSP-10-250", "--law", "neo-hookean", "--output", folder)
+    return folder / "fit.json"
+
+
+@pytest.mark.slow
+def test_the_card_command_writes_what_predict_says(
+    fit_json: Path, tmp_path: Path, run: Callable
+) -> None:
+    path = tmp_path / "muscle.json"
+    code, out, _ = run("card", fit_json, "-o", path, "--name", "mine")
+    assert (code, f"written: {path}" in " ".join(out.split())) == (0, True)
+    card, fit = read_card(path), load_fit(fit_json)
+    rows = predict(fit, np.array([0.21, 0.24]), np.array([3e5, 5e5]))
+    wanted = [max(row["force_N"], 0.0) for row in rows]  # predict does not cut a slack muscle
+    states = (np.array([row[key] for row in rows]) for key in ("length_m", "pressure_Pa"))
+    np.testing.assert_allclose(card.safe().force(*states), wanted, rtol=1e-9)
+    assert (card.name, card.draws.seed, len(card.draws.rows)) == ("mine", 0, 32)
+    assert card.provenance.data_sha256 == fit.document["data"]["sha256"]
+    assert card.provenance.command.startswith("famjax")
+    assert " && famjax" in card.provenance.command
+
+
+@pytest.mark.slow
+def test_the_covariance_is_that_of_the_fit(fit_json: Path) -> None:
+    fit = load_fit(fit_json)
+    known = card_of(fit, count=0).covariance
+    assert known is not None
+    for name, value, scale, row in zip(
+        known.parameters, known.values, known.scales, range(len(known.parameters)), strict=True
+    ):
+        estimate = fit.document["parameters"][name]
+        assert value == estimate["value"]
+        std = np.sqrt(known.matrix[row][row]) * scale
+        np.testing.assert_allclose(std, estimate["stderr"], rtol=1e-12)

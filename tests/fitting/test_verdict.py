@@ -1,18 +1,113 @@
-"""Every fault that a verdict should name, made in a sound map, and sound maps in which there is none."""
+"""What a verdict says of fits whose faults are known, and the faults that it names."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from maps import cylinder
 from slow_cases import slow_after
 
 import famjax
 from fitting import ForceData, Identification, Parameter, Specimen, identify
-from fitting.faults import doubtful, suspect, suspect_refused
+from fitting.faults import Suspicion, doubtful, suspect, suspect_refused
 from fitting.specimen import any_units
-from fitting.verdict import judge
+from fitting.validation import LeftOut
+from fitting.verdict import judge, runs_deviation
+
+SUSPICION = Suspicion("a cause", "The data look wrong.", 0.01)
+
+
+def with_misfit(result: Identification, percent: float) -> Identification:
+    """The fit with residuals of alternating sign and this size."""
+    size = percent / 100 * result.errors.max_force
+    residuals = size * np.where(np.arange(result.residuals.size) % 2, 1.0, -1.0)
+    return dataclasses.replace(
+        result, residuals=residuals, errors=dataclasses.replace(result.errors, rmse=size)
+    )
+
+
+def test_a_sound_map_passes(fitted20: Identification) -> None:
+    verdict = judge(fitted20)
+    assert verdict.passed
+    assert "identified" in verdict.level
+
+
+DOUBTS = {
+    "misses the readings by 3 %": (lambda fit: with_misfit(fit, 3.0), True),
+    "misses the readings by 6 %": (lambda fit: with_misfit(fit, 6.0), False),
+    "did NOT converge": (lambda fit: dataclasses.replace(fit, converged=False), False),
+    "do not determine every parameter": (
+        lambda fit: dataclasses.replace(
+            fit, certificate=dataclasses.replace(fit.certificate, condition=math.inf)), True),
+}  # fmt: skip
+"""What a verdict says of a fit made worse, and whether it is still an identification."""
+
+
+@pytest.mark.parametrize("told", DOUBTS)
+def test_a_doubt_or_a_failure_is_named(fitted20: Identification, told: str) -> None:
+    worse, passed = DOUBTS[told]
+    verdict = judge(worse(fitted20))
+    assert verdict.passed == passed
+    assert verdict.level == ("identified with doubts" if passed else "not identified")
+    assert any(told in one for one in verdict.reasons)
+
+
+def test_a_grave_suspicion_is_the_first_reason_and_another_is_a_doubt(
+    fitted20: Identification,
+) -> None:
+    grave = judge(with_misfit(fitted20, 6.0), [SUSPICION])
+    assert not grave.passed
+    assert grave.reasons[0] == SUSPICION.sentence
+    mild = judge(fitted20, [dataclasses.replace(SUSPICION, grave=False)])
+    assert (mild.level, mild.reasons[0]) == ("identified with doubts", SUSPICION.sentence)
+
+
+def test_residuals_that_keep_their_sign_are_a_doubt(fitted20: Identification) -> None:
+    poor = with_misfit(fitted20, 1.5)
+    told = "keep their sign from reading to reading"
+    assert not any(told in one for one in judge(poor).reasons)
+    level = poor.data.lengths.level[poor.data.loaded]
+    by_length = np.where(level > np.median(level), 1.0, -1.0) * np.abs(poor.residuals)
+    verdict = judge(dataclasses.replace(poor, residuals=by_length))
+    assert verdict.level == "identified with doubts"
+    assert any(told in one for one in verdict.reasons)
+
+
+def test_a_ridge_is_named_with_its_correlation(fitted20: Identification) -> None:
+    covariance = np.array(fitted20.covariance)
+    i, j = (fitted20.problem.names.index(name) for name in ("braid_angle", "deadband_pressure"))
+    covariance[i, i], covariance[j, j] = 1e-3, 1e9  # 1.8 deg of 10, 32 kPa of 100
+    covariance[i, j] = covariance[j, i] = -0.999e3
+    verdict = judge(dataclasses.replace(fitted20, covariance=covariance))
+    assert verdict.level == "identified with doubts"
+    told = "braid_angle and deadband_pressure have a correlation of -0.9990"
+    assert any(told in one for one in verdict.reasons)
+    known = dataclasses.replace(fitted20, covariance=1e-4 * covariance)
+    assert not any("Ridge" in one for one in judge(known).reasons)
+
+
+def test_lengths_that_disagree_are_a_doubt(fitted20: Identification) -> None:
+    error = np.full(fitted20.residuals.size, 0.1 * fitted20.errors.max_force)
+    level = fitted20.data.lengths.level[fitted20.data.loaded]
+    group = np.unique(level, return_inverse=True)[1]
+    left_out = {"length": LeftOut("length", level, group, error)}
+    verdict = judge(fitted20, left_out=left_out)
+    assert verdict.level == "identified with doubts"
+    assert any("missed by" in one and "left out" in one for one in verdict.reasons)
+
+
+def test_runs_have_the_mean_and_the_variance_of_all_orders() -> None:
+    """By counting the runs of every order of 6 positive and 5 negative residuals."""
+    counts = []
+    for places in itertools.combinations(range(11), 6):
+        signs = np.isin(np.arange(11), places)
+        counts.append(1 + int((signs[1:] != signs[:-1]).sum()))
+    residuals = np.array([1.0] * 6 + [-1.0] * 5)
+    expected = (2 - np.mean(counts)) / np.std(counts)
+    assert runs_deviation(residuals) == pytest.approx(expected, rel=1e-12)
 
 
 def fit(data: ForceData) -> Identification:
@@ -20,24 +115,16 @@ def fit(data: ForceData) -> Identification:
     return identify(data, law="ogden", parameters={"end_factor": Parameter()}, starts=4)
 
 
-def known_muscle(
-    bore: float, rest: float, angle_deg: float, lengths: int = 8, *, pushes: bool = False
-) -> ForceData:
-    """Readings of a known muscle with 0.3 % of noise; where it is slack, none or how hard it pushes."""
-    diameter = bore + 2e-3
-    braid = famjax.Braid.from_rest(
-        diameter=diameter, braid_angle=math.radians(angle_deg), length=rest
-    )
-    bladder = famjax.Bladder(rest, diameter, 1.5e-3, embedded=True)
+def known_muscle(bore: float, rest: float, angle_deg: float) -> ForceData:
+    """Readings of a known muscle with 0.3 % of noise."""
     law = famjax.materials.MooneyRivlinMaterial(0.2e6, 0.05e6)
-    muscle = famjax.Muscle(famjax.EstimatedGeometry(braid, bladder), law, 25e3)
-    grid = np.meshgrid(rest * np.linspace(1, 0.84, lengths), np.linspace(1.2e5, 6e5, 6))
+    muscle = famjax.Muscle(cylinder(bore + 2e-3, angle_deg, rest, 1.5e-3), law, 25e3)
+    grid = np.meshgrid(rest * np.linspace(1, 0.84, 8), np.linspace(1.2e5, 6e5, 6))
     L, P = (one.ravel() for one in grid)
     force = np.asarray(muscle.force(L, P))
     noise = 3e-3 * force.max() * np.random.default_rng(1).normal(size=force.size)
     specimen = Specimen("known", rest, 1.5e-3, nominal_diameter=bore, embedded=True)
-    read = force + noise if pushes else np.where(force > 0, force + noise, 0.0)
-    return ForceData(read, P, L, specimen)
+    return ForceData(np.where(force > 0, force + noise, 0.0), P, L, specimen)
 
 
 def changed(data: ForceData, **sizes: float) -> ForceData:
@@ -71,22 +158,9 @@ def column(name: str, said: str, factor: float) -> Callable[[ForceData], ForceDa
     )
 
 
-def of_arrays_in_psi(data: ForceData) -> ForceData:
-    """The usual pressures tell which unit is meant, where no file names one."""
-    return dataclasses.replace(data, pressure=data.pressure / 6.894757, units={})
-
-
 def percent(data: ForceData) -> ForceData:
     rest = data.specimen.rest_length
     return dataclasses.replace(data, length=rest - (rest - data.length) / 100)
-
-
-def swapped(data: ForceData) -> ForceData:
-    return dataclasses.replace(data, force=data.pressure / 1e3, pressure=data.force * 1e3)
-
-
-def constant(data: ForceData) -> ForceData:
-    return dataclasses.replace(data, force=300 + 1e-3 * np.arange(data.force.size))
 
 
 def one_length_negative(data: ForceData) -> ForceData:
@@ -100,7 +174,9 @@ FAULTS = {
     "the forces are in kN, not N": (column("force", "N", 1e-3), 10),
     "the forces are in N, not kgf": (column("force", "kgf", 9.80665), 10),
     "the pressures are in bar, not MPa": (column("pressure", "MPa", 10.0), 10),
-    "the pressures are in psi, not kPa ": (of_arrays_in_psi, 10),
+    # Of arrays: the usual pressures tell which unit is meant, where no file names one.
+    "the pressures are in psi, not kPa ": (
+        lambda data: dataclasses.replace(data, pressure=data.pressure / 6.894757, units={}), 10),
     "the pressures are absolute, not gauge": (
         lambda data: dataclasses.replace(data, pressure=data.pressure + 101.3e3), 10),
     "forces have the wrong sign": (one_length_negative, 20),
@@ -111,8 +187,10 @@ FAULTS = {
         lambda data: changed(data, nominal_diameter=10e-3), 20),
     "the nominal diameter is that of a larger muscle": (
         lambda data: changed(data, nominal_diameter=40e-3), 20),
-    "the columns of force and pressure are swapped": (swapped, 20),
-    "the force does not rise with the pressure": (constant, 20),
+    "the columns of force and pressure are swapped": (
+        lambda data: dataclasses.replace(data, force=data.pressure / 1e3, pressure=data.force * 1e3), 20),
+    "the force does not rise with the pressure": (
+        lambda data: dataclasses.replace(data, force=300 + 1e-3 * np.arange(data.force.size)), 20),
     "the contractions are fractions, not percent": (percent, 10),
 }  # fmt: skip
 """A fault, and the bundled map in which it is made, by its bore in mm."""
