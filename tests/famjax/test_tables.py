@@ -186,6 +186,14 @@ LOGS: dict[str, tuple[object, dict[str, str]]] = {
                 "X_Value\tPosition\tLoad Cell\tComment\n" + rows("{}\t{}\t{}", LOG), {}),
     "logger with a stamp and no interest": ("Timestamp,Elapsed (ms),Stroke (µm),Tension Load [daN],Batt (V)\n" + "".join(
         f"2021-03-04 10:00:00,{t * 1e3:.0f},{x * 1e3:.1f},{F / 10:.3f},3.7\n" for t, x, F, _ in LOG), {}),
+    "TestWorks": ("  Time    Crosshead Pos   Axial Load\n  sec   inch    lbs\n" + "".join(
+        f"  {t:9.4f}  {x / 25.4:14.12f}   {F / 4.4482216152605:16.10f}\n" for t, x, F, _ in LOG), {}),
+    "German thousands": ("Zeit / s;Weg / µm;Kraft / N\n".encode("cp1252") + "".join(
+        f"{t};{x * 1e3:,.2f};{F}\n".translate(str.maketrans(",.", ".,")) for t, x, F, _ in LOG).encode(), {}),
+    "decimal commas in quotes": ("Time (ms),Position (mm),Load (N)\n" + "".join(
+        f'"{t * 1e3}","{x}","{F}"\n'.replace(".", ",") for t, x, F, _ in LOG), {}),
+    "clock and text columns": ("Phase,Elapsed Time (hh:mm:ss),Stroke (mm),Stroke rate (mm/s),Load (daN),Strain 1 (%)\n"
+                               + "".join(f"Ramp 1,00:00:{t:06.3f},{x},-1.016,{F / 10},\n" for t, x, F, _ in LOG), {}),
     "minutes": ("Time (min)\tPos [mm]\tF [N]\n" + "".join(f"{t / 60:.9f}\t{x}\t{F}\n" for t, x, F, _ in LOG), {}),
     "all capitals": ("TIME (SEC);POSITION (MM);FORCE (KN)\n" + "".join(
         f"{t};{x};{F / 1e3}\n" for t, x, F, _ in LOG), {}),

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from maps import cylinder
+from maps import KNOWN, cylinder
 from scipy import stats
 
 import famjax

@@ -1,5 +1,6 @@
 """Characterisation of loops whose ends, areas and differences are known in closed form."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -27,26 +28,20 @@ def pull(length: np.ndarray, pressure: float) -> np.ndarray:
 
 
 def record(
-    seed: int = 0,
-    *,
-    cycles: int = 3,
-    pressures: tuple[float, ...] = (1e5, 3e5),
-    offset: float = 0.0,
-    stroke: float = STROKE,
-    rest: float = 5.0,
+    cycles: int = 3, pressures: tuple[float, ...] = (1e5, 3e5), rest: float = 5.0
 ) -> IsobaricRecord:
     """Strokes with rests of `rest` before each pressure; force = pull -+ HALF, pressure +-, noise."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     parts = []
     for pressure in pressures:
-        ramp = np.arange(0, stroke / RATE, DT) * RATE
-        once = np.concatenate([ramp, stroke - ramp])
+        ramp = np.arange(0, STROKE / RATE, DT) * RATE
+        once = np.concatenate([ramp, STROKE - ramp])
         still = np.zeros(round(rest / DT))
         shortened = np.concatenate([still, *[once] * cycles, still])
         moving = np.gradient(shortened)
         side = HALF * np.where(np.abs(moving) > 1e-9, np.sign(-moving), 0.0)
         length = L0 - shortened
-        force = pull(length, pressure) + side + offset + rng.normal(0, NOISE, length.size)
+        force = pull(length, pressure) + side + rng.normal(0, NOISE, length.size)
         held = pressure + 200.0 + rng.normal(0, 500.0, length.size)
         parts.append(np.column_stack([length, force, held, np.full(length.size, pressure)]))
     table = np.concatenate(parts)
@@ -62,10 +57,9 @@ def test_curves_ends_and_loop_are_those_of_the_closed_form() -> None:
         assert np.abs(bar.shortening - (exact - HALF))[inner].max() < GRID_ERROR
         assert np.abs(bar.lengthening - (exact + HALF))[inner].max() < GRID_ERROR
         assert bar.cycles == 3
-        assert bar.blocked_force == pytest.approx(
-            bar.set_pressure / 100, abs=4 * NOISE / np.sqrt(100)
-        )
-        assert bar.moving_blocked_force == pytest.approx(bar.set_pressure / 100, abs=HALF / 2)
+        blocked = bar.set_pressure / 100
+        assert bar.blocked_force == pytest.approx(blocked, abs=4 * NOISE / np.sqrt(100))
+        assert bar.moving_blocked_force == pytest.approx(blocked, abs=HALF / 2)
         slope = bar.set_pressure / 100 / 0.05
         assert bar.free_contraction == pytest.approx((0.05 - HALF / slope) / L0, abs=2 / slope / L0)
         assert bar.mean_free_contraction == pytest.approx(0.05 / L0, abs=2 / slope / L0)
@@ -85,13 +79,14 @@ def test_pressure_statistics_are_those_of_the_strokes() -> None:
     assert 3 * 500 < bar.largest_pressure_error < 6 * 500 + 200
 
 
+def part_of(whole: IsobaricRecord, kept: np.ndarray) -> IsobaricRecord:
+    names = ("time", "length", "force", "pressure", "set_pressure")
+    return IsobaricRecord(*(getattr(whole, n)[kept] for n in names), rest_length=L0)
+
+
 def test_an_incomplete_stroke_is_named_and_left_out() -> None:
     whole = record(pressures=(2e5,))
-    stop = whole.time.size - round((5.0 + 30.0) / DT)
-    columns = (
-        getattr(whole, n)[:stop] for n in ("time", "length", "force", "pressure", "set_pressure")
-    )
-    found = characterise(IsobaricRecord(*columns, rest_length=L0))
+    found = characterise(part_of(whole, np.arange(whole.time.size - round((5.0 + 30.0) / DT))))
     assert found.isobars[0].cycles == 2
     assert any("is no complete stroke" in note for note in found.notes)
 
@@ -101,9 +96,7 @@ def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
     """A torn journal has no pressure for a while; the other strokes remain."""
 
     def torn(whole: IsobaricRecord) -> IsobaricRecord:
-        kept = (whole.time < second) | (whole.time > second + 4.0)
-        names = ("time", "length", "force", "pressure", "set_pressure")
-        return IsobaricRecord(*(getattr(whole, n)[kept] for n in names), rest_length=L0)
+        return part_of(whole, (whole.time < second) | (whole.time > second + 4.0))
 
     whole = record(pressures=(2e5,))
     found = characterise(torn(whole))
@@ -117,11 +110,8 @@ def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
 
 def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
     found = characterise(record())
-    path = write_dataset(
-        found,
-        tmp_path / "set.csv",
-        specimen={"wall_thickness_mm": 1.5, "embedded": False, "name": "F 1"},
-    )
+    specimen = {"wall_thickness_mm": 1.5, "embedded": False, "name": "F 1"}
+    path = write_dataset(found, tmp_path / "set.csv", specimen=specimen)
     data = read_csv(path)
     assert data.specimen.rest_length == L0
     assert data.specimen.wall_thickness == pytest.approx(1.5e-3)
@@ -137,21 +127,13 @@ def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
         write_dataset(found, tmp_path / "none" / "set.csv")
 
 
-def test_every_reading_of_the_dataset_has_the_pressure_that_was_measured_there(
-    tmp_path: Path,
-) -> None:
+def test_every_reading_has_the_pressure_that_was_measured_there(tmp_path: Path) -> None:
     """The pressure falls by a fifth along the stroke: the force is that of the pressure there."""
     steady = record()
     share = 1 - 0.2 * (L0 - steady.length) / STROKE
     half = steady.force - pull(steady.length, 1) * steady.set_pressure
-    dipping = IsobaricRecord(
-        steady.time,
-        steady.length,
-        pull(steady.length, 1) * steady.set_pressure * share + half,
-        steady.pressure * share,
-        steady.set_pressure,
-        rest_length=L0,
-    )
+    force = pull(steady.length, 1) * steady.set_pressure * share + half
+    dipping = dataclasses.replace(steady, force=force, pressure=steady.pressure * share)
     data = read_csv(write_dataset(characterise(dipping), tmp_path / "set.csv"))
     assert np.ptp(data.pressure[data.pressure > 2e5]) > 0.15 * 3e5
     assert np.abs(data.force - pull(data.length, 1) * data.pressure).max() < 2 * GRID_ERROR
@@ -191,14 +173,8 @@ def test_where_the_journal_is_silent_there_is_no_row() -> None:
     truth = record()
     t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
     t = t[(t < 60) | (t > 70)]
-    found = combine(
-        log_of(truth, gaps=((1.0, 3),)),
-        AHEAD,
-        t,
-        np.full(t.size, 1e5),
-        [(-1.0, 1e5)],
-        rest_length=L0,
-    )
+    log = log_of(truth, gaps=((1.0, 3),))
+    found = combine(log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=L0)
     missing = (truth.time > 60.06) & (truth.time < 69.94)
     assert not np.isin(np.round(truth.time[missing], 6), np.round(found.time, 6)).any()
     assert truth.time.size - found.time.size == pytest.approx(missing.sum(), abs=6)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from maps import COLUMNS, bpa10_maps
 
 from famjax.boundary.errors import InputError
 from fitting.data import Specimen, csv_text, read_csv, write_csv
@@ -20,7 +21,6 @@ from fitting.records import (
     read_ramps,
     static_map,
 )
-from tests.fitting import bpa10
 
 ZERO, TOP, HALF_WIDTH, NOISE = 9e3, 6.2e5, 4.0, 0.9  # Pa, Pa, N, N
 CLAMP = -8.7
@@ -40,32 +40,23 @@ def _half_width(P: np.ndarray) -> np.ndarray:
     return HALF_WIDTH * np.sin(np.pi * np.clip(P / TOP, 0, 1))
 
 
-def _hold_pressures(n_fill: int = 20) -> np.ndarray:
+def _hold_pressures() -> np.ndarray:
     """Gauge pressure of the holds: filling towards the top, then venting to 60 kPa."""
-    fill = TOP * (1 - 0.85 ** np.arange(1, n_fill + 1))
+    fill = TOP * (1 - 0.85 ** np.arange(1, 21))
     return np.concatenate([fill, 6e4 + (fill[-1] - 6e4) * 0.8 ** np.arange(1, 19)])
 
 
-def _staircase(
-    length: float,
-    *,
-    seed: int = 0,
-    noise: float = NOISE,
-    offset: float = 0.0,
-    hysteresis: float = 1.0,
-    n_fill: int = 20,
-    venting: bool = True,
-) -> RampRecord:
+def _staircase(length: float, *, seed: int = 0, noise: float = NOISE) -> RampRecord:
     random = np.random.default_rng(seed)
-    held = _hold_pressures(n_fill)[: None if venting else n_fill]
+    held = _hold_pressures()
     t = np.arange(0, 0.05 + 0.4 * held.size, 2e-3)
     since = t - 0.05
     number = np.minimum(np.floor(since / 0.4).astype(int), held.size - 1)
     before, after = (np.concatenate([[0.0], held])[number + k] for k in (0, 1))
     decay = np.exp(-np.clip(since - 0.4 * number, 0, None) / 0.015)
     P = np.where(number < 0, 0.0, after + (before - after) * decay)
-    branch = np.where(number < n_fill, -1.0, 1.0)
-    F = _static(P, length) + hysteresis * branch * _half_width(P) + offset
+    branch = np.where(number < 20, -1.0, 1.0)
+    F = _static(P, length) + branch * _half_width(P)
     if noise:
         F = F + noise * random.standard_normal(t.size)
         P = P + 350 * random.standard_normal(t.size)
@@ -122,11 +113,9 @@ def test_each_hold_gives_a_point(points: QuasiStatic) -> None:
 
 def test_force_noise_and_drift_of_the_holds(points: QuasiStatic) -> None:
     free = ~points.clamped
-    truth = np.where(
-        points.length == LENGTHS[0],
-        _static(points.pressure, LENGTHS[0]),
-        _static(points.pressure, LENGTHS[1]),
-    ) + np.where(points.filling, -1, 1) * _half_width(points.pressure)
+    P = points.pressure
+    truth = np.where(points.length == LENGTHS[0], *(_static(P, length) for length in LENGTHS))
+    truth = truth + np.where(points.filling, -1, 1) * _half_width(P)
     miss = (points.force - truth)[free]
     stderr = np.hypot(points.stderr[free], 6e-4 * 350 * 1.26 / np.sqrt(80))
     assert np.abs(miss / stderr).max() < SIGMAS
@@ -153,12 +142,7 @@ def test_readings_of_a_coarse_sensor_are_resolved() -> None:
     """Medians fall on the sensor's steps; spread over the step they do not."""
     fine = _staircase(LENGTHS[0], seed=5)
     step = 0.683
-    coarse = RampRecord(
-        force=step * np.round(fine.force / step),
-        pressure=fine.pressure,
-        time=fine.time,
-        length=fine.length,
-    )
+    coarse = dataclasses.replace(fine, force=step * np.round(fine.force / step))
     a, b = (quasi_static(record, atmosphere=ZERO) for record in (fine, coarse))
     assert np.sqrt(np.mean((a.force - b.force) ** 2)) < 0.1 * step  # 0.29 for plain medians
     assert np.unique(b.force).size == b.force.size
@@ -229,8 +213,7 @@ def test_without_noise_only_the_method_is_left() -> None:
 
 
 def test_unsettled_holds_are_marked_and_not_used() -> None:
-    record = _staircase(LENGTHS[0])
-    strict = quasi_static(record, atmosphere=ZERO, part=(0.02, 0.9))
+    strict = _points(part=(0.02, 0.9))
     assert 0 < strict.settled.sum() < strict.settled.size
 
 
@@ -306,17 +289,14 @@ def _write(record: RampRecord, path: Path) -> str:
 
 @pytest.mark.slow
 def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
-    columns = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]", "valve_state": "4"}
     files = [_write(r, tmp_path / f"{i}.csv") for i, r in enumerate(points.records)]
     entries = [f"{f}={r.length * 1e3}mm" for f, r in zip(files, points.records, strict=True)]
     listed = tmp_path / "list.csv"
-    listed.write_text(
-        "file,length_mm\n"
-        + "".join(f"{i}.csv,{r.length * 1e3}\n" for i, r in enumerate(points.records))
-    )
+    rows = (f"{i}.csv,{r.length * 1e3}" for i, r in enumerate(points.records))
+    listed.write_text("\n".join(["file,length_mm", *rows, ""]))
     specimen = {"rest_length": 0.30, "name": "synthetic"}
     summary, made = ramps_command(
-        entries, columns=columns, atmosphere=ZERO, specimen=specimen, system="metric"
+        entries, columns=COLUMNS, atmosphere=ZERO, specimen=specimen, system="metric"
     )
     assert set(made) == {"map.csv", "ramps.png", "ramps.json", "branches.csv"}
     assert json.loads(made["ramps.json"]) == summary
@@ -334,30 +314,22 @@ def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
     read = read_csv(tmp_path / "map.csv")
     assert read.assumed == ("nominal_diameter", "wall_thickness", "bladder_diameter")
     known = {**specimen, "wall_thickness": 1.5e-3, "embedded": False, "nominal_diameter": 0.02}
-    _, made = ramps_command(entries, columns=columns, atmosphere=ZERO, specimen=known)
+    _, made = ramps_command(entries, columns=COLUMNS, atmosphere=ZERO, specimen=known)
     (tmp_path / "known.csv").write_bytes(made["map.csv"])
     read = read_csv(tmp_path / "known.csv")
     assert read.assumed == ()
     assert not read.specimen.embedded
-    again = read_ramps([str(listed)], columns=columns)
+    again = read_ramps([str(listed)], columns=COLUMNS)
     assert [record.length for record in again] == pytest.approx([0.3] * 3 + [0.28] * 3)
     assert [record.source for record in again] == [f"{i}.csv" for i in range(6)]
 
 
-@pytest.fixture(scope="module")
-def bpa10_maps() -> dict[str, StaticMap]:
-    if not bpa10.FOLDER.is_dir():
-        pytest.skip(bpa10.ABSENT)
-    return bpa10.bpa10_maps()
-
-
 @pytest.mark.slow
-def test_bpa10_is_as_its_study_says(bpa10_maps: dict[str, StaticMap]) -> None:
+def test_bpa10_is_as_its_study_says() -> None:
     """Figures of an independent evaluation of the seven specimens of the series, rounded there."""
-    assert sum(made.points.force.size for made in bpa10_maps.values()) == pytest.approx(
-        1300, abs=20
-    )
-    for made in bpa10_maps.values():
+    maps = bpa10_maps()
+    assert sum(made.points.force.size for made in maps.values()) == pytest.approx(1300, abs=20)
+    for made in maps.values():
         points = made.points
         np.testing.assert_allclose(points.periods, 0.5, rtol=0.01)
         assert points.clamp == -8.7354

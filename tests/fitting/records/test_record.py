@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from famjax.boundary.errors import InputError
-from fitting.records import read_history, read_ramp
+from fitting.records import read_history, read_machine_log, read_ramp
 from fitting.records.record import checked_columns, split_branches
 
-RAMP = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]", "valve_state": "4"}
-PLAIN = {key: RAMP[key] for key in ("force", "pressure", "time")}
+PLAIN = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]"}
 
 
 def _triangle(cycles: int, rows: int, hold: int = 0) -> np.ndarray:
@@ -80,25 +79,34 @@ def test_units_are_in_the_header(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "columns", "match"),
+    ("text", "match"),
     [
-        ("", None, "empty"),
-        ("1,2,3\n", None, "no column for force; the table has column 1, .*--column force=.1 .N."),
-        ("force,pressure_kPa,time_s\n1,2,3\n", None, "column 'force' has no unit"),
-        ("force_N,pressure_kPa\n1,2\n", None, "no column for time"),
-        ("force_N,pressure_foo,time_s\n1,2,3\n", None, "unknown unit 'foo'"),
-        ("force_N,force_lbf,pressure_Pa,time_s\n1,2,3,4\n", None, "2 columns for force"),
-        ("force_N,pressure_kPa,time_s\n1,2,3\n1,2\n", None, "row 3: time is missing"),
-        ("1,2,3\n4,x,6\n", PLAIN, "row 2: pressure is 'x', not a number"),
-        ("1;2,5;3.5\n", PLAIN, "--column decimal=,"),
-        ("1,2,nan\n", PLAIN, "row 1: time is nan; every value must be finite"),
-        ("1,2,3\n1,2,2\n1,4,1\n", PLAIN, "time goes back from 3 s to 2 s at line 2"),
-        ("1,2,3\n", PLAIN, "at least 3 readings"),
-        ("\0" * 500, None, "not a text file"),
+        ("1,2,3\n1,2\n", "row 2: time is missing"),
+        ("1,2,3\n1,2,2\n1,4,1\n", "time goes back from 3 s to 2 s at line 2"),
+        ("1,2,3\n", "at least 3 readings"),
     ],
 )
-def test_ramps_that_cannot_be_read(
-    tmp_path: Path, text: str, columns: dict[str, str] | None, match: str
-) -> None:
+def test_ramps_that_cannot_be_read(tmp_path: Path, text: str, match: str) -> None:
     with pytest.raises(InputError, match=match):
-        read_ramp(_file(tmp_path, text), length=0.3, columns=columns)
+        read_ramp(_file(tmp_path, text), length=0.3, columns=PLAIN)
+
+
+def test_missing_rows_of_a_log_are_reported_and_not_filled(tmp_path: Path) -> None:
+    kept = [k for k in range(150) if k not in {10, 50, 51, 52}]
+    rows = "".join(f"{0.02 * k:.3f},{k},{100 - k}\n" for k in kept)
+    log = read_machine_log(_file(tmp_path, "time_s,displacement_mm,force_N\n" + rows))
+    assert [(round(after, 3), rows) for after, rows in log.gaps] == [(0.18, 1), (0.98, 3)]
+    assert (log.missing_rows, log.time.size) == (4, 146)
+    assert log.unread == log.repeated == ()
+    assert log.interval == pytest.approx(0.02)
+
+
+def test_what_is_no_log_is_refused_with_its_path(tmp_path: Path) -> None:
+    path = _file(tmp_path, "Dear all,\nno numbers today.\n")
+    with pytest.raises(InputError, match="no block of numbers") as caught:
+        read_machine_log(path)
+    assert str(path) in str(caught.value)
+    with pytest.raises(InputError, match="no such file"):
+        read_machine_log(tmp_path / "none.txt")
+    with pytest.raises(InputError, match="load is none of time, displacement, force, decimal"):
+        read_machine_log(path, columns={"load": "Load"})
