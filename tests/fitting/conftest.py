@@ -4,10 +4,7 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
-import clarabel
-import numpy as np
 import pytest
-from scipy import sparse
 
 from fitting import ForceData, Identification, identify, load_bundled
 
@@ -65,32 +62,3 @@ def map_file(tmp_path: Path) -> Path:
     path = tmp_path / "map.csv"
     path.write_text("\n".join(rows) + "\n")
     return path
-
-
-@pytest.fixture(scope="session")
-def clarabel_objective() -> Callable[..., float]:
-    """The optimal objective of a quadratic programme by somebody else's interior-point solver."""
-    return _clarabel_objective
-
-
-def _clarabel_objective(A: np.ndarray, b: np.ndarray, G: np.ndarray, h: np.ndarray) -> float:
-    """Solved in units in which columns, data and constraint rows are of order one."""
-    columns, size = np.linalg.norm(A, axis=0), np.linalg.norm(b)
-    A, G, b, h = A / columns, G / columns, b / size, h / size
-    on = np.linalg.norm(G, axis=1) > 0
-    rows = np.linalg.norm(G[on], axis=1)
-    G, h = G[on] / rows[:, None], h[on] / rows
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.triu(A.T @ A)),
-        -A.T @ b,
-        sparse.csc_matrix(-G),
-        -h,
-        [clarabel.NonnegativeConeT(len(h))] if len(h) else [],
-        settings,
-    )
-    solution = solver.solve()
-    assert str(solution.status) in {"Solved", "AlmostSolved"}
-    return 0.5 * float(np.sum((A @ np.array(solution.x) - b) ** 2)) * size**2

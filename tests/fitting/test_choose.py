@@ -1,19 +1,39 @@
-"""What is chosen predicts what it has not seen, and the choice is made of nothing else."""
+"""What is chosen predicts what it has not seen; the ladder carries what a map can; rigs are told apart."""
 
 import dataclasses
 import json
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from maps import known_muscle, muscle_map, readings
 
-from fitting import Choice, ForceData, InputError, choose, load_fit, predict, write_fit
-from fitting.choice import choice_as_dict, choice_table, validate_choice, weigh
+import famjax
+from fitting import (
+    Choice,
+    ForceData,
+    Identification,
+    InputError,
+    Parameter,
+    choose,
+    identify,
+    load_fit,
+    predict,
+    write_fit,
+)
+from fitting.choice import (
+    choice_as_dict,
+    choice_table,
+    validate_choice,
+    weigh,
+)
 from fitting.evidence import Evidence
-from fitting.ladder import ladder
+from fitting.ladder import ladder, rest_length_rounding
 from fitting.race import ALIKE, NEAR, Tried, held_out_error, preferred
+from fitting.saved import card_of
 from fitting.validation import LeftOut
-from tests.fitting.synthetic import muscle_map
 
 
 @pytest.fixture(scope="module")
@@ -82,13 +102,8 @@ def test_a_saved_choice_predicts_with_the_same_band(chosen: Choice, tmp_path: Pa
     half = [(row["high_95_N"] - row["low_95_N"]) / 2 for row in rows]
     assert half == pytest.approx(list(chosen.half_band(*at)), rel=1e-6)
     assert all(row["band"] == "left out" for row in rows)
-
-
-@pytest.mark.slow
-def test_what_was_tried_is_told(chosen: Choice) -> None:
     document = json.loads(json.dumps(choice_as_dict(chosen)))
-    assert document["chosen"] == chosen.name
-    assert len(document["tried"]) == len(chosen.tried)
+    assert (document["chosen"], len(document["tried"])) == (chosen.name, len(chosen.tried))
     title, header, rows = choice_table(chosen, "us")
     assert "lbf" in title
     assert len(header) == len(rows[0])
@@ -113,11 +128,9 @@ def test_the_choice_is_made_anew_without_what_it_predicts(dmsp10: ForceData) -> 
 
 def test_readings_known_well_do_not_outweigh_what_the_law_is_good_for(dmsp20: ForceData) -> None:
     std = np.full(dmsp20.force.shape, 1e-3)
-    weighed = weigh(dataclasses.replace(dmsp20, force_std=std))
-    assert weighed.force_std == pytest.approx(0.005 * dmsp20.max_force, rel=1e-6)
-    assert weigh(dmsp20, noise=20.0).force_std == pytest.approx(
-        np.hypot(20.0, 0.005 * dmsp20.max_force)
-    )
+    weighed, least = weigh(dataclasses.replace(dmsp20, force_std=std)), 0.005 * dmsp20.max_force
+    assert weighed.force_std == pytest.approx(least, rel=1e-6)
+    assert weigh(dmsp20, noise=20.0).force_std == pytest.approx(np.hypot(20.0, least))
 
 
 def test_one_length_determines_no_family(dmsp20: ForceData) -> None:
@@ -126,27 +139,18 @@ def test_one_length_determines_no_family(dmsp20: ForceData) -> None:
         choose(one)
 
 
-def made(data: ForceData, *errors: float, lengths: bool = True) -> list[Tried]:
+def made(data: ForceData, *errors: float) -> list[Tried]:
     """Families in the order of the ladder, of these held-out errors."""
     of = ladder(data)[0][: len(errors)]
-    kind = "length" if lengths else "pressure"
-    out = {kind: LeftOut(kind, np.zeros(1), np.zeros(1, int), np.zeros(1))}
+    out = {"length": LeftOut("length", np.zeros(1), np.zeros(1, int), np.zeros(1))}
     return [Tried(one, 1.0, out, error, alike=True) for one, error in zip(of, errors, strict=True)]
 
 
-@pytest.mark.parametrize(
-    ("held_out", "order"),
-    [
-        ((4.0, 5.0, 3.0), [2, 0, 1]),
-        ((4.0, 3.9, 3.8), [2, 1, 0]),
-        ((np.inf, 5.0, 3.0), [2, 1, 0]),
-    ],
-)
-def test_the_smallest_held_out_error_is_preferred(
-    dmsp20: ForceData, held_out: tuple[float, ...], order: list[int]
-) -> None:
+def test_the_smallest_held_out_error_is_preferred(dmsp20: ForceData) -> None:
     """Of the first three of the ladder: the law of rubber, the same in a rig, the next law of rubber."""
-    assert preferred(made(dmsp20, *held_out)) == order
+    assert preferred(made(dmsp20, 4.0, 5.0, 3.0)) == [2, 0, 1]
+    assert preferred(made(dmsp20, 4.0, 3.9, 3.8)) == [2, 1, 0]
+    assert preferred(made(dmsp20, np.inf, 5.0, 3.0)) == [2, 1, 0]
 
 
 def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20: ForceData) -> None:
@@ -158,3 +162,150 @@ def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20: ForceData) ->
     cliff = of_groups(1.1, 0.9, 1.8, 84.0)
     assert cliff == pytest.approx(np.sqrt(np.hypot(0.9, 1.8) * np.hypot(1.1, 84) / 2), rel=0.1)
     assert cliff > 1.5 * of_groups(3.0, 1.5, 2.0, 20.0)
+
+
+@pytest.mark.slow
+def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
+    tmp_path: Path, sent: Any
+) -> None:
+    small = readings(known_muscle(famjax.PolynomialMaterial([1e6])), 4, noise=1.0)
+    held = {"end_factor": (1.0, 1.0), "braid_compliance": (0.0, 0.0), "rest_length": (0.3, 0.3)}
+    few: dict[str, Any] = {"starts": 2, "bounds": held}  # laws with and without a deadband
+    here, whole, cut = choose(small, **few), tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
+    found = validate_choice(here, "length", resume=whole, **few)
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(done: int, total: int) -> None:
+        if done == 3:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        validate_choice(here, "length", resume=cut, **few, progress=stop)
+    again = validate_choice(here, "length", resume=cut, **few, executor=sent)
+    assert sent.count == 1  # of four lengths
+    assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(found).items())
+    assert cut.read_bytes() == whole.read_bytes()
+    with pytest.raises(InputError, match=r"a validation of other data .*groups was"):
+        validate_choice(here, "pressure", resume=cut, **few)
+
+
+def of_lengths(data: ForceData, count: int) -> ForceData:
+    """The map at its longest lengths only."""
+    level = data.lengths.level
+    return data.part(level >= np.unique(level[data.loaded])[-count])
+
+
+def test_the_laws_of_rubber_come_before_those_that_only_describe(dmsp20: ForceData) -> None:
+    candidates, dropped = ladder(dmsp20)
+    laws = ["ogden", "mooney-rivlin", "linear", "saturating", "cubic"]
+    assert [one.name for one in candidates if not one.rig] == laws
+    assert [one.name for one in candidates if one.rig] == [f"{law}, compliant rig" for law in laws]
+    ranks = [one.rank for one in candidates]
+    assert ranks == sorted(ranks)
+    assert not dropped
+
+
+@pytest.mark.parametrize(("lengths", "most"), [(2, 3), (3, 5), (4, 7)])
+def test_a_small_map_gets_fewer_unknowns_instead_of_a_refusal(
+    dmsp20: ForceData, lengths: int, most: int
+) -> None:
+    candidates, dropped = ladder(of_lengths(dmsp20, lengths))
+    assert candidates
+    assert max(one.unknowns for one in candidates) <= most
+    assert dropped or lengths == 4
+
+
+def test_every_family_has_the_same_unknowns_of_the_geometry(dmsp20: ForceData) -> None:
+    for one in ladder(dmsp20)[0]:
+        if one.law == "mooney-rivlin":  # of an equivalent cylinder
+            assert {"end_factor", "rest_length"}.isdisjoint(one.parameters)
+            assert one.parameters["braid_diameter"].max == pytest.approx(0.028)
+            continue
+        assert {"end_factor", "rest_length", "braid_compliance"} <= {*one.parameters}
+        assert one.parameters["end_factor"].prior is not None
+        assert one.parameters["rest_length"].prior == (0.296, 0.00025)
+        assert ("deadband_pressure" in one.parameters) == one.rig  # held at 0 beside such a rig
+        assert ("series_exponent" in one.parameters) == one.rig
+
+
+def test_what_a_user_says_is_not_varied(dmsp20: ForceData) -> None:
+    said = {"end_factor": Parameter(value=1.05, vary=False)}
+    candidates, _ = ladder(dmsp20, said)
+    assert all(one.parameters["end_factor"] is said["end_factor"] for one in candidates)
+    bounded, _ = ladder(dmsp20, bounds={"end_factor": (1.0, 1.1)})
+    assert all("end_factor" not in one.parameters for one in bounded)
+    assert all(one.bounds == {"end_factor": (1.0, 1.1)} for one in bounded)
+
+
+def test_no_feature_of_a_law_is_finer_than_the_lengths(dmsp20: ForceData) -> None:
+    level = dmsp20.lengths.level
+    for data in (dmsp20, dmsp20.part(np.isin(level, np.unique(level[dmsp20.loaded])[::2]))):
+        lengths = np.unique(data.lengths.level[data.loaded])
+        gap = np.diff(lengths).max() / data.specimen.rest_length
+        (law,) = (one for one in ladder(data)[0] if one.name == "saturating")
+        assert law.parameters["strain_scale"].min == pytest.approx(min(gap / 2, 0.1))
+
+
+def test_the_rounding_of_a_rest_length_is_told_by_its_digits() -> None:
+    found = [rest_length_rounding(length) for length in (0.296, 0.0832)]
+    assert found == pytest.approx([0.5e-3, 0.05e-3])
+
+
+COMPLIANCE, EXPONENT = 1.5e-5, 0.5
+POWER = {
+    "series_compliance": Parameter(),
+    "series_exponent": Parameter(),
+    "deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa"),
+}
+LENGTHS = (1.0, 0.985, 0.96, 0.93, 0.9, 0.87)
+RECOVERED = 1e-5  # relative
+ROUNDED = 1e-9
+
+
+def in_rig(rig: tuple[float, float | None] | None, noise: float = 0.0) -> ForceData:
+    return muscle_map(noise=noise, seed=7, lengths=LENGTHS, deadband=0.0, rig=rig)
+
+
+@pytest.fixture(scope="module")
+def identified() -> Identification:
+    data = in_rig((COMPLIANCE, EXPONENT))
+    return identify(data, law="mooney-rivlin", parameters=POWER, starts=8)
+
+
+def test_it_is_recovered(identified: Identification) -> None:
+    assert identified.converged
+    assert identified.errors.rmse < 1e-5
+    truth = {
+        "braid_diameter": 0.0135, "braid_angle": math.radians(64), "C10": 0.4e6, "C01": 0.15e6,
+        "series_compliance": COMPLIANCE, "series_exponent": EXPONENT,
+    }  # fmt: skip
+    for name, value in truth.items():
+        assert identified.estimate(name).value == pytest.approx(value, rel=RECOVERED), name
+    assert identified.mounted.exponent == pytest.approx(EXPONENT, rel=RECOVERED)
+
+
+@pytest.mark.slow
+def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path: Path) -> None:
+    write_fit(identified, tmp_path)
+    saved = load_fit(tmp_path / "fit.json")
+    assert saved.mounted.exponent == identified.mounted.exponent
+    L, P = np.array([0.24]), np.array([4e5])
+    (row,) = predict(saved, L, P)
+    assert row["force_N"] == pytest.approx(float(identified.predict(L, P)[0]), rel=ROUNDED)
+    # Of another rest length it is in the same rig.
+    (other,) = predict(saved, np.array([0.19]), P, rest_length=0.2)
+    shorter = identified.mounted.with_muscle(famjax.cut_to_length(identified.muscle, 0.2))
+    assert other["force_N"] == pytest.approx(float(shorter.force(0.19, 4e5)), rel=ROUNDED)
+    card = card_of(saved)
+    assert card.members[0].exponent == identified.mounted.exponent
+    assert float(card.muscle.force(0.24, 4e5)) == pytest.approx(row["force_N"], rel=ROUNDED)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", [None, (COMPLIANCE, EXPONENT)], ids=["rigid", "square root"])
+def test_a_rig_is_chosen_where_there_is_one(rig: tuple[float, float] | None) -> None:
+    choice = choose(in_rig(rig, noise=0.5))
+    assert ("compliant rig" in choice.name) is (rig is not None)
+    assert choice.chosen.errors.rmse < 0.8

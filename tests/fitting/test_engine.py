@@ -1,15 +1,29 @@
-"""The engine: derivatives through the convex fit, batches, padded sizes, several specimens."""
+"""The engine: derivatives through the convex fit, batches, several specimens, shared and kept programs."""
 
+import dataclasses
 import pickle
+from collections.abc import Iterator
+from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from muscles import CYLINDER_10, LATEX
+from scipy import optimize
+from slow_cases import slow_after
 
-from fitting import ForceData, Parameter
+import famjax
+from famjax.compile_options import quick_jit, quick_options
+from fitting import ForceData, Parameter, identify
 from fitting.engine import Batch, partial, predict, solve
+from fitting.ladder import Candidate, in_shared_program, ladder, sharing_one_program
 from fitting.posing import pose
-from fitting.problem import Problem
-from fitting.search import descend, descend_many, latin_hypercube
+from fitting.problem import Problem, PureProblem
+from fitting.programs import kept
+from fitting.race import posed_of
+from fitting.search import descend, descend_many, latin_hypercube, step_in_box
+from fitting.summary import muscle_at
 
 STEP = 1e-5  # of the box
 NOISE = 1e-7  # of a difference so made, of the largest derivative
@@ -110,8 +124,187 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(
         )
         length = np.linspace(0.8, 1.0, 9) * data.specimen.rest_length
         at = length, np.full(9, 3e5)
-        np.testing.assert_allclose(
+        found, wanted = (
             predict(joint, place, p, both.x, *at),
             predict(alone, 0, p[part.at], one.x, *at),
-            rtol=1e-9,
         )
+        np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+FORCE_STEP = 0.4  # N: of differences
+DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
+
+
+def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(
+    dmsp20: ForceData,
+) -> None:
+    problem = pose((dmsp20,), order=2).problem
+    pure, force = PureProblem.of(problem), jnp.asarray(problem.force)
+    u = np.random.default_rng(0).uniform(0.05, 0.95, (3, problem.free.size))
+    parameters = np.stack([problem.parameters(one) for one in u])
+
+    @quick_jit
+    def several(parameters: jax.Array) -> jax.Array:
+        return jax.vmap(lambda p: pure.coefficients(p, force))(parameters)
+
+    for p, x in zip(parameters, np.asarray(several(jnp.asarray(parameters))), strict=True):
+        np.testing.assert_allclose(x, solve(problem, p).x, rtol=1e-9)
+
+    def first(u: jax.Array) -> jax.Array:
+        return pure.coefficients(pure.parameters(u), force)[0]
+
+    slope, value = quick_jit(jax.grad(first))(jnp.asarray(u[0])), quick_jit(first)
+    moves = 1e-6 * np.eye(u.shape[1])
+    central = [(value(u[0] + move) - value(u[0] - move)) / 2e-6 for move in moves]
+    np.testing.assert_allclose(slope, central, rtol=0, atol=1e-6 * np.abs(central).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"law": "saturating", "parameters": {"series_compliance": Parameter()}}],
+    ids=["rigid", "compliant"],
+)
+def test_the_derivative_goes_through_the_fit(dmsp20: ForceData, options: dict) -> None:
+    result = identify(dmsp20, starts=4, **options)
+    problem, near = result.problem, result.end.point
+    towards = np.random.default_rng(1).normal(size=problem.force.size)
+    pure = PureProblem.of(problem)
+
+    @quick_jit
+    def slope(force: jax.Array, along: jax.Array) -> tuple[jax.Array, ...]:
+        def numbers(force: jax.Array) -> tuple[jax.Array, jax.Array]:
+            return pure.differentiable(force, near)
+
+        return jax.jvp(numbers, (force,), (along,))[1]
+
+    found = slope(jnp.asarray(problem.force), jnp.asarray(towards))
+    ends = [
+        descend(
+            problem.with_readings(force=problem.force + sign * FORCE_STEP * towards),
+            # From the optimum itself a single step is made, and what it leaves grows with STEP.
+            0.7 * result.end.u + 0.1,
+            tolerance=1e-13,
+        )
+        for sign in (1, -1, 2, -2)
+    ]
+    for mine, of in zip(found, ("parameters", "x"), strict=True):
+        after, before, far, back = (getattr(end.point, of) for end in ends)
+        difference = (8 * (after - before) - (far - back)) / (12 * FORCE_STEP)
+        size = np.abs(difference).max()
+        np.testing.assert_allclose(mine / size, difference / size, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize("p", [1, 3, 7])
+def test_the_step_is_that_of_scipy_and_meets_bounds_exactly(p: int) -> None:
+    rng = np.random.default_rng(p)
+    count, met = 40, 0
+    J = rng.normal(size=(count, 12, p)) @ np.diag(10.0 ** rng.uniform(-2, 1, p))
+    r, damping = rng.normal(size=(count, 12)), 10.0 ** rng.uniform(-6, 0, count)
+    u = np.where(rng.uniform(size=(count, p)) < 0.2, 0.0, rng.uniform(size=(count, p)))
+    moves = step_in_box(J, r, damping, -u, 1 - u)
+    for k, move in enumerate(moves):
+        A = np.concatenate([J[k], np.sqrt(damping[k]) * np.eye(p)])
+        b = np.concatenate([-r[k], np.zeros(p)])
+        theirs = optimize.lsq_linear(A, b, (-u[k], 1 - u[k] + 1e-300), method="bvls", tol=1e-14)
+        ours = ((A @ move - b) ** 2).sum() / 2
+        assert ours <= theirs.cost * (1 + 1e-9)  # SciPy's own tolerance
+        assert (move >= -u[k]).all()
+        assert (move <= 1 - u[k]).all()
+        met += ((move == -u[k]) | (move == 1 - u[k])).sum()
+    assert met > count / 2
+
+
+def test_nothing_to_move() -> None:
+    moves = step_in_box(np.zeros((2, 3, 0)), np.ones((2, 3)), np.ones(2), *np.zeros((2, 2, 0)))
+    assert moves.shape == (2, 0)
+
+
+SHARED = 1e-9  # relative: another program, and the forces of a rig to their own tolerance
+NAMES = ("ogden", "mooney-rivlin", "linear", "saturating", "cubic", "ogden, compliant rig")
+
+
+class Stiffer(famjax.materials.NeoHookeanMaterial):
+    """A law of one's own whose parameter has the name of another's."""
+
+    def energy(self, axial_stretch: famjax.Real, hoop_stretch: famjax.Real) -> jax.Array:
+        return 3 * super().energy(axial_stretch, hoop_stretch)
+
+
+def candidate(data: ForceData, name: str) -> Candidate:
+    return next(one for one in ladder(data)[0] if one.name == name)
+
+
+def alone(problem: Problem) -> Problem:
+    parts = tuple(dataclasses.replace(part, within=None) for part in problem.parts)
+    return dataclasses.replace(problem, parts=parts)
+
+
+@pytest.fixture
+def weighed(dmsp10: ForceData) -> ForceData:
+    return dataclasses.replace(dmsp10, force_std=np.full(dmsp10.force.shape, 2.0))
+
+
+@pytest.mark.parametrize("name", slow_after(1, NAMES))
+def test_a_family_has_the_same_fit_and_force_by_its_own_program(
+    weighed: ForceData, name: str
+) -> None:
+    problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
+    assert problem.parts[0].within is not None
+    u = np.full(len(problem.free), 0.4)
+    shared, own = (solve(one, one.parameters(u)) for one in (problem, alone(problem)))
+    mounted = problem.parts[0].mounted(muscle_at(problem, shared, 0), shared.parameters)
+    by_shared = in_shared_program(mounted)
+    assert by_shared is not mounted
+    at = weighed.length[weighed.loaded], weighed.pressure[weighed.loaded]
+    pairs = {
+        of: (getattr(shared, of), getattr(own, of))
+        for of in ("x", "residual", "offset", "columns", "G")
+    }
+    pairs["force"] = by_shared.force(*at), np.asarray(mounted.force(*at))
+    for of, (found, wanted) in pairs.items():
+        size = np.abs(wanted).max()
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=SHARED * size, err_msg=of)
+
+
+def test_a_law_of_ones_own_keeps_its_own_program(dmsp20: ForceData) -> None:
+    problem = pose((dmsp20,), law=Stiffer).problem
+    assert sharing_one_program(problem).parts[0].within is None
+
+
+def test_a_muscle_with_other_terms_is_left_as_it_is() -> None:
+    terms = famjax.terms.BladderWall(LATEX) + famjax.terms.VirtualWork()
+    mounted = famjax.MountedMuscle(famjax.Muscle(CYLINDER_10, terms), 0.0)
+    assert in_shared_program(mounted) is mounted
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """Where JAX keeps programs meanwhile."""
+    pytest.importorskip("flatbuffers")
+    before = jax.config.values.get("jax_compilation_cache_dir")
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def doubled(calls: list[int]):
+    """x -> 2 x, which counts how often it is traced."""
+
+    def function(x: jax.Array) -> tuple[jax.Array]:
+        calls.append(1)
+        return (2 * x,)
+
+    return kept(function, "doubled", (0,), quick_options())
+
+
+def test_a_trace_is_found_again_for_each_shape_and_made_anew_where_it_is_torn(folder: Path) -> None:
+    calls: list[int] = []
+    for size in (2, 2, 3, 2):
+        (found,) = doubled(calls)(np.ones(size))
+        np.testing.assert_array_equal(found, np.full(size, 2.0))
+    assert len(calls) == len([*folder.glob("trace-*-cache")]) == 2
+    for file in folder.glob("trace-*-cache"):
+        file.write_bytes(file.read_bytes()[:20])
+    np.testing.assert_array_equal(doubled(calls)(np.ones(2))[0], [2.0, 2.0])
+    assert len(calls) == 3
