@@ -21,7 +21,7 @@ def cylinder(
     diameter: float = 0.022, angle: float = 65.0, rest: float = 0.3, wall: float = 2e-3
 ) -> famjax.EstimatedGeometry:
     """A braid of no thickness, its angle in degrees, with a bladder inside its wall."""
-    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=np.radians(angle), length=rest)
+    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle * np.pi / 180, length=rest)
     return famjax.EstimatedGeometry(braid, famjax.Bladder(rest, diameter, wall, embedded=True))
 
 

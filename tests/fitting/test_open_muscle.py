@@ -3,25 +3,20 @@
 Nothing of the package is edited: classes declare their numbers, and everything works with them.
 """
 
-import dataclasses
-import math
 from pathlib import Path
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array, Float
+from maps import cylinder, known_muscle, readings
 
 import famjax
 import fitting
-from fitting import ForceData, InputError, Parameter, Specimen, identify
+from fitting import InputError, Parameter, identify
 from fitting.model_families import ModelFamily
 
-SPECIMEN = Specimen("known", 0.3, 0.002, nominal_diameter=0.02, embedded=True)
-BRAID = famjax.Braid.from_rest(diameter=0.022, braid_angle=math.radians(65), length=0.3)
-CYLINDER = famjax.EstimatedGeometry(BRAID, famjax.Bladder(0.3, 0.022, 0.002, embedded=True))
 STARTS = 6
 
 
@@ -39,18 +34,6 @@ class Gent(famjax.materials.AbstractHyperelastic):
     @property
     def initial_shear_modulus(self):
         return self.shear_modulus
-
-
-class PressureStiffening(famjax.materials.AbstractMaterial):
-    """sigma = E eps (1 + P/P_s): a rubber that the pressure makes stiffer."""
-
-    modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
-    stiffening_pressure: Float[Array, ""] = famjax.parameter("Pa", low=1e5, high=1e7)
-    directions_interact: ClassVar[bool] = False
-
-    def stresses(self, axial_strain, hoop_strain, pressure):
-        modulus = self.modulus * (1 + pressure / self.stiffening_pressure)
-        return modulus * axial_strain, modulus * hoop_strain
 
 
 class ConicalEnds(famjax.geometries.AbstractGeometry):
@@ -90,12 +73,6 @@ class Foreign(famjax.AbstractMuscle):
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
-def readings(muscle: famjax.AbstractMuscle, name: str = "known") -> ForceData:
-    L, P = (g.ravel() for g in np.meshgrid(np.linspace(0.3, 0.25, 8), np.linspace(3e5, 7e5, 5)))
-    specimen = dataclasses.replace(SPECIMEN, name=name)
-    return ForceData(np.asarray(muscle.force(L, P)), P, L, specimen)
-
-
 def recovered(result: fitting.Identification, **truth: float) -> None:
     assert result.converged
     assert result.errors.rmse < 1e-5
@@ -114,7 +91,7 @@ def saved(result: fitting.Identification, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_gent_bladder(tmp_path: Path) -> None:
-    data = readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3))
+    data = readings(known_muscle(Gent(4e5, 6.0)))
     result = identify(data, law=Gent, starts=STARTS)
     recovered(result, shear_modulus=4e5, stretch_limit=6.0, braid_diameter=0.022)
     saved(result, tmp_path)
@@ -124,23 +101,14 @@ def test_a_gent_bladder(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_law_that_the_pressure_stiffens(tmp_path: Path) -> None:
-    data = readings(famjax.Muscle(CYLINDER, PressureStiffening(2e6, 1e6), 30e3))
-    result = identify(data, law=PressureStiffening, constraint="slope", starts=STARTS)
-    recovered(result, modulus=2e6, stiffening_pressure=1e6)
-    saved(result, tmp_path)
-
-
-@pytest.mark.slow
 def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
-    law = famjax.PolynomialMaterial([4e6, -6e6, 6e6])
-    truth = famjax.Muscle(ConicalEnds(CYLINDER, 0.02), law, 30e3)
-    data = readings(truth)
+    truth = ConicalEnds(cylinder(), 0.02)
+    data = readings(famjax.Muscle(truth, known_muscle().material, 30e3))
     result = identify(data, geometry=ConicalEnds, parameters={"cone_length": Parameter()})
     assert result.errors.rmse < 1e-5
     assert result.estimate("cone_length").value == pytest.approx(0.02, rel=1e-3)
     saved(result, tmp_path)
-    known = fitting.sweep(data, ConicalEnds(CYLINDER, 0.02), deadband=30e3, orders=(3,))
+    known = fitting.sweep(data, truth, deadband=30e3, orders=(3,))
     assert min(row.rmse for row in known.rows) < 1e-6
 
 
@@ -159,4 +127,4 @@ def test_a_foreign_model_as_a_peer() -> None:
 @pytest.mark.parametrize("path", ["nowhere:Gent", "math:pi", "famjax:Muscle"])
 def test_a_law_that_is_not_found_is_refused(path: str) -> None:
     with pytest.raises(InputError, match="law"):
-        identify(readings(famjax.Muscle(CYLINDER, Gent(4e5, 6.0), 30e3)), law=path)
+        identify(readings(known_muscle(Gent(4e5, 6.0))), law=path)

@@ -3,27 +3,27 @@
 import dataclasses
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from maps import cylinder
 
 import famjax
 import fitting
-from famjax.__main__ import main
 from fitting import (
     ForceData,
-    Identification,
     InputError,
     Parameter,
     Specimen,
     identify_series,
     load_fit,
     predict,
-)
-from fitting.bands import muscle_spread
+    write_csv,
+)  # fmt: skip
 from fitting.saved import series_as_dict
 from fitting.series import Series
 from fitting.verdict import judge_series
@@ -39,13 +39,10 @@ PRESSURES = np.linspace(1e5, 6e5, 6)
 
 def in_rig(rest: float, values: jax.Array) -> famjax.MountedMuscle:
     """The truth, written down with no help of `cut_to_length`."""
-    diameter, angle, compliance, c10, c01 = values
-    braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle, length=rest)
-    bladder = famjax.Bladder(rest, diameter, 1.8e-3, embedded=True)
-    geometry = famjax.EstimatedGeometry(braid, bladder)
-    return famjax.MountedMuscle(
-        famjax.Muscle(geometry, famjax.materials.MooneyRivlinMaterial(c10, c01)), compliance
-    )
+    diameter, angle, compliance, *moduli = values
+    shape = cylinder(diameter, jnp.degrees(angle), rest, 1.8e-3)
+    law = famjax.materials.MooneyRivlinMaterial(*moduli)
+    return famjax.MountedMuscle(famjax.Muscle(shape, law), compliance)
 
 
 TRUTH = jnp.array([DIAMETER, ANGLE, COMPLIANCE, C10, C01])
@@ -137,65 +134,34 @@ def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None
         predict(fit, lengths, np.array([4e5]), length_std=-1.0)
 
 
-def _by_hand(one: Identification, rest: float, length: float, length_std: float) -> float:
-    """The delta method with central differences of the truth's own construction."""
-    names = ("braid_diameter", "braid_angle", "series_compliance", "C10", "C01")
-    places = [[*one.problem.names, *one.law.coefficients].index(name) for name in names]
-    values = np.array([one.estimate(name).value for name in names])
-    covariance = np.nan_to_num(one.covariance[np.ix_(places, places)])
-
-    def force(values: np.ndarray, length: float) -> float:
-        return float(in_rig(rest, jnp.asarray(values)).force(length, 5e5))
-
-    slope = np.zeros(5)
-    for k, value in enumerate(values):
-        step = np.zeros(5)
-        step[k] = 1e-5 * value
-        slope[k] = (force(values + step, length) - force(values - step, length)) / (2 * step[k])
-    stiffness = (force(values, length + 1e-6) - force(values, length - 1e-6)) / 2e-6
-    return math.sqrt(slope @ covariance @ slope + (stiffness * length_std) ** 2)
-
-
-def test_the_band_is_the_delta_method(series: Series) -> None:
-    one = series.specimens[0]
-    for length_std in (0.0, 3e-4):
-        _, std = series.predict(0.15, np.array([0.142]), np.array([5e5]), length_std=length_std)
-        linear = _by_hand(one, 0.15, 0.142, length_std)
-        assert std[0] == pytest.approx(max(linear, series.between), rel=1e-4)
-        assert linear > 0.1
-    # What is at a bound does not vary, and there are never more directions than free parameters.
-    assert len(muscle_spread(one)) <= sum(not e.fixed for e in one.estimates)
-
-
-def test_what_is_no_series_is_refused() -> None:
-    one = specimen(0.1, 0)
-    with pytest.raises(InputError, match="two specimens or more, got 1"):
-        identify_series([one])
-    for laws, message in (
-        (("spam",), "the law must be one of polynomial"),
-        ((), "needs a law, such as linear"),
-        (("linear", "linear"), "tried once: got one of linear twice"),
-    ):
-        with pytest.raises(InputError, match=message):
-            identify_series([one, specimen(0.2, 1)], laws=laws)
-    again = dataclasses.replace(one, specimen=dataclasses.replace(one.specimen, name="other"))
-    with pytest.raises(InputError, match="carry no information about another"):
-        identify_series([one, again])
-    with pytest.raises(InputError, match="rest_length cannot be shared"):
-        identify_series([one, specimen(0.2, 1)], parameters={"rest_length": Parameter()})
-    both = {"end_length": Parameter(), "end_factor": Parameter()}
-    with pytest.raises(InputError, match="describe the same quantity"):
-        identify_series([one, specimen(0.2, 1)], parameters=both)
+@pytest.mark.parametrize(
+    ("maps", "options", "words"),
+    [
+        ((0.1,), {}, "two specimens or more, got 1"),
+        ((0.1, 0.2), {"laws": ("spam",)}, "the law must be one of polynomial"),
+        ((0.1, 0.2), {"laws": ()}, "needs a law, such as linear"),
+        ((0.1, 0.2), {"laws": ("linear", "linear")}, "tried once: got one of linear twice"),
+        ((0.1, 0.1), {}, "carry no information about another"),
+        ((0.1, 0.2), {"parameters": {"rest_length": Parameter()}}, "rest_length cannot be shared"),
+        ((0.1, 0.2), {"parameters": {"end_length": Parameter(), "end_factor": Parameter()}},
+         "describe the same quantity"),
+    ],
+)  # fmt: skip
+def test_what_is_no_series_is_refused(maps: tuple, options: dict, words: str) -> None:
+    data = [specimen(rest, seed) for seed, rest in enumerate(maps)]
+    named = [
+        dataclasses.replace(one, specimen=dataclasses.replace(one.specimen, name=f"{k}"))
+        for k, one in enumerate(data)
+    ]
+    with pytest.raises(InputError, match=words):
+        identify_series(named, **options)
 
 
 def test_the_command_reads_the_maps_and_its_file_predicts(
-    capsys: pytest.CaptureFixture,
-    tmp_path: Path,
-    series: Series,
-    monkeypatch: pytest.MonkeyPatch,
+    run: Callable, tmp_path: Path, series: Series, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The identification itself, a minute of it, is that of the fixture."""
-    maps, given = [], []
+    given: list[ForceData] = []
 
     def identified(data: list[ForceData], **options: object) -> Series:
         given.extend(data)
@@ -203,43 +169,27 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
         return series
 
     monkeypatch.setattr(fitting, "identify_series", identified)
-    for k, rest in enumerate(SEEN):
-        data = specimen(rest, 7 + k)
-        lines = [f"# specimen: name = {data.specimen.name}"]
-        lines += [f"# specimen: rest_length_mm = {rest * 1e3}"]
-        lines += ["# specimen: wall_thickness_mm = 1.8", "# specimen: nominal_diameter_mm = 10"]
-        lines += ["# specimen: embedded = true", "pressure_kPa,length_mm,force_N"]
-        rows = zip(data.pressure / 1e3, data.length * 1e3, data.force, strict=True)
-        lines += [f"{P:.10g},{L:.10g},{F:.10g}" for P, L, F in rows]
-        maps.append(tmp_path / f"{k}.csv")
-        maps[-1].write_text("\n".join(lines) + "\n")
-    folder = tmp_path / "out"
-    with pytest.raises(SystemExit) as stop:
-        main(["series", *map(str, maps), "--law", *LAWS, "--output", str(folder)])
-    assert not stop.value.code
-    table = capsys.readouterr().out
+    meant = [specimen(rest, 7 + k) for k, rest in enumerate(SEEN)]
+    maps = [write_csv(one, tmp_path / f"{k}.csv", "metric") for k, one in enumerate(meant)]
+    fit = tmp_path / "out" / "fit.json"
+    code, table, _ = run("series", *maps, "--law", *LAWS, "--output", fit.parent)
+    assert code == 0
     assert "mooney-rivlin" in table
     assert "rest length mm" in table
     assert any(line.split()[:1] == ["braid_angle"] and "deg" in line for line in table.splitlines())
-    for k, (read, rest) in enumerate(zip(given, SEEN, strict=True)):
-        meant = specimen(rest, 7 + k)
-        np.testing.assert_allclose(read.force, meant.force, rtol=1e-9)
-        np.testing.assert_allclose(read.length, meant.length, rtol=1e-9)
-        assert read.specimen.name == meant.specimen.name
-        assert read.specimen.embedded
-        assert read.specimen.wall_thickness == pytest.approx(meant.specimen.wall_thickness)
-    with pytest.raises(SystemExit) as stop:
-        main(["predict", str(folder / "fit.json"), "--rest-length", "180mm", "--length", "170mm",
-              "--pressure", "400kPa", "--json"])  # fmt: skip
-    assert not stop.value.code
-    printed = json.loads(capsys.readouterr().out)
-    (row,) = printed if isinstance(printed, list) else printed["predictions"]
+    for read, one in zip(given, meant, strict=True):
+        np.testing.assert_allclose(read.force, one.force, rtol=1e-9)
+        np.testing.assert_allclose(read.length, one.length, rtol=1e-9)
+        assert read.specimen.name == one.specimen.name
+    asked = ("--length", "170mm", "--pressure", "400kPa")
+    code, out, _ = run("predict", fit, "--rest-length", "180mm", *asked, "--json")
+    assert code == 0
+    (row,) = json.loads(out)
     truth = float(in_rig(0.18, TRUTH).force(0.17, 4e5))
     assert abs(row["force_N"] - truth) < 2 * NOISE
     assert row["low_95_N"] < truth < row["high_95_N"]
-    with pytest.raises(SystemExit):
-        main(["predict", str(folder / "fit.json"), "--length", "95mm", "--pressure", "400kPa"])
-    assert f"of rest length {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in capsys.readouterr().out
+    _, out, _ = run("predict", fit, "--length", "95mm", "--pressure", "400kPa")
+    assert f"of rest length {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in out
 
 
 def test_its_verdict_is_that_of_all_specimens(series: Series, saved: Path) -> None:

@@ -1,37 +1,79 @@
-"""The surface through photographs: near the truth, honest about its distance, deaf to single faults."""
+"""The surface through photographs: near the truth, honest about its distance, in a fit by `--shape`."""
 
 import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
 
 import equinox as eqx
 import numpy as np
 import pytest
+from muscles import TABLE_4_3
 from rendering import INCH, PUBLISHED_CONTRACTIONS, published_shape
 
 import famjax
 from famjax.boundary.errors import InputError
-from fitting.data import Specimen
+from famjax.profiles import FourierProfile
+from fitting import ForceData, Specimen, write_csv
 from fitting.shapes import Pictures, fit_fourier, shape_surface
-from tests.fitting.pictured import BRAID, PSI, REST, photographed, true_diameter, true_family
+from imaging import Table
+
+PSI = 6894.757293168361
+REST = 9.28125 * INCH
+BRAID = famjax.Braid(9.89 * INCH, 1.09, 0.011 * INCH)
+LAW = np.array([257.8, -57.9, 32.7]) * PSI
+
+
+def true_family() -> famjax.surfaces.MeasuredFamily:
+    profiles = [
+        FourierProfile(one.a0 * INCH, one.a * INCH, one.b * INCH, one.w).symmetrised()
+        for one, _ in TABLE_4_3.values()
+    ]
+    lengths = [length * INCH for _, length in TABLE_4_3.values()]
+    return famjax.surfaces.MeasuredFamily(lengths, profiles, 55 * PSI, BRAID)
+
+
+def true_diameter(
+    x: np.ndarray, length: np.ndarray, pressure: np.ndarray, stretch: float
+) -> np.ndarray:
+    """D [m], shape (states, positions)."""
+    shape = np.array(true_family().diameter(x, length[:, None], 55 * PSI))
+    return shape * (1 + stretch * (pressure[:, None] / PSI - 55))
+
+
+def photographed(
+    n: int = 120, noise: float = 0.0006 * INCH, seed: int = 0, *, stretch: float = 0.0
+) -> Pictures:
+    """n pictures; noise [m] of the diameters, correlated over a fiftieth of the length."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0, 1, 201)
+    length = REST * (1 - 0.35 * rng.uniform(size=n))
+    pressure = rng.choice(np.arange(10, 101, 10), n) * PSI
+    along = np.exp(-0.5 * ((x[:, None] - x) / 0.02) ** 2) + 1e-9 * np.eye(x.size)
+    wrong = noise * rng.standard_normal((n, x.size)) @ np.linalg.cholesky(along).T
+    names = tuple(f"DSC_{k:04d}.JPG" for k in range(n))
+    diameter = true_diameter(x, length, pressure, stretch) + wrong
+    return Pictures(names, length, diameter, pressure, 0.0, source="pictures")
+
 
 X = np.linspace(0, 1, 201)
+BLADDER = famjax.Bladder(REST, 0.875 * INCH, 0.0625 * INCH)
 SPECIMEN = Specimen(
     name="7/8 in", rest_length=REST, wall_thickness=0.0625 * INCH, braid_thickness=0.011 * INCH,
     bladder_diameter=0.875 * INCH,
 )  # fmt: skip
-LAW = famjax.PolynomialMaterial(np.array([257.8, -57.9, 32.7]) * PSI)
 LENGTHS, PRESSURES = REST * (1 - np.linspace(0.01, 0.34, 12)), np.array([20.0, 55.0, 95.0]) * PSI
 
 
 def force(geometry: famjax.geometries.AbstractGeometry) -> np.ndarray:
-    muscle = famjax.Muscle(geometry, LAW)
+    muscle = famjax.Muscle(geometry, famjax.PolynomialMaterial(LAW))
     return np.asarray(eqx.filter_jit(muscle.force)(LENGTHS, PRESSURES[:, None]))
 
 
 @pytest.mark.slow
 def test_force_from_photographs_is_that_of_the_true_profiles() -> None:
-    bladder = famjax.Bladder(REST, 0.875 * INCH, 0.0625 * INCH)
-    true = force(famjax.MeasuredGeometry(true_family(), bladder))
-    found = shape_surface(photographed(noise=0.0006 * INCH))
+    true = force(famjax.MeasuredGeometry(true_family(), BLADDER))
+    found = shape_surface(photographed())
     error = force(found.geometry(SPECIMEN, braid=BRAID)) - true
     assert np.sqrt(np.mean(error**2)) < 1e-4 * true.max()
     assert found.pressures == pytest.approx((np.nan, np.nan), nan_ok=True)
@@ -41,7 +83,7 @@ def test_force_from_photographs_is_that_of_the_true_profiles() -> None:
 
 @pytest.mark.slow
 def test_a_braid_that_gives_is_seen_in_the_shape() -> None:
-    found = shape_surface(photographed(noise=0.0006 * INCH, stretch=2e-4))
+    found = shape_surface(photographed(stretch=2e-4))
     assert found.form.with_pressure >= 0
     family = found.family(BRAID)
     for pressure in PRESSURES:
@@ -63,7 +105,7 @@ def test_its_bands_cover_the_truth() -> None:
 
 
 def test_pictures_held_out_are_as_near_as_expected() -> None:
-    found = shape_surface(photographed(200, 0.0006 * INCH)).held_out
+    found = shape_surface(photographed(200)).held_out
     assert found.pictures == 40
     assert found.rms == pytest.approx(0.0006 * INCH, rel=0.15)
     assert found.standardised == pytest.approx(1.0, abs=0.15)
@@ -71,7 +113,7 @@ def test_pictures_held_out_are_as_near_as_expected() -> None:
 
 
 def test_pictures_off_the_surface_are_left_out_and_named() -> None:
-    sound = photographed(120, 0.0006 * INCH)
+    sound = photographed()
     diameter = sound.diameter.copy()
     diameter[17] *= 1.02
     diameter[60, 80:120] += 0.02 * INCH
@@ -81,7 +123,7 @@ def test_pictures_off_the_surface_are_left_out_and_named() -> None:
 
 
 def test_pictures_of_two_muscles_are_no_surface() -> None:
-    one = photographed(120, 0.0006 * INCH)
+    one = photographed()
     other = one.diameter * np.where(np.arange(120) % 4 == 0, 1.05, 1.0)[:, None]
     with pytest.raises(InputError, match="scatter by 2"):
         shape_surface(dataclasses.replace(one, diameter=other))
@@ -136,3 +178,83 @@ def test_a_series_is_the_muscles_own_profile() -> None:
 def test_profiles_that_cannot_be_fitted(x: np.ndarray, d: np.ndarray, match: str) -> None:
     with pytest.raises(InputError, match=match):
         fit_fourier(x, d)
+
+
+# ---- `famjax fit --shape`
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The force map and the photographs of one muscle, measurements.nc as `famjax measure` writes it."""
+    folder = tmp_path_factory.mktemp("shape")
+    shape = famjax.MeasuredGeometry(true_family(), BLADDER)
+    muscle = famjax.Muscle(shape, famjax.PolynomialMaterial(LAW), 8e3)
+    grid = np.meshgrid(REST * (1 - np.linspace(0.0, 0.33, 7)), np.arange(20, 101, 20) * PSI)
+    L, P = (one.ravel() for one in grid)
+    force = np.asarray(eqx.filter_jit(muscle.force)(L, P))
+    force = force + np.random.default_rng(0).normal(0, 1.0, force.shape)
+    pulls = force > 90
+    write_csv(ForceData(force[pulls], P[pulls], L[pulls], SPECIMEN), folder / "map.csv", "us")
+    shown = photographed()
+    n, unknown = len(shown), np.full(shown.diameter.shape, np.nan)
+    Table(
+        path=shown.names, error=("",) * n, warnings=("",) * n,
+        columns={"length": shown.length, "pressure": shown.pressure},
+        diameter=shown.diameter, diameter_stderr=5e-4 * shown.diameter,
+        braid_angle=unknown, braid_angle_stderr=unknown, sha256=("",) * n,
+        rest_length=REST, notes=(), time_origin=np.nan, stamp_resolution=np.nan,
+        provenance={"scale_relative_stderr": "0.0003"},
+    ).write_netcdf(folder / "measurements.nc")  # fmt: skip
+    return folder
+
+
+@pytest.fixture
+def fitted(run: Callable, folder: Path) -> Callable[..., tuple[int, str, str]]:
+    return lambda shape, *words: run(
+        "fit", folder / "map.csv", "--output", folder / "out", "--verbose", "--shape", shape, *words
+    )
+
+
+@pytest.mark.slow
+def test_the_law_and_the_turns_come_back(folder: Path, fitted: Callable) -> None:
+    code, out, _ = fitted(folder / "measurements.nc")
+    assert code == 0
+    assert "The shape is measured: 120 pictures from 153.5 to" in out
+    found = json.loads((folder / "out" / "fit.json").read_text())["parameters"]
+    assert found["turns"]["value"] == pytest.approx(float(BRAID.turns), rel=1e-3)
+    for name, true in zip(("E_1", "E_2", "E_3"), LAW, strict=True):
+        assert abs(found[name]["value"] - true) < 4 * found[name]["stderr"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "not a measurements.nc file"),
+        (b"pressure_psi\n1\n", "not a measurements.nc file"),
+        (None, "no such file"),
+    ],
+)
+def test_a_file_that_is_no_table_is_refused(
+    content: bytes | None, words: str, fitted: Callable, tmp_path: Path
+) -> None:
+    path = tmp_path / "shape.nc"
+    if content is not None:
+        path.write_bytes(content)
+    code, _, err = fitted(path)
+    assert code == 2
+    assert words in err
+
+
+@pytest.mark.slow
+def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(
+    folder: Path, fitted: Callable
+) -> None:
+    code, out, _ = fitted(folder / "measurements.nc", "--error", "wall_thickness_mm=0.05")
+    assert code == 0
+    assert "Standard errors by source" in out
+    by_source = json.loads((folder / "out" / "fit.json").read_text())["shared_errors"]
+    # 0.05 mm of 1.5875 mm, of a volume that goes with t (D - t); the strain at mid-wall takes part, too.
+    part = 0.05e-3 * (0.875 - 2 * 0.0625) / (0.0625 * INCH) / (0.875 - 0.0625)
+    assert by_source["wall_thickness"]["E_1"] / (LAW[0]) == pytest.approx(part, rel=0.15)
+    assert by_source["shape"]["turns"] > 0
