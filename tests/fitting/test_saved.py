@@ -26,7 +26,7 @@ from fitting import (
     validate,
     write_fit,
 )
-from fitting.report import Findings, Live, html_report, write_fit
+from fitting.report import Findings, Live, html_report
 from fitting.saved import card_of, correlations, fit_as_dict
 
 

@@ -1,29 +1,37 @@
-"""The command as a person types it: exit codes, what is printed where, what is written."""
+"""The command as a person types it: start, exit codes, what is printed where, what is refused."""
 
+import csv
+import dataclasses
 import datetime
+import importlib
+import inspect
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from processes import python
 
 import famjax
+from famjax.app import cli
+from famjax.cards import write_card
+from famjax.muscles import bundled_card
 from fitting import load_fit
-
-
-@pytest.fixture
-def asked(force_map: Path, tmp_path: Path) -> tuple:
-    return (
-        "fit", force_map, "--order", 2, "--output", tmp_path / "o",
-        "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20",
-    )  # fmt: skip
+from rig import cli as rig_cli
 
 
 @pytest.mark.slow
-def test_json_is_one_object_and_nothing_else(run: Callable, asked: tuple, tmp_path: Path) -> None:
+def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(
+    run: Callable, force_map: Path, tmp_path: Path
+) -> None:
+    asked = ("fit", force_map, "--order", 2, "--output", tmp_path / "o",
+             "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20")  # fmt: skip
     code, out, _ = run(*asked, "--json", "--units", "us")
     assert code == 0
     fit = json.loads(out)
@@ -36,26 +44,19 @@ def test_json_is_one_object_and_nothing_else(run: Callable, asked: tuple, tmp_pa
     assert fit["rmse_N"] < 0.01  # the map is rounded to 0.1 mN
     assert any("rest length was not given" in warning for warning in fit["warnings"])
     assert {p.name for p in (tmp_path / "o").iterdir()} == {"fit.json", "fit.png", "report.html"}
-
-
-@pytest.mark.slow
-def test_table_for_people(run: Callable, asked: tuple, tmp_path: Path) -> None:
     code, out, _ = run(*asked)
-    assert code == 0
-    assert len(out.splitlines()) <= 15
+    assert (code, len(out.splitlines()) <= 15) == (0, True)
     code, out, _ = run(*asked, "--verbose")
     assert code == 0
     shown = ("Parameters", "certificate", "note:", "written:")
-    for needed in shown:
-        assert needed in out
-    fitted = json.loads((tmp_path / "o" / "fit.json").read_text())
-    code, out, _ = run(
-        "assess", tmp_path / "o" / "fit.json", "--validate", "--profile", "--bootstrap", 8
-    )
+    assert all(needed in out for needed in shown)
+    file = tmp_path / "o" / "fit.json"
+    fitted = json.loads(file.read_text())
+    code, out, _ = run("assess", file, "--validate", "--profile", "--bootstrap", 8)
     assert code == 0
     for needed in (*shown, "Validation", "Profile likelihood", "Bootstrap, 8 replicates"):
         assert needed in out
-    saved = json.loads((tmp_path / "o" / "fit.json").read_text())
+    saved = json.loads(file.read_text())
     assert saved["leave_one_pressure_out"]["rmse_N"] < 0.01  # exact readings are predicted
     assert saved["profiles"]["E_1"]["verdict"] == "identified"
     made_anew = ("data", "parameters", "muscle", "problem", "warnings", "verdict", "reasons")
@@ -63,7 +64,7 @@ def test_table_for_people(run: Callable, asked: tuple, tmp_path: Path) -> None:
     assert datetime.datetime.fromisoformat(saved["origin"]["date"]).tzinfo is not None
     assert saved["origin"]["command"].startswith("famjax")
     assert saved["origin"]["date"] in (tmp_path / "o" / "report.html").read_text()
-    _predict_from(run, tmp_path / "o" / "fit.json")
+    _predict_from(run, file)
 
 
 @pytest.mark.slow
@@ -96,38 +97,23 @@ def _predict_from(run: Callable, fit: Path) -> None:
     (us,) = json.loads(out)
     assert us["force_lbf"] * 4.4482216152605 == pytest.approx(rows[0]["force_N"], rel=1e-12)
     assert us["length_in"] == pytest.approx(28 / 2.54)
-    for wrong, message in (("280", "has no unit"), ("280kg", "not a known unit"), ("x", "number")):
-        code, _, err = run("predict", fit, "--length", wrong, "--pressure", "3bar")
-        assert (code, message in err) == (2, True)
-
-
-def test_version_and_help(run: Callable) -> None:
-    assert run("--version") == (0, f"famjax {famjax.__version__}\n", "")
-    code, out, _ = run("fit", "--help")
-    assert code == 0
-    assert len(set(re.findall(r"│ (?:DATA )?(--[a-zA-Z]+)", out))) <= 18
-
-
-@pytest.fixture
-def foreign(tmp_path: Path) -> Path:
-    """A folder with packages of other people by our names; one of them cannot be imported here."""
-    (tmp_path / "fitting.py").write_text("")
-    (tmp_path / "rig").mkdir()
-    (tmp_path / "rig" / "__init__.py").write_text("raise RuntimeError('made for Python 2')\n")
-    return tmp_path
 
 
 @pytest.mark.parametrize(
     ("arguments", "code"), [(("doctor",), 1), (("fit",), 2), (("rig", "check", "x.fam"), 2)]
 )
-def test_a_clash_is_named_by_whatever_meets_it(
-    foreign: Path, arguments: tuple[str, ...], code: int
+def test_a_clash_with_packages_of_others_is_named_by_whatever_meets_it(
+    tmp_path: Path, arguments: tuple[str, ...], code: int
 ) -> None:
-    done = python("-m", "famjax", *arguments, cwd=foreign)
+    (tmp_path / "fitting.py").write_text("")
+    rig = tmp_path / "rig" / "__init__.py"
+    rig.parent.mkdir()
+    rig.write_text("raise RuntimeError('made for Python 2')\n")
+    done = python("-m", "famjax", *arguments, cwd=tmp_path)
     assert done.returncode == code, done.stderr
     said = done.stdout + done.stderr
     assert "not famjax's own 'fitting' package" in said
-    assert f"'rig' resolved to {foreign / 'rig' / '__init__.py'}" in said
+    assert f"'rig' resolved to {rig}" in said
     assert "Traceback" not in said
 
 
@@ -150,3 +136,272 @@ def test_an_interrupt_is_answered_whatever_is_going_on(
     assert done.returncode == 130
     assert done.stderr.strip().endswith(f"famjax: stopped; {left}" if command == "fit" else left)
     assert "Traceback" not in done.stderr
+
+
+HEAVY = ("jax", "numpy", "scipy", "matplotlib", "pint", "cv2", "skimage", "serial", "jinja2")
+
+
+def loaded(code: str) -> set[str]:
+    """Top-level packages in a fresh process that has run the code."""
+    code += "\nimport sys; print('loaded:', *sorted({m.partition('.')[0] for m in sys.modules}))"
+    done = python("-c", code)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.rpartition("loaded:")[2].split())
+
+
+def test_importing_the_library_loads_nothing_until_a_name_is_used() -> None:
+    assert not loaded("import famjax, fitting; famjax.units; fitting.InputError") & set(HEAVY)
+    used = loaded(
+        "from famjax import Muscle; from fitting import read_csv; from jax._src import xla_bridge\n"
+        "assert not xla_bridge.backends_are_initialized()\n"
+        "assert not __import__('jax').config.read('jax_enable_x64')"
+    )
+    assert "jax" in used
+    assert not used & {"cv2", "skimage", "serial", "matplotlib", "pint"}
+    assert not loaded("import imaging, rig") & (set(HEAVY) - {"numpy", "scipy"})
+
+
+def test_a_namespace_is_imported_as_a_module_or_as_a_name() -> None:
+    assert not loaded("import famjax.units") & set(HEAVY)
+    assert "jax" in loaded("import famjax.peers; famjax.peers.TonduLopez; famjax.Muscle")
+    assert famjax.units is sys.modules["famjax.units"]
+
+
+def commands() -> list[tuple[tuple[str, ...], str, str]]:
+    """What a person types, the function behind it, and the sentence that the help shows for it."""
+    every = [((), path, cli.sentence(path)) for path in cli.COMMANDS]
+    every += [(("rig",), path, cli.sentence(path)) for path in cli.RIG_COMMANDS]
+    for function in rig_cli.COMMANDS:
+        sentence = (inspect.getdoc(function) or "").split("\n\n")[0]
+        every.append((("rig",), f"rig.cli:{function.__name__}", sentence))
+    return [
+        ((*group, path.partition(":")[2].removeprefix("rig_").replace("_", "-")), path, sentence)
+        for group, path, sentence in every
+    ]
+
+
+@pytest.mark.parametrize(("words", "path", "sentence"), commands())
+def test_a_command_is_listed_with_its_own_first_sentence_and_a_text_for_every_option(
+    words: tuple[str, ...], path: str, sentence: str, capsys: pytest.CaptureFixture
+) -> None:
+    module, _, name = path.partition(":")
+    docstring = inspect.getdoc(getattr(importlib.import_module(module), name)) or ""
+    assert docstring.split("\n\n")[0] == sentence
+    cli.command_line([*words, "--help"])([*words, "--help"], result_action="return_value")
+    shown = " ".join(capsys.readouterr().out.split())
+    for paragraph in docstring.partition("\n\nParameters\n")[0].split("\n\n"):
+        assert " ".join(paragraph.replace("`", "").split()) in shown
+    assert "--empty-" not in shown  # of a list: no option that means nothing
+    asked = cli.command_line([*words])
+    for word in words:
+        asked = asked[word]
+    for option in asked.assemble_argument_collection(parse_docstring=True):
+        if option.parse and not option.has_tokens and option.show:
+            assert option.parameter.help, option.names
+
+
+def test_help_loads_no_library(run: Callable) -> None:
+    """That of one command after the other, in one process."""
+    assert run("--version") == (0, f"famjax {famjax.__version__}\n", "")
+    shown = run("fit", "--help")[1]
+    assert len(set(re.findall(r"│ (?:DATA )?(--[a-zA-Z]+)", shown))) <= 18
+    code = """
+from famjax.__main__ import main
+for words in ("", "fit", "assess", "predict", "measure", "rig", "rig simulate", "doctor"):
+    try:
+        main([*words.split(), "--help"])
+    except SystemExit:
+        pass
+"""
+    assert not loaded(code) & set(HEAVY)
+
+
+def start(*arguments: object, **streams: object) -> subprocess.Popen:
+    command = [sys.executable, "-m", "famjax", *map(str, arguments)]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    return subprocess.Popen(command, env=environment, **streams)  # type: ignore[call-overload]
+
+
+@pytest.mark.slow
+def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_end(tmp_path: Path) -> None:
+    card = dataclasses.replace(bundled_card("DMSP-10"), name="M\u00fcller \u2116 7")
+    path = write_card(card, tmp_path / "card.json")
+    done = start(
+        "predict", path, "--length", "240mm", "--pressure", "3bar",
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    out, told = done.communicate(timeout=120)
+    assert (done.returncode, told) == (0, b"")
+    assert rb"Force of M\xfcller \u2116 7" in out
+
+
+def test_a_reader_that_has_left_is_no_error() -> None:
+    """As in `famjax doctor | head -1`."""
+    read, write = os.pipe()
+    os.close(read)
+    done = start("doctor", stdout=write, stderr=subprocess.PIPE)
+    os.close(write)
+    _, told = done.communicate(timeout=120)
+    assert (done.returncode, told) == (141, b"")
+
+
+@pytest.mark.slow
+def test_the_shape_of_a_bundled_muscle(run: Callable, tmp_path: Path) -> None:
+    asked = ("shape", "DMSP-20", "--pressure", "500kPa", "-o", tmp_path / "shape")
+    code, out, _ = run(*asked, "--length", "270mm", "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert 200 < found["force_N"] < 1600
+    names = (tmp_path / "shape/shape.csv").read_text().partition("\n")[0].split(",")
+    assert {"position_mm", "diameter_mm", "braid_angle_deg", "thread_tension_N"} <= {*names}
+    table = np.genfromtxt(tmp_path / "shape/shape.csv", delimiter=",", names=True)
+    assert table["position_mm"][-1] == pytest.approx(270, abs=1e-6)
+    assert max(table["diameter_mm"]) == pytest.approx(1e3 * found["largest_diameter_m"])
+    code, _, err = run(*asked, "--length", "900mm")
+    assert code == 2
+    assert "no stable shape" in err
+
+
+def required(*words: str) -> list[str]:
+    return [one for word in words for one in ("--require", word)]
+
+
+@pytest.mark.slow
+def test_files_of_a_design_search(run: Callable, tmp_path: Path) -> None:
+    code, out, _ = run(
+        "design", *required("pressure_psi=100", "force_lbf=400", "stroke_in=2", "longest_length_in=18"),
+        "--units", "us", "--search", "2e3", "--vary", "pressure_psi=40:100", "--json", "--output", tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    document = json.loads(out)
+    assert json.loads((tmp_path / "design.json").read_text()) == document
+    assert document["origin"]["command"].startswith("famjax")
+    asked = document["search"]
+    assert asked["asked_si"]["stroke"] == pytest.approx(0.0508)
+    # From a quarter of the longest length to all of it.
+    assert asked["ranges_si"]["rest_length"] == pytest.approx([0.1143, 0.4572])
+    for row in document["front"]:
+        assert (row["force_lbf"] >= 400, row["stroke_in"] >= 2) == (True, True)
+        assert 40 * (1 - 1e-12) <= row["pressure_psi"] <= 100 * (1 + 1e-12)
+    (refined,) = document["refined"]
+    assert refined["stroke_in"] >= 2
+    assert any(row["feasible"] for row in document["end_fittings"])
+    with (tmp_path / "feasible.csv").open() as file:
+        assert len([*csv.DictReader(file)]) == asked["feasible"]
+
+
+def test_a_design_that_nothing_meets_ends_1(run: Callable, tmp_path: Path) -> None:
+    wanted = required("pressure_psi=60", "force_lbf=1500", "stroke_in=2")
+    code, out, _ = run("design", *wanted, "--search", 2000, "--units", "us", "--output", tmp_path)
+    assert code == 1
+    assert "fail the force" in out
+    assert "Nearest miss" in out
+    document = json.loads((tmp_path / "design.json").read_text())
+    assert (document["front"], document["refined"]) == ([], [])
+    assert [path.name for path in tmp_path.iterdir()] == ["design.json"]
+
+
+DESIGN = ("design", "--require", "pressure_psi=100")
+ASKED = (*DESIGN, "--search", "1e3")
+AT = ("--length", "270mm", "--pressure")
+FIT_MAP: list[tuple[tuple[str, ...], str]] = [
+    (("MAP",), "For several muscles use famjax series"),
+    (("--geometry", "a:B", "--shape", "m.nc"), "either --shape or --geometry"),
+    (("--law", "ogden", "--order", "2"), "got 2 for ogden: leave the order out"),
+    (("--specimen", "braid_angle_deg=65"), "or held by --bounds braid_angle_deg=65"),
+    (("--order", "9"), "order of the law must be a whole number 1 to 8"),
+    (("--bounds", "E_1_MPa=-3:-2", "--constraint", "positive"), "no coefficients satisfy"),
+    (("--bounds", "E_1_MPa=3:2"), "must not exceed"),
+    (("--specimen", "colour=red"), "unknown entry of the specimen"),
+    (("--prior", "rest_length=300+-1"), "rest_length needs a unit"),
+    (("--prior", "rest_length_mm=300"), "must read name_unit=mean+-std"),
+    (("--law", "ogden", "--prior", "rest_length_mm=300+-1"), "weighted against the force noise"),
+    (("--free", "colour"), "unknown parameter"),
+    (("--output", "MAP/below"), "is not a folder"),
+]
+OTHERS: list[tuple[tuple[str, ...], str]] = [
+    (("fit", "DMSP-20-30"), "did you mean DMSP-20-300?"),
+    (("fit", "--rest-length", "300mm"), "Unknown option: --rest-length. Try 'famjax fit --help'"),
+    (("assess", "MAP"), "name a test: --validate"),
+    (("assess", "MAP", "--hysteresis", "MAP"), "is not the branches.csv that famjax ramps"),
+    (("predict", "MAP", *AT, "3bar"), "give a fit.json"),
+    *((("predict", "DMSP-20", "--length", wrong, "--pressure", "3bar"), said) for wrong, said in (
+        ("280", "has no unit"), ("280kg", "not a known unit"), ("x", "number"))),
+    (("predict", "MAP", *AT, "-3bar"), "parameter --pressure requires an argument"),
+    (("rig", "simulat"), "Try 'famjax rig --help'"),
+    (("series", "MAP"), "predict --rest-length"),
+    (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "must be above its diameter"),
+    (("export", "dmsp-30", "--to", "c"), "dmsp-30"),
+    (("export", "dmsp-10", "--to", "fortran"), "fortran"),
+    (("export", "dmsp-10", "--to", "c", "--length", "300"), "unit"),
+    (("export", "dmsp-10", "--to", "c", "--length", "0mm"), "must be > 0"),
+    (("export", "dmsp-10"), "--to"),
+    (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
+    ((*DESIGN, "--require", "force_dyn=3"), "force_dyn has the unknown unit 'dyn'"),
+    ((*DESIGN, "--require", "contraction=30"), "a fraction in [0, 1)"),
+    ((*DESIGN, "--search", "0.5"), "--search must be >= 1"),
+    ((*ASKED, "--objective", "width"), "one or more of outer_diameter"),
+    ((*ASKED, "--vary", "angle_deg=1:2"), "unknown key 'angle_deg'"),
+    ((*ASKED, "--vary", "pressure_psi=1:2:3"), "must be two numbers in brackets, got [1.0, 2.0, 3.0]"),
+    ((*ASKED, "--vary", "pressure_psi=20:200"), "above the pressure of the"),
+    ((*ASKED, "--vary", "rest_length_mm=300:100"), "0 < least <= greatest"),
+    *(((command, "here", "--jobs", "0"), "--jobs")
+      for command in ("compare", "assess", "measure", "characterise")),
+]  # fmt: skip
+# Said before the library is loaded, which takes seconds.
+AT_ONCE: list[tuple[tuple[str, ...], str]] = [
+    (("fit", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
+    (("assess", "x", "--bootstrap", "-5"), "must be 0 (none) or at least 2; got -5"),
+    (("sweep", "--order", "9"), "Must be <= 4"),
+    (("compare", "--jobs", "x"), "--jobs must be a whole number, got 'x'"),
+]
+DAMAGED = [  # what is replaced in a map by what, and what is said of it
+    ("force_N", "force", (), "column 'force' has no unit"),
+    ("100,290", "100,x", (), "row 3: length is 'x', not a number"),
+    ("100,290", "100,900", ("--specimen", "rest_length_mm=300"), "longer than its thread"),
+    ("100,290", "-40,290", (), "must be >= 0; reading 2 has -40000 in SI units"),
+]
+
+
+@pytest.fixture
+def refused(run: Callable, monkeypatch: pytest.MonkeyPatch, force_map: Path) -> Callable:
+    monkeypatch.chdir(force_map.parent)
+
+    def check(words: tuple[str, ...], said: str) -> None:
+        code, out, err = run(*(word.replace("MAP", str(force_map)) for word in words))
+        assert (code, out) == (2, "")
+        assert said in " ".join(err.split())
+        for internal in ("Traceback", "class '", "Equinox"):
+            assert internal not in err
+        assert [*force_map.parent.iterdir()] == [force_map]
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [*((("fit", "MAP", *words), said) for words, said in FIT_MAP), *OTHERS]
+)
+def test_a_refusal_says_what_to_do(refused: Callable, words: tuple[str, ...], said: str) -> None:
+    refused(words, said)
+
+
+@pytest.mark.parametrize(("old", "new", "words", "said"), DAMAGED)
+def test_a_damaged_map_is_refused_with_its_place(
+    refused: Callable, force_map: Path, old: str, new: str, words: tuple[str, ...], said: str
+) -> None:
+    force_map.write_text(force_map.read_text().replace(old, new, 1))
+    refused(("fit", "MAP", *words), said)
+
+
+@pytest.mark.parametrize(("words", "said"), AT_ONCE)
+def test_numbers_out_of_range_are_refused_before_any_work(
+    refused: Callable, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: str
+) -> None:
+    def load() -> None:
+        raise AssertionError("the library is loaded for a command that cannot run")
+
+    # All are imported before any is changed: each has the function from the first.
+    modules = [importlib.import_module(f"fitting.cli.{name}") for name in ("fit", "several")]
+    for module in modules:
+        monkeypatch.setattr(module, "load_fitting", load)
+    refused(words, said)

@@ -1,10 +1,13 @@
-"""Tasks on every engine: the same parts, what breaks is said, what is done is kept."""
+"""Tasks on every engine: the same parts, what breaks is said, what is done is kept, a kill included."""
 
 import multiprocessing
+import os
+import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,7 @@ from famjax.boundary.tasks import Store, run_tasks
 sys.path.insert(0, str(Path(__file__).parent))
 import chunk_work
 
-ROOT = Path(__file__).parents[4]
+HERE = Path(__file__).parent
 SPAWN = multiprocessing.get_context("spawn")
 
 
@@ -34,23 +37,14 @@ def loky() -> Iterator[Any]:
 @contextmanager
 def dask() -> Iterator[Any]:
     distributed = pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0"}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
         yield client
 
 
-@contextmanager
-def plain(executor: Any) -> Iterator[Any]:
-    yield executor
-
-
 ENGINES = {
-    "None": lambda: plain(None),
-    "2": lambda: plain(2),
+    "None": lambda: nullcontext(None),
+    "2": lambda: nullcontext(2),
     "threads": lambda: ThreadPoolExecutor(2),
     "spawn": lambda: ProcessPoolExecutor(2, SPAWN),
     "loky": loky,
@@ -141,3 +135,36 @@ def test_an_interrupt_keeps_what_is_done(executor: int | None) -> None:
         run_tasks(str, range(9), executor=executor, store=store, progress=stop)
     assert 2 <= len(list(store)) < 9
     assert run_tasks(str, range(9), store=store)[8] == "8"
+
+
+def kept(file: Path) -> int:
+    """Parts that are in a file."""
+    return max(0, len(file.read_bytes().splitlines()) - 1) if file.exists() else 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="kill -9 is POSIX")
+@pytest.mark.timeout(90)
+@pytest.mark.parametrize("engine", ["processes", "dask"])
+def test_the_client_is_killed(engine: str, tmp_path: Path) -> None:
+    if engine == "dask":
+        pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
+    file, place = tmp_path / "killed.jsonl", tmp_path / "seen"
+    place.mkdir()
+    command = [sys.executable, HERE / "chunk_work.py", engine, file, place]
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parents[3]), str(HERE)])}
+    given = {"env": env, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **given) as client:
+        while kept(file) < 8:
+            assert client.poll() is None, client.communicate()[1]
+            time.sleep(0.02)
+        client.kill()
+    done = kept(file)
+    assert 8 <= done < chunk_work.COUNT
+    killed = {one.read_text() for one in place.iterdir()}
+    again = subprocess.run(command, **given, check=False, timeout=60)
+    assert again.returncode == 0, again.stderr
+    begun = [one.name for one in place.iterdir() if one.read_text() not in killed]
+    assert len(begun) == chunk_work.COUNT - done
+    for index, part in enumerate(Store(file, "test", {"seed": 3}, chunk_work.COUNT)):
+        np.testing.assert_array_equal(part["values"], chunk_work.drawn(index)["values"])
