@@ -108,8 +108,7 @@ def test_tension_holds_pull_and_pressure() -> None:
     assert float(96 * T * jnp.sin(1.1)) == pytest.approx(500 + 3e5 * np.pi * 0.012**2, rel=ROUNDED)
 
 
-n, MODULUS = 144.0, 11.6e6
-
+n = 144.0
 PRESSURES = np.linspace(0, 200, 21)
 CONTRACTIONS = np.linspace(-0.05, 0.45, 11)
 MODULI = np.geomspace(0.05e6, 30e6, 14)
@@ -119,31 +118,19 @@ P, L, E = (
 SHARE = B0 * P * L / (2 * np.pi * N**2 * n * AREA * E)  # of the thread's stiffness
 
 
-def braid(thread: AbstractThread, rest: float = B0) -> ElasticBraid:
-    return ElasticBraid(rest, N, 0.011, n, thread)
-
-
-def linear(modulus: float = MODULUS) -> ElasticBraid:
-    return braid(LinearThread(modulus, AREA))
-
-
-def toe(modulus: float = 16.9e6) -> ElasticBraid:
-    return braid(ToeThread(modulus, AREA, 0.002, 2.0))
-
-
 @jax.jit
 @jax.vmap
 def lengths_of(thread: AbstractThread, length: jax.Array, pressure: jax.Array) -> jax.Array:
-    return braid(thread).thread_length(length, pressure)
+    return ElasticBraid(B0, N, 0.011, n, thread).thread_length(length, pressure)
 
 
 def over_grid(make: Callable[[jax.Array], AbstractThread]) -> np.ndarray:
     return np.asarray(lengths_of(jax.vmap(make)(E), L, P))
 
 
-def closed_form(length, pressure, rest, turns, modulus):
+def closed_form(length, pressure, modulus):
     """B = B0 / (1 - B0 P L / (2 pi N^2 n A_b E_b)): tension P L B / (2 pi N^2 n), Hooke's law."""
-    return rest / (1 - rest * pressure * length / (2 * np.pi * turns**2 * n * AREA * modulus))
+    return B0 / (1 - B0 * pressure * length / (2 * np.pi * N**2 * n * AREA * modulus))
 
 
 def test_linear_thread_meets_the_closed_form_on_the_whole_grid() -> None:
@@ -151,7 +138,7 @@ def test_linear_thread_meets_the_closed_form_on_the_whole_grid() -> None:
     B = over_grid(lambda modulus: LinearThread(modulus, AREA))
     assert np.sum(SHARE >= 1) > 100  # both sides of the limit are on the grid
     with np.errstate(divide="ignore"):
-        expected = np.where(SHARE < 1, closed_form(L, P, B0, N, E), np.nan)
+        expected = np.where(SHARE < 1, closed_form(L, P, E), np.nan)
     np.testing.assert_array_equal(np.isnan(B), np.isnan(expected))
     # The equation itself amplifies rounding by 1 / (1 - share).
     error = np.abs(B / expected - 1) * np.abs(1 - SHARE)
@@ -192,29 +179,11 @@ def test_the_solve_ends_up_to_the_limit(distance: float, toe_strain: float) -> N
 
 def test_beyond_the_rest_length_the_load_must_stretch_the_threads() -> None:
     """L > B0 has an equilibrium exactly where the stretched thread comes out longer than L."""
-    one, length = linear(), 9.91
+    one, length = ElasticBraid(B0, N, 0.011, n, LinearThread(11.6e6, AREA)), 9.91
     needed = 145.0  # psi: 9.90 in of thread at 100 psi less length would be too short
-    assert (
-        closed_form(length, 30.0, B0, N, MODULUS)
-        < length
-        < closed_form(length, needed, B0, N, MODULUS)
-    )
+    short, long = (closed_form(length, P, 11.6e6) for P in (30.0, needed))
+    assert short < length < long
     assert np.isnan(one.thread_length(length, 30.0))
-    assert float(one.thread_length(length, needed)) == pytest.approx(
-        closed_form(length, needed, B0, N, MODULUS), rel=EXACT
-    )
+    assert float(one.thread_length(length, needed)) == pytest.approx(long, rel=EXACT)
     with pytest.raises(RuntimeError, match="shorter than the stretched threads"):
         one.thread_length(length, 30.0, throw=True)
-
-
-def test_second_derivatives_match_the_closed_form() -> None:
-    def solve(v):
-        one = ElasticBraid(v[2], v[3], 0.011, n, LinearThread(v[4] * 1e6, AREA))
-        return one.thread_length(v[0], v[1])
-
-    def formula(v):
-        return closed_form(v[0], v[1], v[2], v[3], v[4] * 1e6)
-
-    at = jnp.array([8.0, 90.0, B0, N, 11.6])
-    got, want = (jax.jit(jax.hessian(function))(at) for function in (solve, formula))
-    np.testing.assert_allclose(got, want, rtol=1e-9)

@@ -1,3 +1,5 @@
+"""The shape from mechanics against boundary values, quadrature and closed cycles; the work of a stroke."""
+
 import dataclasses
 
 import equinox as eqx
@@ -5,18 +7,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from muscles import INELASTIC as BRAID, LATEX, SPECIMEN as TUBE
 from shape_oracles import Specimen, boundary_values, long_muscle
 
-from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, PolynomialMaterial
+import famjax
+from famjax import (
+    Bladder,
+    Braid,
+    ElasticBraid,
+    EquilibriumMuscle,
+    EstimatedGeometry,
+    Muscle,
+)
 from famjax.boundary.errors import InputError
 from famjax.braids import LinearThread
 from famjax.equilibrium import Section
 from famjax.materials import MooneyRivlinMaterial
+from famjax.work import work_budget
 
 PRINT = Specimen()  # inches, psi, lbf
-LATEX = PolynomialMaterial(list(PRINT.E))
-TUBE = Bladder(PRINT.L0, PRINT.D0, PRINT.t0)
-BRAID = Braid(PRINT.B, PRINT.N, PRINT.braid)
 PRESSURES = np.array([100.0, 80.0, 60.0, 40.0, 20.0])
 CONTRACTIONS = np.array([0.0, 0.05, 0.1, 0.15, 0.2])
 LENGTHS = PRINT.L0 * (1 - CONTRACTIONS)
@@ -169,3 +178,26 @@ def test_a_state_that_cannot_be_leaves_derivatives_of_others(muscle: Equilibrium
     both = eqx.filter_grad(total)(muscle, np.array([8.5, 5.0]))
     for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(both), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9)
+
+
+SOFT = ElasticBraid(9.89, 1.09, 0.011, 96.0, LinearThread(2e5, 4e-4))
+
+
+def test_the_shape_from_mechanics_loses_nothing(muscle: EquilibriumMuscle) -> None:
+    budget = work_budget(muscle, 100.0, 9.28125, 6.5)
+    assert float(abs(budget.left_over / budget.fluid)) < 1e-9
+    assert 0.7 < float(budget.efficiency) < 1
+
+
+@pytest.mark.parametrize("braid", [BRAID, SOFT])
+def test_a_bare_cylinder_closes(braid: Braid) -> None:
+    """Gaylord's term on a cylinder is virtual work, also where the threads stretch."""
+    bare = Muscle(EstimatedGeometry(braid, TUBE), famjax.PolynomialMaterial([0.0]))
+    budget = work_budget(bare, 100.0, 9.28125, 6.5)
+    assert float(abs(budget.left_over / budget.fluid)) < 1e-9
+    assert (float(abs(budget.stored)) > 1) == (braid is SOFT)
+
+
+def test_a_stroke_that_cannot_be_has_no_work() -> None:
+    latex = Muscle(EstimatedGeometry(BRAID, TUBE), LATEX)
+    assert np.isnan(work_budget(latex, 1.0, 9.0, 12.0).load)

@@ -1,4 +1,4 @@
-"""A safe muscle anywhere: finite, slack, rising, C1, and its derivatives those of its values."""
+"""A safe muscle anywhere, and hysteresis: finite, slack, rising, C1, no closed loop gives energy."""
 
 import equinox as eqx
 import jax
@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, assume, example, given, settings, strategies
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.continuation import Region, SafeMuscle, bent, rising_region, stopped, taut
+from famjax.continuation import SafeMuscle, taut
 from famjax.muscle import MeanMuscle
 from famjax.slip import CentredSlip, MaxwellSlip, ReferenceCycle, SlipElements
 
@@ -167,25 +167,6 @@ def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
         SafeMuscle.of(LATEX, [0.24, 0.3], [-5e4, 6e5])
 
 
-def test_a_step_is_bent_smoothly_towards_an_end_that_it_never_passes() -> None:
-    x, ends = jnp.linspace(-3, 3, 601), jnp.array([2.0, 0.0])
-    y = bent(x, ends)
-    np.testing.assert_array_equal(y[x >= -0.4], x[x >= -0.4])
-    assert y[0] > -0.5
-    assert (jnp.diff(y) > 0).all()
-    slope = jax.vmap(jax.grad(lambda x: bent(x, ends)))(jnp.array([-0.4 - 1e-9, -0.4 + 1e-9]))
-    np.testing.assert_allclose(slope, 1.0, atol=1e-7)
-
-
-def test_a_stop_begins_and_becomes_stiff_without_a_jump() -> None:
-    travel = jnp.array([-1e-9, 1e-9, 0.1 - 1e-9, 0.1 + 1e-9])
-    force, stiffness = jax.vmap(
-        jax.value_and_grad(lambda x: stopped(x, jnp.asarray(3.0), jnp.asarray(0.1)))
-    )(travel)
-    np.testing.assert_allclose(force, [0, 0, 0.15, 0.15], atol=1e-8)
-    np.testing.assert_allclose(stiffness, [0, 0, 3, 3], atol=1e-6)
-
-
 def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too() -> None:
     G, width = jnp.linspace(-1, 3, 401), jnp.asarray(2.0)
     np.testing.assert_array_equal(taut(G, width), jnp.where(G >= 2, G, taut(G, width)))
@@ -198,25 +179,6 @@ def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too() -> Non
     length = of.length_at_load(loads, 4e5)
     np.testing.assert_allclose(of.force(length, 4e5), loads, rtol=1e-7)
     assert np.isnan(of.length_at_load(-1.0, 4e5, throw=False))
-
-
-def test_the_largest_rectangle_is_found() -> None:
-    from famjax.continuation import largest_block
-
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        good = rng.random((6, 7)) < 0.8
-        (i0, i1), (j0, j1) = largest_block(good)
-        best = max(
-            (b - a) * (d - c)
-            for a in range(6) for b in range(a, 6) for c in range(7) for d in range(c, 7)
-            if good[a : b + 1, c : d + 1].all()
-        )  # fmt: skip
-        assert good[i0 : i1 + 1, j0 : j1 + 1].all()
-        assert (i1 - i0) * (j1 - j0) == best
-    whole, at = rising_region(LATEX, Region([0.27, 0.3], [2e5, 6e5]))
-    assert at.force.shape == (33, 65)
-    np.testing.assert_array_equal(whole.pressure, [2e5, 6e5])
 
 
 BRAID = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
@@ -272,3 +234,66 @@ def closed_loop(of: SafeMuscle, turns: jax.Array, P: jax.Array) -> tuple[jax.Arr
     _, works = jax.lax.scan(way, state, (ways[:-1], ways[1:]))
     second = len(turns) - 1
     return jnp.sum(works[second:]), jnp.sum(jnp.abs(jnp.diff(turns)))
+
+
+REST, MODULUS = 0.3, 1e6
+SLIP = MaxwellSlip(
+    SlipElements([0.004, 0.02, 0.07], [3.0, 2.0, 6.0]),
+    SlipElements([0.002, 0.015], [8.0, 20.0]),
+    REST,
+    MODULUS,
+)
+
+
+def _history(seed: int, n: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Random lengths up to a fifth shorter, and pressures up to 0.8 MPa."""
+    rng = np.random.default_rng(seed)
+    return REST * (1 - 0.2 * rng.uniform(size=n)), 8e5 * rng.uniform(size=n)
+
+
+def _play(history: np.ndarray, threshold: float) -> np.ndarray:
+    """The other operator of the pair: the slider's path, by its own textbook recursion."""
+    slider, path = history[0], []
+    for q in history:
+        slider = max(q - threshold, min(q + threshold, slider))
+        path.append(slider)
+    return np.array(path)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_force_is_what_the_play_operator_leaves_of_the_motion(seed: int) -> None:
+    L, P = _history(seed)
+    strain = L / REST - 1
+    expected = np.zeros(L.size)
+    for share, elements in ((1 + P / MODULUS, SLIP.wall), (P / MODULUS, SLIP.braid)):
+        q = strain * share
+        for delta, S in zip(elements.threshold, elements.strength, strict=True):
+            expected += share * float(S) * (q - _play(q, float(delta))) / float(delta)
+    np.testing.assert_allclose(SLIP.along(L, P), expected, rtol=1e-9, atol=1e-9)
+
+
+def _work(L: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """What machine and fluid do in each step, F dL - V dP by the trapezoidal rule."""
+    states = SLIP.states(L, P)
+    F, V = np.asarray(SLIP.along(L, P)), np.asarray(jax.jit(jax.vmap(SLIP.volume))(states, L))
+    return (F[1:] + F[:-1]) / 2 * np.diff(L) - (V[1:] + V[:-1]) / 2 * np.diff(P)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_closed_cycle_gives_energy(seed: int) -> None:
+    """Random polygons in length and pressure: work is what is stored and what becomes heat."""
+    L, P = _history(seed, 7)
+    fine = np.linspace(0, 7, 7 * 400 + 1)
+    corners = np.arange(8)
+    L, P = (np.interp(fine, corners, np.append(x, x[0])) for x in (L, P))
+    once = fine.size - 1
+    L, P = (np.append(x, x[1:]) for x in (L, P))
+    work, heat = _work(L, P), float(SLIP.heat(L, P))
+    stored = np.asarray(jax.jit(jax.vmap(SLIP.energy))(SLIP.states(L, P)))
+    assert heat >= 0
+    assert (stored >= 0).all()
+    assert work.sum() == pytest.approx(heat + stored[-1], rel=1e-3)
+    lost = work[once:].sum()  # of the second round, whose springs end as they begin
+    assert stored[-1] == pytest.approx(stored[once], rel=1e-6)
+    assert lost >= 0
+    assert lost == pytest.approx(heat - float(SLIP.heat(L[: once + 1], P[: once + 1])), rel=2e-3)

@@ -1,25 +1,111 @@
+"""Catalogues, combinations, end fittings and the search, against tables, loops and virtual work."""
+
+import dataclasses
+import itertools
 import math
 
 import jax
-import jax.numpy as jnp
 import jax.test_util
 import numpy as np
 import pytest
 
 from famjax import PolynomialMaterial, units
 from famjax.design import (
+    CatalogueError,
     Combination,
     Feasibility,
+    Requirement,
+    exclusion_rows,
     fam_angle,
     feasibility,
     fitting_diameter_on_bladder,
     fitting_diameter_on_braid,
+    front_members,
     load_catalogue,
+    search,
     size_end_fittings,
     swaged_bore,
 )
+from famjax.design.search import LATEX
 
 INCH, PSI, LBF = units.INCH, units.PSI, units.LBF
+
+# Table 2.2: nominal diameter, thickness, diameter range [in], angle range [deg].
+TABLE_2_2 = [
+    (1.5, 0.012, (0.60, 1.75), (73.6, 34.4)),
+    (2.0, 0.011, (0.76, 2.23), (74.4, 38.0)),
+    (2.5, 0.018, (1.40, 2.65), (66.7, 41.5)),
+]
+BRAID = """
+source = "a vendor"
+[[braid]]
+name = "PET 20 mm"
+nominal_diameter_mm = 20
+thickness_mm = 0.5
+diameter_range_mm = [10, 25]
+"""
+BLADDER = """
+source = "a vendor"
+[[bladder]]
+diameter_mm = 12
+thickness_mm = [1, 2]
+"""
+TUBE = """
+source = "a vendor"
+[[tube]]
+outer_diameter_mm = 25
+thickness_mm = 1.5
+swage_reduction_mm = 0.7
+"""
+
+
+def read(tmp_path, text, *, bundled=False):
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_catalogue([path], bundled=bundled)
+
+
+def test_bundled_braids_are_those_of_table_2_2():
+    found = load_catalogue().braids
+    for braid, (nominal, thickness, diameters, angles) in zip(found, TABLE_2_2, strict=True):
+        assert braid.nominal_diameter == pytest.approx(nominal * INCH)
+        assert braid.thickness == pytest.approx(thickness * INCH)
+        assert braid.diameter_range == pytest.approx([d * INCH for d in diameters])
+        assert braid.angle_range == pytest.approx([math.radians(a) for a in angles])
+        assert "Chambers 2021" in braid.source
+
+
+def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
+    catalogue = read(tmp_path, BLADDER)
+    assert (catalogue.braids, catalogue.tubes) == ((), ())
+    assert [b.bore for b in catalogue.bladders] == pytest.approx([0.010, 0.008])
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "message"),
+    [
+        (BRAID, "thickness_mm", "thickness", "number 1 .'PET 20 mm'.: thickness has no unit.*_in"),
+        (BRAID, "thickness_mm", "wall_mm", "unknown key 'wall_mm'; thickness_<unit> is missing"),
+        (BRAID, "[10, 25]", "[25, 10]", r"\[smallest, largest\]"),
+        (BRAID, "[10, 25]", "[21, 25]", "with the nominal diameter between them"),
+        (BRAID, "[10, 25]", "[10, 30]", "at which the threads lie all round"),
+        (BRAID, "[10, 25]", "[10, 25]\nboundary_range_mm = [11, 25]", "must contain diameter_range"),
+        (BRAID, "[10, 25]", "[10, 25]\nboundary_range_mm = [9, 29]", "end below"),
+        (BRAID, "[[braid]]", "[[braids]]", "unknown key 'braids'; known are source, braid"),
+        (BRAID, "[[braid]]", "[braid]", "two brackets"),
+        (BRAID, 'source = "a vendor"', "", "where its numbers come from"),
+        (BRAID, "thickness_mm = 0.5", "thickness_mm 0.5", "not a TOML file"),
+        (BLADDER, "[1, 2]", "[1, 6]", "closes a tube"),
+        (BLADDER, "[1, 2]", "[1, 1]", "is there twice"),
+        (TUBE, "swage_reduction_mm = 0.7", "swage_reduction_mm = 23", "closes a tube"),
+    ],
+)  # fmt: skip
+def test_a_wrong_row_is_refused_with_the_reason(tmp_path, text, old, new, message):
+    assert old in text
+    with pytest.raises(CatalogueError, match=message):
+        read(tmp_path, text.replace(old, new))
+
+
 ROUNDING = 1e-12  # relative, float64: a dozen operations
 LAST_DIGIT = 0.0501  # deg; half of the last printed digit, and float noise
 
@@ -43,20 +129,14 @@ def braid_named(name):
     return next(braid for braid in load_catalogue().braids if braid.name == name)
 
 
-def bladder_of(diameter_in, thickness_in=0.0625):
-    return next(
-        bladder
-        for bladder in load_catalogue().bladders
-        if bladder.name == f"bladder {diameter_in:g} in x {thickness_in:g} in"
-    )
+def the_7_8_in():
+    bladders = {bladder.name: bladder for bladder in load_catalogue().bladders}
+    bladder = bladders["bladder 0.875 in x 0.0625 in"]
+    return Combination.of(bladder, braid_named("Kevlar 2.0 in"), 9.28125 * INCH)
 
 
-def the_7_8_in(rest_length=9.28125 * INCH):
-    return Combination.of(bladder_of(0.875), braid_named("Kevlar 2.0 in"), rest_length)
-
-
-def latex():
-    return PolynomialMaterial(np.array([257.8, -57.9, 32.7]) * PSI)
+def rubber():
+    return PolynomialMaterial(LATEX)
 
 
 @pytest.mark.parametrize(("name", "diameter", "printed"), ENTRIES)
@@ -99,7 +179,7 @@ def test_the_braid_jams_at_its_largest_diameter_and_not_before():
 
 
 def test_force_with_a_bladder_is_the_muscles():
-    combination, material = the_7_8_in(), latex()
+    combination, material = the_7_8_in(), rubber()
     muscle = combination.muscle(material)
     length = combination.rest_length * (1 - 0.2)
     assert combination.force(0.2, 60 * PSI, material) == pytest.approx(
@@ -114,7 +194,7 @@ def test_force_with_a_bladder_is_the_muscles():
 
 @pytest.mark.slow
 def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
-    combination, material = the_7_8_in(), latex()
+    combination, material = the_7_8_in(), rubber()
     pressures = np.array([20.0, 60.0]) * PSI
     usable = combination.usable_contraction(pressures, material)
     blocked = combination.force(0.0, pressures, material)
@@ -123,26 +203,14 @@ def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
     assert np.all(np.diff(usable) > 0)
 
 
-def test_gradients_are_finite_at_rest_at_the_jam_and_beyond():
-    combination = the_7_8_in()
-    slope = jax.jit(jax.grad(combination.force))
-    greatest = combination.contraction_range()[1]
-    assert np.isfinite(slope(0.0, 100 * PSI))
-    assert np.isfinite(slope(greatest, 100 * PSI))
-    total = jax.grad(lambda c: jnp.nansum(combination.force(c, 100 * PSI)))(
-        jnp.array([0.0, 0.2, 0.5, -3.0])
-    )
-    assert np.all(np.isfinite(total))
-
-
 THOUSANDTH = 0.001  # in; the published diameters' last digit, and what a lathe holds
-BRAID, BLADDER = 0.011, 0.0625  # in, the 7/8 in muscle's
+THIN, WALL = 0.011, 0.0625  # in, the 7/8 in muscle's
 
 
 def test_fitting_diameters_come_within_a_thousandth_of_the_published_ones():
     bore = swaged_bore(1.0, 0.058, 0.027)
-    assert abs(fitting_diameter_on_braid(bore, BRAID, 0.17) - 0.838) < THOUSANDTH
-    assert abs(fitting_diameter_on_bladder(bore, BRAID, BLADDER, 0.30) - 0.748) < THOUSANDTH
+    assert abs(fitting_diameter_on_braid(bore, THIN, 0.17) - 0.838) < THOUSANDTH
+    assert abs(fitting_diameter_on_bladder(bore, THIN, WALL, 0.30) - 0.748) < THOUSANDTH
 
 
 def test_only_a_tube_of_0p058_in_or_more_lets_the_fitting_into_the_bore():
@@ -156,3 +224,160 @@ def test_only_a_tube_of_0p058_in_or_more_lets_the_fitting_into_the_bore():
         ratio = fitting.diameter_on_bladder / bore
         assert ratio == pytest.approx(1 + fitting.bore_stretch, rel=ROUNDING)
         assert fitting.feasible == (fitting.diameter_on_bladder <= bore)
+
+
+SOLVED = 1e-9  # relative, float64: the usable contraction is bisected, forces near zero cancel
+ATMOSPHERE = 101325.0
+RNG = np.random.default_rng(20)
+
+ASKED = Requirement(
+    100 * PSI, 400 * LBF, 0.15, 2.2 * INCH, stroke=2 * INCH, longest_length=18 * INCH
+)
+LENGTHS, PRESSURES = (4 * INCH, 24 * INCH), (20 * PSI, 100 * PSI)
+
+
+def found_with(requirement=ASKED, *, catalogue=None, **changes):
+    options = {"rest_length": LENGTHS, "pressure": PRESSURES, "about": 3000} | changes
+    return search(catalogue or load_catalogue(), requirement, **options)
+
+
+def two_pairs():
+    """The catalogue with two bladders and one braid."""
+    catalogue = load_catalogue()
+    names = ("bladder 0.875 in x 0.0625 in", "bladder 1 in x 0.125 in")
+    return dataclasses.replace(
+        catalogue,
+        bladders=tuple(b for b in catalogue.bladders if b.name in names),
+        braids=tuple(b for b in catalogue.braids if b.name == "Kevlar 2.0 in"),
+    )
+
+
+@pytest.fixture(scope="module")
+def of_all():
+    return found_with()
+
+
+def free_air(bladder, combination, contraction, pressure):
+    """By hand: a cylinder less the rubber."""
+    length = float(combination.rest_length)
+    rubber = math.pi * (bladder.diameter - bladder.thickness) * bladder.thickness * length
+
+    def volume(at):
+        wide = float(combination.diameter(at))
+        return math.pi / 4 * wide**2 * length * (1 - at) - rubber
+
+    full, empty = volume(contraction), volume(0.0)
+    return ((pressure + ATMOSPHERE) * full - ATMOSPHERE * empty) / ATMOSPHERE
+
+
+@pytest.mark.slow
+def test_a_tiny_space_is_what_a_loop_over_it_finds():
+    steps, material = 5, PolynomialMaterial(LATEX)
+    found = found_with(catalogue=two_pairs(), about=2 * steps**2)
+    rows, kept = [], []
+    for pair, pressure, length in itertools.product(
+        found.pairs, np.linspace(*PRESSURES, steps), np.linspace(*LENGTHS, steps)
+    ):
+        muscle = Combination.of(pair.bladder, pair.braid, length)
+        usable = float(muscle.usable_contraction(pressure, material))
+        at = min(max(ASKED.contraction, ASKED.stroke / length), usable)
+        rows.append({
+            "rest_length": length, "pressure": pressure, "contraction": usable,
+            "force": float(muscle.force(0.0, pressure, material)),
+            "stroke": usable * length, "outer_diameter": float(muscle.outer_diameter(at)),
+            "air": free_air(pair.bladder, muscle, at, pressure),
+        })  # fmt: skip
+        kept.append(
+            rows[-1]["force"] >= ASKED.force
+            and usable >= ASKED.contraction
+            and rows[-1]["stroke"] >= ASKED.stroke
+            and rows[-1]["outer_diameter"] <= ASKED.largest_diameter
+            and length <= ASKED.longest_length
+        )
+    assert len(found.margins) == len(kept) == 2 * steps**2
+    assert 5 < sum(kept) < len(kept)
+    assert found.feasible.tolist() == np.flatnonzero(kept).tolist()
+    for name in rows[0]:
+        expected = [row[name] for row in rows]
+        np.testing.assert_allclose(found.columns[name], expected, rtol=SOLVED, err_msg=name)
+    excluded = {row["constraint"]: row for row in exclusion_rows(found, system="si")}
+    assert excluded["force"]["excluded"] == sum(row["force"] < ASKED.force for row in rows)
+    assert excluded["longest_length"]["excluded"] == 2 * steps * 2  # two of five lengths
+    costs = np.stack([found.columns[name] for name in found.objectives], axis=-1)
+    for own in costs[found.front]:
+        better = np.all(costs <= own, axis=-1) & np.any(costs < own, axis=-1)
+        assert not better[found.feasible].any()
+
+
+@pytest.mark.slow
+def test_the_refined_design_keeps_to_everything_and_is_better(of_all):
+    end, (first, *_) = of_all.refined, of_all.front
+    assert end["gain"] > 0.01
+    margins = {
+        "force": end["force"] - ASKED.force,
+        "contraction": end["contraction"] - ASKED.contraction,
+        "stroke": end["stroke"] - ASKED.stroke,
+        "largest_diameter": ASKED.largest_diameter - end["outer_diameter"],
+        "longest_length": ASKED.longest_length - end["rest_length"],
+    }
+    assert min(margins.values()) >= 0
+    assert PRESSURES[0] <= end["pressure"] <= PRESSURES[1]
+    # What it is asked for it just reaches; a coarse grid does not hit that.
+    assert end["stroke"] == pytest.approx(ASKED.stroke, rel=1e-6)
+    assert end["force"] == pytest.approx(ASKED.force, rel=1e-6)
+    assert of_all.columns["air"][first] > end["air"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pressure": 0.0}, "pressure must be > 0"),
+        ({"force": -1.0}, "force must be >= 0"),
+        ({"contraction": 35.0}, r"fraction in \[0, 1\), got 35\.0; 0\.35 is 35 %"),
+        ({"force_contraction": math.nan}, "force_contraction must be a fraction"),
+        ({"largest_diameter": 0.0}, "largest_diameter must be > 0"),
+        ({"stroke": -1.0}, "stroke must be >= 0"),
+        ({"longest_length": 0.0}, "longest_length must be > 0"),
+        ({"rest_length": (0.2, 0.1)}, "range of the rest_length .* 0.2 to 0.1 m"),
+        ({"pressure": (0.0, 2e5)}, "range of the pressure"),
+        ({"pressure": (1e5, 2e6)}, "above the pressure of the requirement"),
+        ({"objectives": ("width",)}, "one or more of outer_diameter, .*; got 'width'"),
+        ({"objectives": ("air", "air")}, "each once"),
+        ({"about": 0}, "about must be >= 1"),
+        ({"catalogue": dataclasses.replace(load_catalogue(), tubes=())}, "no swage tubes: add"),
+    ],
+)  # fmt: skip
+def test_an_impossible_requirement_or_search_is_refused(change, message):
+    required = all(isinstance(value, float) for value in change.values())
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(ASKED, **change) if required else found_with(**change)
+
+
+# ---- the front
+
+
+def dominated(costs):
+    """By the definition: some other is nowhere worse and somewhere better."""
+    nowhere_worse = np.all(costs[:, None] <= costs[None], axis=-1)
+    better = np.any(costs[:, None] < costs[None], axis=-1)
+    return np.any(nowhere_worse & better, axis=0)
+
+
+@pytest.mark.parametrize("objectives", [1, 2, 3, 5])
+def test_the_front_is_what_the_definition_says(objectives):
+    costs = RNG.normal(size=(300, objectives))
+    costs[:, 0] = np.round(costs[:, 0], 1)  # with ties
+    found = front_members(costs)
+    kept = np.flatnonzero(~dominated(costs))
+    np.testing.assert_array_equal(np.unique(costs[found], axis=0), np.unique(costs[kept], axis=0))
+    assert set(found) <= set(kept)
+
+
+@pytest.mark.parametrize("step", [0.02, 0.3])
+def test_a_thinned_front_is_part_of_the_front_and_within_the_step_of_all(step):
+    costs = RNG.normal(size=(2000, 3))
+    kept = front_members(costs, step)
+    assert not dominated(costs)[kept].any()
+    assert 3 < len(kept) < len(front_members(costs))
+    near = np.all(costs[kept][None] <= costs[:, None] + np.log1p(step), axis=-1)
+    assert near.any(axis=-1).all()

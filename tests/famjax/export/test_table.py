@@ -1,9 +1,10 @@
-"""The table of a muscle: near its model everywhere, its slopes those of the force, its inverse one."""
+"""The table and the closed form of a muscle: near its model everywhere, their slopes, their inverse."""
 
 import itertools
 import math
 import runpy
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,7 +15,19 @@ from targets import exported_states
 
 import famjax
 from famjax.boundary.errors import InputError
+from famjax.braids import CompliantBraid
+from famjax.cards import MuscleCard
+from famjax.continuation import Region
 from famjax.export import Subject, export, tabulated
+from famjax.geometries import EndEffectGeometry
+from famjax.materials import (
+    AbstractMaterial,
+    MooneyRivlinMaterial,
+    NeoHookeanMaterial,
+    OgdenMaterial,
+    SaturatingMaterial,
+    YeohMaterial,
+)
 
 
 @pytest.mark.slow
@@ -48,17 +61,6 @@ def test_slopes_are_those_of_the_force(subject: Subject) -> None:
             least, most = min(sides), max(sides)
             slack = 1e-5 * abs(most) + rounding
             assert least - slack <= slope(length, pressure) <= most + slack
-
-
-def test_the_pull_rises_with_length_and_pressure(dmsp_20: Subject) -> None:
-    pull = dmsp_20.pull
-    lengths = np.linspace(0.0, 0.6, 241).tolist()
-    pressures = np.linspace(0.0, 1.3e6, 53).tolist()
-    force = np.array([[pull.force(one, at) for at in pressures] for one in lengths])
-    assert np.isfinite(force).all()
-    assert (force >= 0).all()
-    assert (np.diff(force, axis=0) >= 0).all()
-    assert (np.diff(force, axis=1) >= 0).all()
 
 
 def test_the_inverse(subject: Subject) -> None:
@@ -113,3 +115,66 @@ def test_slack_states_have_no_force_and_the_models_own(subject: Subject, tmp_pat
         assert [pull.force(*one) for one in each] == [0.0] * len(each)
         near = 1e-5 * subject.errors.largest_force
         assert [pull.model_force(*one) for one in each] == pytest.approx(model[slack], abs=near)
+
+
+LAWS = [
+    famjax.PolynomialMaterial([5.9e6, -19.0e6, 25.8e6]),
+    OgdenMaterial([-4e5, 3e5], [-6.4, 2.0]),
+    MooneyRivlinMaterial(2e5, 1e5),
+    NeoHookeanMaterial(4e5),
+    SaturatingMaterial(2e5, 1e5, 0.2),
+]
+
+
+def written(law: AbstractMaterial, folder: Path, *, embedded: bool, ends: bool) -> tuple[Any, Any]:
+    """The muscle and the functions of its NumPy module."""
+    braid: Any = famjax.Braid.from_rest(
+        diameter=23e-3, braid_angle=1.082, length=0.296, thickness=3e-4
+    )
+    bladder = famjax.Bladder(0.296, 22e-3, 1.8e-3, embedded=embedded)
+    if ends:
+        braid = CompliantBraid.of(braid, 2e-7)
+    geometry: Any = famjax.EstimatedGeometry(braid, bladder)
+    muscle = famjax.Muscle(EndEffectGeometry(geometry, 1.08) if ends else geometry, law, 40e3)
+    mounted = famjax.MountedMuscle(muscle, np.asarray(0.0))
+    card = MuscleCard("Test", (mounted,), np.ones(1), Region([0.25, 0.29], [1.5e5, 6e5]))
+    subject = Subject.of_card(card)
+    (path,) = export(subject, ["python"], folder)
+    return subject.muscle, runpy.run_path(str(path))
+
+
+@pytest.mark.parametrize(
+    ("law", "embedded", "ends"),
+    [(law, k % 2 == 0, k in (1, 2)) for k, law in enumerate(LAWS)],
+    ids=[type(law).__name__ for law in LAWS],
+)
+def test_equations_are_the_model(
+    law: AbstractMaterial, embedded: bool, ends: bool, tmp_path: Path
+) -> None:
+    muscle, module = written(law, tmp_path, embedded=embedded, ends=ends)
+    assert "closed form" in module["__doc__"]
+    rng, region = np.random.default_rng(1), muscle.region
+    L, P = (rng.uniform(low, high, 300) for low, high in (region.length, region.pressure))
+    force = np.asarray(muscle.force(L, P))
+    np.testing.assert_allclose(module["force"](L, P), force, rtol=0, atol=1e-11 * force.max())
+    pulls = force > muscle.slack_width
+    np.testing.assert_allclose(module["pressure"](L, force)[pulls], P[pulls], rtol=1e-9)
+
+
+def test_range_and_shapes(tmp_path: Path) -> None:
+    _, module = written(LAWS[0], tmp_path, embedded=True, ends=False)
+    force, pressure = module["force"], module["pressure"]
+    assert force(np.array([[0.27], [0.28]]), np.array([2e5, 3e5, 4e5])).shape == (2, 3)
+    assert np.isnan(
+        [force(0.2, 3e5), force(0.28, 9e6), pressure(0.28, 1e5), pressure(0.28, -1.0)]
+    ).all()
+    with pytest.raises(ValueError, match="L must be in m"):
+        force(28.0, 3e5)
+
+
+@pytest.mark.slow
+def test_a_law_without_a_closed_form_is_a_table(tmp_path: Path) -> None:
+    muscle, module = written(YeohMaterial([2e5, 1e4, 1e3]), tmp_path, embedded=True, ends=False)
+    assert "no closed form" in module["__doc__"]
+    expected = float(muscle.force(0.27, 4e5))
+    assert module["force"](0.27, np.array([4e5, 4e5])) == pytest.approx(expected, rel=1e-6)
