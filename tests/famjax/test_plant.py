@@ -24,7 +24,6 @@ from famjax.plant import (
     SlipFriction,
     SteppedPlant,
     choked_share,
-    newton,
     simulate,
     solve_adaptively,
 )
@@ -284,18 +283,6 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke() -> None:
     pressures = simulate(regulated, command, TICK).plant.pressure / PSI
     assert float(jnp.abs(pressures[1500:] - 40).max()) < 2.0
     assert float(pressures[1999]) == pytest.approx(40.0, abs=0.4)
-
-
-def test_newton_has_implicit_derivatives() -> None:
-    def root(a):
-        return newton(lambda z: jnp.stack([z[0] ** 3 + z[1] - a, z[1] - z[0]]), jnp.ones(2))[0]
-
-    z = float(root(3.0))
-    assert z**3 + z == pytest.approx(3.0, rel=ROUNDING)
-    assert float(jax.grad(root)(3.0)) == pytest.approx(1 / (3 * z**2 + 1), rel=CLOSED)
-    assert float(jax.grad(jax.grad(root))(3.0)) == pytest.approx(
-        -6 * z / (3 * z**2 + 1) ** 3, rel=CLOSED
-    )
 
 
 @pytest.mark.parametrize(

@@ -76,16 +76,6 @@ def test_average_geometry_differs_from_measured_in_strain_alone(
     )  # the mean of D^2 exceeds the square of the mean
 
 
-@pytest.mark.slow
-def test_embedded_bladder_lies_on_the_profile(family: MeasuredFamily) -> None:
-    bladder = Bladder(L0, 0.875, 0.0625, embedded=True)
-    at = MeasuredGeometry(family, bladder).dimensions(7.5, 100.0)
-    mean = float(jnp.sum(at.station_weights * at.hoop_strain))
-    assert mean == pytest.approx(float(2 * at.radius / 0.875 - 1), rel=1e-11)
-    cylinder = AverageDiameterGeometry(family, bladder).dimensions(7.5, 100.0)
-    assert float(cylinder.hoop_strain[0]) == pytest.approx(mean, rel=1e-11)
-
-
 def _work(geometry: AbstractGeometry, deadband: float = 0.0, *, held: bool = False) -> Muscle:
     """The muscle that pulls by the virtual work of its volume alone."""
     return Muscle(geometry, VirtualWork(deadband, at_thread_length=held))

@@ -109,15 +109,6 @@ def test_two_levels_cannot_be_left_out(dmsp20: ForceData) -> None:
     assert "length" not in left_out_of(result, length=(None, 1))
 
 
-def test_the_splines_variance_is_zero_where_it_was_measured_and_grows_away() -> None:
-    known = np.array([0.24, 0.25, 0.27, 0.30])
-    assert spline_variance(known, known) == pytest.approx(0, abs=1e-12)
-    away = spline_variance(known, np.array([0.285, 0.31, 0.32, 0.34]))
-    assert (np.diff(away) > 0).all()
-    inside = spline_variance(known, np.array([0.245, 0.26, 0.285]))
-    assert inside[0] < inside[1] < inside[2]  # wider gaps are known less
-
-
 def test_the_spline_is_the_natural_one() -> None:
     """Its best linear predictor, by the same matrix, is SciPy's natural cubic spline."""
     known, at = np.array([0.0, 0.2, 0.5, 1.0]), np.array([0.1, 0.35, 0.9, 1.3, -0.4])
@@ -138,12 +129,6 @@ def test_the_spline_is_the_natural_one() -> None:
         weights * cross, axis=0
     )
     assert spline_variance(known, at) == pytest.approx(expected)
-
-
-def test_one_level_tells_nothing_but_distance() -> None:
-    assert spline_variance(np.array([2.0]), np.array([2.0, 3.0, 4.0])) == pytest.approx(
-        [0, 0.125, 1.0]
-    )
 
 
 STATED = SharedErrors(

@@ -198,20 +198,6 @@ def test_the_map_is_data_and_reads_back(static: StaticMap, tmp_path: Path) -> No
         csv_text(data, "imperial")
 
 
-def test_without_noise_only_the_method_is_left() -> None:
-    ramp = static_map(quasi_static(_ramp(LENGTHS[0], noise=0.0), atmosphere=ZERO, kind="ramp"))
-    # Curvature in a bin, 2e-10 w^2 / 24 = 0.005 N, and that of the half-width, which cancels.
-    assert np.abs(ramp.force - _static(ramp.pressure, LENGTHS[0])).max() < 0.01
-    record = _staircase(LENGTHS[0], noise=0.0)
-    held = static_map(quasi_static(record, atmosphere=ZERO, part=(0.9, 0.96)))
-    miss = np.abs(held.force - _static(held.pressure, LENGTHS[0]))
-    # Curvature of a branch between holds: (2e-10 + 4 (pi/TOP)^2) w^2 / 8, w up to 90 kPa, halved
-    # by the mean; 120 kPa, at the end of the curve, in the gap between turn and first vent hold.
-    below = held.pressure < 0.8 * _hold_pressures()[19]
-    assert miss[below].max() < 0.15
-    assert miss[~below].max() < 0.5
-
-
 def test_unsettled_holds_are_marked_and_not_used() -> None:
     strict = _points(part=(0.02, 0.9))
     assert 0 < strict.settled.sum() < strict.settled.size
