@@ -217,19 +217,6 @@ def test_a_small_map_gets_fewer_unknowns_instead_of_a_refusal(
     assert dropped or lengths == 4
 
 
-def test_every_family_has_the_same_unknowns_of_the_geometry(dmsp20: ForceData) -> None:
-    for one in ladder(dmsp20)[0]:
-        if one.law == "mooney-rivlin":  # of an equivalent cylinder
-            assert {"end_factor", "rest_length"}.isdisjoint(one.parameters)
-            assert one.parameters["braid_diameter"].max == pytest.approx(0.028)
-            continue
-        assert {"end_factor", "rest_length", "braid_compliance"} <= {*one.parameters}
-        assert one.parameters["end_factor"].prior is not None
-        assert one.parameters["rest_length"].prior == (0.296, 0.00025)
-        assert ("deadband_pressure" in one.parameters) == one.rig  # held at 0 beside such a rig
-        assert ("series_exponent" in one.parameters) == one.rig
-
-
 def test_what_a_user_says_is_not_varied(dmsp20: ForceData) -> None:
     said = {"end_factor": Parameter(value=1.05, vary=False)}
     candidates, _ = ladder(dmsp20, said)

@@ -143,28 +143,6 @@ def test_coefficients_are_the_optimum_of_one_sided_squares(dmsp20: ForceData, li
     np.testing.assert_allclose(result.coefficients[0], found.x * scale, rtol=1e-4)
 
 
-def outside_brackets(result: fitting.Identification) -> float:
-    """Sum over lengths [Pa] of how far the onset lies outside what slack and loaded readings bound."""
-    data, outside = result.data, 0.0
-    for length in np.unique(data.lengths.level):
-        at = data.lengths.level == length
-        if (at & data.slack).any() and (at & data.loaded).any():
-            onset = float(result.muscle.onset_pressure(length, 8e5))
-            highest = data.pressure[at & data.slack].max()
-            lowest = data.pressure[at & data.loaded].min()
-            outside += max(highest - onset, onset - lowest, 0.0)
-    return outside
-
-
-@pytest.mark.parametrize(("name", "order"), [("DMSP-20-300", 2), ("DMSP-10-250", 3)])
-def test_onset_moves_to_where_it_was_seen(name: str, order: int) -> None:
-    """20-300: 26 to 13 kPa over five lengths, 10-250: 14 to 11 kPa over four."""
-    data = fitting.load_bundled(name)
-    plain, censored = (fitting.identify(data, order=order, censored=one) for one in (False, True))
-    assert censored.errors.max_slack_force < 0.8 * plain.errors.max_slack_force
-    assert outside_brackets(censored) < 0.8 * outside_brackets(plain)
-
-
 def test_saturated_readings_are_no_data_but_information(dmsp20: ForceData) -> None:
     data = dmsp20
     capped = dataclasses.replace(data, force=np.minimum(data.force, 900.0), force_limit=900.0)

@@ -94,26 +94,29 @@ def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.08])
-def test_why_a_state_is_not_inside(factor: float) -> None:
+def test_why_a_state_is_not_inside_and_that_nothing_is_said_beyond_the_braid(factor: float) -> None:
     one = festo(40e3)
     if factor > 1:
         ends = famjax.geometries.EndEffectGeometry(one.geometry, factor)
         one = dataclasses.replace(one, geometry=ends)
+    fit = measured(one, std=0.01)
     longest, lock = (REST + (at - REST) / factor for at in (THREAD, THREAD / np.sqrt(3)))
-    fit = measured(one, std=1e-3)
-
-    def outside(length: float, pressure: float) -> tuple[str | None, object]:
+    closed = float(one.length_range()[1])
+    for length, pressure, why in (
+        (0.27, 3e5, None), (0.27, 7e5, "the pressure is beyond the measured 0 kPa to 600 kPa"),
+        (1.001 * lock, 3e5, "the length is beyond the measured 230 mm to 290 mm"),
+    ):  # fmt: skip
         (row,) = predict(fit, np.array([length]), np.array([pressure]))
-        assert row["inside"] is (row["outside"] is None)
-        return row["outside"], row["force_std_N"]
-
-    assert outside(0.27, 3e5)[0] is None
-    beyond, std = outside(1.001 * longest, 3e5)
-    assert beyond == f"the length is beyond the thread's, {longest * 1e3:.4g} mm"
-    assert std is None
-    assert "below the braid's lock at the neutral angle" in outside(0.999 * lock, 3e5)[0]
-    assert outside(1.001 * lock, 3e5)[0] == "the length is beyond the measured 230 mm to 290 mm"
-    assert outside(0.27, 7e5)[0] == "the pressure is beyond the measured 0 kPa to 600 kPa"
+        assert (row["outside"], row["inside"]) == (why, why is None)
+    for length, why in (
+        (0.2 * REST, "below the braid's lock"), (0.999 * lock, "below the braid's lock at the neutral"),
+        (closed + 1e-4, "closes the bladder's bore"), (closed - 1e-4, "over 10 times the largest measured"),
+        (1.001 * longest, f"the length is beyond the thread's, {longest * 1e3:.4g} mm"),
+    ):  # fmt: skip
+        (row,) = predict(fit, np.array([length]), np.array([3e5]))
+        assert why in row["outside"], length
+        keys = ("force_N", "model_force_N", "force_std_N", "low_95_N", "high_95_N", "band", "slack")
+        assert [row[key] for key in keys] == [None] * 7
     (onset,) = predict(fit, np.array([0.4]), np.array([]), onset=True)
     assert "beyond the thread's" in onset["outside"]
 
@@ -194,23 +197,6 @@ def test_forces_and_bands_are_never_below_zero_and_slack_states_hold_no_force() 
     assert (low <= force).all()
     assert (force <= high).all()
     assert (high[slack] > 0).any()  # where the band straddles zero
-
-
-def test_nothing_is_said_beyond_the_limits_of_the_braid() -> None:
-    fit = measured(festo(40e3), std=0.01)
-    lock = THREAD / np.sqrt(3)
-    closed = float(fit.muscle.length_range()[1])
-    for length, why in (
-        (0.2 * REST, "below the braid's lock"), (0.4 * REST, "below the braid's lock"),
-        (0.999 * lock, "below the braid's lock"), (closed + 1e-4, "closes the bladder's bore"),
-        (closed - 1e-4, "over 10 times the largest measured"), (1.01 * THREAD, "the thread's"),
-    ):  # fmt: skip
-        (row,) = predict(fit, np.array([length]), np.array([3e5]))
-        assert why in row["outside"]
-        keys = ("force_N", "model_force_N", "force_std_N", "low_95_N", "high_95_N", "band", "slack")
-        assert [row[key] for key in keys] == [None] * 7
-    (row,) = predict(fit, np.array([1.001 * lock]), np.array([3e5]))
-    assert row["force_N"] == 0
 
 
 # ---- bands of a length that was never measured
