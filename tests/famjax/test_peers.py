@@ -24,16 +24,6 @@ L0, D0, THETA = 0.25, 0.012, 1.12
 L, P = np.meshgrid(np.linspace(0.2, 0.2499, 4), np.array([1e5, 3.5e5, 6e5]))
 
 
-def test_gaylord_is_virtual_work() -> None:
-    braid, h = MODELS["gaylord"].braid, 1e-6
-
-    def volume(length: np.ndarray) -> np.ndarray:
-        return np.pi / 4 * np.asarray(braid.diameter(length)) ** 2 * length
-
-    expected = -(P - 3e4) * (volume(L + h) - volume(L - h)) / (2 * h) - 5.0
-    np.testing.assert_allclose(MODELS["gaylord"].force(L, P), expected, rtol=DIFFERENCE)
-
-
 def test_chou_and_hannafords_wall_is_virtual_work_of_the_bore() -> None:
     t, h = 1e-3, 1e-6
 

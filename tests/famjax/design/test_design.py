@@ -4,8 +4,6 @@ import dataclasses
 import itertools
 import math
 
-import jax
-import jax.test_util
 import numpy as np
 import pytest
 
@@ -152,18 +150,6 @@ def test_table_2_3(name, diameter, printed):
     assert verdict is (Feasibility.BOUNDARY if boundary else Feasibility.FEASIBLE)
 
 
-def test_ideal_force_is_the_virtual_work_of_the_pressure():
-    combination = the_7_8_in()
-    braid, length, pressure = combination.braid, combination.rest_length, 100 * PSI
-
-    def volume(length):
-        return math.pi / 4 * braid.diameter(length) ** 2 * length
-
-    for contraction in (-0.01, 0.0, 0.1, 0.3):
-        work = -pressure * jax.jit(jax.grad(volume))(length * (1 - contraction))
-        assert combination.force(contraction, pressure) == pytest.approx(float(work), rel=1e-11)
-
-
 def test_the_braid_jams_at_its_largest_diameter_and_not_before():
     combination = the_7_8_in()
     least, greatest = combination.contraction_range()
@@ -190,17 +176,6 @@ def test_force_with_a_bladder_is_the_muscles():
         float(combination.force(0.0, 60 * PSI)), rel=ROUNDING
     )
     assert combination.force(0.2, 60 * PSI, material) < combination.force(0.2, 60 * PSI)
-
-
-@pytest.mark.slow
-def test_usable_contraction_with_a_bladder_ends_where_the_force_does():
-    combination, material = the_7_8_in(), rubber()
-    pressures = np.array([20.0, 60.0]) * PSI
-    usable = combination.usable_contraction(pressures, material)
-    blocked = combination.force(0.0, pressures, material)
-    # The root is bisected to 1e-15 of the rest length; the force falls by some blocked / 0.3.
-    assert np.all(np.abs(combination.force(usable, pressures, material)) < 1e-10 * blocked)
-    assert np.all(np.diff(usable) > 0)
 
 
 THOUSANDTH = 0.001  # in; the published diameters' last digit, and what a lathe holds
