@@ -32,7 +32,7 @@ from famjax.units import INCH, LBF, PSI
 from rig.controller import DeviceControl, Latch
 from rig.protocol import GAIN_UNIT, INTEGRAL_UNIT, PRESSURE_UNIT, RUN, ControlLaw
 
-ROUNDING, CLOSED = 1e-12, 1e-9
+CLOSED = 1e-9
 PRESSURE_RMS, FORCE_RMS = 0.005 * PSI, 0.02 * LBF  # of a whole test in ticks
 IN_S = INCH  # m/s
 # Signal, dump, rate [m/s], seconds: fills, strokes at 0.02 to 0.2 in/s, a vent, a dump.

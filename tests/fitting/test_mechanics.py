@@ -26,17 +26,12 @@ def data() -> fitting.ForceData:
 
 def _map(rest: float) -> fitting.ForceData:
     """Readings of a muscle whose shape follows from mechanics, with 1 N of noise."""
-    specimen = fitting.Specimen(
-        name=f"{rest} m", rest_length=rest, wall_thickness=1.5e-3, nominal_diameter=0.02
-    )
-    length, pressure = (
-        grid.ravel() for grid in np.meshgrid(rest * np.linspace(0.82, 1, 6), [2e5, 3.5e5, 5e5])
-    )
+    specimen = fitting.Specimen(f"{rest} m", rest, 1.5e-3, nominal_diameter=0.02)
+    grid = np.meshgrid(rest * np.linspace(0.82, 1, 6), [2e5, 3.5e5, 5e5])
+    length, pressure = (one.ravel() for one in grid)
     force = np.asarray(_muscle(specimen, TRUTH).force(length, pressure))
     noise = np.random.default_rng(3).normal(0, 1.0, force.size)
-    return fitting.ForceData(
-        length=length, pressure=pressure, force=force + noise, specimen=specimen
-    )
+    return fitting.ForceData(force + noise, pressure, length, specimen)
 
 
 def _muscle(specimen: fitting.Specimen, values: dict[str, float]) -> famjax.AbstractMuscle:
@@ -70,27 +65,6 @@ def test_it_opens_as_it_was(fit: fitting.Identification, tmp_path: Path) -> None
     assert np.sqrt(np.mean(left_out.error**2)) < 5
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"ends": "round"}, "ends must be one of cylinder, equilibrium"),
-        ({"ends": "equilibrium", "terms": famjax.terms.Spring(1.0, 0.2)}, "leave out terms"),
-        ({"ends": "equilibrium", "dependence": "linear"}, "leave out dependence"),
-    ],
-)
-def test_what_does_not_go_with_it(data: fitting.ForceData, options: dict, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        fitting.identify(data, **options)
-
-
-def test_a_fitting_of_unknown_diameter_is_asked_for(data: fitting.ForceData) -> None:
-    nameless = dataclasses.replace(
-        data, specimen=dataclasses.replace(data.specimen, nominal_diameter=None)
-    )
-    with pytest.raises(InputError, match="give nominal_diameter"):
-        EquilibriumSource.of(nameless)
-
-
 def _pictures(specimen: fitting.Specimen, error: float = 2e-5) -> fitting.shapes.Pictures:
     """Eight photographs of the made-up muscle, their diameters with this error [m]."""
     length, pressure = 0.2 * np.linspace(0.84, 1, 8), np.linspace(3e5, 5e5, 8)
@@ -113,9 +87,8 @@ def test_photographs_and_force_are_fitted_together(
     data: fitting.ForceData, fit: fitting.Identification, tmp_path: Path
 ) -> None:
     pictures = _pictures(data.specimen)
-    both = fitting.identify(
-        data, law="ogden", ends="equilibrium", noise=1.0, starts=4, pictures=pictures
-    )
+    options = {"law": "ogden", "ends": "equilibrium", "noise": 1.0, "starts": 4}
+    both = fitting.identify(data, **options, pictures=pictures)
     assert both.pictures is not None
     assert both.pictures.rmse < 4e-5
     for name, true in {**TRUTH, **OF_LAW}.items():
@@ -131,13 +104,28 @@ def test_photographs_and_force_are_fitted_together(
     assert "photographed and computed profiles" in (tmp_path / "report.html").read_text()
 
 
-def test_photographs_that_cannot_be_used(data: fitting.ForceData) -> None:
-    pictures = _pictures(data.specimen)
-    with pytest.raises(InputError, match="only for ends='equilibrium'"):
-        fitting.identify(data, pictures=pictures)
-    unknown = dataclasses.replace(pictures, pressure=np.full(8, np.nan))
-    with pytest.raises(InputError, match="every photograph needs its pressure"):
-        fitting.identify(data, ends="equilibrium", pictures=unknown)
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"ends": "round"}, "ends must be one of cylinder, equilibrium"),
+        ({"terms": famjax.terms.Spring(1.0, 0.2)}, "leave out terms"),
+        ({"dependence": "linear"}, "leave out dependence"),
+        ({"ends": "cylinder", "pictures": 1e5}, "only for ends='equilibrium'"),
+        ({"pictures": np.nan}, "every photograph needs its pressure"),
+    ],
+)
+def test_what_does_not_go_with_it(data: fitting.ForceData, options: dict, words: str) -> None:
+    if pressure := options.get("pictures"):
+        shown = dataclasses.replace(_pictures(data.specimen), pressure=np.full(8, pressure))
+        options = {**options, "pictures": shown}
+    with pytest.raises(InputError, match=words):
+        fitting.identify(data, **{"ends": "equilibrium", **options})
+
+
+def test_a_fitting_of_unknown_diameter_is_asked_for(data: fitting.ForceData) -> None:
+    bare = dataclasses.replace(data.specimen, nominal_diameter=None)
+    with pytest.raises(InputError, match="give nominal_diameter"):
+        EquilibriumSource.of(dataclasses.replace(data, specimen=bare))
 
 
 @pytest.mark.slow

@@ -40,29 +40,22 @@ def record_of(plant: Plant, signals: tuple[float, ...], seconds: float, seed: in
     at = slice(TICKS - 1, None, TICKS)
     true = [np.append(0.0, one[at]) for one in (states.pressure, states.force)]
     pressure, force = (
-        values + std * rng.standard_normal(time.size)
-        for values, std in zip(true, NOISE, strict=True)
+        one + std * rng.standard_normal(time.size) for one, std in zip(true, NOISE, strict=True)
     )
     return PlantRecord(time, signal, pressure, length, force).part(30, time.size)
 
 
-def identified(fluid: str, seed: int, seconds: float = 12.0) -> tuple[Plant, PlantRecord, PlantFit]:
-    truth = Plant(
-        TRUTHS[fluid], LinearMcKibben(), friction=DahlFriction(share=0.025), viscosity=220.0
-    )
-    record = record_of(truth, SIGNALS[fluid], seconds, seed)
-    circuit = type(TRUTHS[fluid])()
-    return (
-        truth,
-        record,
-        identify_plant(record, Plant(circuit, LinearMcKibben(), friction=DahlFriction())),
-    )
+def identified(fluid: str, seed: int) -> tuple[Plant, PlantFit]:
+    friction = DahlFriction(share=0.025)
+    truth = Plant(TRUTHS[fluid], LinearMcKibben(), friction=friction, viscosity=220.0)
+    first = Plant(type(TRUTHS[fluid])(), LinearMcKibben(), friction=DahlFriction())
+    return truth, identify_plant(record_of(truth, SIGNALS[fluid], 12.0, seed), first)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", TRUTHS)
 def test_a_plant_is_found_again(fluid: str) -> None:
-    truth, _, fit = identified(fluid, 1)
+    truth, fit = identified(fluid, 1)
     known = {**truth.circuit.parameters(), "friction.share": 0.025, "viscosity": 220.0}
     for one in fit.estimates:
         assert one.value == pytest.approx(float(known[one.name]), rel=0.03), one.name
@@ -103,16 +96,17 @@ def test_what_is_no_record_is_refused(change: dict, said: str) -> None:
         dataclasses.replace(GOOD, **change)
 
 
-def test_what_cannot_be_identified_is_refused() -> None:
-    plant = Plant(PneumaticCircuit(), LinearMcKibben())
-    slow = dataclasses.replace(GOOD, time=TIME * 10)
-    for record, options, said in (
+@pytest.mark.parametrize(
+    ("record", "options", "said"),
+    [
         (GOOD, {"free": ("size",)}, "free must name numbers of the plant: supply"),
-        (slow, {}, "determine a lag of about 12 ms"),
+        (dataclasses.replace(GOOD, time=TIME * 10), {}, "determine a lag of about 12 ms"),
         ([], {}, "at least one PlantRecord"),
-    ):
-        with pytest.raises(InputError, match=said):
-            identify_plant(record, plant, **options)
+    ],
+)
+def test_what_cannot_be_identified_is_refused(record, options: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        identify_plant(record, Plant(PneumaticCircuit(), LinearMcKibben()), **options)
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import clarabel
 import numpy as np
 import pytest
-from scipy import sparse
+from maps import clarabel_objective, solved
 
 import famjax
 from fitting import ForceData, InputError, Specimen, sweep
@@ -48,11 +48,9 @@ def row(of: Sweep, dependence: str, order: int, constraint: str) -> SweepRow:
     return found
 
 
-def unit_forces(length: np.ndarray, pressure: np.ndarray, order: int) -> np.ndarray:
-    columns = [
-        famjax.Muscle(geometry(), famjax.PolynomialMaterial(E)).bladder_force(length, pressure)
-        for E in np.eye(order)
-    ]
+def of_units(order: int, function: Callable[[famjax.PolynomialMaterial], object]) -> np.ndarray:
+    """What a function says of laws with one coefficient of 1 Pa, one column each."""
+    columns = [function(famjax.PolynomialMaterial(E)) for E in np.eye(order)]
     return np.stack([np.asarray(column) for column in columns], axis=-1)
 
 
@@ -68,11 +66,7 @@ def constraint_rows(constraint: str, order: int, pressure: float, end: float) ->
         at = geometry().dimensions(np.array([REST, end]), pressure)
         largest = max(np.abs(at.hoop_strain).max(), np.abs(at.axial_strain).max())
         return np.arange(1, order + 1) * (s * largest)[:, None] ** np.arange(order)
-    columns = [
-        famjax.path_modulus(famjax.PolynomialMaterial(E), geometry(), length, pressure)
-        for E in np.eye(order)
-    ]
-    return np.stack([np.asarray(column) for column in columns], axis=-1)
+    return of_units(order, lambda law: famjax.path_modulus(law, geometry(), length, pressure))
 
 
 def path_end(pressure: float) -> float:
@@ -82,21 +76,19 @@ def path_end(pressure: float) -> float:
     return float(slack.max(initial=-np.inf)) if slack.size else float(shortest)
 
 
-def programme(
-    dependence: str, constraint: str, order: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def programme(dependence: str, constraint: str, order: int) -> tuple[np.ndarray, ...]:
     """A, b and G of a fit, and the place of each reading's pressure."""
     loaded = DATA.loaded
     length, pressure = DATA.length[loaded], DATA.pressure[loaded]
     braid = famjax.Muscle(geometry(), famjax.PolynomialMaterial([0.0]), 1e4)
     target = DATA.force[loaded] - np.asarray(braid.braid_force(length, pressure))
     share = (PRESSURES - PRESSURES[0]) / (PRESSURES[-1] - PRESSURES[0])
-    bases = {
-        "fixed": np.ones((3, 1)),
-        "linear": np.stack([1 - share, share], axis=1),
-        "free": np.eye(3),
-    }
-    basis, columns = bases[dependence], unit_forces(length, pressure, order)
+    linear = np.stack([1 - share, share], axis=1)
+    bases = {"fixed": np.ones((3, 1)), "linear": linear, "free": np.eye(3)}
+    basis, columns = (
+        bases[dependence],
+        of_units(order, lambda law: famjax.Muscle(geometry(), law).bladder_force(length, pressure)),
+    )
     of = np.searchsorted(PRESSURES, pressure)
     A = (basis[of][:, :, None] * columns[:, None, :]).reshape(length.size, -1)
     rows = [
@@ -109,9 +101,7 @@ def programme(
 
 @pytest.mark.parametrize("constraint", ["none", "positive", "slope", "drucker"])
 @pytest.mark.parametrize("dependence", ["fixed", "linear", "free"])
-def test_fits_agree_with_clarabel(
-    swept: Sweep, dependence: str, constraint: str, clarabel_objective: Callable[..., float]
-) -> None:
+def test_fits_agree_with_clarabel(swept: Sweep, dependence: str, constraint: str) -> None:
     for order in (2, 3):
         A, target, G, _ = programme(dependence, constraint, order)
         found = row(swept, dependence, order, constraint)
@@ -146,16 +136,11 @@ def test_the_mean_rmse_agrees_with_a_conic_programme(
         right += [np.zeros(1), -y[own]]
         cones.append(clarabel.SecondOrderConeT(int(own.sum()) + 1))
     q = np.r_[np.zeros(n), 1 / np.sqrt(np.bincount(of)) / 3]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix((n + 3, n + 3)), q, sparse.csc_matrix(np.concatenate(rows)),
-        np.concatenate(right), cones, settings,
-    )  # fmt: skip
+    none = np.zeros((n + 3, n + 3))
+    best = solved(none, q, np.concatenate(rows), np.concatenate(right), cones)
     found = row(averaged, dependence, 3, constraint)
     assert found.status is Status.OPTIMAL
-    assert found.objective == pytest.approx(float(solver.solve().obj_val), rel=OBJECTIVE)
+    assert found.objective == pytest.approx(float(best.obj_val), rel=OBJECTIVE)
     assert found.objective == pytest.approx(found.rmse, rel=1e-9)
     assert found.kkt_residual < 1e-10
     assert found.duality_gap < 1e-8

@@ -215,9 +215,6 @@ def test_the_device_counts_by_its_own_clock(rate: float) -> None:
     assert last.tick * 2e-3 == pytest.approx(20.0 * (1 + rate), abs=0.02)  # a record and its line
 
 
-CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}
-
-
 def whole_test(folder: Path, fluid: str, pressures: tuple[float, ...], **options) -> SimulatedTest:
     plan = Isobaric(
         tuple(p * PSI for p in pressures), cycles=1, stroke=options.pop("stroke", 3.4 * INCH),
