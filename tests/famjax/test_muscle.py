@@ -218,6 +218,7 @@ def test_terms_add_flat_in_any_order() -> None:
         total = famjax.Muscle(CYLINDER, terms).force(GOOD, P)
         each = [famjax.Muscle(CYLINDER, term).force(GOOD, P) for term in (braid, wall, spring)]
         np.testing.assert_allclose(total, sum(each), rtol=EXACT)
+    np.testing.assert_allclose(each[2], 1.0 + 3.0 * (GOOD - 8.5), rtol=EXACT)  # the spring
 
 
 def test_a_material_stands_for_braid_and_wall() -> None:

@@ -23,7 +23,7 @@ from fitting import (
     load_fit,
     predict,
     write_csv,
-)  # fmt: skip
+)
 from fitting.saved import series_as_dict
 from fitting.series import Series
 from fitting.verdict import judge_series

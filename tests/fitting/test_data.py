@@ -1,4 +1,4 @@
-"""Reading force maps: units, specimen, and every way in which a file can be wrong."""
+"""Force maps: files in any unit, every way in which one can be wrong, levels, pandas and xarray."""
 
 import dataclasses
 from collections.abc import Callable
@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import famjax
+import fitting
 from fitting import ForceData, InputError, Specimen, load_bundled, read_csv, write_csv
 from fitting.cli.problem import parse_bounds
+from fitting.data import MOST_APART, groups_of_levels, levels_of
 from fitting.faults import thick_wall
 from fitting.specimen import parse_specimen
 
@@ -182,3 +185,153 @@ def test_noise_about_zero_is_slack(dmsp10: ForceData) -> None:
         dmsp10, force=np.where(dmsp10.slack, -30.0, dmsp10.force), slack_below=None, count=None
     )
     assert pushing.slack_below == 0.0
+
+
+SPECIMEN = Specimen("measured", 0.3, 0.002, nominal_diameter=0.02)
+
+
+def measured(values: np.ndarray, times: int, std: float, seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0, std, (times, values.size))
+    return (values + noise).ravel()
+
+
+@pytest.mark.parametrize("seed", range(100, 120))
+@pytest.mark.parametrize(("times", "std"), [(2, 20.0), (3, 150.0), (8, 300.0)])
+def test_readings_about_nominal_pressures_find_their_level(
+    seed: int, times: int, std: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    nominal = rng.choice(np.arange(40e3, 640e3, 20e3), rng.integers(4, 20), replace=False)
+    found = levels_of(measured(nominal, times, std, seed), "pressure")
+    expected = np.tile(np.arange(nominal.size)[np.argsort(np.argsort(nominal))], times)
+    np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected)
+    assert "found from the gaps" in found.note
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_levels_are_seen_where_there_are_none(seed: int) -> None:
+    values = np.random.default_rng(seed).uniform(0, 6e5, 40)
+    found = levels_of(values, "pressure")
+    np.testing.assert_array_equal(found.level, values)
+    assert found.tolerance == 0
+    assert "no gaps divide them" in found.note
+
+
+def gauge_of_1_kpa(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Readings at seven set pressures and eight lengths, rounded so that most values repeat."""
+    P, L = (grid.ravel() for grid in np.meshgrid(np.arange(1, 8) * 70e3, np.arange(8) * 5e-3 + 0.2))
+    return np.round((P + rng.normal(0, 400, P.size)) / 1e3) * 1e3, L
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed: int) -> None:
+    pressure, length = gauge_of_1_kpa(np.random.default_rng(seed))
+    assert pressure.size >= 2 * np.unique(pressure).size
+    found = ForceData(np.arange(1.0, 57.0), pressure, length, SPECIMEN).pressures
+    expected = np.round(pressure / 70e3)
+    np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected - 1)
+    assert "found from the gaps" in found.note
+
+
+def test_neighbours_that_were_set_at_one_length_are_two_levels() -> None:
+    """A fine grid beside a coarse one: 5 and 6 kPa were both measured at every length."""
+    P, L = (g.ravel() for g in np.meshgrid([5e3, 6e3, 7e3, 300e3, 600e3], [0.3, 0.29, 0.28, 0.27]))
+    found = ForceData(np.arange(1.0, 21.0), P, L, SPECIMEN).pressures
+    np.testing.assert_array_equal(found.level, P)
+
+
+def test_a_measured_pressure_is_left_out_with_its_neighbours() -> None:
+    nominal = np.array([100e3, 200e3, 300e3])
+    pressure = measured(nominal, 4, 60.0, seed=1)
+    length = np.repeat([0.30, 0.29, 0.28, 0.27], 3)
+    data = ForceData(pressure / 1e3, pressure, length, SPECIMEN)
+    levels, counts = np.unique(data.left_out_as("pressure"), return_counts=True)
+    assert counts.tolist() == [4, 4, 4]
+    np.testing.assert_allclose(levels, nominal, atol=150)
+
+
+def test_a_part_keeps_its_levels_and_every_column() -> None:
+    """What was one pressure stays one, however few of its readings are left."""
+    pressure = np.array([1e5, 1.001e5, 2e5, 2.002e5, 3e5, 3.001e5])
+    n = pressure.size
+    data = ForceData(
+        np.linspace(10.0, 60.0, n), pressure, np.linspace(0.2, 0.25, n), SPECIMEN,
+        force_std=np.full(n, 0.5), pressure_tolerance=500.0, length_tolerance=1e-4,
+    )  # fmt: skip
+    part = data.part(data.pressure > 1.5e5)
+    np.testing.assert_array_equal(part.force, data.force[2:])
+    np.testing.assert_array_equal(part.force_std, data.force_std[2:])
+    np.testing.assert_array_equal(part.pressures.level, data.pressures.level[2:])
+    with pytest.raises(InputError, match="nothing to fit"):
+        data.part(data.pressure > 1e6)
+
+
+def test_levels_are_left_out_one_by_one_and_many_of_them_with_their_neighbours() -> None:
+    few = np.array([3.0, 1.0, 2.0, 2.0, 9.0])
+    assert groups_of_levels(few, np.array([1.0, 2.0, 3.0])).tolist() == [2, 0, 1, 1, -1]
+    many = np.random.default_rng(0).permutation(1000.0 + np.arange(400))
+    group = groups_of_levels(many, np.unique(many))
+    assert np.bincount(group).tolist() == [10] * MOST_APART
+    assert (np.diff(group[np.argsort(many)]) >= 0).all()
+
+
+@pytest.fixture(scope="module")
+def found() -> fitting.Identification:
+    return fitting.identify(fitting.load_bundled("DMSP-10-250"), starts=1)
+
+
+def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> None:
+    frame = found.to_pandas()
+    one = found.estimate("E_1")
+    assert frame.loc["E_1", "value"] == one.value
+    assert frame.loc["E_1", "unit"] == "Pa"
+    assert frame.loc["braid_angle", "unit"] == "rad"
+    shown = found._repr_html_()
+    assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
+
+
+def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) -> None:
+    figure_module = pytest.importorskip("matplotlib.figure")
+    method = type(found).plot
+    for plot in (fitting.plot_isobars, fitting.plot_residuals, fitting.plot_law, method):
+        axes = figure_module.Figure().subplots()
+        assert plot(found, axes, "us") is axes
+        assert axes.get_xlabel()
+        assert axes.lines
+    legend = fitting.plot_law(found, figure_module.Figure().subplots()).get_legend()
+    assert legend.get_texts()[0].get_text() == "polynomial law"  # no tensile test was made
+    force = fitting.plot_isobars(found, figure_module.Figure().subplots(), "si")
+    drawn = np.concatenate([line.get_ydata() for line in force.lines])
+    assert np.nanmax(drawn) == pytest.approx(
+        float(np.max(famjax.Muscle.force(found.muscle, found.data.length.max(), 6.5e5))), rel=1e-6
+    )
+
+
+def test_a_table_of_pandas_is_a_map_and_back(dmsp20: ForceData) -> None:
+    data = dmsp20
+    frame = data.to_pandas()
+    assert list(frame) == ["force_N", "pressure_Pa", "length_m", "loaded"]
+    again = ForceData.from_pandas(frame, data.specimen)
+    np.testing.assert_array_equal(again.force, data.force)
+    np.testing.assert_array_equal(again.length, data.length)
+    other = frame.rename(columns={"length_m": "length_mm"}).assign(length_mm=1e3 * data.length)
+    known = {k: v for k, v in dataclasses.asdict(data.specimen).items() if v is not None}
+    np.testing.assert_allclose(ForceData.from_pandas(other, known).length, data.length)
+    foreign = frame.rename(columns={"force_N": "Kanal 3"}).assign(counter=range(len(frame)))
+    named = fitting.read_csv(foreign, known, {"force": "Kanal 3 [N]"})
+    np.testing.assert_array_equal(named.force, data.force)
+    assert "Columns left aside: counter." in named.notes
+
+
+def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10: ForceData) -> None:
+    data = dmsp10
+    again = ForceData.from_xarray(data.to_xarray())
+    assert again.sha256 == data.sha256
+    xarray = pytest.importorskip("xarray")
+    grid = xarray.Dataset(
+        {"force_N": (("pressure_kPa", "length_mm"), [[30.0, np.nan], [60.0, 20.0]])},
+        {"pressure_kPa": [100.0, 200.0], "length_mm": [250.0, 240.0]},
+    )
+    made = ForceData.from_xarray(grid, data.specimen)
+    assert made.force.tolist() == [30.0, 60.0, 20.0]
+    assert made.pressure.tolist() == [1e5, 2e5, 2e5]
