@@ -106,6 +106,12 @@ def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
     )
     free = muscle.free_contraction(5e5)
     assert float(free) == pytest.approx(float(festo.free_contraction(5e5)) / k, rel=1e-9)
+    dead = rest - active  # stays when the muscle is cut
+    cut, other = (
+        famjax.cut_to_length(muscle, 0.2),
+        festo.with_parameters({"rest_length": 0.2 - dead}),
+    )
+    np.testing.assert_allclose(cut.force(0.19, 5e5), other.force(0.19 - dead, 5e5), rtol=1e-10)
 
 
 def test_compliant_braid_is_the_elastic_braid_of_linear_threads() -> None:
