@@ -11,14 +11,7 @@ from muscles import INELASTIC as BRAID, LATEX, SPECIMEN as TUBE
 from shape_oracles import Specimen, boundary_values, long_muscle
 
 import famjax
-from famjax import (
-    Bladder,
-    Braid,
-    ElasticBraid,
-    EquilibriumMuscle,
-    EstimatedGeometry,
-    Muscle,
-)
+from famjax import Bladder, Braid, ElasticBraid, EquilibriumMuscle, EstimatedGeometry, Muscle
 from famjax.boundary.errors import InputError
 from famjax.braids import LinearThread
 from famjax.equilibrium import Section
@@ -37,7 +30,7 @@ def muscle() -> EquilibriumMuscle:
     return EquilibriumMuscle(BRAID, TUBE, LATEX, end_diameter=PRINT.end)
 
 
-def test_pull_and_profile_are_those_of_the_hamiltonian_form(muscle: EquilibriumMuscle) -> None:
+def test_pull_and_profile_are_those_of_the_hamiltonian_form(muscle):
     length, pressure = np.meshgrid(LENGTHS, PRESSURES)
     force = np.asarray(muscle.force(length, pressure))
     shape = muscle.profile(length, pressure)
@@ -55,7 +48,7 @@ def test_pull_and_profile_are_those_of_the_hamiltonian_form(muscle: EquilibriumM
 
 # The quadrature takes the middle for a cylinder, which in a short muscle it is not quite.
 @pytest.mark.parametrize(("aspect", "cylinder"), [(8.0, 2e-3), (12.0, 1e-4), (20.0, 1e-6)])
-def test_a_long_muscle_has_a_cylinder_between_its_shoulders(aspect: float, cylinder: float) -> None:
+def test_a_long_muscle_has_a_cylinder_between_its_shoulders(aspect, cylinder):
     ratio = aspect * PRINT.end / PRINT.L0
     one = dataclasses.replace(PRINT, B=PRINT.B * ratio, N=PRINT.N * ratio, L0=PRINT.L0 * ratio)
     made = EquilibriumMuscle(Braid(one.B, one.N, one.braid), Bladder(one.L0, one.D0, one.t0), LATEX,
@@ -77,12 +70,12 @@ def _cycle(made: EquilibriumMuscle, lengths: tuple, pressures: tuple) -> tuple[f
     return low - two - high + one, abs(high)
 
 
-def test_no_work_is_left_over_in_a_closed_cycle(muscle: EquilibriumMuscle) -> None:
+def test_no_work_is_left_over_in_a_closed_cycle(muscle):
     left, work = _cycle(muscle, (7.0, 9.0), (50.0, 100.0))
     assert abs(left) < 1e-8 * work
 
 
-def test_energy_takes_up_the_work(muscle: EquilibriumMuscle) -> None:
+def test_energy_takes_up_the_work(muscle):
     L1, L2, P = 7.0, 9.0, 100.0
     L = np.concatenate([(L1 + L2 + (L2 - L1) * GAUSS) / 2, [L1, L2]])
     state = muscle.state(np.resize(L, 64), P)  # of the shape that is compiled already
@@ -92,7 +85,7 @@ def test_energy_takes_up_the_work(muscle: EquilibriumMuscle) -> None:
     assert np.all(np.asarray(state.margin) > 0)
 
 
-def test_states_that_cannot_be_say_why(muscle: EquilibriumMuscle) -> None:
+def test_states_that_cannot_be_say_why(muscle):
     from famjax.equilibrium import REASONS
 
     cases = {
@@ -119,7 +112,7 @@ def test_states_that_cannot_be_say_why(muscle: EquilibriumMuscle) -> None:
         ({"sections": [Section(1.0, far_bladder=Bladder(PRINT.L0, 0.0, 0.06))]}, "rest_diameter"),
     ],
 )
-def test_what_no_muscle_can_be_is_refused(changes: dict, words: str) -> None:
+def test_what_no_muscle_can_be_is_refused(changes, words):
     given = {"bladder": TUBE, "end_diameter": PRINT.end} | changes
     bladder = given.pop("bladder")
     with pytest.raises(InputError, match=words):
@@ -140,7 +133,7 @@ def _short(**changes: object) -> EquilibriumMuscle:
 
 
 @pytest.mark.slow
-def test_a_short_tapered_unequal_muscle_of_sections() -> None:
+def test_a_short_tapered_unequal_muscle_of_sections():
     made, finer = _short(), _short(modes=2 * _short().modes)
     left, work = _cycle(made, (2.2, 2.5), (60.0, 100.0))
     assert abs(left) < 1e-8 * work
@@ -153,7 +146,7 @@ def test_a_short_tapered_unequal_muscle_of_sections() -> None:
 
 
 @pytest.mark.slow
-def test_elastic_threads_stretch_and_keep_the_books() -> None:
+def test_elastic_threads_stretch_and_keep_the_books():
     def made(modulus: float) -> EquilibriumMuscle:
         braid = ElasticBraid(PRINT.B, PRINT.N, PRINT.braid, 144, LinearThread(modulus, 1.332e-4))
         return EquilibriumMuscle(braid, TUBE, LATEX, end_diameter=PRINT.end)
@@ -170,7 +163,7 @@ def test_elastic_threads_stretch_and_keep_the_books() -> None:
 
 
 @pytest.mark.slow
-def test_a_state_that_cannot_be_leaves_derivatives_of_others(muscle: EquilibriumMuscle) -> None:
+def test_a_state_that_cannot_be_leaves_derivatives_of_others(muscle):
     def total(made: EquilibriumMuscle, lengths: np.ndarray) -> jax.Array:
         return jnp.nansum(made.force(lengths, 100.0))
 
@@ -184,7 +177,7 @@ SOFT = ElasticBraid(9.89, 1.09, 0.011, 96.0, LinearThread(2e5, 4e-4))
 
 
 @pytest.mark.parametrize("braid", [BRAID, SOFT])
-def test_a_bare_cylinder_closes(braid: Braid) -> None:
+def test_a_bare_cylinder_closes(braid):
     """Gaylord's term on a cylinder is virtual work, also where the threads stretch."""
     bare = Muscle(EstimatedGeometry(braid, TUBE), famjax.PolynomialMaterial([0.0]))
     budget = work_budget(bare, 100.0, 9.28125, 6.5)
@@ -192,6 +185,6 @@ def test_a_bare_cylinder_closes(braid: Braid) -> None:
     assert (float(abs(budget.stored)) > 1) == (braid is SOFT)
 
 
-def test_a_stroke_that_cannot_be_has_no_work() -> None:
+def test_a_stroke_that_cannot_be_has_no_work():
     latex = Muscle(EstimatedGeometry(BRAID, TUBE), LATEX)
     assert np.isnan(work_budget(latex, 1.0, 9.0, 12.0).load)

@@ -21,17 +21,13 @@ from famjax.braids import (
     strain_under_line,
     thread_tension,
 )
-from famjax.materials import (
-    AbstractHyperelastic,
-    AbstractMaterial,
-    AbstractUniaxialLaw,
-)
+from famjax.materials import AbstractHyperelastic, AbstractMaterial, AbstractUniaxialLaw
 
 EXACT = 1e-12  # a few roundings
 
 
 @pytest.mark.parametrize("embedded", [False, True])
-def test_rubber_keeps_its_volume_from_a_rest_without_strain(*, embedded: bool) -> None:
+def test_rubber_keeps_its_volume_from_a_rest_without_strain(*, embedded):
     bladder = famjax.Bladder(0.3, 0.02, 0.0018, embedded=embedded)
     assert float(bladder.axial_strain(0.3)) == 0
     assert float(bladder.hoop_strain(0.3, 0.01)) == pytest.approx(0, abs=1e-15)
@@ -44,7 +40,7 @@ def test_rubber_keeps_its_volume_from_a_rest_without_strain(*, embedded: bool) -
 
 @settings(deadline=None, max_examples=50, derandomize=True)
 @given(st.floats(0.2, 1.5), st.floats(0.005, 0.1), st.floats(0.05, 2.0))
-def test_triangle_round_trips(angle: float, diameter: float, length: float) -> None:
+def test_triangle_round_trips(angle, diameter, length):
     braid = famjax.Braid.from_rest(diameter=diameter, braid_angle=angle, length=length)
     assert float(braid.diameter(length)) == pytest.approx(diameter, rel=1e-10)
     assert float(braid.braid_angle(length)) == pytest.approx(angle, rel=EXACT)
@@ -53,7 +49,7 @@ def test_triangle_round_trips(angle: float, diameter: float, length: float) -> N
     assert float(by_diameter) == pytest.approx(float(braid.braid_angle(shorter)), rel=1e-8)
 
 
-def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo: famjax.Muscle) -> None:
+def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo):
     """F_G = -P dV/dL with the cylinder's volume: an oracle that shares no formula with F_G."""
     braid = festo.geometry.braid
     lengths = jnp.linspace(0.2, 0.33, 40)
@@ -67,7 +63,7 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo: famjax.Mus
 
 
 @pytest.mark.parametrize("angle", [40.0, 60.0, 75.0])
-def test_angle_from_the_slope_of_blocked_force(angle: float) -> None:
+def test_angle_from_the_slope_of_blocked_force(angle):
     """Whatever the bladder and the deadband take away: the slope is the braid's own."""
     values = {"braid_diameter": 0.0236, "braid_angle": np.deg2rad(angle)}
     muscle = known.FESTO.with_parameters(values)
@@ -85,7 +81,7 @@ TENSIONS = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 40)])
 
 
 @pytest.mark.parametrize("thread", known.THREADS.values(), ids=known.THREADS)
-def test_laws_keep_the_contract_of_the_root_solve(thread: AbstractThread) -> None:
+def test_laws_keep_the_contract_of_the_root_solve(thread):
     """Concave, from zero, between T / k and T / k + offset, with the compliance going to 1 / k."""
     k = float(thread.far_stiffness)
     strain = np.asarray(thread.strain(TENSIONS))
@@ -98,7 +94,7 @@ def test_laws_keep_the_contract_of_the_root_solve(thread: AbstractThread) -> Non
     assert compliance[-1] * k == pytest.approx(1, abs=1e-6)
 
 
-def test_toe_law_by_hand() -> None:
+def test_toe_law_by_hand():
     """Half the toe strain at the toe tension; rest modulus from the slopes of both terms."""
     toe, k = known.TOE, 16.9e6 * known.AREA
     assert float(toe.strain(2.0)) == pytest.approx(2 / k + 0.001, rel=ROUNDED)
@@ -108,7 +104,7 @@ def test_toe_law_by_hand() -> None:
     assert float(toe.tension(0.004)) == pytest.approx(searched, rel=1e-12)
 
 
-def test_tension_holds_pull_and_pressure() -> None:
+def test_tension_holds_pull_and_pressure():
     """n threads at the angle theta, projected on the axis, carry F + P pi R^2."""
     T = thread_tension(500.0, 3e5, 0.012, 1.1, 96)
     assert float(96 * T * jnp.sin(1.1)) == pytest.approx(500 + 3e5 * np.pi * 0.012**2, rel=ROUNDED)
@@ -139,7 +135,7 @@ def closed_form(length, pressure, modulus):
     return B0 / (1 - B0 * pressure * length / (2 * np.pi * N**2 * n * AREA * modulus))
 
 
-def test_linear_thread_meets_the_closed_form_on_the_whole_grid() -> None:
+def test_linear_thread_meets_the_closed_form_on_the_whole_grid():
     """Every pressure to 200 psi, -5 to 45 %, 0.05e6 to 30e6 psi, nan exactly beyond the limit."""
     B = over_grid(lambda modulus: LinearThread(modulus, AREA))
     assert np.sum(SHARE >= 1) > 100  # both sides of the limit are on the grid
@@ -154,9 +150,7 @@ def test_linear_thread_meets_the_closed_form_on_the_whole_grid() -> None:
 @pytest.mark.parametrize(
     ("toe_strain", "toe_tension"), [(0.002, 2.0), (0.05, 1e-3), (0.01, 100.0), (0.5, 0.01)]
 )
-def test_toe_thread_meets_its_quadratic_on_the_whole_grid(
-    toe_strain: float, toe_tension: float
-) -> None:
+def test_toe_thread_meets_its_quadratic_on_the_whole_grid(toe_strain, toe_tension):
     """T = kappa (1 + eps(T)) is a quadratic equation in T; the limit is the linear thread's."""
     B = over_grid(lambda modulus: ToeThread(modulus, AREA, toe_strain, toe_tension))
     inside = SHARE < 1
@@ -173,7 +167,7 @@ def test_toe_thread_meets_its_quadratic_on_the_whole_grid(
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-6, 1e-9, 1e-12])
 @pytest.mark.parametrize("toe_strain", [0.0, 0.01, 10.0])
-def test_the_solve_ends_up_to_the_limit(distance: float, toe_strain: float) -> None:
+def test_the_solve_ends_up_to_the_limit(distance, toe_strain):
     """eps = m (1 + eps) + e_t / (1 + T_t / T) with T = m (1 + eps), m short of 1 by `distance`."""
     thread = ToeThread(1.0, 1.0, toe_strain, 0.002)
     slope = jnp.asarray(1 - distance)
@@ -183,7 +177,7 @@ def test_the_solve_ends_up_to_the_limit(distance: float, toe_strain: float) -> N
     assert float(1 + strain) * distance == pytest.approx(1 + toe_strain, rel=1e-3 + distance)
 
 
-def test_beyond_the_rest_length_the_load_must_stretch_the_threads() -> None:
+def test_beyond_the_rest_length_the_load_must_stretch_the_threads():
     """L > B0 has an equilibrium exactly where the stretched thread comes out longer than L."""
     one, length = ElasticBraid(B0, N, 0.011, n, LinearThread(11.6e6, AREA)), 9.91
     needed = 145.0  # psi: 9.90 in of thread at 100 psi less length would be too short
@@ -232,7 +226,7 @@ STATES: dict[str, Callable[[float], float]] = {
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("name", HYPERELASTIC)
-def test_cauchy_stresses_equal_closed_forms(name: str, state: str) -> None:
+def test_cauchy_stresses_equal_closed_forms(name, state):
     law = HYPERELASTIC[name]
     stretches = np.array([0.6, 0.95, 1.0, 1.3, 2.5])
     others = np.array([STATES[state](stretch) for stretch in stretches])
@@ -250,9 +244,7 @@ def test_cauchy_stresses_equal_closed_forms(name: str, state: str) -> None:
 
 
 @pytest.mark.parametrize("law", HYPERELASTIC.values(), ids=HYPERELASTIC)
-def test_modulus_at_small_strain_is_that_of_poissons_ratio_one_half(
-    law: AbstractHyperelastic,
-) -> None:
+def test_modulus_at_small_strain_is_that_of_poissons_ratio_one_half(law):
     mu = float(law.initial_shear_modulus)
     assert mu > 0
     assert float(law.initial_modulus) == pytest.approx(3 * mu)
@@ -260,9 +252,7 @@ def test_modulus_at_small_strain_is_that_of_poissons_ratio_one_half(
 
 
 @pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)
-def test_bladder_force_is_the_slope_of_the_stored_energy(
-    law: AbstractMaterial, festo: famjax.Muscle
-) -> None:
+def test_bladder_force_is_the_slope_of_the_stored_energy(law, festo):
     """Virtual work: where threads and mid-wall coincide, F dL = V dW with no other term."""
     assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
     muscle = eqx.tree_at(lambda m: m.material, festo, law)
@@ -276,7 +266,7 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(
     assert np.asarray(muscle.bladder_force(lengths, 2e5)) == pytest.approx(want, rel=1e-10)
 
 
-def test_monotone_law_is_its_modulus_integrated() -> None:
+def test_monotone_law_is_its_modulus_integrated():
     knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
     law = famjax.materials.MonotoneMaterial(knots, moduli)
     strain = np.linspace(-0.4, 0.4, 41)

@@ -38,7 +38,7 @@ def _states(muscle: famjax.Muscle) -> tuple[np.ndarray, np.ndarray]:
     return rest * np.linspace(0.72, 1.02, 7), pressure * np.linspace(0.1, 1.2, 7)
 
 
-def test_force_is_the_sum_of_its_terms_by_hand() -> None:
+def test_force_is_the_sum_of_its_terms_by_hand():
     """The force balance written out once more, in plain numpy, for the reference specimen."""
     L, P, N, B, V = 7.0, 80.0, 1.09, 9.89, np.pi * 0.0625 * (0.875 - 0.0625) * 9.28125
     R = np.sqrt(B**2 - L**2) / (2 * np.pi * N)
@@ -57,14 +57,14 @@ def test_force_is_the_sum_of_its_terms_by_hand() -> None:
     assert float(CHAMBERS.force(L, P)) == pytest.approx(by_hand, rel=1e-12)
 
 
-def test_stiffness_is_the_slope_of_the_force(muscle: famjax.Muscle) -> None:
+def test_stiffness_is_the_slope_of_the_force(muscle):
     L, P = _states(muscle)
     h = 1e-6 * L[0]
     slope = (muscle.force(L + h, P) - muscle.force(L - h, P)) / (2 * h)
     np.testing.assert_allclose(muscle.stiffness(L, P), slope, rtol=DIFFERENCE)
 
 
-def test_free_contraction_has_no_force_and_load_is_carried(muscle: famjax.Muscle) -> None:
+def test_free_contraction_has_no_force_and_load_is_carried(muscle):
     P = _states(muscle)[1][2:]
     blocked = muscle.blocked_force(P)
     free = muscle.free_contraction(P)
@@ -76,7 +76,7 @@ def test_free_contraction_has_no_force_and_load_is_carried(muscle: famjax.Muscle
 
 
 @pytest.mark.parametrize("name", ["inelastic", "toe", "saturating"])
-def test_path_modulus_is_the_slope_of_stress_along_the_path(name: str) -> None:
+def test_path_modulus_is_the_slope_of_stress_along_the_path(name):
     law = SaturatingMaterial(40.0, 20.0, 0.15) if name == "saturating" else LATEX
     geometry = GEOMETRIES["toe" if name == "toe" else "estimated"]()
     length, pressure, h = 7.5, 80.0, 1e-3
@@ -93,7 +93,7 @@ def test_path_modulus_is_the_slope_of_stress_along_the_path(name: str) -> None:
     assert float(modulus) == pytest.approx(stress @ strain / (strain @ strain), rel=1e-8)
 
 
-def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
+def test_end_factor_is_a_dead_length(festo):
     """k = 1/(1 - l/L0): the part that contracts is shorter by l and otherwise the same muscle."""
     k, rest = 1.12, 0.296
     active = rest / k
@@ -114,7 +114,7 @@ def test_end_factor_is_a_dead_length(festo: famjax.Muscle) -> None:
     np.testing.assert_allclose(cut.force(0.19, 5e5), other.force(0.19 - dead, 5e5), rtol=1e-10)
 
 
-def test_compliant_braid_is_the_elastic_braid_of_linear_threads() -> None:
+def test_compliant_braid_is_the_elastic_braid_of_linear_threads():
     thread = famjax.braids.LinearThread(60e9, 2e-8)
     elastic = famjax.ElasticBraid(0.33, 2.2, 0.0, 200.0, thread)
     rigid = famjax.Braid(0.33, 2.2)
@@ -128,7 +128,7 @@ def test_compliant_braid_is_the_elastic_braid_of_linear_threads() -> None:
     assert np.isnan(famjax.braids.CompliantBraid.of(rigid, 1.0).thread_length(0.28, 5e5))
 
 
-def test_onset_pressure_is_where_the_force_begins(festo: famjax.Muscle) -> None:
+def test_onset_pressure_is_where_the_force_begins(festo):
     L = jnp.array([0.25, 0.27, 0.296])
     onset = festo.onset_pressure(L, 2e6)
     np.testing.assert_allclose(festo.force(L, onset), 0.0, atol=1e-8)
@@ -146,7 +146,7 @@ STEEP = famjax.Muscle(
 
 
 @pytest.mark.parametrize("exponent", [1.0, 0.7, 0.5, 0.3])
-def test_every_rig_gives_way_alike_at_the_seating_force(exponent: float) -> None:
+def test_every_rig_gives_way_alike_at_the_seating_force(exponent):
     at = float(give_way(SEATING_FORCE, C, exponent))
     assert at == pytest.approx(C * SEATING_FORCE, rel=1e-6)
     force = np.array([5.0, 40.0, 400.0])
@@ -156,7 +156,7 @@ def test_every_rig_gives_way_alike_at_the_seating_force(exponent: float) -> None
 
 
 @pytest.mark.parametrize("exponent", [None, 1.0, 0.5, 0.3])
-def test_a_mounted_muscle_balances(exponent: float | None) -> None:
+def test_a_mounted_muscle_balances(exponent):
     mounted = famjax.MountedMuscle(STEEP, C, exponent)
     x, P = jnp.linspace(0.24, 0.28, 7), 5e5
     force = mounted.force(x, P)
@@ -167,7 +167,7 @@ def test_a_mounted_muscle_balances(exponent: float | None) -> None:
 
 
 @pytest.mark.parametrize("kind", ["estimated", "compliant", "elastic"])
-def test_without_ends_the_force_depends_on_contraction_alone(kind: str) -> None:
+def test_without_ends_the_force_depends_on_contraction_alone(kind):
     long, c = famjax.Muscle(GEOMETRIES[kind](), LATEX, 3.0), jnp.linspace(0, 0.25, 6)
     short = famjax.cut_to_length(long, 2.5)
     assert float(short.geometry.rest_length) == 2.5
@@ -192,7 +192,7 @@ class Wrapped(famjax.geometries.AbstractGeometry):
     rest_length = property(lambda self: self.inner.rest_length)
 
 
-def test_a_geometry_of_ones_own_is_cut_and_has_a_volume() -> None:
+def test_a_geometry_of_ones_own_is_cut_and_has_a_volume():
     own = famjax.cut_to_length(famjax.Muscle(Wrapped(CYLINDER), LATEX, 3.0), 2.5)
     short = famjax.cut_to_length(famjax.Muscle(CYLINDER, LATEX, 3.0), 2.5)
     at = 2.25, 60.0
@@ -212,7 +212,7 @@ GOOD = jnp.array([0.99 * L0, 0.8 * L0])
 # ---- every term
 
 
-def test_terms_add_flat_in_any_order() -> None:
+def test_terms_add_flat_in_any_order():
     braid, wall, spring = (TERMS[name] for name in ("pressurised braid", "wall", "spring"))
     for terms in (
         (braid + wall) + spring,
@@ -227,7 +227,7 @@ def test_terms_add_flat_in_any_order() -> None:
     np.testing.assert_allclose(each[2], 1.0 + 3.0 * (GOOD - 8.5), rtol=EXACT)  # the spring
 
 
-def test_a_material_stands_for_braid_and_wall() -> None:
+def test_a_material_stands_for_braid_and_wall():
     short = famjax.Muscle(CYLINDER, LATEX, 3.0)
     long = famjax.Muscle(
         CYLINDER, famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
@@ -249,7 +249,7 @@ class Coulomb(famjax.terms.AbstractForceTerm):
         return jnp.broadcast_to(-self.amount, jnp.shape(at.length))
 
 
-def test_a_term_of_somebody_else_takes_part_in_everything() -> None:
+def test_a_term_of_somebody_else_takes_part_in_everything():
     plain = MUSCLES["muscle"]
     muscle = famjax.Muscle(plain.geometry, plain.terms + Coulomb(20.0))
     np.testing.assert_allclose(muscle.force(0.22, 4e5), plain.force(0.22, 4e5) - 20, rtol=EXACT)
@@ -269,7 +269,7 @@ CALLS: dict[str, tuple] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUSCLES)
-def test_every_method_of_every_model(name: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_every_method_of_every_model(name, caplog):
     """Jit and vmap equal eager, and what was called once is not traced again."""
     for method, at in CALLS.items():
         call = getattr(MUSCLES[name], method)
@@ -292,7 +292,7 @@ def test_every_method_of_every_model(name: str, caplog: pytest.LogCaptureFixture
 
 
 @pytest.mark.parametrize("name", [*MUSCLES, *GEOMETRIES])
-def test_parameters_and_back(name: str) -> None:
+def test_parameters_and_back(name):
     model = MUSCLES[name] if name in MUSCLES else famjax.Muscle(GEOMETRIES[name](), LATEX, 3.0)
     values, declared = model.parameters(), model.declared()
     assert values.keys() == declared.keys()
@@ -308,7 +308,7 @@ def test_parameters_and_back(name: str) -> None:
         assert float(got[key]) == pytest.approx(value, rel=EXACT), key
 
 
-def test_the_linear_ones_are_linear() -> None:
+def test_the_linear_ones_are_linear():
     """Along any two parameters declared linear the force has no curvature."""
     for name, model in MUSCLES.items():
         linear = [key for key, one in model.declared().items() if one.linear]
@@ -324,7 +324,7 @@ def test_the_linear_ones_are_linear() -> None:
         assert at[0] != at[2], name
 
 
-def test_a_batch_of_muscles_is_refused_and_mapped_instead() -> None:
+def test_a_batch_of_muscles_is_refused_and_mapped_instead():
     def force(deadband: jax.Array) -> jax.Array:
         return famjax.Muscle(CYLINDER, LATEX, deadband).force(9.0, P)
 
@@ -374,7 +374,7 @@ PRESSED = jnp.array([1.0, 1.0, 1.25, 1.0, 1.0, jnp.nan])
 
 
 @pytest.mark.parametrize("name", slow_after(len(WHOLE) - 1, [*WHOLE, *GEOMETRIES]))
-def test_members_that_cannot_be_spoil_nothing(name: str) -> None:
+def test_members_that_cannot_be_spoil_nothing(name):
     """Values, and derivatives in every number, forward and reverse, of a batch and of a good one."""
     model = WHOLE[name] if name in WHOLE else famjax.Muscle(GEOMETRIES[name](), PULL)
     rest, pressure = (REST, 4e5) if name in WHOLE else (L0, P)

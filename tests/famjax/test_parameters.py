@@ -31,7 +31,7 @@ LAWS: dict[type[famjax.materials.AbstractMaterial], tuple[str, ...]] = {
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-def test_a_law_is_named_by_its_class_alone(law: type[famjax.materials.AbstractMaterial]) -> None:
+def test_a_law_is_named_by_its_class_alone(law):
     material = template(law)
     assert tuple(material.declared()) == LAWS[law]
     assert law.law_name
@@ -47,7 +47,7 @@ def test_a_law_is_named_by_its_class_alone(law: type[famjax.materials.AbstractMa
         assert one.low <= float(material.parameters()[name]) <= one.high
 
 
-def test_tangent_modulus_of_laws_without_interaction() -> None:
+def test_tangent_modulus_of_laws_without_interaction():
     h = 1e-6
     for name in ("PolynomialMaterial", "SaturatingMaterial", "MonotoneMaterial"):
         material = template(getattr(famjax.materials, name))
@@ -60,7 +60,7 @@ def test_tangent_modulus_of_laws_without_interaction() -> None:
     np.testing.assert_allclose(got, 2e6)
 
 
-def test_a_muscle_has_the_parameters_of_an_identification() -> None:
+def test_a_muscle_has_the_parameters_of_an_identification():
     soft = famjax.braids.CompliantBraid.of(EMBEDDED.braid, 1e-6)
     ends = famjax.geometries.EndEffectGeometry(
         famjax.EstimatedGeometry(soft, EMBEDDED.bladder), 1.1
@@ -90,7 +90,7 @@ class Hose(famjax.terms.AbstractForceTerm):
         return self.pull + sum(spring.force(at, pressure) for spring in self.springs)
 
 
-def test_names_that_clash_say_where_they_stand() -> None:
+def test_names_that_clash_say_where_they_stand():
     springs = (famjax.terms.Spring(10.0, 0.3), famjax.terms.Spring(20.0, 0.2))
     muscle = famjax.Muscle(EMBEDDED, MUSCLE.terms + Hose(5.0, springs=springs))
     names = [*muscle.declared()]
@@ -110,7 +110,7 @@ def test_names_that_clash_say_where_they_stand() -> None:
 FREE = ("braid_diameter", "braid_angle", "deadband_pressure", "E_1", "E_2")
 
 
-def test_apart_and_together() -> None:
+def test_apart_and_together():
     apart = famjax.take_apart(MUSCLE, FREE, bounds={"braid_angle": (1.0, 1.2)})
     assert apart.names == FREE
     assert apart.scaled.shape == apart.low.shape == apart.high.shape == (5,)
@@ -128,7 +128,7 @@ def test_apart_and_together() -> None:
     assert float(low["braid_angle"]) == pytest.approx(1.0)
 
 
-def test_the_box_and_the_whole_space() -> None:
+def test_the_box_and_the_whole_space():
     bounds = {"E_1": (0.0, math.inf), "E_2": (-math.inf, 1e7), "E_3": (-math.inf, math.inf)}
     apart = famjax.take_apart(MUSCLE, (*FREE, "E_3"), bounds=bounds)
     np.testing.assert_allclose(

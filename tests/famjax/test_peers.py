@@ -24,7 +24,7 @@ L0, D0, THETA = 0.25, 0.012, 1.12
 L, P = np.meshgrid(np.linspace(0.2, 0.2499, 4), np.array([1e5, 3.5e5, 6e5]))
 
 
-def test_chou_and_hannafords_wall_is_virtual_work_of_the_bore() -> None:
+def test_chou_and_hannafords_wall_is_virtual_work_of_the_bore():
     t, h = 1e-3, 1e-6
 
     def bore(length: np.ndarray) -> np.ndarray:
@@ -34,7 +34,7 @@ def test_chou_and_hannafords_wall_is_virtual_work_of_the_bore() -> None:
     np.testing.assert_allclose(MODELS["chou_hannaford"].force(L, P), expected, rtol=DIFFERENCE)
 
 
-def test_tondu_lopez_is_its_printed_algebra() -> None:
+def test_tondu_lopez_is_its_printed_algebra():
     alpha, eps = np.pi / 2 - THETA, 1 - L / L0  # the authors' angle, thread to axis
     a, b = 3 / np.tan(alpha) ** 2, 1 / np.sin(alpha) ** 2
     k = 0.5 * np.exp(-P / 1e5) + 1.2
@@ -42,7 +42,7 @@ def test_tondu_lopez_is_its_printed_algebra() -> None:
     np.testing.assert_allclose(TONDU.force(L, P), tondu, rtol=EXACT)
 
 
-def test_klute_and_hannafords_bladder_is_virtual_work_of_its_energy() -> None:
+def test_klute_and_hannafords_bladder_is_virtual_work_of_its_energy():
     def energy(length: jax.Array) -> jax.Array:
         hoop = BRAID.diameter(length) / D0
         stored = famjax.materials.MooneyRivlinMaterial(2e5, 1e5).energy(length / L0, hoop)
@@ -55,7 +55,7 @@ def test_klute_and_hannafords_bladder_is_virtual_work_of_its_energy() -> None:
     np.testing.assert_allclose(MODELS["klute_hannaford"].force(L, P), expected, rtol=EXACT)
 
 
-def test_kothera_shortens_by_the_bulge_of_the_ends() -> None:
+def test_kothera_shortens_by_the_bulge_of_the_ends():
     kothera = MODELS["kothera"]
     muscle = kothera.muscle
     np.testing.assert_allclose(kothera.force(L0, P), muscle.force(L0, P), rtol=EXACT)
@@ -75,9 +75,7 @@ PUBLISHED = [
 
 
 @pytest.mark.parametrize(("muscle", "model", "rmse", "percent"), PUBLISHED)
-def test_published_constants_on_the_measured_maps(
-    muscle: str, model: peers.PeerModel, rmse: float, percent: float
-) -> None:
+def test_published_constants_on_the_measured_maps(muscle, model, rmse, percent):
     data = load_bundled(muscle)
     at = data.loaded
     error = np.asarray(model.force(data.length[at], data.pressure[at])) - data.force[at]
@@ -91,7 +89,7 @@ REMADE = 1e-6  # of the largest force: where a search ends on another machine
 @pytest.mark.parametrize(
     ("make", "data"), [(dmsp_10, "DMSP-10-250"), (dmsp_20, "DMSP-20-300")]
 )  # fmt: skip
-def test_a_bundled_muscle_pulls_as_was_measured(make, data: str) -> None:
+def test_a_bundled_muscle_pulls_as_was_measured(make, data):
     muscle, readings = make(), load_bundled(data)
     loaded = readings.force > 0
     found = np.asarray(muscle.force(readings.length, readings.pressure))
@@ -100,7 +98,7 @@ def test_a_bundled_muscle_pulls_as_was_measured(make, data: str) -> None:
     assert np.abs(found - readings.force).max() < 0.025 * readings.force.max()  # slack ones too
 
 
-def test_a_bundled_muscle_can_be_cut_and_taken_anywhere() -> None:
+def test_a_bundled_muscle_can_be_cut_and_taken_anywhere():
     muscle = dmsp_20(length=0.1)
     np.testing.assert_allclose(muscle.rest_length, 0.1)
     L, P = np.meshgrid(np.linspace(0, 0.2, 41), np.linspace(0, 1.4e6, 15))
@@ -118,7 +116,7 @@ def test_a_bundled_muscle_can_be_cut_and_taken_anywhere() -> None:
 
 
 @pytest.mark.slow
-def test_the_script_makes_the_bundled_cards_anew(tmp_path: Path) -> None:
+def test_the_script_makes_the_bundled_cards_anew(tmp_path):
     script = runpy.run_path(str(Path(__file__).parent / "muscles" / "make_cards.py"))
     for path in script["make_cards"](tmp_path):
         new, old = read_card(path), bundled_card(path.stem)

@@ -55,7 +55,7 @@ def rms(x) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", TESTS)
-def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid: str) -> None:
+def test_a_whole_test_in_ticks_is_its_adaptive_solution(fluid):
     pytest.importorskip("diffrax")
     plant = Plant(CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction())
     solve = jax.jit(lambda state, command: solve_adaptively(plant, state, command, times))
@@ -96,7 +96,7 @@ def water_rate(t: float, P: float, V: float, rate: float) -> float:
 
 
 @pytest.mark.parametrize(("fluid", "rate"), [("air", air_rate), ("water", water_rate)])
-def test_a_fill_is_that_of_its_equations_written_out(fluid: str, rate) -> None:
+def test_a_fill_is_that_of_its_equations_written_out(fluid, rate):
     """By SciPy, without the plant's code: from 20 psi while the muscle shortens."""
     circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
     plant, speed = Plant(circuit, LinearMcKibben()), -2e-3
@@ -118,12 +118,12 @@ def test_a_fill_is_that_of_its_equations_written_out(fluid: str, rate) -> None:
 
 
 @pytest.mark.parametrize("at", [0.05, 0.7, 0.0])
-def test_an_orifice_has_no_kink(at: float) -> None:
+def test_an_orifice_has_no_kink(at):
     below, above = (jax.grad(choked_share)(at + side, 0.3) for side in (-1e-9, 1e-9))
     assert float(below) == pytest.approx(float(above), rel=1e-6, abs=1e-7)
 
 
-def test_a_closed_air_volume_is_polytropic() -> None:
+def test_a_closed_air_volume_is_polytropic():
     plant = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben())
     start = plant.start(pressure=3e5)
     states = simulate(plant, Command(np.full(1000, 128 / 255), 0.0, -0.01), TICK, start=start)
@@ -133,7 +133,7 @@ def test_a_closed_air_volume_is_polytropic() -> None:
     np.testing.assert_allclose(states.pressure, exact, rtol=CLOSED)
 
 
-def test_only_the_relief_valve_stops_a_blocked_needle() -> None:
+def test_only_the_relief_valve_stops_a_blocked_needle():
     """The needle blocks at 50 psi; above 115 psi the pump is stopped and the dump valve opened."""
 
     def peak(**circuit) -> float:
@@ -151,7 +151,7 @@ def test_only_the_relief_valve_stops_a_blocked_needle() -> None:
     assert peak() < 120
 
 
-def test_a_stepped_plant_is_the_plant() -> None:
+def test_a_stepped_plant_is_the_plant():
     plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())
     command = Command(np.repeat([0.8, 0.0], 20), np.repeat([0.0, 1.0], 20), -1e-3)
     states = simulate(plant, command, TICK)
@@ -172,7 +172,7 @@ def test_a_stepped_plant_is_the_plant() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", CIRCUITS)
-def test_gradients_of_two_seconds_in_every_number(fluid: str) -> None:
+def test_gradients_of_two_seconds_in_every_number(fluid):
     plant = Plant(
         CIRCUITS[fluid](), LinearMcKibben(), friction=DahlFriction(dry=2.0), viscosity=50.0
     )
@@ -217,7 +217,7 @@ MOVED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("load", MOVED)
-def test_a_moving_load_is_its_adaptive_solution(load: str) -> None:
+def test_a_moving_load_is_its_adaptive_solution(load):
     pytest.importorskip("diffrax")
     make, position = MOVED[load]
     plant = make(PneumaticCircuit())
@@ -235,7 +235,7 @@ def test_a_moving_load_is_its_adaptive_solution(load: str) -> None:
     assert rms(fine.pressure - exact.pressure) < PRESSURE_RMS
 
 
-def test_slip_elements_are_a_friction() -> None:
+def test_slip_elements_are_a_friction():
     L0 = LinearMcKibben().rest_length
     elements = MaxwellSlip(SlipElements([0.002], [20.0]), SlipElements.none(), L0, 1e6)
     plain = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben())
@@ -247,7 +247,7 @@ def test_slip_elements_are_a_friction() -> None:
     np.testing.assert_allclose(found.force - smooth.force, added, atol=1e-6)
 
 
-def test_the_controller_is_the_firmware_s() -> None:
+def test_the_controller_is_the_firmware_s():
     """Random readings through both: set points, gains, records of five ticks, limits of the integral."""
     law = ControlLaw(20 * PRESSURE_UNIT, 100 * GAIN_UNIT, 3 * GAIN_UNIT, 40 * GAIN_UNIT, -30, 30)
     device = DeviceControl(1, 0, 1, 1020, Latch())
@@ -276,7 +276,7 @@ def test_the_controller_is_the_firmware_s() -> None:
     assert np.abs(outputs).max() < 0.55  # and the output to counts
 
 
-def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke() -> None:
+def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke():
     plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())
     regulated = Regulated(plant, PressureController(4 / 255 / PSI, 2 / 255 / PSI))
     command = Command(np.full(6000, 40 * PSI), 0.0, np.repeat([0.0, -1e-3, 1e-3], 2000))
@@ -297,6 +297,6 @@ def test_a_regulated_plant_holds_its_set_pressure_through_a_stroke() -> None:
          "one value for each"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused(make, match: str) -> None:
+def test_what_cannot_be_is_refused(make, match):
     with pytest.raises(InputError, match=match):
         make()

@@ -295,7 +295,7 @@ EVERY = [
 
 
 @pytest.mark.parametrize("case", [one for one in EVERY if "history" not in str(one.id)])
-def test_jit_vmap_and_broadcasting_equal_a_loop(case: Case) -> None:
+def test_jit_vmap_and_broadcasting_equal_a_loop(case):
     call, model, states = case.call, case.made(), case.states
 
     @eqx.filter_jit
@@ -315,7 +315,7 @@ def test_jit_vmap_and_broadcasting_equal_a_loop(case: Case) -> None:
 
 
 @pytest.mark.parametrize("case", EVERY)
-def test_derivatives_are_differences(case: Case) -> None:
+def test_derivatives_are_differences(case):
     """Forward and reverse, in every number of the model and of the states, in parts of its size."""
     arrays, rest = eqx.partition((case.made(), case.states), eqx.is_inexact_array)
     numbers, remade = ravel_pytree(jax.tree.map(jnp.asarray, arrays))
@@ -358,7 +358,7 @@ DOUBLE = ("monotone law", "taken apart", "pressure for a force", "pressures of a
 
 
 @pytest.mark.parametrize("case", [one for one in EVERY if one.id not in DOUBLE])
-def test_float32_stays_float32(case: Case) -> None:
+def test_float32_stays_float32(case):
     whole = case.made()
     model, states = as_single((whole, case.states))
     found = eqx.filter_jit(case.call)(model, *states)
@@ -369,7 +369,7 @@ def test_float32_stays_float32(case: Case) -> None:
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-def test_a_formula_holds_in_any_units(name: str) -> None:
+def test_a_formula_holds_in_any_units(name):
     function, arguments, dimensions, result = FORMULAS[name]
     inch, psi = 1 / 0.0254, 1 / 6894.757
     powers = [inch**i * psi**j for i, j in (*dimensions, result)]
@@ -382,7 +382,7 @@ WITH_TESTS_OF_THEIR_OWN = {
 }  # fmt: skip
 
 
-def test_every_public_function_is_in_the_table() -> None:
+def test_every_public_function_is_in_the_table():
     public = {
         name
         for module in (braids, geometries, terms)

@@ -154,12 +154,10 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
 
 
 @pytest.mark.parametrize(("error", "words", "attempt"), REFUSED)
-def test_it_is_refused_in_words(
-    error: type[Exception], words: str, attempt: Callable[[], object]
-) -> None:
+def test_it_is_refused_in_words(error, words, attempt):
     with pytest.raises(error, match=words):
         attempt()
 
 
-def test_a_right_angle_is_no_mistake() -> None:
+def test_a_right_angle_is_no_mistake():
     assert from_angle(jnp.asarray(np.pi / 2, jnp.float32)).rest_thread_length > 0

@@ -99,9 +99,7 @@ def outside(of: SafeMuscle, L: np.ndarray, P: np.ndarray) -> np.ndarray:
     kind="polynomial", contraction=0.1875, top=2e5, seed=2,
     u=[0.57421875, 0.205078125, 0.9296875, 0.0, 0.0, 0.36328125, 0.205078125, 0.0, 0.0],
 )  # fmt: skip
-def test_a_safe_muscle_is_the_model_inside_and_goes_on_outside(
-    kind, u, contraction, top, seed
-) -> None:
+def test_a_safe_muscle_is_the_model_inside_and_goes_on_outside(kind, u, contraction, top, seed):
     of = safe(kind, u, contraction, top)
     outside_nothing_falls_and_all_is_finite(of, seed)
     the_force_is_c1_across_every_edge(of, top, seed)
@@ -152,7 +150,7 @@ def inside_it_is_the_model(of: SafeMuscle, seed: int) -> None:
 LATEX = polynomial([0.5, 0.5, 0.5, 0.6, 0.4, 0.4, 0.5])
 
 
-def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
+def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said():
     falling = polynomial([0.5, 0.5, 0.5, 0.2, 0.1, 0.1, 0.9])
     of = SafeMuscle.of(falling, [0.24, 0.3], [0.0, 6e5])
     assert float(of.region.pressure[0]) > 0
@@ -167,7 +165,7 @@ def test_a_model_that_falls_is_taken_where_it_rises_and_that_is_said() -> None:
         SafeMuscle.of(LATEX, [0.24, 0.3], [-5e4, 6e5])
 
 
-def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too() -> None:
+def test_the_pull_fades_into_slack_smoothly_and_carries_loads_there_too():
     G, width = jnp.linspace(-1, 3, 401), jnp.asarray(2.0)
     np.testing.assert_array_equal(taut(G, width), jnp.where(G >= 2, G, taut(G, width)))
     np.testing.assert_array_equal(taut(G[G <= 0], width), 0.0)
@@ -203,7 +201,7 @@ AFTER_STROKES = CentredSlip(LOOPS.slip, ReferenceCycle("stroke", 0.3, 0.25, Fals
     st.floats(0.0, 1.2e6),
     st.sampled_from([LOOPS, AFTER_STROKES]),
 )
-def test_every_closed_loop_takes_energy_up(turns: list[float], P: float, loops) -> None:
+def test_every_closed_loop_takes_energy_up(turns, P, loops):
     """Also where the muscle is slack for a part of it; the second round closes the state as well."""
     of = SafeMuscle.of(MUSCLE, [0.235, 0.3], [5e4, 6e5], hysteresis=loops)
     padded = np.array((turns * 6)[:6])
@@ -261,7 +259,7 @@ def _play(history: np.ndarray, threshold: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_force_is_what_the_play_operator_leaves_of_the_motion(seed: int) -> None:
+def test_force_is_what_the_play_operator_leaves_of_the_motion(seed):
     L, P = _history(seed)
     strain = L / REST - 1
     expected = np.zeros(L.size)
@@ -280,7 +278,7 @@ def _work(L: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_no_closed_cycle_gives_energy(seed: int) -> None:
+def test_no_closed_cycle_gives_energy(seed):
     """Random polygons in length and pressure: work is what is stored and what becomes heat."""
     L, P = _history(seed, 7)
     fine = np.linspace(0, 7, 7 * 400 + 1)

@@ -51,7 +51,7 @@ def average(family: MeasuredFamily) -> AverageDiameterGeometry:
 
 
 @pytest.mark.slow
-def test_muscle_of_the_reference_work(measured: MeasuredGeometry) -> None:
+def test_muscle_of_the_reference_work(measured):
     """Frozen: blocked force [lbf] and free contraction, confirmed by a second code in numpy."""
     muscle = Muscle(measured, LATEX)
     pressures = jnp.array([20.0, 40.0, 60.0, 80.0, 100.0])
@@ -63,9 +63,7 @@ def test_muscle_of_the_reference_work(measured: MeasuredGeometry) -> None:
     )
 
 
-def test_average_geometry_differs_from_measured_in_strain_alone(
-    measured: MeasuredGeometry, average: AverageDiameterGeometry
-) -> None:
+def test_average_geometry_differs_from_measured_in_strain_alone(measured, average):
     L, P = jnp.array([6.2, 7.5, 9.2]), jnp.array([20.0, 60.0, 100.0])
     one, other = measured.dimensions(L, P), average.dimensions(L, P)
     for name in ("length", "radius", "braid_angle", "turns", "bladder_volume"):
@@ -81,7 +79,7 @@ def _work(geometry: AbstractGeometry, deadband: float = 0.0, *, held: bool = Fal
     return Muscle(geometry, VirtualWork(deadband, at_thread_length=held))
 
 
-def test_a_cylinder_gives_gaylord_once_the_threads_work_is_taken_out() -> None:
+def test_a_cylinder_gives_gaylord_once_the_threads_work_is_taken_out():
     for braid, tolerance in ((INELASTIC, SUMMED), (KEVLAR, 1e-9)):  # a root is solved to 1e-12
         geometry = EstimatedGeometry(braid, SPECIMEN)
         at = geometry.dimensions(LENGTHS, 100.0)
@@ -93,7 +91,7 @@ def test_a_cylinder_gives_gaylord_once_the_threads_work_is_taken_out() -> None:
 
 
 @pytest.mark.slow
-def test_the_work_is_the_pressure_times_the_volume_swept(measured: MeasuredGeometry) -> None:
+def test_the_work_is_the_pressure_times_the_volume_swept(measured):
     nodes, weights = np.polynomial.legendre.leggauss(12)
     ends, muscle = np.asarray(measured.family.lengths), _work(measured)
     short, long = ends[1:, None], ends[:-1, None]
@@ -121,7 +119,7 @@ ASSUMED = {  # length and angle of the arc of a toroid's ends
 
 
 @pytest.mark.parametrize("name", ASSUMED)
-def test_default_order_against_scipy_on_piecewise_shapes(name: str) -> None:
+def test_default_order_against_scipy_on_piecewise_shapes(name):
     (a, angle), R, L = ASSUMED[name], 1.1, 6.0
     height, axis, inner = (R - 0.45) / (1 - np.cos(angle)), a / np.sin(angle), L - 2 * a
 
@@ -151,7 +149,7 @@ SERIES: dict[str, Case] = {
 
 
 @pytest.mark.parametrize("name", SERIES)
-def test_default_order_against_scipy_on_series(name: str) -> None:
+def test_default_order_against_scipy_on_series(name):
     profile, L = SERIES[name]
     a0, a, b, w = (np.asarray(leaf) for leaf in (profile.a0, profile.a, profile.b, profile.w))
     n = np.arange(1, a.size + 1)
@@ -175,7 +173,7 @@ def test_default_order_against_scipy_on_series(name: str) -> None:
     np.testing.assert_allclose(_measures(profile, np.asarray(L)), oracle, rtol=QUADRATURE)
 
 
-def test_bladder_by_hand() -> None:
+def test_bladder_by_hand():
     """Thickness, strains and their powers, written out in numpy on a fine even grid."""
     profile, L = TABLE_4_3[0.2625]
     line = Meridian.of(profile, L).inset(0.011)
@@ -198,13 +196,13 @@ MIDDLE, END, ACTIVE = 2.2, 0.9, 6.0
 CIRCULAR = EllipticToroidEnds(MIDDLE, END, (MIDDLE - END) / 2)
 
 
-def test_kothera_is_the_length_between_the_arcs() -> None:
+def test_kothera_is_the_length_between_the_arcs():
     first, second = CIRCULAR.breakpoints(ACTIVE)
     between = float((second - first) * ACTIVE)
     assert float(kothera_length(ACTIVE, MIDDLE / 2, END / 2)) == pytest.approx(between, rel=EXACT)
 
 
-def test_tondu_lopez() -> None:
+def test_tondu_lopez():
     length = jnp.array([0.30, 0.27, 0.24])
     np.testing.assert_allclose(tondu_lopez_length(length, 0.3, 1.0), length, rtol=EXACT)
     # Their force, pi r0^2 P (a (1 - k eps)^2 - b), is Gaylord's at this length.
@@ -245,7 +243,7 @@ def _diameter(family: AbstractProfileFamily, x: object, length: object, pressure
 @pytest.mark.parametrize(
     "contractions", [EVEN, np.array([0, 0.02, 0.15, 0.2, 0.33]), EVEN[:4], EVEN[:3], EVEN[:2]]
 )
-def test_is_scipys_not_a_knot_spline_also_in_the_margin(contractions: np.ndarray) -> None:
+def test_is_scipys_not_a_knot_spline_also_in_the_margin(contractions):
     family = _spline_family(contractions)
     table = np.stack([profile.diameter(X, 1.0) for profile in family.profiles])
     oracle = CubicSpline(contractions, table)
@@ -255,7 +253,7 @@ def test_is_scipys_not_a_knot_spline_also_in_the_margin(contractions: np.ndarray
     )
 
 
-def test_pressure_scales_by_the_triangle() -> None:
+def test_pressure_scales_by_the_triangle():
     family = _spline_family(EVEN, known.KEVLAR)
     L, P = jnp.array([6.5, 9.0])[:, None], 30.0
     scale = [
@@ -285,7 +283,7 @@ def surface() -> SampledSurface:
     return SampledSurface(MEASURED_LENGTHS, PRESSURES, diameters(), BRAID)
 
 
-def test_between_them_it_is_the_spline_of_scipy(surface: SampledSurface) -> None:
+def test_between_them_it_is_the_spline_of_scipy(surface):
     x, length, pressure = np.linspace(0, 1, 57), 0.233, 3.7e5
     along = CubicSpline(STATIONS, diameters(), axis=2)(x)
     over = CubicSpline(MEASURED_LENGTHS[::-1], along[:, ::-1], axis=1)(length)

@@ -148,7 +148,7 @@ def written(content: object, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_a_map_of_others_is_read(name: str, tmp_path: Path) -> None:
+def test_a_map_of_others_is_read(name, tmp_path):
     content, columns = MAPS[name]
     data = read_csv(written(content, tmp_path), {"nominal_diameter": 0.02}, columns)
     P, L, F = np.array(MAP).T
@@ -204,7 +204,7 @@ LOGS: dict[str, tuple[object, dict[str, str]]] = {
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_a_log_of_others_is_read(name: str, tmp_path: Path) -> None:
+def test_a_log_of_others_is_read(name, tmp_path):
     content, columns = LOGS[name]
     log = read_machine_log(written(content, tmp_path), columns=columns)
     t, x, F, _ = np.array(LOG).T
@@ -280,7 +280,7 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_told_is_refused_with_its_remedy(name: str, tmp_path: Path) -> None:
+def test_what_cannot_be_told_is_refused_with_its_remedy(name, tmp_path):
     read, content, says = REFUSED[name]
     with pytest.raises(InputError, match=says) as caught:
         read(written(content, tmp_path))
@@ -288,7 +288,7 @@ def test_what_cannot_be_told_is_refused_with_its_remedy(name: str, tmp_path: Pat
     assert "\n" not in str(caught.value)
 
 
-def test_what_the_user_says_holds(tmp_path: Path) -> None:
+def test_what_the_user_says_holds(tmp_path):
     path = written("Pressure setpoint (kPa),Length (mm),Force (N)\n" + rows("{},{},{}"), tmp_path)
     data = read_csv(path, columns={"pressure": "Pressure setpoint (kPa)"})
     assert data.pressure.tolist() == [P * 1e3 for P, *_ in MAP]
@@ -299,7 +299,7 @@ def test_what_the_user_says_holds(tmp_path: Path) -> None:
         assert np.allclose(np.diff(log.time), step)
 
 
-def test_what_was_taken_is_one_line_or_a_table(tmp_path: Path) -> None:
+def test_what_was_taken_is_one_line_or_a_table(tmp_path):
     plain = read_table(written(MAPS["German"][0], tmp_path), ("force", "pressure", "length")).said()
     assert plain == (
         "columns: force from 'Kraft [N]', first 300.5 N; pressure from 'Druck [kPa]', first 100 kPa; "

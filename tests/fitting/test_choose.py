@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,7 @@ from fitting import (
     predict,
     write_fit,
 )
-from fitting.choice import (
-    choice_as_dict,
-    choice_table,
-    validate_choice,
-    weigh,
-)
+from fitting.choice import choice_as_dict, choice_table, validate_choice, weigh
 from fitting.evidence import Evidence
 from fitting.ladder import ladder, rest_length_rounding
 from fitting.race import ALIKE, NEAR, Tried, held_out_error, preferred
@@ -42,7 +36,7 @@ def chosen(dmsp20: ForceData) -> Choice:
 
 
 @pytest.mark.slow
-def test_the_choice_on_a_measured_muscle(chosen: Choice) -> None:
+def test_the_choice_on_a_measured_muscle(chosen):
     """Within buildable dimensions and stable; the limits are a tenth above what was measured."""
     assert chosen.chosen.errors.rmse < 4.4
     assert chosen.chosen.converged
@@ -53,7 +47,7 @@ def test_the_choice_on_a_measured_muscle(chosen: Choice) -> None:
 
 
 @pytest.mark.slow
-def test_the_table_shows_by_what_the_families_are_ordered(chosen: Choice) -> None:
+def test_the_table_shows_by_what_the_families_are_ordered(chosen):
     best = min(one.held_out for one in chosen.tried)
     assert chosen.tried[0].held_out <= NEAR * best
     others = [one.held_out for one in chosen.tried[1:]]
@@ -70,7 +64,7 @@ def test_the_table_shows_by_what_the_families_are_ordered(chosen: Choice) -> Non
 
 
 @pytest.mark.slow
-def test_the_band_contains_what_families_that_fit_alike_disagree_about(chosen: Choice) -> None:
+def test_the_band_contains_what_families_that_fit_alike_disagree_about(chosen):
     at = np.array([0.283, 0.27]), np.array([5e5, 5e5])
     differ = [one.force(*at) - chosen.predict(*at) for one in chosen.alike.values()]
     assert differ
@@ -80,7 +74,7 @@ def test_the_band_contains_what_families_that_fit_alike_disagree_about(chosen: C
 
 
 @pytest.mark.slow
-def test_a_law_of_rubber_is_found_again() -> None:
+def test_a_law_of_rubber_is_found_again():
     """Readings of a Mooney-Rivlin muscle, with noise: no other law is nearer to the truth."""
     data = muscle_map(noise=0.5, seed=3)
     found = choose(data)
@@ -91,7 +85,7 @@ def test_a_law_of_rubber_is_found_again() -> None:
 
 
 @pytest.mark.slow
-def test_a_saved_choice_predicts_with_the_same_band(chosen: Choice, tmp_path: Path) -> None:
+def test_a_saved_choice_predicts_with_the_same_band(chosen, tmp_path):
     at = np.array([0.29, 0.26]), np.array([3e5, 3e5])
     evidence = Evidence(error=chosen.error, left_out=chosen.left_out)
     write_fit(chosen.chosen, tmp_path, evidence=evidence, choice=chosen)
@@ -111,7 +105,7 @@ def test_a_saved_choice_predicts_with_the_same_band(chosen: Choice, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_the_choice_is_made_anew_without_what_it_predicts(dmsp10: ForceData) -> None:
+def test_the_choice_is_made_anew_without_what_it_predicts(dmsp10):
     """Readings that are spoilt where they are left out change nothing of their own prediction."""
     level = dmsp10.lengths.level
     longest, middle = np.unique(level[dmsp10.loaded])[[-1, 1]]
@@ -126,14 +120,14 @@ def test_the_choice_is_made_anew_without_what_it_predicts(dmsp10: ForceData) -> 
     assert wrong.names[-1] == sound.names[-1]
 
 
-def test_readings_known_well_do_not_outweigh_what_the_law_is_good_for(dmsp20: ForceData) -> None:
+def test_readings_known_well_do_not_outweigh_what_the_law_is_good_for(dmsp20):
     std = np.full(dmsp20.force.shape, 1e-3)
     weighed, least = weigh(dataclasses.replace(dmsp20, force_std=std)), 0.005 * dmsp20.max_force
     assert weighed.force_std == pytest.approx(least, rel=1e-6)
     assert weigh(dmsp20, noise=20.0).force_std == pytest.approx(np.hypot(20.0, least))
 
 
-def test_one_length_determines_no_family(dmsp20: ForceData) -> None:
+def test_one_length_determines_no_family(dmsp20):
     one = dmsp20.part(dmsp20.lengths.level >= 0.29)
     with pytest.raises(InputError, match="two lengths or more"):
         choose(one)
@@ -146,14 +140,14 @@ def made(data: ForceData, *errors: float) -> list[Tried]:
     return [Tried(one, 1.0, out, error, alike=True) for one, error in zip(of, errors, strict=True)]
 
 
-def test_the_smallest_held_out_error_is_preferred(dmsp20: ForceData) -> None:
+def test_the_smallest_held_out_error_is_preferred(dmsp20):
     """Of the first three of the ladder: the law of rubber, the same in a rig, the next law of rubber."""
     assert preferred(made(dmsp20, 4.0, 5.0, 3.0)) == [2, 0, 1]
     assert preferred(made(dmsp20, 4.0, 3.9, 3.8)) == [2, 1, 0]
     assert preferred(made(dmsp20, np.inf, 5.0, 3.0)) == [2, 1, 0]
 
 
-def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20: ForceData) -> None:
+def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20):
     def of_groups(*errors: float) -> float:
         group = np.arange(4)
         out = {"length": LeftOut("length", 0.2 + 0.01 * group, group, np.array(errors))}
@@ -165,9 +159,7 @@ def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20: ForceData) ->
 
 
 @pytest.mark.slow
-def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(
-    tmp_path: Path, sent: Any
-) -> None:
+def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(tmp_path, sent):
     small = readings(known_muscle(famjax.PolynomialMaterial([1e6])), 4, noise=1.0)
     held = {"end_factor": (1.0, 1.0), "braid_compliance": (0.0, 0.0), "rest_length": (0.3, 0.3)}
     few: dict[str, Any] = {"starts": 2, "bounds": held}  # laws with and without a deadband
@@ -197,7 +189,7 @@ def of_lengths(data: ForceData, count: int) -> ForceData:
     return data.part(level >= np.unique(level[data.loaded])[-count])
 
 
-def test_the_laws_of_rubber_come_before_those_that_only_describe(dmsp20: ForceData) -> None:
+def test_the_laws_of_rubber_come_before_those_that_only_describe(dmsp20):
     candidates, dropped = ladder(dmsp20)
     laws = ["ogden", "mooney-rivlin", "linear", "saturating", "cubic"]
     assert [one.name for one in candidates if not one.rig] == laws
@@ -208,16 +200,14 @@ def test_the_laws_of_rubber_come_before_those_that_only_describe(dmsp20: ForceDa
 
 
 @pytest.mark.parametrize(("lengths", "most"), [(2, 3), (3, 5), (4, 7)])
-def test_a_small_map_gets_fewer_unknowns_instead_of_a_refusal(
-    dmsp20: ForceData, lengths: int, most: int
-) -> None:
+def test_a_small_map_gets_fewer_unknowns_instead_of_a_refusal(dmsp20, lengths, most):
     candidates, dropped = ladder(of_lengths(dmsp20, lengths))
     assert candidates
     assert max(one.unknowns for one in candidates) <= most
     assert dropped or lengths == 4
 
 
-def test_what_a_user_says_is_not_varied(dmsp20: ForceData) -> None:
+def test_what_a_user_says_is_not_varied(dmsp20):
     said = {"end_factor": Parameter(value=1.05, vary=False)}
     candidates, _ = ladder(dmsp20, said)
     assert all(one.parameters["end_factor"] is said["end_factor"] for one in candidates)
@@ -226,7 +216,7 @@ def test_what_a_user_says_is_not_varied(dmsp20: ForceData) -> None:
     assert all(one.bounds == {"end_factor": (1.0, 1.1)} for one in bounded)
 
 
-def test_no_feature_of_a_law_is_finer_than_the_lengths(dmsp20: ForceData) -> None:
+def test_no_feature_of_a_law_is_finer_than_the_lengths(dmsp20):
     level = dmsp20.lengths.level
     for data in (dmsp20, dmsp20.part(np.isin(level, np.unique(level[dmsp20.loaded])[::2]))):
         lengths = np.unique(data.lengths.level[data.loaded])
@@ -235,7 +225,7 @@ def test_no_feature_of_a_law_is_finer_than_the_lengths(dmsp20: ForceData) -> Non
         assert law.parameters["strain_scale"].min == pytest.approx(min(gap / 2, 0.1))
 
 
-def test_the_rounding_of_a_rest_length_is_told_by_its_digits() -> None:
+def test_the_rounding_of_a_rest_length_is_told_by_its_digits():
     found = [rest_length_rounding(length) for length in (0.296, 0.0832)]
     assert found == pytest.approx([0.5e-3, 0.05e-3])
 
@@ -261,7 +251,7 @@ def identified() -> Identification:
     return identify(data, law="mooney-rivlin", parameters=POWER, starts=8)
 
 
-def test_it_is_recovered(identified: Identification) -> None:
+def test_it_is_recovered(identified):
     assert identified.converged
     assert identified.errors.rmse < 1e-5
     truth = {
@@ -274,7 +264,7 @@ def test_it_is_recovered(identified: Identification) -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path: Path) -> None:
+def test_a_fit_file_and_a_card_keep_the_rig(identified, tmp_path):
     write_fit(identified, tmp_path)
     saved = load_fit(tmp_path / "fit.json")
     assert saved.mounted.exponent == identified.mounted.exponent
@@ -292,7 +282,7 @@ def test_a_fit_file_and_a_card_keep_the_rig(identified: Identification, tmp_path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rig", [None, (COMPLIANCE, EXPONENT)], ids=["rigid", "square root"])
-def test_a_rig_is_chosen_where_there_is_one(rig: tuple[float, float] | None) -> None:
+def test_a_rig_is_chosen_where_there_is_one(rig):
     choice = choose(in_rig(rig, noise=0.5))
     assert ("compliant rig" in choice.name) is (rig is not None)
     assert choice.chosen.errors.rmse < 0.8

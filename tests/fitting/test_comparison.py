@@ -32,7 +32,7 @@ def _left_out(fit: PeerFit, kind: str) -> LeftOut:
     return leave_out_each(fits, kinds, seed=0, settled=True, least=2)[0][kind]
 
 
-def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10: ForceData, sarosi: PeerFit) -> None:
+def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10, sarosi):
     """Variable projection by hand: a bracketed search over the rate, least squares inside."""
     at = dmsp10.loaded
     P, F = dmsp10.pressure[at] / 1e5, dmsp10.force[at]
@@ -59,7 +59,7 @@ def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10: ForceData, sarosi: Pee
     assert (sarosi.end.converged, sarosi.at_bound) == (True, ())
 
 
-def test_sarosi_6_has_the_errors_of_the_study(dmsp10: ForceData, sarosi: PeerFit) -> None:
+def test_sarosi_6_has_the_errors_of_the_study(dmsp10, sarosi):
     assert np.sqrt(np.mean(_error(sarosi, dmsp10) ** 2)) == pytest.approx(1.10, abs=STUDY)
     by_pressure, by_length = (_left_out(sarosi, kind) for kind in ("pressure", "length"))
     assert by_pressure.rmse == pytest.approx(1.36, abs=STUDY)
@@ -79,7 +79,7 @@ def table(dmsp10: ForceData):
     return found, seen
 
 
-def test_the_table_holds_every_model_the_best_first(table) -> None:
+def test_the_table_holds_every_model_the_best_first(table):
     found, seen = table
     rows = {row.name: row for row in found.rows}
     out = [one for row in found.rows if math.isfinite(one := row.lolo_interior_rmse)]
@@ -98,7 +98,7 @@ def test_the_table_holds_every_model_the_best_first(table) -> None:
     assert seen[-1] == (4, 4, "")
 
 
-def test_bad_requests_are_refused(dmsp10: ForceData, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_requests_are_refused(dmsp10, monkeypatch):
     known = "unknown model 'sarosi'; known for this map are famjax_choice"
     with pytest.raises(InputError, match=known):
         compare(dmsp10, ["sarosi"])

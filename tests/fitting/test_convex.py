@@ -28,7 +28,7 @@ def polynomial_problem(rng: np.random.Generator, order: int) -> tuple[np.ndarray
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("seed", range(6))
-def test_optimum_agrees_with_clarabel(order: int, seed: int) -> None:
+def test_optimum_agrees_with_clarabel(order, seed):
     A, b, G, h = polynomial_problem(np.random.default_rng(seed), order)
     best = solve(A, b, G, h)
     assert Status(int(best.status)) is Status.OPTIMAL
@@ -39,7 +39,7 @@ def test_optimum_agrees_with_clarabel(order: int, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_positive_coefficients_agree_with_nnls(seed: int) -> None:
+def test_positive_coefficients_agree_with_nnls(seed):
     rng = np.random.default_rng(seed)
     A, b = rng.normal(size=(30, 8)), rng.normal(size=30)
     x, _ = optimize.nnls(A, b)
@@ -48,7 +48,7 @@ def test_positive_coefficients_agree_with_nnls(seed: int) -> None:
     np.testing.assert_array_equal(best.active, x == 0)
 
 
-def test_certificate_exposes_a_wrong_point() -> None:
+def test_certificate_exposes_a_wrong_point():
     """The certificate must not be a formality: spoil the problem after solving and it shows."""
     A, b, G, h = (jnp.asarray(v) for v in polynomial_problem(np.random.default_rng(1), 3))
     best = solve(A, b, G, h)
@@ -59,7 +59,7 @@ def test_certificate_exposes_a_wrong_point() -> None:
     assert float(gap) > 1e-6
 
 
-def test_infeasible_and_rank_deficient_are_told_apart() -> None:
+def test_infeasible_and_rank_deficient_are_told_apart():
     opposite = np.array([[1.0, 0.0], [-1.0, 0.0]])
     best = solve(np.eye(2), np.ones(2), opposite, np.array([2.0, -1.0]))
     assert Status(int(best.status)) is Status.INFEASIBLE
@@ -69,14 +69,14 @@ def test_infeasible_and_rank_deficient_are_told_apart() -> None:
     assert np.isnan(best.x).all()
 
 
-def test_too_few_rows_is_refused() -> None:
+def test_too_few_rows_is_refused():
     with pytest.raises(ValueError, match="at least as many rows as columns"):
         solve_qp(np.ones((1, 2)), np.ones(1), np.zeros((0, 2)), np.zeros(0))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_derivatives_hold_at_active_constraints(seed: int) -> None:
+def test_derivatives_hold_at_active_constraints(seed):
     rng = np.random.default_rng(seed)
     A, b, G, h = polynomial_problem(rng, 3)
     assert np.asarray(solve(A, b, G, h).active).any()
@@ -95,14 +95,14 @@ def test_derivatives_hold_at_active_constraints(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_batch_equals_loop() -> None:
+def test_batch_equals_loop():
     problems = [polynomial_problem(np.random.default_rng(seed), 3) for seed in range(5)]
     batch = jax.vmap(solve_qp)(*(np.stack(parts) for parts in zip(*problems, strict=True)))
     loop = np.stack([solve(*problem).x for problem in problems])
     np.testing.assert_allclose(batch.x, loop, rtol=1e-9)
 
 
-def test_float32_is_kept() -> None:
+def test_float32_is_kept():
     A, b, G, h = (v.astype(np.float32) for v in polynomial_problem(np.random.default_rng(2), 2))
     best = solve(A, b, G, h)
     assert best.x.dtype == jnp.float32
@@ -140,7 +140,7 @@ def optimality(G: np.ndarray, h: np.ndarray, centre: np.ndarray, found: object, 
     return max(*worst, np.abs(multipliers * slack).max())
 
 
-def test_a_batch_is_optimal() -> None:
+def test_a_batch_is_optimal():
     problem = rising_cubics(0)
     found = many(*problem)
     assert (np.asarray(found.status) == int(Status.OPTIMAL)).all()
@@ -149,7 +149,7 @@ def test_a_batch_is_optimal() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_feasibility_agrees_with_linear_programming(seed: int) -> None:
+def test_feasibility_agrees_with_linear_programming(seed):
     """Random half-spaces, half of which leave nothing."""
     rng = np.random.default_rng(seed)
     verdicts = []
@@ -164,7 +164,7 @@ def test_feasibility_agrees_with_linear_programming(seed: int) -> None:
     assert len(set(verdicts)) == 2
 
 
-def test_duplicated_and_opposite_rows() -> None:
+def test_duplicated_and_opposite_rows():
     """Equalities as pairs of rows, each twice, and a row that is off."""
     G = np.array([[1.0, 0, 0, 0], [-1, 0, 0, 0], [1, 0, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 0]])
     G = np.concatenate([G, np.tile(np.eye(4)[1], (ROWS - 5, 1))])
@@ -174,7 +174,7 @@ def test_duplicated_and_opposite_rows() -> None:
     np.testing.assert_allclose(found.y, [2, 3, 5, 6], atol=EXACT)
 
 
-def test_a_member_without_solution_leaves_the_others_alone() -> None:
+def test_a_member_without_solution_leaves_the_others_alone():
     G, h, centre = rising_cubics(3)
     spoilt = centre.copy()
     spoilt[5] = np.nan

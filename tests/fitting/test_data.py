@@ -1,8 +1,6 @@
 """Force maps: files in any unit, every way in which one can be wrong, levels, pandas and xarray."""
 
 import dataclasses
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from fitting.faults import thick_wall
 from fitting.specimen import parse_specimen
 
 
-def test_bundled_maps_are_the_published_tables() -> None:
+def test_bundled_maps_are_the_published_tables():
     """Sizes and largest forces of Martens & Boblan 2017, tables A1 and A2."""
     for name, readings, loaded, largest in (
         ("DMSP-20-300", 126, 60, 1653.5),
@@ -29,7 +27,7 @@ def test_bundled_maps_are_the_published_tables() -> None:
         assert not data.notes
 
 
-def test_units_are_converted_and_order_does_not_matter(tmp_path: Path) -> None:
+def test_units_are_converted_and_order_does_not_matter(tmp_path):
     path = tmp_path / "us.csv"
     path.write_text("force_lbf;length_in;pressure_psi\n10;10;20\n5;9;20\n0;8;10\n")
     data = read_csv(path)
@@ -42,7 +40,7 @@ def test_units_are_converted_and_order_does_not_matter(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("bore", "wall"), [("20", 1.8e-3), ("10", 1.8e-3), ("5", 0.9e-3)])
-def test_the_wall_that_is_assumed_fits_the_bore(tmp_path: Path, bore: str, wall: float) -> None:
+def test_the_wall_that_is_assumed_fits_the_bore(tmp_path, bore, wall):
     """1.8 mm in a bore of 5 mm would be blamed on a user who never said it."""
     path = tmp_path / "small.csv"
     path.write_text(
@@ -54,7 +52,7 @@ def test_the_wall_that_is_assumed_fits_the_bore(tmp_path: Path, bore: str, wall:
     assert not thick_wall(data)
 
 
-def test_specimen_lines_and_overrides(map_file: Path) -> None:
+def test_specimen_lines_and_overrides(map_file):
     map_file.write_text("# a remark\n# specimen: rest_length_in = 12\n" + map_file.read_text())
     assert read_csv(map_file).specimen.rest_length == pytest.approx(0.3048)
     given = parse_specimen(["rest_length_mm=310", "name=mine"])
@@ -89,7 +87,7 @@ def test_specimen_lines_and_overrides(map_file: Path) -> None:
         ("pressure", "# level: pressure_tolerance_mm = 5\npressure", "'mm' is not a known unit of"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said(map_file: Path, old: str, new: str, message: str) -> None:
+def test_what_is_wrong_is_said(map_file, old, new, message):
     text = map_file.read_text()
     assert old in text
     map_file.write_text(text.replace(old, new, 1))
@@ -97,7 +95,7 @@ def test_what_is_wrong_is_said(map_file: Path, old: str, new: str, message: str)
         read_csv(map_file)
 
 
-def test_contractions_are_lengths_of_the_rest_length(map_file: Path, tmp_path: Path) -> None:
+def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
     text = "# specimen: rest_length_mm = 300\n# specimen: name = map\n" + map_file.read_text()
     map_file.write_text(text)
     expected = read_csv(map_file)
@@ -134,7 +132,7 @@ def test_contractions_are_lengths_of_the_rest_length(map_file: Path, tmp_path: P
         (b"\xff\xfe\x00pressure", "it is not a text file"),
     ],
 )
-def test_files_that_are_no_map(tmp_path: Path, content: bytes | None, message: str) -> None:
+def test_files_that_are_no_map(tmp_path, content, message):
     if content is not None:
         (tmp_path / "map.csv").write_bytes(content)
     with pytest.raises(InputError, match=message):
@@ -160,12 +158,12 @@ OF = Specimen("s", 0.3, 0.0018)
         (lambda: parse_bounds(["E_1_MPa=1:2", "E_1_kPa=1:2"]), "given twice"),
     ],
 )  # fmt: skip
-def test_arrays_and_bounds_are_checked_like_files(call: Callable[[], object], message: str) -> None:
+def test_arrays_and_bounds_are_checked_like_files(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
 
-def test_a_file_may_say_which_readings_are_at_one_level(tmp_path: Path) -> None:
+def test_a_file_may_say_which_readings_are_at_one_level(tmp_path):
     path, again = tmp_path / "map.csv", tmp_path / "again.csv"
     readings = "pressure_kPa,length_mm,force_N\n99,250,10\n103,250,11\n150,250,20\n152,240,18\n"
     path.write_text("# level: pressure_tolerance_kPa = 5\n" + readings)
@@ -176,7 +174,7 @@ def test_a_file_may_say_which_readings_are_at_one_level(tmp_path: Path) -> None:
     )
 
 
-def test_noise_about_zero_is_slack(dmsp10: ForceData) -> None:
+def test_noise_about_zero_is_slack(dmsp10):
     noise = np.random.default_rng(1).normal(0, 0.5, dmsp10.force.size)
     noisy = dataclasses.replace(dmsp10, force=dmsp10.force + noise, slack_below=None, count=None)
     np.testing.assert_array_equal(noisy.slack, dmsp10.slack)
@@ -197,9 +195,7 @@ def measured(values: np.ndarray, times: int, std: float, seed: int) -> np.ndarra
 
 @pytest.mark.parametrize("seed", range(100, 120))
 @pytest.mark.parametrize(("times", "std"), [(2, 20.0), (3, 150.0), (8, 300.0)])
-def test_readings_about_nominal_pressures_find_their_level(
-    seed: int, times: int, std: float
-) -> None:
+def test_readings_about_nominal_pressures_find_their_level(seed, times, std):
     rng = np.random.default_rng(seed)
     nominal = rng.choice(np.arange(40e3, 640e3, 20e3), rng.integers(4, 20), replace=False)
     found = levels_of(measured(nominal, times, std, seed), "pressure")
@@ -209,7 +205,7 @@ def test_readings_about_nominal_pressures_find_their_level(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_levels_are_seen_where_there_are_none(seed: int) -> None:
+def test_no_levels_are_seen_where_there_are_none(seed):
     values = np.random.default_rng(seed).uniform(0, 6e5, 40)
     found = levels_of(values, "pressure")
     np.testing.assert_array_equal(found.level, values)
@@ -224,7 +220,7 @@ def gauge_of_1_kpa(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed: int) -> None:
+def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed):
     pressure, length = gauge_of_1_kpa(np.random.default_rng(seed))
     assert pressure.size >= 2 * np.unique(pressure).size
     found = ForceData(np.arange(1.0, 57.0), pressure, length, SPECIMEN).pressures
@@ -233,14 +229,14 @@ def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed: int) -> 
     assert "found from the gaps" in found.note
 
 
-def test_neighbours_that_were_set_at_one_length_are_two_levels() -> None:
+def test_neighbours_that_were_set_at_one_length_are_two_levels():
     """A fine grid beside a coarse one: 5 and 6 kPa were both measured at every length."""
     P, L = (g.ravel() for g in np.meshgrid([5e3, 6e3, 7e3, 300e3, 600e3], [0.3, 0.29, 0.28, 0.27]))
     found = ForceData(np.arange(1.0, 21.0), P, L, SPECIMEN).pressures
     np.testing.assert_array_equal(found.level, P)
 
 
-def test_a_measured_pressure_is_left_out_with_its_neighbours() -> None:
+def test_a_measured_pressure_is_left_out_with_its_neighbours():
     nominal = np.array([100e3, 200e3, 300e3])
     pressure = measured(nominal, 4, 60.0, seed=1)
     length = np.repeat([0.30, 0.29, 0.28, 0.27], 3)
@@ -250,7 +246,7 @@ def test_a_measured_pressure_is_left_out_with_its_neighbours() -> None:
     np.testing.assert_allclose(levels, nominal, atol=150)
 
 
-def test_a_part_keeps_its_levels_and_every_column() -> None:
+def test_a_part_keeps_its_levels_and_every_column():
     """What was one pressure stays one, however few of its readings are left."""
     pressure = np.array([1e5, 1.001e5, 2e5, 2.002e5, 3e5, 3.001e5])
     n = pressure.size
@@ -266,7 +262,7 @@ def test_a_part_keeps_its_levels_and_every_column() -> None:
         data.part(data.pressure > 1e6)
 
 
-def test_levels_are_left_out_one_by_one_and_many_of_them_with_their_neighbours() -> None:
+def test_levels_are_left_out_one_by_one_and_many_of_them_with_their_neighbours():
     few = np.array([3.0, 1.0, 2.0, 2.0, 9.0])
     assert groups_of_levels(few, np.array([1.0, 2.0, 3.0])).tolist() == [2, 0, 1, 1, -1]
     many = np.random.default_rng(0).permutation(1000.0 + np.arange(400))
@@ -280,7 +276,7 @@ def found() -> fitting.Identification:
     return fitting.identify(fitting.load_bundled("DMSP-10-250"), starts=1)
 
 
-def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> None:
+def test_a_fit_is_a_table_of_its_parameters(found):
     frame = found.to_pandas()
     one = found.estimate("E_1")
     assert frame.loc["E_1", "value"] == one.value
@@ -290,7 +286,7 @@ def test_a_fit_is_a_table_of_its_parameters(found: fitting.Identification) -> No
     assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
 
 
-def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) -> None:
+def test_plots_draw_on_the_axes_they_are_given(found):
     figure_module = pytest.importorskip("matplotlib.figure")
     method = type(found).plot
     for plot in (fitting.plot_isobars, fitting.plot_residuals, fitting.plot_law, method):
@@ -307,7 +303,7 @@ def test_plots_draw_on_the_axes_they_are_given(found: fitting.Identification) ->
     )
 
 
-def test_a_table_of_pandas_is_a_map_and_back(dmsp20: ForceData) -> None:
+def test_a_table_of_pandas_is_a_map_and_back(dmsp20):
     data = dmsp20
     frame = data.to_pandas()
     assert list(frame) == ["force_N", "pressure_Pa", "length_m", "loaded"]
@@ -323,7 +319,7 @@ def test_a_table_of_pandas_is_a_map_and_back(dmsp20: ForceData) -> None:
     assert "Columns left aside: counter." in named.notes
 
 
-def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10: ForceData) -> None:
+def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10):
     data = dmsp10
     again = ForceData.from_xarray(data.to_xarray())
     assert again.sha256 == data.sha256

@@ -50,9 +50,7 @@ def two_points(problem: Problem) -> np.ndarray:
 
 
 @pytest.mark.parametrize("options", [{"order": 2}, {"parameters": RIG}], ids=["rigid", "compliant"])
-def test_the_derivative_through_the_convex_fit_is_that_of_differences(
-    dmsp20: ForceData, options: dict
-) -> None:
+def test_the_derivative_through_the_convex_fit_is_that_of_differences(dmsp20, options):
     problem = pose((dmsp20,), **options).problem
     for u in two_points(problem):
         (r,), (J,), _ = fits(problem, u[None])
@@ -66,7 +64,7 @@ def test_the_derivative_through_the_convex_fit_is_that_of_differences(
         np.testing.assert_allclose(found, difference, rtol=0, atol=NOISE * np.abs(found).max())
 
 
-def test_partial_derivatives_are_those_at_constant_coefficients(dmsp20: ForceData) -> None:
+def test_partial_derivatives_are_those_at_constant_coefficients(dmsp20):
     known = Parameter(prior=(dmsp20.specimen.rest_length, 1e-3), unit="m")
     problem = pose((dmsp20,), order=2, noise=5.0, parameters={"rest_length": known}).problem
     p = problem.low + 0.4 * (problem.high - problem.low)
@@ -83,7 +81,7 @@ def test_partial_derivatives_are_those_at_constant_coefficients(dmsp20: ForceDat
             np.testing.assert_allclose(found[:, k], difference, rtol=0, atol=NOISE * largest)
 
 
-def test_a_batch_is_the_fits_one_by_one(dmsp20: ForceData) -> None:
+def test_a_batch_is_the_fits_one_by_one(dmsp20):
     problem = pose((dmsp20,), order=2).problem
     whole = np.ones(problem.force.size)
     some = whole.copy()
@@ -99,7 +97,7 @@ def test_a_batch_is_the_fits_one_by_one(dmsp20: ForceData) -> None:
         np.testing.assert_allclose(one.u, other.u, rtol=0, atol=1e-9)
 
 
-def test_a_problem_that_was_sent_is_the_same(dmsp10: ForceData) -> None:
+def test_a_problem_that_was_sent_is_the_same(dmsp10):
     problem = pose((dmsp10,), order=2).problem
     sent = pickle.loads(pickle.dumps(problem))
     start = latin_hypercube(3, 1, seed=4)[0]
@@ -108,9 +106,7 @@ def test_a_problem_that_was_sent_is_the_same(dmsp10: ForceData) -> None:
     np.testing.assert_array_equal(here.u, there.u)
 
 
-def test_parts_of_a_joint_problem_are_the_problems_alone(
-    dmsp20: ForceData, dmsp10: ForceData
-) -> None:
+def test_parts_of_a_joint_problem_are_the_problems_alone(dmsp20, dmsp10):
     own = ("deadband_pressure", "braid_diameter", "braid_angle")
     joint = pose([dmsp20, dmsp10], own=own, own_law=True, order=2).problem
     p = joint.low + 0.3 * (joint.high - joint.low)
@@ -135,9 +131,7 @@ FORCE_STEP = 0.4  # N: of differences
 DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
 
 
-def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(
-    dmsp20: ForceData,
-) -> None:
+def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dmsp20):
     problem = pose((dmsp20,), order=2).problem
     pure, force = PureProblem.of(problem), jnp.asarray(problem.force)
     u = np.random.default_rng(0).uniform(0.05, 0.95, (3, problem.free.size))
@@ -165,7 +159,7 @@ def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(
     [{}, {"law": "saturating", "parameters": {"series_compliance": Parameter()}}],
     ids=["rigid", "compliant"],
 )
-def test_the_derivative_goes_through_the_fit(dmsp20: ForceData, options: dict) -> None:
+def test_the_derivative_goes_through_the_fit(dmsp20, options):
     result = identify(dmsp20, starts=4, **options)
     problem, near = result.problem, result.end.point
     towards = np.random.default_rng(1).normal(size=problem.force.size)
@@ -196,7 +190,7 @@ def test_the_derivative_goes_through_the_fit(dmsp20: ForceData, options: dict) -
 
 
 @pytest.mark.parametrize("p", [1, 3, 7])
-def test_the_step_is_that_of_scipy_and_meets_bounds_exactly(p: int) -> None:
+def test_the_step_is_that_of_scipy_and_meets_bounds_exactly(p):
     rng = np.random.default_rng(p)
     count, met = 40, 0
     J = rng.normal(size=(count, 12, p)) @ np.diag(10.0 ** rng.uniform(-2, 1, p))
@@ -215,7 +209,7 @@ def test_the_step_is_that_of_scipy_and_meets_bounds_exactly(p: int) -> None:
     assert met > count / 2
 
 
-def test_nothing_to_move() -> None:
+def test_nothing_to_move():
     moves = step_in_box(np.zeros((2, 3, 0)), np.ones((2, 3)), np.ones(2), *np.zeros((2, 2, 0)))
     assert moves.shape == (2, 0)
 
@@ -246,9 +240,7 @@ def weighed(dmsp10: ForceData) -> ForceData:
 
 
 @pytest.mark.parametrize("name", slow_after(1, NAMES))
-def test_a_family_has_the_same_fit_and_force_by_its_own_program(
-    weighed: ForceData, name: str
-) -> None:
+def test_a_family_has_the_same_fit_and_force_by_its_own_program(weighed, name):
     problem = posed_of(weighed, candidate(weighed, name), "drucker").problem
     assert problem.parts[0].within is not None
     u = np.full(len(problem.free), 0.4)
@@ -267,12 +259,12 @@ def test_a_family_has_the_same_fit_and_force_by_its_own_program(
         np.testing.assert_allclose(found, wanted, rtol=0, atol=SHARED * size, err_msg=of)
 
 
-def test_a_law_of_ones_own_keeps_its_own_program(dmsp20: ForceData) -> None:
+def test_a_law_of_ones_own_keeps_its_own_program(dmsp20):
     problem = pose((dmsp20,), law=Stiffer).problem
     assert sharing_one_program(problem).parts[0].within is None
 
 
-def test_a_muscle_with_other_terms_is_left_as_it_is() -> None:
+def test_a_muscle_with_other_terms_is_left_as_it_is():
     terms = famjax.terms.BladderWall(LATEX) + famjax.terms.VirtualWork()
     mounted = famjax.MountedMuscle(famjax.Muscle(CYLINDER_10, terms), 0.0)
     assert in_shared_program(mounted) is mounted
@@ -298,7 +290,7 @@ def doubled(calls: list[int]):
     return kept(function, "doubled", (0,), quick_options())
 
 
-def test_a_trace_is_found_again_for_each_shape_and_made_anew_where_it_is_torn(folder: Path) -> None:
+def test_a_trace_is_found_again_for_each_shape_and_made_anew_where_it_is_torn(folder):
     calls: list[int] = []
     for size in (2, 2, 3, 2):
         (found,) = doubled(calls)(np.ones(size))

@@ -27,7 +27,7 @@ FREE = np.zeros(3, bool)
 NONE = np.zeros((0, 3))
 
 
-def test_linear_least_squares() -> None:
+def test_linear_least_squares():
     residual = RNG.normal(size=40)
     found = covariance(X, residual, NONE, FREE)
     inverse = np.linalg.inv(X.T @ X)
@@ -37,7 +37,7 @@ def test_linear_least_squares() -> None:
     assert found.degrees_of_freedom == 37
 
 
-def test_the_larger_of_both_errors_is_given() -> None:
+def test_the_larger_of_both_errors_is_given():
     # Noisy where the first column is large: it is known less well than equal noise says, another better.
     found = covariance(X, np.random.default_rng(0).normal(size=40) * X[:, 0] ** 2, NONE, FREE)
     ratio = found.sandwich_stderr / found.plain_stderr
@@ -47,7 +47,7 @@ def test_the_larger_of_both_errors_is_given() -> None:
     np.testing.assert_array_equal(found.stderr, larger)
 
 
-def test_active_constraints_and_held_parameters_have_no_error() -> None:
+def test_active_constraints_and_held_parameters_have_no_error():
     residual = RNG.normal(size=40)
     held = np.array([False, True, False])
     found = covariance(X, residual, np.array([[1.0, 0.0, 0.0]]), held)
@@ -59,7 +59,7 @@ def test_active_constraints_and_held_parameters_have_no_error() -> None:
     assert np.isnan(nothing.matrix).all()
 
 
-def test_a_ridge_has_no_standard_error() -> None:
+def test_a_ridge_has_no_standard_error():
     twin = np.concatenate([X, X[:, :1]], axis=1)
     found = covariance(twin, RNG.normal(size=40), np.zeros((0, 4)), np.zeros(4, bool))
     assert found.condition > 1e10
@@ -70,7 +70,7 @@ def left_out_of(result: Identification, **kinds: tuple[int | None, int]) -> dict
     return leave_out_each([(result.problem, result.end.u)], kinds)[0]
 
 
-def test_errors_are_those_of_a_validation(fitted20: Identification) -> None:
+def test_errors_are_those_of_a_validation(fitted20):
     found = left_out_of(fitted20, length=(None, 4))["length"]
     expected = validate(fitted20, "length")
     assert found.rmse == pytest.approx(expected.rmse, rel=1e-3)
@@ -78,7 +78,7 @@ def test_errors_are_those_of_a_validation(fitted20: Identification) -> None:
     assert found.group_rmse == pytest.approx(expected.group_rmse, rel=1e-2)
 
 
-def test_neighbouring_pressures_are_left_out_together(fitted20: Identification) -> None:
+def test_neighbouring_pressures_are_left_out_together(fitted20):
     found = left_out_of(fitted20, pressure=(4, 1))["pressure"]
     assert set(found.group) == {0, 1, 2, 3}
     order = np.argsort(found.level, kind="stable")
@@ -86,13 +86,13 @@ def test_neighbouring_pressures_are_left_out_together(fitted20: Identification) 
     assert found.rmse > fitted20.errors.rmse
 
 
-def test_two_levels_cannot_be_left_out(dmsp20: ForceData) -> None:
+def test_two_levels_cannot_be_left_out(dmsp20):
     few = dmsp20.part(dmsp20.lengths.level >= 0.28)
     result = identify(few, law="neo-hookean", starts=2)
     assert "length" not in left_out_of(result, length=(None, 1))
 
 
-def test_the_spline_is_the_natural_one() -> None:
+def test_the_spline_is_the_natural_one():
     """Its best linear predictor, by the same matrix, is SciPy's natural cubic spline."""
     known, at = np.array([0.0, 0.2, 0.5, 1.0]), np.array([0.1, 0.35, 0.9, 1.3, -0.4])
     values = np.array([1.0, -0.3, 0.8, 0.1])
@@ -141,9 +141,7 @@ def numbers(result: fitting.Identification) -> np.ndarray:
 
 
 @pytest.mark.parametrize("source", STATED.stated())
-def test_the_effect_is_that_of_readings_moved_and_fitted_again(
-    source: str, found: fitting.Identification, carried: Carried
-) -> None:
+def test_the_effect_is_that_of_readings_moved_and_fitted_again(source, found, carried):
     moved = fitted(STATED.moved(found.data, source))
     scale = np.maximum(np.abs(numbers(found)), 1.0)
     apart = np.abs(numbers(moved) - numbers(found)) / scale
@@ -152,7 +150,7 @@ def test_the_effect_is_that_of_readings_moved_and_fitted_again(
 
 
 @pytest.mark.slow
-def test_an_error_widens_the_band_and_is_told(found: fitting.Identification, tmp_path) -> None:
+def test_an_error_widens_the_band_and_is_told(found, tmp_path):
     told = {}
     for errors in (SharedErrors(), SharedErrors(force_reading=0.02)):
         evidence = gather(
@@ -171,7 +169,7 @@ def test_an_error_widens_the_band_and_is_told(found: fitting.Identification, tmp
     assert wide["band"] == "left out, shared errors"
 
 
-def test_what_cannot_be_moved_is_refused(found: fitting.Identification) -> None:
+def test_what_cannot_be_moved_is_refused(found):
     with pytest.raises(ValueError, match=r"standard error of pressure_zero must be >= 0, got -1"):
         SharedErrors(pressure_zero=-1.0)
     with pytest.raises(fitting.InputError, match="no bladder_diameter"):
@@ -190,7 +188,7 @@ REPLICATES, NOISE = 200, 2.0
 
 
 @pytest.mark.slow
-def test_intervals_cover_over_200_replicates() -> None:
+def test_intervals_cover_over_200_replicates():
     """The hit rates lie within the 99.9 % range of a binomial with the promised probability."""
     data = readings(known_muscle())
     exact = identify(data, starts=8)

@@ -32,7 +32,7 @@ ROUNDING = 1e-9  # certificates in float64
 TRUE_CUBIC = [0.022, math.radians(65), 30e3, 4e6, -6e6, 6e6]
 
 
-def test_dmsp20_in_bounds_of_a_muscle_that_can_be_built(fitted20: Identification) -> None:
+def test_dmsp20_in_bounds_of_a_muscle_that_can_be_built(fitted20):
     assert fitted20.converged
     assert fitted20.errors.rmse <= 7.6  # N: the target of the project on table A1
     assert fitted20.certificate.kkt_residual < ROUNDING
@@ -43,7 +43,7 @@ def test_dmsp20_in_bounds_of_a_muscle_that_can_be_built(fitted20: Identification
     assert fitted20.errors.n_points == 60
 
 
-def test_dmsp10_in_bounds_of_a_muscle_that_can_be_built(dmsp10: ForceData) -> None:
+def test_dmsp10_in_bounds_of_a_muscle_that_can_be_built(dmsp10):
     result = identify(dmsp10)
     assert result.converged
     assert result.errors.rmse <= 1.9  # N: the target of the project on table A2
@@ -58,23 +58,21 @@ WIDE = {
 
 
 @pytest.mark.parametrize(("name", "target"), [("dmsp20", 4.6), ("dmsp10", 1.8)])
-def test_wide_bounds_fit_better_and_leave_a_ridge(
-    name: str, target: float, request: pytest.FixtureRequest
-) -> None:
+def test_wide_bounds_fit_better_and_leave_a_ridge(name, target, request):
     result = identify(request.getfixturevalue(name), bounds=WIDE, starts=8)
     assert result.converged
     assert result.errors.rmse <= target
     assert any("Ridge: braid_diameter and braid_angle" in warning for warning in result.warnings)
 
 
-def test_truth_is_recovered_from_exact_readings() -> None:
+def test_truth_is_recovered_from_exact_readings():
     result = identify(readings(known_muscle()), starts=8)
     assert result.converged
     assert result.errors.rmse < 1e-6
     np.testing.assert_allclose([e.value for e in result.estimates], TRUE_CUBIC, rtol=1e-6)
 
 
-def test_readings_that_repeat_weigh_by_their_number() -> None:
+def test_readings_that_repeat_weigh_by_their_number():
     data = readings(known_muscle(), noise=2.0)
     rows = np.append(np.arange(data.force.size), [3, 3, 3, 20])
     repeated = ForceData(data.force[rows], data.pressure[rows], data.length[rows], KNOWN)
@@ -85,7 +83,7 @@ def test_readings_that_repeat_weigh_by_their_number() -> None:
         assert one.estimate(name).value == pytest.approx(other.estimate(name).value, rel=1e-9)
 
 
-def test_slope_constraint_is_exact_by_roots() -> None:
+def test_slope_constraint_is_exact_by_roots():
     falling = famjax.PolynomialMaterial([4e6, -18e6, 22e6])
     result = identify(readings(known_muscle(falling)), constraint="slope", starts=4)
     strain = np.linspace(0, result.strain_range, 50021)
@@ -95,7 +93,7 @@ def test_slope_constraint_is_exact_by_roots() -> None:
     assert result.certificate.slope_margin == pytest.approx(tangent.min(), abs=1e-6 * abs(E[0]))
 
 
-def test_positive_constraint(dmsp20: ForceData) -> None:
+def test_positive_constraint(dmsp20):
     result = identify(dmsp20, constraint="positive", starts=4)
     assert result.converged
     assert (result.coefficients >= -1e-6).all()
@@ -106,7 +104,7 @@ def test_positive_constraint(dmsp20: ForceData) -> None:
 
 
 @pytest.mark.slow
-def test_elastic_braid_is_identified() -> None:
+def test_elastic_braid_is_identified():
     """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
     thread = famjax.braids.LinearThread(8e9, 1e-7)
     source = EstimatedSource(KNOWN, 200.0, thread)
@@ -117,7 +115,7 @@ def test_elastic_braid_is_identified() -> None:
     assert identify(data, starts=8).errors.rmse > 100 * elastic.errors.rmse
 
 
-def test_weights_follow_the_standard_deviations() -> None:
+def test_weights_follow_the_standard_deviations():
     data = readings(known_muscle(), noise=5.0, seed=1)
     std = np.where(data.length > 0.26, 1.0, 1e4)
     result = identify(dataclasses.replace(data, force_std=std), starts=4)
@@ -163,12 +161,12 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "no such parameter"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_fitted_is_refused(dmsp20: ForceData, options: dict, message: str) -> None:
+def test_what_cannot_be_fitted_is_refused(dmsp20, options, message):
     with pytest.raises(InputError, match=message):
         identify(dmsp20, **options)
 
 
-def test_float64_is_asked_for_with_the_line_that_enables_it(dmsp20: ForceData) -> None:
+def test_float64_is_asked_for_with_the_line_that_enables_it(dmsp20):
     line = r'jax\.config\.update\("jax_enable_x64", True\)'
     with jax.enable_x64(False), pytest.raises(RuntimeError, match=line):
         identify(dmsp20)
@@ -200,13 +198,13 @@ TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, flo
 }  # fmt: skip
 
 
-def test_every_family_is_here() -> None:
+def test_every_family_is_here():
     assert set(TRUTHS) == set(known_laws())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTHS)
-def test_the_law_is_recovered(name: str) -> None:
+def test_the_law_is_recovered(name):
     law, material, truth = TRUTHS[name]
     result = identify(readings(known_muscle(material), 7), law=law, bounds=GEOMETRY_HELD, starts=4)
     assert result.converged
@@ -216,7 +214,7 @@ def test_the_law_is_recovered(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_bounds_of_coefficients_at_each_pressure_are_kept() -> None:
+def test_bounds_of_coefficients_at_each_pressure_are_kept():
     """A law linear in pressure, one coefficient held from above: bounds and stop are saved."""
     law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
     result = identify(
@@ -268,7 +266,7 @@ def noisy(mounted: Identification) -> Identification:
 
 
 @pytest.mark.slow
-def test_compliant_rig_and_end_factor_are_recovered(mounted: Identification) -> None:
+def test_compliant_rig_and_end_factor_are_recovered(mounted):
     assert mounted.converged
     assert mounted.errors.rmse < 1e-5
     assert mounted.n_parameters == 7
@@ -280,7 +278,7 @@ def test_compliant_rig_and_end_factor_are_recovered(mounted: Identification) -> 
 
 
 @pytest.mark.slow
-def test_noisy_estimates_lie_within_three_standard_errors(noisy: Identification) -> None:
+def test_noisy_estimates_lie_within_three_standard_errors(noisy):
     for name, value in MOUNTED_TRUTH.items():
         estimate = noisy.estimate(name)
         assert not estimate.at_bound
@@ -289,7 +287,7 @@ def test_noisy_estimates_lie_within_three_standard_errors(noisy: Identification)
 
 
 @pytest.mark.slow
-def test_profile_agrees_with_the_standard_error(noisy: Identification) -> None:
+def test_profile_agrees_with_the_standard_error(noisy):
     """Near the optimum the problem is quadratic: one standard error is one unit of excess."""
     (one,) = profile(noisy, ["braid_angle"], points=6)
     estimate = noisy.estimate("braid_angle")
@@ -305,7 +303,7 @@ def test_profile_agrees_with_the_standard_error(noisy: Identification) -> None:
 
 
 @pytest.mark.slow
-def test_bootstrap_agrees_with_the_standard_errors(noisy: Identification) -> None:
+def test_bootstrap_agrees_with_the_standard_errors(noisy):
     drawn = bootstrap(noisy, 60, seed=1)
     assert drawn.failed == 0
     for name in ("braid_angle", "shear_modulus", "deadband_pressure"):
@@ -320,7 +318,7 @@ def test_bootstrap_agrees_with_the_standard_errors(noisy: Identification) -> Non
 
 
 @pytest.mark.slow
-def test_two_muscles_share_what_they_share() -> None:
+def test_two_muscles_share_what_they_share():
     data = [on_grid(with_ends(), "thick"), on_grid(with_ends(0.0205, 15e3), "thin")]
     thick, thin = identify_together(
         data, own=("braid_diameter", "deadband_pressure"), law="ogden",
@@ -354,7 +352,7 @@ def unstable(muscle: famjax.Muscle, seed: int, noise: float = SOFT_NOISE) -> For
 @pytest.mark.parametrize("seed", slow_after(1, [3, 4, 5]))
 @pytest.mark.parametrize("options", [{"order": 3}, {"order": 6}, {"order": 3, "dependence": "linear"},
                                      {"law": "yeoh"}, {"order": 3, "constraint": "slope"}])  # fmt: skip
-def test_it_is_certified_where_the_law_touches_the_constraint(seed: int, options: dict) -> None:
+def test_it_is_certified_where_the_law_touches_the_constraint(seed, options):
     found = identify(unstable(UNSTABLE, seed), starts=2, **options)
     largest = float(np.abs(found.coefficients).max())
     assert found.converged
@@ -371,7 +369,7 @@ def test_it_is_certified_where_the_law_touches_the_constraint(seed: int, options
 
 
 @pytest.mark.slow
-def test_standard_errors_are_those_of_repeated_tests() -> None:
+def test_standard_errors_are_those_of_repeated_tests():
     """The point that is touched moves with the noise: held where it is, E_3 seems twice as uncertain."""
     found = identify(unstable(UNSTABLE, 3), starts=4, order=3)
     assert found.certificate.constraint_margin < 1.0  # Pa: the constraint is active
@@ -385,7 +383,7 @@ def test_standard_errors_are_those_of_repeated_tests() -> None:
 
 
 @pytest.mark.slow
-def test_no_law_at_all_is_an_optimum_of_a_sweep() -> None:
+def test_no_law_at_all_is_an_optimum_of_a_sweep():
     """Forces above those of the braid alone: whatever must not pull the muscle back is zero."""
     above = famjax.Muscle(SHAPE, famjax.PolynomialMaterial([-1e6]), 0.0)
     data = unstable(above, 0, noise=0.0)

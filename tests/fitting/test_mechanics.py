@@ -1,7 +1,6 @@
 """The shape from mechanics in fits: a made-up muscle comes back, and everything opens as it was."""
 
 import dataclasses
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -45,7 +44,7 @@ def fit(data: fitting.ForceData) -> fitting.Identification:
 
 
 @pytest.mark.slow
-def test_a_known_muscle_comes_back(fit: fitting.Identification) -> None:
+def test_a_known_muscle_comes_back(fit):
     assert fit.errors.rmse < 1.2
     for name, true in {**TRUTH, **OF_LAW}.items():
         one = fit.estimate(name)
@@ -55,7 +54,7 @@ def test_a_known_muscle_comes_back(fit: fitting.Identification) -> None:
 
 
 @pytest.mark.slow
-def test_it_opens_as_it_was(fit: fitting.Identification, tmp_path: Path) -> None:
+def test_it_opens_as_it_was(fit, tmp_path):
     fitting.write_fit(fit, tmp_path)
     saved = fitting.load_fit(tmp_path / "fit.json")
     at = fit.data.length, fit.data.pressure
@@ -83,9 +82,7 @@ def _pictures(specimen: fitting.Specimen, error: float = 2e-5) -> fitting.shapes
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_photographs_and_force_are_fitted_together(
-    data: fitting.ForceData, fit: fitting.Identification, tmp_path: Path
-) -> None:
+def test_photographs_and_force_are_fitted_together(data, fit, tmp_path):
     pictures = _pictures(data.specimen)
     options = {"law": "ogden", "ends": "equilibrium", "noise": 1.0, "starts": 4}
     both = fitting.identify(data, **options, pictures=pictures)
@@ -114,7 +111,7 @@ def test_photographs_and_force_are_fitted_together(
         ({"pictures": np.nan}, "every photograph needs its pressure"),
     ],
 )
-def test_what_does_not_go_with_it(data: fitting.ForceData, options: dict, words: str) -> None:
+def test_what_does_not_go_with_it(data, options, words):
     if pressure := options.get("pictures"):
         shown = dataclasses.replace(_pictures(data.specimen), pressure=np.full(8, pressure))
         options = {**options, "pictures": shown}
@@ -122,7 +119,7 @@ def test_what_does_not_go_with_it(data: fitting.ForceData, options: dict, words:
         fitting.identify(data, **{"ends": "equilibrium", **options})
 
 
-def test_a_fitting_of_unknown_diameter_is_asked_for(data: fitting.ForceData) -> None:
+def test_a_fitting_of_unknown_diameter_is_asked_for(data):
     bare = dataclasses.replace(data.specimen, nominal_diameter=None)
     with pytest.raises(InputError, match="give nominal_diameter"):
         EquilibriumSource.of(dataclasses.replace(data, specimen=bare))
@@ -130,7 +127,7 @@ def test_a_fitting_of_unknown_diameter_is_asked_for(data: fitting.ForceData) -> 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_series_tells_of_a_length_that_it_has_not_seen() -> None:
+def test_a_series_tells_of_a_length_that_it_has_not_seen():
     maps, new = [_map(rest) for rest in (0.12, 0.2)], _map(0.15)
     found = fitting.identify_series(maps, laws="ogden", ends="equilibrium", starts=2)
     assert found.name == "ogden, shape from mechanics"
@@ -141,7 +138,7 @@ def test_a_series_tells_of_a_length_that_it_has_not_seen() -> None:
 
 
 @pytest.mark.slow
-def test_a_muscle_that_is_cut_is_one_of_that_length(data: fitting.ForceData) -> None:
+def test_a_muscle_that_is_cut_is_one_of_that_length(data):
     long, short = (_muscle(one.specimen, TRUTH) for one in (data, _map(0.1)))
     cut = famjax.cut_to_length(long, 0.1)
     np.testing.assert_allclose(cut.force(0.09, 4e5), short.force(0.09, 4e5), rtol=1e-9)

@@ -41,9 +41,7 @@ def robust(spoilt: tuple[ForceData, np.ndarray]) -> Identification:
 
 
 @pytest.mark.slow
-def test_outliers_are_named_and_do_not_move_the_truth(
-    spoilt: tuple[ForceData, np.ndarray], robust: Identification
-) -> None:
+def test_outliers_are_named_and_do_not_move_the_truth(spoilt, robust):
     data, wrong = spoilt
     assert robust.converged
     assert set(wrong) <= set(np.flatnonzero(robust.weights < 0.5))
@@ -60,9 +58,7 @@ def test_outliers_are_named_and_do_not_move_the_truth(
 
 
 @pytest.mark.slow
-def test_the_optimum_is_that_of_the_function_itself(
-    spoilt: tuple[ForceData, np.ndarray], robust: Identification
-) -> None:
+def test_the_optimum_is_that_of_the_function_itself(spoilt, robust):
     """Its gradient by automatic differentiation, with the threshold that the weights tell."""
     data, _ = spoilt
     residual = np.abs(robust.residuals)
@@ -90,9 +86,7 @@ def mean_rmse(values: np.ndarray, data: ForceData) -> float:
 
 
 @pytest.mark.slow
-def test_mean_rmse_is_least_where_nothing_near_is_less(
-    spoilt: tuple[ForceData, np.ndarray],
-) -> None:
+def test_mean_rmse_is_least_where_nothing_near_is_less(spoilt):
     data, _ = spoilt
     found = identify(data, starts=8, objective="mean_rmse", constraint="none")
     assert found.converged
@@ -128,7 +122,7 @@ def one_sided_sum(data: ForceData, result: fitting.Identification, E: np.ndarray
 
 
 @pytest.mark.parametrize("limit", [None, 1000.0])
-def test_coefficients_are_the_optimum_of_one_sided_squares(dmsp20: ForceData, limit: float) -> None:
+def test_coefficients_are_the_optimum_of_one_sided_squares(dmsp20, limit):
     capped = dataclasses.replace(dmsp20, force_limit=limit)
     result = fitting.identify(capped, order=2, bounds=HELD, constraint="none", censored=True)
     assert result.certificate.kkt_residual < 1e-12
@@ -143,7 +137,7 @@ def test_coefficients_are_the_optimum_of_one_sided_squares(dmsp20: ForceData, li
     np.testing.assert_allclose(result.coefficients[0], found.x * scale, rtol=1e-4)
 
 
-def test_saturated_readings_are_no_data_but_information(dmsp20: ForceData) -> None:
+def test_saturated_readings_are_no_data_but_information(dmsp20):
     data = dmsp20
     capped = dataclasses.replace(data, force=np.minimum(data.force, 900.0), force_limit=900.0)
     assert capped.saturated.sum() > 3
@@ -158,7 +152,7 @@ def test_saturated_readings_are_no_data_but_information(dmsp20: ForceData) -> No
     assert dropped.errors.n_points == capped.loaded.sum() == censored.errors.n_points
 
 
-def test_validation_and_bootstrap_of_a_censored_fit(dmsp20: ForceData) -> None:
+def test_validation_and_bootstrap_of_a_censored_fit(dmsp20):
     plain, censored = (fitting.identify(dmsp20, censored=one, starts=4) for one in (False, True))
     left_out = fitting.validate(censored, "pressure", starts=1)
     assert censored.errors.rmse < left_out.rmse < 3 * censored.errors.rmse

@@ -3,8 +3,6 @@
 Nothing of the package is edited: classes declare their numbers, and everything works with them.
 """
 
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,7 +54,7 @@ class Foreign(famjax.AbstractMuscle):
 
 
 @pytest.mark.slow
-def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
+def test_conical_ends_with_a_parameter_of_their_own(tmp_path):
     truth = ConicalEnds(cylinder(), 0.02)
     data = readings(famjax.Muscle(truth, known_muscle().material, 30e3))
     result = identify(data, geometry=ConicalEnds, parameters={"cone_length": Parameter()})
@@ -70,7 +68,7 @@ def test_conical_ends_with_a_parameter_of_their_own(tmp_path: Path) -> None:
     assert min(row.rmse for row in known.rows) < 1e-6
 
 
-def test_a_foreign_model_as_a_peer() -> None:
+def test_a_foreign_model_as_a_peer():
     data = readings(Foreign(0.3, 4e-4, 12.0, 1.7))
     family = ModelFamily.of(Foreign.template(rest_length=0.3), "somebody 2026")
     fit = fitting.comparison.fit_peer(family, data, starts=4)
@@ -83,6 +81,6 @@ def test_a_foreign_model_as_a_peer() -> None:
 
 
 @pytest.mark.parametrize("path", ["nowhere:Gent", "math:pi", "famjax:Muscle"])
-def test_a_law_that_is_not_found_is_refused(path: str) -> None:
+def test_a_law_that_is_not_found_is_refused(path):
     with pytest.raises(InputError, match="law"):
         identify(readings(known_muscle()), law=path)

@@ -54,7 +54,7 @@ def identified(fluid: str, seed: int) -> tuple[Plant, PlantFit]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", TRUTHS)
-def test_a_plant_is_found_again(fluid: str) -> None:
+def test_a_plant_is_found_again(fluid):
     truth, fit = identified(fluid, 1)
     known = {**truth.circuit.parameters(), "friction.share": 0.025, "viscosity": 220.0}
     for one in fit.estimates:
@@ -70,7 +70,7 @@ def test_a_plant_is_found_again(fluid: str) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_record_does_not_tell_is_said() -> None:
+def test_what_a_record_does_not_tell_is_said():
     plant = Plant(PneumaticCircuit(), LinearMcKibben())
     record = record_of(plant, (0.45, 0.5, 0.55), 6.0, 2)
     fit = identify_plant(record, plant, free=("conductance", "critical_ratio", "dead_band"))
@@ -91,7 +91,7 @@ GOOD = PlantRecord(TIME, 0.5 + 0.2 * (TIME > 1), 1e4 * TIME, np.full(TIME.size, 
         ({"pressure": GOOD.pressure + 101e3}, "subtract it"),
     ],
 )
-def test_what_is_no_record_is_refused(change: dict, said: str) -> None:
+def test_what_is_no_record_is_refused(change, said):
     with pytest.raises(InputError, match=said):
         dataclasses.replace(GOOD, **change)
 
@@ -104,13 +104,13 @@ def test_what_is_no_record_is_refused(change: dict, said: str) -> None:
         ([], {}, "at least one PlantRecord"),
     ],
 )
-def test_what_cannot_be_identified_is_refused(record, options: dict, said: str) -> None:
+def test_what_cannot_be_identified_is_refused(record, options, said):
     with pytest.raises(InputError, match=said):
         identify_plant(record, Plant(PneumaticCircuit(), LinearMcKibben()), **options)
 
 
 @pytest.mark.slow
-def test_derivatives_of_the_residual() -> None:
+def test_derivatives_of_the_residual():
     from fitting.plant import _pieces, _Shooting
 
     plant = Plant(PneumaticCircuit(), LinearMcKibben(), friction=DahlFriction())

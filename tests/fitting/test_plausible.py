@@ -101,13 +101,13 @@ def ends() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("slip", SLIPS)
-def test_a_slip_ends_in_one_sentence(slip: str, ends: dict[str, str]) -> None:
+def test_a_slip_ends_in_one_sentence(slip, ends):
     assert re.match(f"InputError: .*{SLIPS[slip][1]}", ends.get(slip, "nothing"))
 
 
 @pytest.mark.parametrize("size", [2e-3, 150e-3])
 @pytest.mark.parametrize("length", [10e-3, 3.0])
-def test_real_muscles_are_not_refused(size: float, length: float) -> None:
+def test_real_muscles_are_not_refused(size, length):
     muscle = specimen(
         rest_length=length, nominal_diameter=size, wall_thickness=size / 10, embedded=True
     )

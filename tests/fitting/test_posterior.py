@@ -29,7 +29,7 @@ def ridge() -> BoxMap:
 
 
 @pytest.mark.slow
-def test_volume_is_that_of_the_derivative(ridge: BoxMap) -> None:
+def test_volume_is_that_of_the_derivative(ridge):
     rng = np.random.default_rng(0)
     bent = ridge.along(np.linspace(0.5, 1, 7), {1: 0.3 + np.linspace(0, 1, 7) ** 3})
 
@@ -45,7 +45,7 @@ def test_volume_is_that_of_the_derivative(ridge: BoxMap) -> None:
 
 
 @pytest.mark.parametrize("z", [-300.0, -30.0, 30.0, 300.0])
-def test_far_out_it_stays_finite_and_inside(ridge: BoxMap, z: float) -> None:
+def test_far_out_it_stays_finite_and_inside(ridge, z):
     at = jnp.full(3, z)
     v, log_volume = ridge(at)
     assert np.isfinite(log_volume)
@@ -54,7 +54,7 @@ def test_far_out_it_stays_finite_and_inside(ridge: BoxMap, z: float) -> None:
     assert (v < 1 + 1e-12).all()
 
 
-def test_far_from_bounds_it_is_the_linear_map() -> None:
+def test_far_from_bounds_it_is_the_linear_map():
     spread = np.array([[1e-4, 5e-5], [5e-5, 1e-4]])
     box = BoxMap.of(np.zeros(2), np.ones(2), np.full(2, 0.5), spread)
     z = np.array([0.7, -1.1])
@@ -116,9 +116,7 @@ def quadrature(data: ForceData, allowed, censored: bool) -> np.ndarray:
         ((2e6, -4e5), "positive", True, 450.0),
     ],
 )
-def test_coefficients_are_those_of_quadrature(
-    E: tuple[float, float], constraint: str, censored: bool, limit: float | None
-) -> None:
+def test_coefficients_are_those_of_quadrature(E, constraint, censored, limit):
     data = held_map(E, limit, deep=censored)
     assert data.loaded.all() != censored
     options = {"constraint": constraint, "censored": censored}
@@ -143,7 +141,7 @@ def test_coefficients_are_those_of_quadrature(
 
 
 @pytest.mark.slow
-def test_density_is_the_integral_over_the_coefficients() -> None:
+def test_density_is_the_integral_over_the_coefficients():
     """Two geometries: the ratio of their masses is that of quadrature over the coefficients."""
     data = held_map((3e6, -2e6), deep=False)
     bounds = HELD | {"deadband_pressure": (0.0, 6e4)}
@@ -182,7 +180,7 @@ def posterior(measured: Identification) -> Posterior:
 
 
 @pytest.mark.slow
-def test_chains_of_a_measured_muscle_agree(posterior: Posterior) -> None:
+def test_chains_of_a_measured_muscle_agree(posterior):
     assert posterior.r_hat < 1.01
     assert posterior.effective_size > 400
     assert posterior.converged
@@ -192,7 +190,7 @@ def test_chains_of_a_measured_muscle_agree(posterior: Posterior) -> None:
 
 
 @pytest.mark.slow
-def test_ridge_at_a_bound(posterior: Posterior, measured: Identification) -> None:
+def test_ridge_at_a_bound(posterior, measured):
     diameter, angle = posterior.draws("braid_diameter"), posterior.draws("braid_angle")
     assert ((diameter >= 0.020) & (diameter <= 0.0236)).all()
     assert np.corrcoef(diameter.ravel(), angle.ravel())[0, 1] < -0.97
@@ -208,7 +206,7 @@ def test_ridge_at_a_bound(posterior: Posterior, measured: Identification) -> Non
 
 
 @pytest.mark.slow
-def test_arviz_reads_the_groups(posterior: Posterior) -> None:
+def test_arviz_reads_the_groups(posterior):
     groups = posterior.groups()
     assert {a.shape for a in groups["posterior"].values()} == {(4, 300)}
     arviz = pytest.importorskip("arviz")
@@ -219,14 +217,14 @@ def test_arviz_reads_the_groups(posterior: Posterior) -> None:
     np.testing.assert_array_equal(data["posterior"]["E_1"].values, posterior.draws("E_1"))
 
 
-def test_refusals(measured: Identification) -> None:
+def test_refusals(measured):
     with pytest.raises(fitting.InputError, match="noise must be one standard deviation > 0"):
         fitting.sample(measured, noise=-1.0)
     with pytest.raises(fitting.InputError, match="draws must be a whole number >= 4, got 1"):
         fitting.sample(measured, draws=1)
 
 
-def test_without_blackjax(measured: Identification, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_blackjax(measured, monkeypatch):
     monkeypatch.setitem(sys.modules, "blackjax", None)
     with pytest.raises(fitting.InputError, match=r"pip install \"famjax\[posterior\]\""):
         load_blackjax()
@@ -235,7 +233,7 @@ def test_without_blackjax(measured: Identification, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("rho", [-0.3, 0.0, 0.5, 0.9])
-def test_what_chains_show_is_that_of_a_known_process(rho: float) -> None:
+def test_what_chains_show_is_that_of_a_known_process(rho):
     """An autoregressive process is worth (1 - rho)/(1 + rho) of its draws; one that is off is told."""
     rng = np.random.default_rng(0)
     x = np.zeros((4, 1000, 8))

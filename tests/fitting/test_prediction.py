@@ -47,9 +47,7 @@ def measured(one: famjax.Muscle, std: float = 0.0) -> Identification:
 @pytest.mark.parametrize("deadband", [0.0, 40e3])
 @pytest.mark.parametrize("coefficients", [(5.9e6, -19.0e6, 25.8e6), (-1e6,), (0.0,)])
 @pytest.mark.parametrize("highest", [1e5, 1.8e6])
-def test_the_onset_is_that_of_the_muscle(
-    deadband: float, coefficients: tuple[float, ...], highest: float
-) -> None:
+def test_the_onset_is_that_of_the_muscle(deadband, coefficients, highest):
     one = festo(deadband, coefficients)
     lengths = np.append(LENGTHS, 0.4)  # the last is longer than the threads
     expected = np.asarray(one.onset_pressure(lengths, highest, throw=False))
@@ -65,8 +63,8 @@ def test_the_onset_is_that_of_the_muscle(
 @pytest.mark.parametrize("rest_length", [None, 0.25])
 @pytest.mark.parametrize("compliance", slow_after(2, [0.0, 2e-6]))
 def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
-    compliance: float, rest_length: float | None
-) -> None:
+    compliance, rest_length
+):
     mounted = famjax.MountedMuscle(festo(40e3), compliance)
     numbers = [np.asarray(leaf) for leaf in jax.tree.leaves(mounted)]
     spread = np.random.default_rng(0).normal(size=(3, sum(n.size for n in numbers)))
@@ -94,7 +92,7 @@ def test_forces_are_those_of_the_muscle_and_errors_those_of_finite_differences(
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.08])
-def test_why_a_state_is_not_inside_and_that_nothing_is_said_beyond_the_braid(factor: float) -> None:
+def test_why_a_state_is_not_inside_and_that_nothing_is_said_beyond_the_braid(factor):
     one = festo(40e3)
     if factor > 1:
         ends = famjax.geometries.EndEffectGeometry(one.geometry, factor)
@@ -121,7 +119,7 @@ def test_why_a_state_is_not_inside_and_that_nothing_is_said_beyond_the_braid(fac
     assert "beyond the thread's" in onset["outside"]
 
 
-def test_a_force_is_turned_into_its_pressure_and_back() -> None:
+def test_a_force_is_turned_into_its_pressure_and_back():
     one = measured(festo(40e3))
     lengths, forces = np.array([0.25, 0.28]), np.array([0.0, 100.0, 1e5])
     rows = pressures_for(one, lengths, forces)
@@ -151,14 +149,12 @@ def test_a_force_is_turned_into_its_pressure_and_back() -> None:
         (np.nan, 1.0, False, (False, np.nan, np.nan)),
     ],
 )
-def test_what_a_reading_can_be(
-    model: float, half: float, seen: bool, expected: tuple[float, bool, float, float]
-) -> None:
+def test_what_a_reading_can_be(model, half, seen, expected):
     found = reported(np.array([model]), np.array([half]), np.array([seen]))
     assert [one[0] for one in found] == pytest.approx(expected, nan_ok=True)
 
 
-def test_a_slack_reading_speaks_of_shorter_lengths_and_lower_pressures() -> None:
+def test_a_slack_reading_speaks_of_shorter_lengths_and_lower_pressures():
     length, pressure, force = [0.25, 0.25, 0.30, 0.20], [1e5, 2e5, 5e5, 3e5], [0.0, 40.0, 0.0, 5.0]
     fit = bare_fit(festo(0.0), *map(np.array, (length, pressure, force)))
     length = np.array([0.25, 0.24, 0.2501, 0.252, 0.25, 0.29])
@@ -168,7 +164,7 @@ def test_a_slack_reading_speaks_of_shorter_lengths_and_lower_pressures() -> None
 
 
 @pytest.mark.parametrize("deadband", [0.0, 40e3])
-def test_rest_without_pressure_is_no_force(deadband: float) -> None:
+def test_rest_without_pressure_is_no_force(deadband):
     one = festo(deadband)
     (row,) = predict(measured(one), np.array([REST]), np.array([0.0]))
     assert row["force_N"] == 0
@@ -180,7 +176,7 @@ def test_rest_without_pressure_is_no_force(deadband: float) -> None:
     ]  # fmt: skip
 
 
-def test_forces_and_bands_are_never_below_zero_and_slack_states_hold_no_force() -> None:
+def test_forces_and_bands_are_never_below_zero_and_slack_states_hold_no_force():
     one = festo(40e3)
     lengths, pressures = np.linspace(0.23, REST, 9), np.linspace(0.0, 6e5, 13)
     rows = predict(measured(one, std=0.01), lengths, pressures)
@@ -228,8 +224,8 @@ def without_a_length(dmsp20: ForceData, tmp_path_factory: pytest.TempPathFactory
 @pytest.mark.slow
 @pytest.mark.parametrize(("options", "widest"), [((), 130.0), (("--law", "polynomial"), 240.0)])
 def test_a_length_left_out_lies_in_its_band(
-    dmsp20: ForceData, without_a_length: Path, tmp_path: Path, said: Callable, options: tuple, widest: float
-) -> None:  # fmt: skip
+    dmsp20, without_a_length, tmp_path, said, options, widest
+):  # fmt: skip
     said("fit", without_a_length, *options, "--output", tmp_path)
     asked = ",".join(f"{P:.0f}Pa" for P in PRESSURES)
     state = "--length", f"{LEFT_OUT}m", "--pressure", asked
@@ -243,9 +239,7 @@ def test_a_length_left_out_lies_in_its_band(
 
 
 @pytest.mark.slow
-def test_a_band_grows_with_the_distance_and_says_what_it_covers(
-    without_a_length: Path, tmp_path: Path, said: Callable[..., str]
-) -> None:
+def test_a_band_grows_with_the_distance_and_says_what_it_covers(without_a_length, tmp_path, said):
     told = said("fit", without_a_length, "--law", "ogden", "--output", tmp_path, "--verbose")
     assert "The 95 % bands of predictions are of single readings" in told
     states = "--length", "280mm,225mm,340mm,100mm", "--pressure", "500kPa,900kPa"
@@ -288,9 +282,7 @@ def saved(chosen: tuple[str, Choice], tmp_path: Path) -> Identification:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rest", [0.1, 0.5])
-def test_the_band_holds_what_a_muscle_of_that_length_pulls(
-    chosen: tuple[str, Choice], saved: Identification, rest: float
-) -> None:
+def test_the_band_holds_what_a_muscle_of_that_length_pulls(chosen, saved, rest):
     data = one_of(chosen[0], rest, noise=0.0)
     held = []
     for length in np.unique(data.length):
@@ -305,9 +297,7 @@ def test_the_band_holds_what_a_muscle_of_that_length_pulls(
 
 
 @pytest.mark.slow
-def test_a_prediction_is_the_mean_of_the_accounts(
-    chosen: tuple[str, Choice], saved: Identification
-) -> None:
+def test_a_prediction_is_the_mean_of_the_accounts(chosen, saved):
     known = chosen[1].other_lengths
     assert known is not None
     assert len(saved.outlook.other_lengths) == len(known.members) == len(known.names) > 1

@@ -4,7 +4,6 @@ import dataclasses
 import html
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -18,19 +17,12 @@ import famjax
 import fitting
 from famjax.boundary.files import Origin
 from famjax.cards import read_card
-from fitting import (
-    Identification,
-    InputError,
-    load_fit,
-    predict,
-    validate,
-    write_fit,
-)
+from fitting import Identification, InputError, load_fit, predict, validate, write_fit
 from fitting.report import Findings, Live, html_report
 from fitting.saved import card_of, correlations, fit_as_dict
 
 
-def test_fit_file_gives_the_same_muscle(fitted20: Identification, tmp_path: Path) -> None:
+def test_fit_file_gives_the_same_muscle(fitted20, tmp_path):
     paths = write_fit(fitted20, tmp_path / "deep" / "er")
     assert sorted(p.name for p in paths) == ["fit.json", "fit.png", "report.html"]
     assert sorted(p.name for p in paths[0].parent.iterdir()) == sorted(p.name for p in paths)
@@ -52,8 +44,8 @@ ORIGIN = Origin("2026-01-31T12:00:00+01:00", "famjax fit 'my map.csv' --seed 3")
 
 
 def test_the_report_is_one_page_that_says_where_it_comes_from_and_what_was_measured(
-    fitted20: Identification, tmp_path: Path
-) -> None:
+    fitted20, tmp_path
+):
     page = html_report(Findings(fitted20), "us", origin=ORIGIN)
     assert page.startswith("<!doctype html>")
     assert not re.search(r'(?:src|href)="(?!#|data:)', page)
@@ -92,9 +84,7 @@ def test_the_report_is_one_page_that_says_where_it_comes_from_and_what_was_measu
         (lambda fit: fit.update(series_compliance_m_per_N=[1.0]), "float"),
     ],
 )
-def test_damaged_fits_are_refused_when_they_are_read(
-    fitted20: Identification, tmp_path: Path, spoil: Callable[[dict], object], message: str
-) -> None:
+def test_damaged_fits_are_refused_when_they_are_read(fitted20, tmp_path, spoil, message):
     document = json.loads(json.dumps(fit_as_dict(fitted20)))
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(document))
@@ -109,14 +99,14 @@ def test_damaged_fits_are_refused_when_they_are_read(
     ("content", "message"),
     [(None, "cannot read"), ("{", "is not a JSON file"), ("{}", "must be a fit of schema 'famjax-fit/2'")],
 )  # fmt: skip
-def test_files_that_are_no_fit(tmp_path: Path, content: str | None, message: str) -> None:
+def test_files_that_are_no_fit(tmp_path, content, message):
     if content:
         (tmp_path / "fit.json").write_text(content)
     with pytest.raises(InputError, match=message):
         load_fit(tmp_path / "fit.json")
 
 
-def test_a_saved_fit_is_what_was_identified(fitted20: Identification, tmp_path: Path) -> None:
+def test_a_saved_fit_is_what_was_identified(fitted20, tmp_path):
     """It validates, profiles and predicts as the fit does that was saved."""
     saved = load_fit(write_fit(fitted20, tmp_path)[0])
     for one in dataclasses.fields(Identification):
@@ -134,7 +124,7 @@ def test_a_saved_fit_is_what_was_identified(fitted20: Identification, tmp_path: 
     assert errors[0] == pytest.approx(errors[1], rel=1e-4)
 
 
-def test_the_saved_band_is_that_of_the_parameters(fitted20: Identification, tmp_path: Path) -> None:
+def test_the_saved_band_is_that_of_the_parameters(fitted20, tmp_path):
     """The delta method by central differences of the muscle built by hand."""
     document = json.loads(write_fit(fitted20, tmp_path)[0].read_text())
     assert document["spread"]["band"] == "linear"
@@ -171,9 +161,7 @@ def fit_json(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_card_command_writes_what_predict_says(
-    fit_json: Path, tmp_path: Path, run: Callable
-) -> None:
+def test_the_card_command_writes_what_predict_says(fit_json, tmp_path, run):
     path = tmp_path / "muscle.json"
     code, out, _ = run("card", fit_json, "-o", path, "--name", "mine")
     assert (code, f"written: {path}" in " ".join(out.split())) == (0, True)
@@ -189,7 +177,7 @@ def test_the_card_command_writes_what_predict_says(
 
 
 @pytest.mark.slow
-def test_the_covariance_is_that_of_the_fit(fit_json: Path) -> None:
+def test_the_covariance_is_that_of_the_fit(fit_json):
     fit = load_fit(fit_json)
     known = card_of(fit, count=0).covariance
     assert known is not None
@@ -218,7 +206,7 @@ MOVE = """page => {
 
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason=NO_BROWSER)
-def test_the_page_says_what_predict_says(fitted20: fitting.Identification, tmp_path: Path) -> None:
+def test_the_page_says_what_predict_says(fitted20, tmp_path):
     write_fit(fitted20, tmp_path)
     fit, rng = fitting.load_fit(tmp_path / "fit.json"), np.random.default_rng(0)
     for width in (400, 1100):
@@ -233,7 +221,7 @@ def test_the_page_says_what_predict_says(fitted20: fitting.Identification, tmp_p
             assert said == f"Force {force} N, 95 % band {low} to {high} N"
 
 
-def test_units_of_the_report_are_those_of_the_sliders(fitted20: fitting.Identification) -> None:
+def test_units_of_the_report_are_those_of_the_sliders(fitted20):
     live = Live.of(fitted20, "us")
     assert live.units == {"length": "in", "pressure": "psi", "force": "lbf"}
     assert "NaN" not in live.json

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -81,7 +80,7 @@ def saved(series: Series, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_family_that_transfers_is_chosen(series: Series) -> None:
+def test_the_family_that_transfers_is_chosen(series):
     assert series.name == "mooney-rivlin, compliant rig"  # what the truth is
     assert series.law == "mooney-rivlin"
     assert series.weights[0] > 0.99  # of the rig that gives way
@@ -89,7 +88,7 @@ def test_the_family_that_transfers_is_chosen(series: Series) -> None:
     assert all(error > 0 for error in series.candidates.values())
 
 
-def test_the_truth_is_recovered(series: Series) -> None:
+def test_the_truth_is_recovered(series):
     first, second = series.specimens
     assert first.converged
     for name, truth in zip(
@@ -100,7 +99,7 @@ def test_the_truth_is_recovered(series: Series) -> None:
 
 
 @pytest.mark.parametrize("rest", NEVER_SEEN)
-def test_a_length_never_seen_is_predicted_within_its_band(series: Series, rest: float) -> None:
+def test_a_length_never_seen_is_predicted_within_its_band(series, rest):
     L, P = points(rest)
     truth = np.asarray(in_rig(rest, TRUTH).force(L, P))
     force, std = series.predict(rest, L, P)
@@ -109,7 +108,7 @@ def test_a_length_never_seen_is_predicted_within_its_band(series: Series, rest: 
     assert std.max() < 10 * NOISE  # the band says something
 
 
-def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None:
+def test_the_saved_series_predicts_the_same(series, saved):
     fit = load_fit(saved)
     lengths = np.array([0.125, 0.12, 0.09])
     rows = predict(fit, lengths, np.array([4e5]), rest_length=0.125, length_std=5e-4, onset=True)
@@ -147,7 +146,7 @@ def test_the_saved_series_predicts_the_same(series: Series, saved: Path) -> None
          "describe the same quantity"),
     ],
 )  # fmt: skip
-def test_what_is_no_series_is_refused(maps: tuple, options: dict, words: str) -> None:
+def test_what_is_no_series_is_refused(maps, options, words):
     data = [specimen(rest, seed) for seed, rest in enumerate(maps)]
     named = [
         dataclasses.replace(one, specimen=dataclasses.replace(one.specimen, name=f"{k}"))
@@ -157,9 +156,7 @@ def test_what_is_no_series_is_refused(maps: tuple, options: dict, words: str) ->
         identify_series(named, **options)
 
 
-def test_the_command_reads_the_maps_and_its_file_predicts(
-    run: Callable, tmp_path: Path, series: Series, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_reads_the_maps_and_its_file_predicts(run, tmp_path, series, monkeypatch):
     """The identification itself, a minute of it, is that of the fixture."""
     given: list[ForceData] = []
 
@@ -192,7 +189,7 @@ def test_the_command_reads_the_maps_and_its_file_predicts(
     assert f"of rest length {1e3 * SEEN[0]:.4g} mm; --rest-length asks" in out
 
 
-def test_its_verdict_is_that_of_all_specimens(series: Series, saved: Path) -> None:
+def test_its_verdict_is_that_of_all_specimens(series, saved):
     """Specimens of one make, and one of them in another unit."""
     judged = judge_series(series.specimens, series.left_out)
     assert judged.passed

@@ -71,7 +71,7 @@ def force(geometry: famjax.geometries.AbstractGeometry) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_force_from_photographs_is_that_of_the_true_profiles() -> None:
+def test_force_from_photographs_is_that_of_the_true_profiles():
     true = force(famjax.MeasuredGeometry(true_family(), BLADDER))
     found = shape_surface(photographed())
     error = force(found.geometry(SPECIMEN, braid=BRAID)) - true
@@ -82,7 +82,7 @@ def test_force_from_photographs_is_that_of_the_true_profiles() -> None:
 
 
 @pytest.mark.slow
-def test_a_braid_that_gives_is_seen_in_the_shape() -> None:
+def test_a_braid_that_gives_is_seen_in_the_shape():
     found = shape_surface(photographed(stretch=2e-4))
     assert found.form.with_pressure >= 0
     family = found.family(BRAID)
@@ -93,7 +93,7 @@ def test_a_braid_that_gives_is_seen_in_the_shape() -> None:
 
 
 @pytest.mark.slow
-def test_its_bands_cover_the_truth() -> None:
+def test_its_bands_cover_the_truth():
     """Of 24 campaigns, each with its noise."""
     inside = []
     for seed in range(24):
@@ -104,7 +104,7 @@ def test_its_bands_cover_the_truth() -> None:
     assert 0.88 < np.mean(inside) < 0.99
 
 
-def test_pictures_held_out_are_as_near_as_expected() -> None:
+def test_pictures_held_out_are_as_near_as_expected():
     found = shape_surface(photographed(200)).held_out
     assert found.pictures == 40
     assert found.rms == pytest.approx(0.0006 * INCH, rel=0.15)
@@ -112,7 +112,7 @@ def test_pictures_held_out_are_as_near_as_expected() -> None:
     assert abs(found.mean) < 0.0001 * INCH
 
 
-def test_pictures_off_the_surface_are_left_out_and_named() -> None:
+def test_pictures_off_the_surface_are_left_out_and_named():
     sound = photographed()
     diameter = sound.diameter.copy()
     diameter[17] *= 1.02
@@ -122,14 +122,14 @@ def test_pictures_off_the_surface_are_left_out_and_named() -> None:
     assert "2 pictures lie off the surface" in found.notes[0]
 
 
-def test_pictures_of_two_muscles_are_no_surface() -> None:
+def test_pictures_of_two_muscles_are_no_surface():
     one = photographed()
     other = one.diameter * np.where(np.arange(120) % 4 == 0, 1.05, 1.0)[:, None]
     with pytest.raises(InputError, match="scatter by 2"):
         shape_surface(dataclasses.replace(one, diameter=other))
 
 
-def test_the_triangle_of_true_threads_is_found() -> None:
+def test_the_triangle_of_true_threads_is_found():
     """Of cylinders, for which it holds."""
     rng = np.random.default_rng(0)
     length = REST * (1 - 0.3 * rng.uniform(size=60))
@@ -145,13 +145,13 @@ Z = np.linspace(0, 1, 801)
 
 
 @pytest.mark.parametrize("contraction", PUBLISHED_CONTRACTIONS)
-def test_three_terms_of_a_series_are_found_again(contraction: float) -> None:
+def test_three_terms_of_a_series_are_found_again(contraction):
     true = np.asarray(published_shape(contraction)(Z))
     assert fit_fourier(Z, true).rmse < 2e-5 * true.max()
 
 
 @pytest.mark.parametrize("w", [1.3, 2.2, 3.7, 5.6, 6.28, 9.0, 11.5])
-def test_the_wave_number_is_found_wherever_it_is(w: float) -> None:
+def test_the_wave_number_is_found_wherever_it_is(w):
     a, b = 0.003 * np.random.default_rng(int(10 * w)).normal(size=(2, 2))
     angle = np.arange(1, 3) * w * Z[:, None]
     true = 0.03 + np.cos(angle) @ a + np.sin(angle) @ b
@@ -160,7 +160,7 @@ def test_the_wave_number_is_found_wherever_it_is(w: float) -> None:
     np.testing.assert_allclose(fit.diameter(Z), true, atol=1e-8)
 
 
-def test_a_series_is_the_muscles_own_profile() -> None:
+def test_a_series_is_the_muscles_own_profile():
     fit = fit_fourier(Z, np.asarray(published_shape(0.2625)(Z)))
     profile = famjax.profiles.FourierProfile(fit.mean, fit.cosines, fit.sines, fit.frequency)
     spread = np.abs(fit.cosines).sum() + np.abs(fit.sines).sum() + abs(fit.mean)
@@ -175,7 +175,7 @@ def test_a_series_is_the_muscles_own_profile() -> None:
         (Z, np.full(Z.shape, np.nan), "finite"),
     ],
 )
-def test_profiles_that_cannot_be_fitted(x: np.ndarray, d: np.ndarray, match: str) -> None:
+def test_profiles_that_cannot_be_fitted(x, d, match):
     with pytest.raises(InputError, match=match):
         fit_fourier(x, d)
 
@@ -216,7 +216,7 @@ def fitted(run: Callable, folder: Path) -> Callable[..., tuple[int, str, str]]:
 
 
 @pytest.mark.slow
-def test_the_law_and_the_turns_come_back(folder: Path, fitted: Callable) -> None:
+def test_the_law_and_the_turns_come_back(folder, fitted):
     code, out, _ = fitted(folder / "measurements.nc")
     assert code == 0
     assert "The shape is measured: 120 pictures from 153.5 to" in out
@@ -235,9 +235,7 @@ def test_the_law_and_the_turns_come_back(folder: Path, fitted: Callable) -> None
         (None, "no such file"),
     ],
 )
-def test_a_file_that_is_no_table_is_refused(
-    content: bytes | None, words: str, fitted: Callable, tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_table_is_refused(content, words, fitted, tmp_path):
     path = tmp_path / "shape.nc"
     if content is not None:
         path.write_bytes(content)
@@ -247,9 +245,7 @@ def test_a_file_that_is_no_table_is_refused(
 
 
 @pytest.mark.slow
-def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(
-    folder: Path, fitted: Callable
-) -> None:
+def test_the_errors_of_the_shape_and_those_stated_widen_the_parameters(folder, fitted):
     code, out, _ = fitted(folder / "measurements.nc", "--error", "wall_thickness_mm=0.05")
     assert code == 0
     assert "Standard errors by source" in out

@@ -101,7 +101,7 @@ def programme(dependence: str, constraint: str, order: int) -> tuple[np.ndarray,
 
 @pytest.mark.parametrize("constraint", ["none", "positive", "slope", "drucker"])
 @pytest.mark.parametrize("dependence", ["fixed", "linear", "free"])
-def test_fits_agree_with_clarabel(swept: Sweep, dependence: str, constraint: str) -> None:
+def test_fits_agree_with_clarabel(swept, dependence, constraint):
     for order in (2, 3):
         A, target, G, _ = programme(dependence, constraint, order)
         found = row(swept, dependence, order, constraint)
@@ -119,9 +119,7 @@ def averaged() -> Sweep:
 
 @pytest.mark.parametrize("constraint", ["none", "positive", "slope", "drucker"])
 @pytest.mark.parametrize("dependence", ["fixed", "linear", "free"])
-def test_the_mean_rmse_agrees_with_a_conic_programme(
-    averaged: Sweep, dependence: str, constraint: str
-) -> None:
+def test_the_mean_rmse_agrees_with_a_conic_programme(averaged, dependence, constraint):
     """Unknowns E, t; (t_p, A_p E - y_p) in a second-order cone, by Clarabel."""
     A, y, G, of = programme(dependence, constraint, 3)
     scale = np.abs(A).max(axis=0)
@@ -146,7 +144,7 @@ def test_the_mean_rmse_agrees_with_a_conic_programme(
     assert found.duality_gap < 1e-8
 
 
-def test_a_perfect_law_is_found_by_either_objective() -> None:
+def test_a_perfect_law_is_found_by_either_objective():
     """Where the RMSE of every pressure has its corner."""
     for objective in ("sum_of_squares", "mean_rmse"):
         found = sweep(
@@ -158,7 +156,7 @@ def test_a_perfect_law_is_found_by_either_objective() -> None:
         np.testing.assert_allclose(one.coefficients[0], SOFTENING, rtol=1e-6)
 
 
-def test_nothing_is_violated_between_the_stations(swept: Sweep) -> None:
+def test_nothing_is_violated_between_the_stations(swept):
     stable = [r for r in swept.rows if r.constraint == "drucker"]
     assert all(r.margin > -FEASIBLE * np.abs(r.coefficients).max() for r in stable)
     assert {r.verdict for r in stable} == {"stable"}
@@ -171,7 +169,7 @@ def test_nothing_is_violated_between_the_stations(swept: Sweep) -> None:
                 assert (G @ E).min() > -FEASIBLE * np.abs(E).max()
 
 
-def test_scores(swept: Sweep) -> None:
+def test_scores(swept):
     """Written out for one fit, and the relations between fits."""
     found = row(swept, "linear", 3, "none")
     forces = []
@@ -218,6 +216,6 @@ def test_scores(swept: Sweep) -> None:
          "no reading is shorter than the rest length"),
     ],
 )  # fmt: skip
-def test_bad_options_are_refused(change: dict, message: str) -> None:
+def test_bad_options_are_refused(change, message):
     with pytest.raises(InputError, match=message):
         sweep(**{"data": DATA, "geometry": geometry(), **change})

@@ -29,7 +29,7 @@ def with_misfit(result: Identification, percent: float) -> Identification:
     )
 
 
-def test_a_sound_map_passes(fitted20: Identification) -> None:
+def test_a_sound_map_passes(fitted20):
     verdict = judge(fitted20)
     assert verdict.passed
     assert "identified" in verdict.level
@@ -47,7 +47,7 @@ DOUBTS = {
 
 
 @pytest.mark.parametrize("told", DOUBTS)
-def test_a_doubt_or_a_failure_is_named(fitted20: Identification, told: str) -> None:
+def test_a_doubt_or_a_failure_is_named(fitted20, told):
     worse, passed = DOUBTS[told]
     verdict = judge(worse(fitted20))
     assert verdict.passed == passed
@@ -55,9 +55,7 @@ def test_a_doubt_or_a_failure_is_named(fitted20: Identification, told: str) -> N
     assert any(told in one for one in verdict.reasons)
 
 
-def test_a_grave_suspicion_is_the_first_reason_and_another_is_a_doubt(
-    fitted20: Identification,
-) -> None:
+def test_a_grave_suspicion_is_the_first_reason_and_another_is_a_doubt(fitted20):
     grave = judge(with_misfit(fitted20, 6.0), [SUSPICION])
     assert not grave.passed
     assert grave.reasons[0] == SUSPICION.sentence
@@ -65,7 +63,7 @@ def test_a_grave_suspicion_is_the_first_reason_and_another_is_a_doubt(
     assert (mild.level, mild.reasons[0]) == ("identified with doubts", SUSPICION.sentence)
 
 
-def test_residuals_that_keep_their_sign_are_a_doubt(fitted20: Identification) -> None:
+def test_residuals_that_keep_their_sign_are_a_doubt(fitted20):
     poor = with_misfit(fitted20, 1.5)
     told = "keep their sign from reading to reading"
     assert not any(told in one for one in judge(poor).reasons)
@@ -76,7 +74,7 @@ def test_residuals_that_keep_their_sign_are_a_doubt(fitted20: Identification) ->
     assert any(told in one for one in verdict.reasons)
 
 
-def test_a_ridge_is_named_with_its_correlation(fitted20: Identification) -> None:
+def test_a_ridge_is_named_with_its_correlation(fitted20):
     covariance = np.array(fitted20.covariance)
     i, j = (fitted20.problem.names.index(name) for name in ("braid_angle", "deadband_pressure"))
     covariance[i, i], covariance[j, j] = 1e-3, 1e9  # 1.8 deg of 10, 32 kPa of 100
@@ -89,7 +87,7 @@ def test_a_ridge_is_named_with_its_correlation(fitted20: Identification) -> None
     assert not any("Ridge" in one for one in judge(known).reasons)
 
 
-def test_lengths_that_disagree_are_a_doubt(fitted20: Identification) -> None:
+def test_lengths_that_disagree_are_a_doubt(fitted20):
     error = np.full(fitted20.residuals.size, 0.1 * fitted20.errors.max_force)
     level = fitted20.data.lengths.level[fitted20.data.loaded]
     group = np.unique(level, return_inverse=True)[1]
@@ -99,7 +97,7 @@ def test_lengths_that_disagree_are_a_doubt(fitted20: Identification) -> None:
     assert any("missed by" in one and "left out" in one for one in verdict.reasons)
 
 
-def test_runs_have_the_mean_and_the_variance_of_all_orders() -> None:
+def test_runs_have_the_mean_and_the_variance_of_all_orders():
     """By counting the runs of every order of 6 positive and 5 negative residuals."""
     counts = []
     for places in itertools.combinations(range(11), 6):
@@ -143,7 +141,7 @@ def causes(data: ForceData) -> str:
 
 
 @pytest.mark.slow
-def test_nothing_is_suspected_of_sound_maps(dmsp20: ForceData, dmsp10: ForceData) -> None:
+def test_nothing_is_suspected_of_sound_maps(dmsp20, dmsp10):
     for data in (dmsp20, dmsp10, known_muscle(0.03, 0.35, 65.0)):
         result = fit(data)
         assert suspect(result) == ()
@@ -197,16 +195,14 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("cause", slow_after(0, list(FAULTS)))
-def test_a_fault_is_named(dmsp10: ForceData, dmsp20: ForceData, cause: str) -> None:
+def test_a_fault_is_named(dmsp10, dmsp20, cause):
     fault, bore = FAULTS[cause]
     assert cause.strip() in causes(fault(dmsp10 if bore == 10 else dmsp20))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("unit", "times"), [("cm", 0.1), ("inches", 1 / 25.4)])
-def test_a_map_that_no_model_fits_has_its_lengths_unit_named(
-    dmsp20: ForceData, unit: str, times: float
-) -> None:
+def test_a_map_that_no_model_fits_has_its_lengths_unit_named(dmsp20, unit, times):
     with any_units():
         units = {**dmsp20.units, "length": "mm"}
         wrong = dataclasses.replace(dmsp20, length=dmsp20.length * times, units=units)
@@ -216,7 +212,7 @@ def test_a_map_that_no_model_fits_has_its_lengths_unit_named(
 
 
 @pytest.mark.slow
-def test_outliers_and_one_giant(dmsp20: ForceData) -> None:
+def test_outliers_and_one_giant(dmsp20):
     random = np.random.default_rng(3)
     rows = random.choice(np.flatnonzero(dmsp20.loaded), 5, replace=False)
     force = dmsp20.force.copy()
@@ -236,7 +232,7 @@ def test_outliers_and_one_giant(dmsp20: ForceData) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("behind", [True, False])
-def test_two_muscles_in_one_file(behind: bool) -> None:
+def test_two_muscles_in_one_file(behind):
     one = known_muscle(0.02, 0.3, 66.0)
     if behind:
         other = known_muscle(0.034, 0.3, 64.0)

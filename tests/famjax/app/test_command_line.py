@@ -27,9 +27,7 @@ from rig import cli as rig_cli
 
 
 @pytest.mark.slow
-def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(
-    run: Callable, force_map: Path, tmp_path: Path
-) -> None:
+def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map, tmp_path):
     asked = ("fit", force_map, "--order", 2, "--output", tmp_path / "o",
              "--specimen", "nominal_diameter_mm=20", "--bounds", "deadband_pressure_kPa=20")  # fmt: skip
     code, out, _ = run(*asked, "--json", "--units", "us")
@@ -68,7 +66,7 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(
 
 
 @pytest.mark.slow
-def test_the_picture_of_the_readme_is_that_of_its_command(run: Callable, tmp_path: Path) -> None:
+def test_the_picture_of_the_readme_is_that_of_its_command(run, tmp_path):
     """A picture says its title in words; docs/fit.png is `famjax fit`'s, copied."""
     assert run("fit", "--output", tmp_path)[0] == 0
     shown = Path(__file__).parents[3] / "docs" / "fit.png"
@@ -102,9 +100,7 @@ def _predict_from(run: Callable, fit: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code"), [(("doctor",), 1), (("fit",), 2), (("rig", "check", "x.fam"), 2)]
 )
-def test_a_clash_with_packages_of_others_is_named_by_whatever_meets_it(
-    tmp_path: Path, arguments: tuple[str, ...], code: int
-) -> None:
+def test_a_clash_with_packages_of_others_is_named_by_whatever_meets_it(tmp_path, arguments, code):
     (tmp_path / "fitting.py").write_text("")
     rig = tmp_path / "rig" / "__init__.py"
     rig.parent.mkdir()
@@ -121,9 +117,7 @@ def test_a_clash_with_packages_of_others_is_named_by_whatever_meets_it(
     ("command", "after", "left"),
     [("fit", 0.1, "nothing was written"), ("compare", 0.5, "the same command goes on from there")],
 )
-def test_an_interrupt_is_answered_whatever_is_going_on(
-    tmp_path: Path, command: str, after: float, left: str
-) -> None:
+def test_an_interrupt_is_answered_whatever_is_going_on(tmp_path, command, after, left):
     """In the import of a compiled module it would abort, in a callback of JAX it would be lost."""
     code = (
         "import os, signal, sys, threading\n"
@@ -149,7 +143,7 @@ def loaded(code: str) -> set[str]:
     return set(done.stdout.rpartition("loaded:")[2].split())
 
 
-def test_importing_the_library_loads_nothing_until_a_name_is_used() -> None:
+def test_importing_the_library_loads_nothing_until_a_name_is_used():
     assert not loaded("import famjax, fitting; famjax.units; fitting.InputError") & set(HEAVY)
     used = loaded(
         "from famjax import Muscle; from fitting import read_csv; from jax._src import xla_bridge\n"
@@ -161,7 +155,7 @@ def test_importing_the_library_loads_nothing_until_a_name_is_used() -> None:
     assert not loaded("import imaging, rig") & (set(HEAVY) - {"numpy", "scipy"})
 
 
-def test_a_namespace_is_imported_as_a_module_or_as_a_name() -> None:
+def test_a_namespace_is_imported_as_a_module_or_as_a_name():
     assert not loaded("import famjax.units") & set(HEAVY)
     assert "jax" in loaded("import famjax.peers; famjax.peers.TonduLopez; famjax.Muscle")
     assert famjax.units is sys.modules["famjax.units"]
@@ -182,8 +176,8 @@ def commands() -> list[tuple[tuple[str, ...], str, str]]:
 
 @pytest.mark.parametrize(("words", "path", "sentence"), commands())
 def test_a_command_is_listed_with_its_own_first_sentence_and_a_text_for_every_option(
-    words: tuple[str, ...], path: str, sentence: str, capsys: pytest.CaptureFixture
-) -> None:
+    words, path, sentence, capsys
+):
     module, _, name = path.partition(":")
     docstring = inspect.getdoc(getattr(importlib.import_module(module), name)) or ""
     assert docstring.split("\n\n")[0] == sentence
@@ -200,7 +194,7 @@ def test_a_command_is_listed_with_its_own_first_sentence_and_a_text_for_every_op
             assert option.parameter.help, option.names
 
 
-def test_help_loads_no_library(run: Callable) -> None:
+def test_help_loads_no_library(run):
     """That of one command after the other, in one process."""
     assert run("--version") == (0, f"famjax {famjax.__version__}\n", "")
     shown = run("fit", "--help")[1]
@@ -223,7 +217,7 @@ def start(*arguments: object, **streams: object) -> subprocess.Popen:
 
 
 @pytest.mark.slow
-def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_end(tmp_path: Path) -> None:
+def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_end(tmp_path):
     card = dataclasses.replace(bundled_card("DMSP-10"), name="M\u00fcller \u2116 7")
     path = write_card(card, tmp_path / "card.json")
     done = start(
@@ -235,7 +229,7 @@ def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_end(tmp_path: Path
     assert rb"Force of M\xfcller \u2116 7" in out
 
 
-def test_a_reader_that_has_left_is_no_error() -> None:
+def test_a_reader_that_has_left_is_no_error():
     """As in `famjax doctor | head -1`."""
     read, write = os.pipe()
     os.close(read)
@@ -246,7 +240,7 @@ def test_a_reader_that_has_left_is_no_error() -> None:
 
 
 @pytest.mark.slow
-def test_the_shape_of_a_bundled_muscle(run: Callable, tmp_path: Path) -> None:
+def test_the_shape_of_a_bundled_muscle(run, tmp_path):
     asked = ("shape", "DMSP-20", "--pressure", "500kPa", "-o", tmp_path / "shape")
     code, out, _ = run(*asked, "--length", "270mm", "--json")
     assert code == 0
@@ -267,7 +261,7 @@ def required(*words: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_files_of_a_design_search(run: Callable, tmp_path: Path) -> None:
+def test_files_of_a_design_search(run, tmp_path):
     code, out, _ = run(
         "design", *required("pressure_psi=100", "force_lbf=400", "stroke_in=2", "longest_length_in=18"),
         "--units", "us", "--search", "2e3", "--vary", "pressure_psi=40:100", "--json", "--output", tmp_path,
@@ -290,7 +284,7 @@ def test_files_of_a_design_search(run: Callable, tmp_path: Path) -> None:
         assert len([*csv.DictReader(file)]) == asked["feasible"]
 
 
-def test_a_design_that_nothing_meets_ends_1(run: Callable, tmp_path: Path) -> None:
+def test_a_design_that_nothing_meets_ends_1(run, tmp_path):
     wanted = required("pressure_psi=60", "force_lbf=1500", "stroke_in=2")
     code, out, _ = run("design", *wanted, "--search", 2000, "--units", "us", "--output", tmp_path)
     assert code == 1
@@ -381,22 +375,18 @@ def refused(run: Callable, monkeypatch: pytest.MonkeyPatch, force_map: Path) -> 
 @pytest.mark.parametrize(
     ("words", "said"), [*((("fit", "MAP", *words), said) for words, said in FIT_MAP), *OTHERS]
 )
-def test_a_refusal_says_what_to_do(refused: Callable, words: tuple[str, ...], said: str) -> None:
+def test_a_refusal_says_what_to_do(refused, words, said):
     refused(words, said)
 
 
 @pytest.mark.parametrize(("old", "new", "words", "said"), DAMAGED)
-def test_a_damaged_map_is_refused_with_its_place(
-    refused: Callable, force_map: Path, old: str, new: str, words: tuple[str, ...], said: str
-) -> None:
+def test_a_damaged_map_is_refused_with_its_place(refused, force_map, old, new, words, said):
     force_map.write_text(force_map.read_text().replace(old, new, 1))
     refused(("fit", "MAP", *words), said)
 
 
 @pytest.mark.parametrize(("words", "said"), AT_ONCE)
-def test_numbers_out_of_range_are_refused_before_any_work(
-    refused: Callable, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: str
-) -> None:
+def test_numbers_out_of_range_are_refused_before_any_work(refused, monkeypatch, words, said):
     def load() -> None:
         raise AssertionError("the library is loaded for a command that cannot run")
 

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,7 @@ from famjax.app.isobaric import analyse
 from famjax.app.simulation import SimulatedTest, simulate
 from famjax.app.tuning import step_test, tuned_text
 from famjax.boundary.errors import InputError
-from famjax.control.tuning import (
-    Duty,
-    Gains,
-    drawn_circuits,
-    expect,
-    tune,
-)
+from famjax.control.tuning import Duty, Gains, drawn_circuits, expect, tune
 from famjax.plant import DahlFriction, HydraulicCircuit, LinearMcKibben, Plant, PneumaticCircuit
 from famjax.units import INCH, LBF, PSI
 from fitting import load_fit, read_csv
@@ -29,11 +22,7 @@ from rig import audit, read_journal
 from rig.control import Control
 from rig.plan import Isobaric, PlanFile, read_plan
 from rig.protocol import Sample, Splitter, parse
-from rig.simulation import (
-    ByteChannel,
-    MachineClock,
-    SimulatedRig,
-)
+from rig.simulation import ByteChannel, MachineClock, SimulatedRig
 
 LIFT = """
 [circuit]
@@ -56,7 +45,7 @@ set_pressure_kPa = 200
 
 
 @pytest.mark.slow
-def test_a_bundled_muscle_lifts_a_mass(run: Callable, tmp_path: Path) -> None:
+def test_a_bundled_muscle_lifts_a_mass(run, tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text(LIFT)
     asked = ("simulate", "DMSP-20", plan, "-o", tmp_path / "out")
@@ -83,9 +72,7 @@ def test_a_bundled_muscle_lifts_a_mass(run: Callable, tmp_path: Path) -> None:
         ("set_pressure_kPa = 200", "set_pressure_kPa = 200\nvalve = 1", "[[step]] 2: unknown key"),
     ],
 )
-def test_a_plan_that_cannot_be_is_refused_in_a_sentence(
-    old: str, new: str, said: str, run: Callable, tmp_path: Path
-) -> None:
+def test_a_plan_that_cannot_be_is_refused_in_a_sentence(old, new, said, run, tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text(LIFT.replace(old, new))
     code, _, err = run("simulate", "DMSP-20", plan, "-o", tmp_path / "out")
@@ -117,7 +104,7 @@ def plants(circuit: object, count: int) -> tuple[list[Plant], np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("circuit", [PneumaticCircuit, HydraulicCircuit])
-def test_tuned_gains_hold_unseen_plants_better(circuit: type) -> None:
+def test_tuned_gains_hold_unseen_plants_better(circuit):
     some, forwards = plants(circuit, 3)
     found = tune(some, forwards, DUTY, seed=2)
     others, own = plants(circuit, 6)
@@ -138,12 +125,12 @@ def test_tuned_gains_hold_unseen_plants_better(circuit: type) -> None:
         ({"settle": 0.5}, "settle above 1 s"),
     ],
 )  # fmt: skip
-def test_a_duty_that_cannot_be_done_is_refused(change: dict, said: str) -> None:
+def test_a_duty_that_cannot_be_done_is_refused(change, said):
     with pytest.raises(InputError, match=said):
         dataclasses.replace(DUTY, **change)
 
 
-def test_the_text_of_a_plan_keeps_all_but_its_gains(tmp_path: Path) -> None:
+def test_the_text_of_a_plan_keeps_all_but_its_gains(tmp_path):
     found = tuned_text(PLAN, 12.345678, 40.0, 1.25)
     before, after = tomllib.loads(PLAN), tomllib.loads(found)
     before["plan"]["rise_s"] = 1.25
@@ -156,7 +143,7 @@ def test_the_text_of_a_plan_keeps_all_but_its_gains(tmp_path: Path) -> None:
     assert read_plan(path).plan.rise == 1.25
 
 
-def test_a_step_test_is_small_and_below_its_own_limit(tmp_path: Path) -> None:
+def test_a_step_test_is_small_and_below_its_own_limit(tmp_path):
     path = tmp_path / "plan.toml"
     for text, low, high in ((PLAN, 20, 40), (PLAN.replace("20, 40, 60", "30"), 18, 30)):
         path.write_text(text)
@@ -168,7 +155,7 @@ def test_a_step_test_is_small_and_below_its_own_limit(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", ["air", "water"])
-def test_a_rig_is_tuned_from_its_step_test(run: Callable, tmp_path: Path, fluid: str) -> None:
+def test_a_rig_is_tuned_from_its_step_test(run, tmp_path, fluid):
     plan, journal = tmp_path / "plan.toml", tmp_path / "step" / "test.fam"
     plan.write_text(PLAN.replace("water", fluid))
     assert run("rig", "step", plan, "--simulate", "-o", journal.parent)[0] == 0
@@ -192,7 +179,7 @@ GAINS = {"air": Control.per_psi(4, 2), "water": Control.per_psi(0, 5)}  # table 
 LIMIT = 115 * PSI
 
 
-def test_the_bytes_do_not_depend_on_the_steps() -> None:
+def test_the_bytes_do_not_depend_on_the_steps():
     streams = []
     for step in (0.001, 0.004, 0.1):
         rig = SimulatedRig(to_host=ByteChannel(baud=115200), clock_rate=-2e-3, seed=5)
@@ -208,7 +195,7 @@ def test_the_bytes_do_not_depend_on_the_steps() -> None:
 
 
 @pytest.mark.parametrize("rate", [-2e-3, 0.0, 3e-3])
-def test_the_device_counts_by_its_own_clock(rate: float) -> None:
+def test_the_device_counts_by_its_own_clock(rate):
     rig = SimulatedRig(clock_rate=rate)
     rig.advance(20.0)
     *_, last = (m for m in map(parse, Splitter().feed(rig.read())) if isinstance(m, Sample))
@@ -229,7 +216,7 @@ def air(tmp_path_factory: pytest.TempPathFactory) -> SimulatedTest:
 
 
 @pytest.mark.slow
-def test_a_whole_test_finds_the_muscle_that_was_simulated(air: SimulatedTest) -> None:
+def test_a_whole_test_finds_the_muscle_that_was_simulated(air):
     muscle = LinearMcKibben()
     for bar in air.analysis.characterisation.isobars:
         truth = np.asarray(muscle.force(bar.length, bar.set_pressure))
@@ -245,7 +232,7 @@ def test_a_whole_test_finds_the_muscle_that_was_simulated(air: SimulatedTest) ->
 
 
 @pytest.mark.slow
-def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air: SimulatedTest) -> None:
+def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air):
     found = audit(read_journal(air.paths[0]))
     assert found.sound
     assert found.checked == found.equal > 10_000
@@ -257,7 +244,7 @@ def test_its_journal_is_sound_and_its_dataset_is_read_by_a_fit(air: SimulatedTes
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fluid", ["air", "water"])
-def test_published_gains_hold_the_published_pressure(fluid: str, tmp_path: Path) -> None:
+def test_published_gains_hold_the_published_pressure(fluid, tmp_path):
     """Chapter 3: 0.02 in/s; 20 and 100 psi. Mean within 0.1 psi, deviation 0.15 to 0.45 psi."""
     done = whole_test(tmp_path, fluid, (20, 100), rate=0.02 * INCH, seed=11)
     for bar in done.analysis.characterisation.isobars:
@@ -266,7 +253,7 @@ def test_published_gains_hold_the_published_pressure(fluid: str, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(tmp_path: Path) -> None:
+def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(tmp_path):
     """From plan to analysis; also where the log begins late, or has 25 rows a second."""
     clock = MachineClock(31.0, -2e-4)
     done = whole_test(
@@ -308,9 +295,7 @@ integral_counts_per_psi_s = 2
 
 
 @pytest.mark.slow
-def test_a_fit_of_the_dataset_returns_the_fit_that_was_simulated(
-    run: Callable, tmp_path: Path
-) -> None:
+def test_a_fit_of_the_dataset_returns_the_fit_that_was_simulated(run, tmp_path):
     """Within three of its own standard errors; the forces within 1.6 N of the truth's."""
     plan, folders = tmp_path / "plan.toml", (tmp_path / "truth", tmp_path / "found")
     plan.write_text(STAIRS)

@@ -6,7 +6,6 @@ import math
 import re
 import shutil
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -34,7 +33,7 @@ def sheet(folder: Path, text: str) -> Path:
     return folder
 
 
-def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path: Path, run: Callable) -> None:
+def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path, run):
     folder = tmp_path / "muscle"
     code, out, _ = run("new", folder)
     assert code == 0
@@ -66,7 +65,7 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path: Path, run: Callable
         (SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n", "none or positive or slope or drucker"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_sheet_is_said(text: str, message: str, tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_sheet_is_said(text, message, tmp_path):
     with pytest.raises(InputError, match=message):
         read_sheet(sheet(tmp_path, text))
 
@@ -89,7 +88,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_twin_comes_back(twin: Path) -> None:
+def test_a_twin_comes_back(twin):
     """The law within four of its errors, those of the shape included; the turns within a thousandth."""
     truth = tomllib.loads((twin / TRUTH).read_text())["muscle"]
     found = json.loads((twin / "results" / "measured" / "figures.json").read_text())
@@ -104,7 +103,7 @@ def test_a_twin_comes_back(twin: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_report_is_whole(twin: Path) -> None:
+def test_the_report_is_whole(twin):
     report = twin / "results" / "report"
     page = (report / "report.html").read_text()
     assert re.search(r'(src|href)="(?!data:|#)', page) is None  # nothing is fetched
@@ -143,9 +142,7 @@ starts = 2
     ],
     ids=["no pictures", "pictures alone"],
 )  # fmt: skip
-def test_what_a_folder_does_not_hold_is_noted(
-    twin: Path, tmp_path: Path, run: Callable, text: str, notes: tuple[str, ...]
-) -> None:
+def test_what_a_folder_does_not_hold_is_noted(twin, tmp_path, run, text, notes):
     """From the map that the first step made; the scale stated, the bladder not measured."""
     shutil.copy(twin / "results" / "records" / "dataset.csv", tmp_path / "map.csv")
     if "photographs" in text:
@@ -202,7 +199,7 @@ def work(tmp_path: Path) -> Work:
     return work
 
 
-def test_what_is_done_is_not_done_again_and_a_change_redoes_what_depends_on_it(work: Work) -> None:
+def test_what_is_done_is_not_done_again_and_a_change_redoes_what_depends_on_it(work):
     assert work.run() == ["say"]
     assert work.run() == []
     assert work.told == ["double: as before", "say: as before"]
@@ -217,7 +214,7 @@ def test_what_is_done_is_not_done_again_and_a_change_redoes_what_depends_on_it(w
     assert said.read_text() == "it is 15"
 
 
-def test_steps_by_name(tmp_path: Path) -> None:
+def test_steps_by_name(tmp_path):
     work = Work(tmp_path)
     with pytest.raises(InputError, match="say needs double, which is not done"):
         work.run(only=("say",))
@@ -246,7 +243,7 @@ braid_thickness_m = 0.0
 """
 
 
-def test_a_contradiction_stops_and_all_checks_are_written(tmp_path: Path) -> None:
+def test_a_contradiction_stops_and_all_checks_are_written(tmp_path):
     fine = Check.about("this", 1.0, 1.0, 0.01)
     wrong = Check.about("that", 2.0, 1.0, 0.01, unit="mm")
     with pytest.raises(InputError, match=r"that: expected 0.98 to 1.02 mm, found 2 mm"):
@@ -298,9 +295,7 @@ def replaced(path: Path, old: str, new: str) -> None:
         (SHEET, "rest_length_in", "rest_length_mm", "with a rest length of 0.0092812 m"),
     ],
 )  # fmt: skip
-def test_records_that_contradict_stop_the_work(
-    copied: Path, run: Callable, name: str, old: str, new: str, said: str
-) -> None:
+def test_records_that_contradict_stop_the_work(copied, run, name, old, new, said):
     replaced(copied / name, old, new)
     code, _, err = run("characterise", copied)
     assert code == 2
@@ -309,9 +304,7 @@ def test_records_that_contradict_stop_the_work(
 
 
 @pytest.mark.slow
-def test_pictures_that_contradict_stop_the_work_and_a_mended_sheet_goes_on(
-    copied: Path, run: Callable
-) -> None:
+def test_pictures_that_contradict_stop_the_work_and_a_mended_sheet_goes_on(copied, run):
     steps = ("--only", "records", "--only", "pictures", "--jobs", "1")
     sheet = copied / SHEET
     replaced(sheet, "rest_length_in = 9.28125", "rest_length_in = 9.78125")
@@ -346,7 +339,7 @@ order = 2
 
 
 @pytest.mark.slow
-def test_the_page_has_a_verdict_its_units_and_reasons_for_equal_columns(tmp_path: Path) -> None:
+def test_the_page_has_a_verdict_its_units_and_reasons_for_equal_columns(tmp_path):
     """In metric units, and of a specimen that says less in those of the US."""
     data, places = load_bundled("DMSP-10-250"), (tmp_path / "metric", tmp_path / "us")
     known = data.specimen

@@ -9,7 +9,7 @@ import sys
 import time
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import pint
@@ -44,7 +44,7 @@ from famjax.compilation_cache import cache_root
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(k, u) for k, units in UNITS.items() for u in units])
-def test_multipliers_are_those_of_pint(kind: str, unit: str) -> None:
+def test_multipliers_are_those_of_pint(kind, unit):
     si = si_unit(kind)
     registry = pint.get_application_registry()
     unit_there, si_there = (
@@ -67,7 +67,7 @@ WHOLE = Sentence("It seems that ", INNER, " pulls ", Quantity(44.4822, "force", 
         ("si", "It seems that the length 0.25 m pulls 44.5 N."),
     ],
 )  # fmt: skip
-def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, text: str) -> None:
+def test_quantities_follow_the_units_also_in_a_sentence_within(system, text):
     assert sentence_in_units(WHOLE, system) == text
     assert sentence_in_units(text, "us") == text  # a text has no quantities to change
 
@@ -83,7 +83,7 @@ def test_quantities_follow_the_units_also_in_a_sentence_within(system: str, text
         ("2 N/mm and 3 Nm, DMSP-20 N", "us", "2 N/mm and 3 Nm, DMSP-20 N"),
     ],
 )  # fmt: skip
-def test_what_is_read_back_from_a_file_follows_units(text: str, system: str, shown: str) -> None:
+def test_what_is_read_back_from_a_file_follows_units(text, system, shown):
     assert text_in_units(text, system) == shown
     assert text_in_units(text_in_units(text, system), system) == shown
 
@@ -124,7 +124,7 @@ FORM = Form(
     plain=st.dictionaries(st.sampled_from("abc"), st.one_of(VALUES, st.lists(VALUES, max_size=3))),
     table=st.dictionaries(st.sampled_from("abc"), VALUES),
 )
-def test_what_is_written_is_read_back_to_the_same_bits(plain: dict, table: dict) -> None:
+def test_what_is_written_is_read_back_to_the_same_bits(plain, table):
     entries = {**plain, "table": table}
     assert repr(tomllib.loads(toml_text(entries))) == repr(entries)
 
@@ -136,7 +136,7 @@ def test_what_is_written_is_read_back_to_the_same_bits(plain: dict, table: dict)
         Outer(0.3, (0.1, 0.7), (1e-3, 2.0), 4, "water", "b", None, Inner(1 / 3)),
     ],
 )  # fmt: skip
-def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
+def test_a_dataclass_comes_back_from_its_entries(part):
     entries = to_entries(part, FORM)
     assert from_entries(Outer, tomllib.loads(toml_text(entries)), FORM) == part
     assert "count_of_all" in entries
@@ -166,7 +166,7 @@ def test_a_dataclass_comes_back_from_its_entries(part: Outer) -> None:
         ({"inner": {"gap_m": -1}}, r"^F: \[inner\]: gap_m must be a number >= 0 and finite, got -1"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
+def test_what_cannot_be_is_refused_with_its_place(change, message):
     with pytest.raises(InputError, match=message):
         from_entries(Outer, {"length_m": 1.0, **change}, FORM, where="F: ")
 
@@ -182,9 +182,7 @@ def in_fresh_process(code: str, **environment: str) -> str:
 
 
 @pytest.mark.skipif(sys.platform in {"win32", "darwin"}, reason="the convention of Linux")
-def test_the_folder_is_below_the_users_cache_unless_named(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_folder_is_below_the_users_cache_unless_named(monkeypatch, tmp_path):
     monkeypatch.delenv("FAMJAX_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_root() == tmp_path / "famjax" / "programs"
@@ -197,7 +195,7 @@ def test_the_folder_is_below_the_users_cache_unless_named(
     assert cache_root() == tmp_path / "mine"
 
 
-def test_the_folder_is_of_this_machine_and_private(tmp_path: Path) -> None:
+def test_the_folder_is_of_this_machine_and_private(tmp_path):
     folder = Path(in_fresh_process(SWITCH_ON, FAMJAX_CACHE_DIR=str(tmp_path)).strip("'"))
     assert folder.parent == tmp_path
     assert folder.name.endswith(f"-jaxlib-{jax.lib.__version__}")
@@ -207,15 +205,13 @@ def test_the_folder_is_of_this_machine_and_private(tmp_path: Path) -> None:
         assert folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_a_folder_of_somebody_else_is_not_trusted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_of_somebody_else_is_not_trusted(tmp_path, monkeypatch):
     assert compilation_cache._private_folder(tmp_path / "mine")
     monkeypatch.setattr(os, "getuid", lambda: -1, raising=False)
     assert not compilation_cache._private_folder(tmp_path / "mine")
 
 
-def test_a_platform_without_a_device_is_refused_in_one_sentence() -> None:
+def test_a_platform_without_a_device_is_refused_in_one_sentence():
     code = """
 from famjax.compilation_cache import start_jax
 from famjax.boundary.errors import InputError
@@ -242,14 +238,14 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, terminal: bool, patience: float) -
     return file.getvalue()
 
 
-def test_a_terminal_has_a_bar_of_each_part(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_has_a_bar_of_each_part(monkeypatch):
     text = shown(monkeypatch, terminal=True, patience=0.0)
     assert "leaving out" in text
     assert "1/9" in text
     assert "-:--:--" in text  # the time left
 
 
-def test_short_work_and_logs_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_short_work_and_logs_have_none(monkeypatch):
     assert shown(monkeypatch, terminal=True, patience=60.0) == ""
     assert shown(monkeypatch, terminal=False, patience=0.0).strip() == ""
 
@@ -257,7 +253,7 @@ def test_short_work_and_logs_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
 ROOT = Path(__file__).parents[3]
 
 
-def test_wheel_holds_exactly_the_four_packages() -> None:
+def test_wheel_holds_exactly_the_four_packages():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
     assert wheel["packages"] == ["famjax", "fitting", "imaging", "rig"]

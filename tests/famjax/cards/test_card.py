@@ -57,7 +57,7 @@ def answers(card: MuscleCard) -> dict[str, list]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.expected.json")), ids=lambda path: path.name)
-def test_a_card_of_every_version_is_read_and_says_the_same(path: Path) -> None:
+def test_a_card_of_every_version_is_read_and_says_the_same(path):
     card = read_card(path.with_name(path.name.replace(".expected", "")))
     wanted = json.loads(path.read_text())
     found = answers(card)
@@ -66,7 +66,7 @@ def test_a_card_of_every_version_is_read_and_says_the_same(path: Path) -> None:
         np.testing.assert_allclose(found[name], values, rtol=0, atol=atol)
 
 
-def test_a_card_comes_back_to_the_last_digit(golden: MuscleCard, tmp_path: Path) -> None:
+def test_a_card_comes_back_to_the_last_digit(golden, tmp_path):
     path = write_card(golden, tmp_path / "new" / "card.json")
     again = read_card(path)
     assert path.read_text() == write_card(again, tmp_path / "card.json").read_text()
@@ -80,7 +80,7 @@ def test_a_card_comes_back_to_the_last_digit(golden: MuscleCard, tmp_path: Path)
     assert eqx.tree_equal(again.members, golden.members)
 
 
-def test_the_schema_file_is_that_of_the_classes() -> None:
+def test_the_schema_file_is_that_of_the_classes():
     """`python -c "import json; from famjax.cards import schema; ..."` writes it: see its test."""
     assert SCHEMA_FILE.read_text() == json.dumps(schema(), indent=1) + "\n"
 
@@ -117,9 +117,7 @@ MEMBER = "members.0.muscle"
         ("hysteresis.cycle.turn_Pa", ..., "required field `turn_Pa`.*cycle"),
     ],
 )  # fmt: skip
-def test_a_damaged_card_is_explained(
-    path: str, value: object, message: str, tmp_path: Path
-) -> None:
+def test_a_damaged_card_is_explained(path, value, message, tmp_path):
     document = json.loads((GOLDEN / "card-1.json").read_text())
     at, (*places, key) = document, path.split(".")
     for place in places:
@@ -134,7 +132,7 @@ def test_a_damaged_card_is_explained(
 
 
 @pytest.mark.slow
-def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data() -> None:
+def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data():
     """A braid without wall and deadband pulls with -P dV/dL, rounded ends too."""
     geometry = famjax.geometries.EndEffectGeometry(cylinder(), 1.1)
     muscle = famjax.Muscle(geometry, famjax.terms.PressurisedBraid(0.0))
@@ -152,7 +150,7 @@ def test_the_volume_is_that_of_virtual_work_and_goes_on_beyond_the_data() -> Non
 
 
 @pytest.mark.slow
-def test_a_cut_card_pulls_the_same_at_the_same_contraction() -> None:
+def test_a_cut_card_pulls_the_same_at_the_same_contraction():
     card = bundled_card("DMSP-10")
     rest = float(card.muscle.geometry.rest_length)
     short = card.cut(rest / 2)
@@ -253,7 +251,7 @@ def through_text(card: dict) -> dict:
         len(MUSCLES) - 2, sorted(MUSCLES, key=lambda one: one in ("photographed", "average"))
     ),
 )
-def test_a_muscle_comes_back_to_the_last_bit(name: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_muscle_comes_back_to_the_last_bit(name, caplog):
     muscle = muscle_named(name)
     pull = force(muscle)
     assert np.isfinite(pull).all()
@@ -267,7 +265,7 @@ def test_a_muscle_comes_back_to_the_last_bit(name: str, caplog: pytest.LogCaptur
         assert mine.dtype == theirs.dtype
 
 
-def test_every_part_of_a_muscle_has_a_card_and_is_tried_above() -> None:
+def test_every_part_of_a_muscle_has_a_card_and_is_tried_above():
     tried: set[str] = set()
 
     def walk(card: object) -> None:
@@ -288,7 +286,7 @@ class Undeclared(famjax.PolynomialMaterial):
     modulus: np.ndarray = eqx.field(default_factory=lambda: np.ones(2))
 
 
-def test_what_has_no_card_is_refused() -> None:
+def test_what_has_no_card_is_refused():
     class Local(famjax.PolynomialMaterial):
         pass
 

@@ -14,7 +14,7 @@ HIGH = 6e5
 ROUND_TRIP = 1e-6  # Pa
 
 
-def test_round_trip(festo: famjax.Muscle) -> None:
+def test_round_trip(festo):
     L, P = np.linspace(0.22, 0.298, 7)[:, None], np.linspace(0.0, HIGH, 13)
     F = np.asarray(festo.force(L, P))
     found = pressure_for_force(festo, F, L, (0.0, HIGH))
@@ -28,7 +28,7 @@ def test_round_trip(festo: famjax.Muscle) -> None:
     np.testing.assert_array_equal(found.feasible, taut)
 
 
-def test_what_is_not_attained_has_the_nearest_and_a_code(festo: famjax.Muscle) -> None:
+def test_what_is_not_attained_has_the_nearest_and_a_code(festo):
     F, L = np.array([1e5, -5.0, 100.0, np.nan, 100.0]), np.array([0.28, 0.28, 0.28, 0.28, -1.0])
     found = pressure_for_force(festo, F, L, (2e5, HIGH))
     names = [Outcome(code).name for code in found.code.tolist()]
@@ -38,7 +38,7 @@ def test_what_is_not_attained_has_the_nearest_and_a_code(festo: famjax.Muscle) -
     assert len({outcome.message for outcome in Outcome}) == len(Outcome)
 
 
-def test_one_not_attained_leaves_the_derivatives_of_the_others(festo: famjax.Muscle) -> None:
+def test_one_not_attained_leaves_the_derivatives_of_the_others(festo):
     def total(deadband: jax.Array, forces: jax.Array, lengths: jax.Array) -> jax.Array:
         muscle = famjax.Muscle(festo.geometry, festo.material, deadband)
         return jnp.nansum(pressure_for_force(muscle, forces, lengths, (0.0, HIGH)).pressure)
@@ -51,7 +51,7 @@ def test_one_not_attained_leaves_the_derivatives_of_the_others(festo: famjax.Mus
 
 
 @pytest.mark.slow
-def test_an_angle_beyond_the_joint_has_an_outcome_of_its_own(festo: famjax.Muscle) -> None:
+def test_an_angle_beyond_the_joint_has_an_outcome_of_its_own(festo):
     pair = Antagonist(
         festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.275)), (0.0, HIGH), (-0.1, 0.1)
     )
@@ -99,7 +99,7 @@ PATHS = {"pulley": Pulley(0.02, 0.28), "lever": Lever([0.03, 0.004], [0.01, -0.3
 
 
 @pytest.mark.parametrize("kind", PATHS)
-def test_moment_arm_is_the_slope_and_the_distance_from_the_line(kind: str) -> None:
+def test_moment_arm_is_the_slope_and_the_distance_from_the_line(kind):
     path, angle = PATHS[kind], np.linspace(-0.8, 0.8, 9)
     central = -(path.length(angle + 1e-6) - path.length(angle - 1e-6)) / 2e-6
     np.testing.assert_allclose(path.moment_arm(angle), central, rtol=1e-7)
@@ -114,7 +114,7 @@ def test_moment_arm_is_the_slope_and_the_distance_from_the_line(kind: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pulley", "lever"])
-def test_round_trip_of_a_pair(festo: famjax.Muscle, softer: famjax.Muscle, kind: str) -> None:
+def test_round_trip_of_a_pair(festo, softer, kind):
     pair = _pair(festo, softer, kind)
     axes = np.linspace(-0.6, 0.6, 5), np.linspace(0.05, 0.95, 4), np.array([-3.0, 0.0, 2.0])
     angle, share, torque = np.meshgrid(*axes, indexing="ij")
@@ -166,9 +166,7 @@ def _brute(pair: Antagonist, angle: float, torque: float) -> tuple[float, float]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["festo", "lever", "pretension", "bent"])
-def test_feasible_set_against_brute_force(
-    festo: famjax.Muscle, softer: famjax.Muscle, case: str
-) -> None:
+def test_feasible_set_against_brute_force(festo, softer, case):
     """Nothing of the grid is outside the range, and its ends are attained to the grid's step."""
     pair = {
         "festo": lambda: _pair(festo, softer),
@@ -195,7 +193,7 @@ def test_feasible_set_against_brute_force(
 
 
 @pytest.mark.slow
-def test_derivatives_of_bounds_at_pressures_inside_the_range() -> None:
+def test_derivatives_of_bounds_at_pressures_inside_the_range():
     def bounds(x: jax.Array) -> jax.Array:
         found = _pair(Bent(), Bent(5e-4)).stiffness_range(0.2 * x[0], x[1])
         return jnp.stack([found.lowest, found.highest])

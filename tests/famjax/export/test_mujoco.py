@@ -29,9 +29,7 @@ def hanging(subject: Subject, tmp_path: Path):
 
 
 @pytest.mark.parametrize(("load", "pressure"), [(100.0, 2e5), (400.0, 4e5), (700.0, 6e5)])
-def test_loads_come_to_rest_where_ours_do(
-    load: float, pressure: float, hanging, subject: Subject
-) -> None:
+def test_loads_come_to_rest_where_ours_do(load, pressure, hanging, subject):
     model, data = hanging
     model.body_mass[1] = load / 9.81
     model.dof_damping[0] = 2 * np.sqrt(model.body_mass[1] * subject.pull.stiffness(0.27, pressure))
@@ -43,9 +41,7 @@ def test_loads_come_to_rest_where_ours_do(
     assert data.ten_length[0] == pytest.approx(expected, abs=1e-6)
 
 
-def test_without_the_callback_and_in_another_model_nothing_pulls(
-    hanging, subject: Subject, tmp_path: Path
-) -> None:
+def test_without_the_callback_and_in_another_model_nothing_pulls(hanging, subject, tmp_path):
     model, _ = hanging
     text = (tmp_path / "test_20.xml").read_text()
     other = mujoco.MjModel.from_xml_string(text.replace("slide", "rail", 1))
@@ -67,7 +63,7 @@ JOINT = """<mujoco><worldbody><body><joint name="elbow"/><geom size="0.1"/></bod
 <actuator><general name="flexor" tendon="t" gainprm="0" biastype="BIAS"/></actuator></mujoco>"""
 
 
-def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject: Subject) -> None:
+def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject):
     pulls = {"flexor": subject.pull}
     with pytest.raises(ValueError, match='must have biastype="user"'):
         install(mujoco.MjModel.from_xml_string(JOINT.replace("BIAS", "affine")), pulls)
@@ -81,7 +77,7 @@ def test_an_actuator_by_which_a_muscle_would_not_pull_is_refused(subject: Subjec
     assert data.actuator_force[0] == pytest.approx(-subject.pull.force(0.27, 3e5))
 
 
-def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging) -> None:
+def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging):
     model, data = hanging
     data.ctrl[0] = 4.5
     with pytest.warns(UserWarning, match="is it in Pa") as found:
@@ -89,7 +85,7 @@ def test_a_control_that_is_hardly_in_pascal_is_said_once(hanging) -> None:
     assert len(found) == 1
 
 
-def test_the_pressure_may_be_a_state_of_the_actuator(subject: Subject, tmp_path: Path) -> None:
+def test_the_pressure_may_be_a_state_of_the_actuator(subject, tmp_path):
     xml, _ = export(subject, ["mujoco"], tmp_path)
     text = xml.read_text().replace('gainprm="0"', 'dyntype="filter" dynprm="0.1" gainprm="0"')
     model = mujoco.MjModel.from_xml_string(text.replace('ctrl="', 'act="0" ctrl="'))
@@ -108,7 +104,7 @@ def test_the_pressure_may_be_a_state_of_the_actuator(subject: Subject, tmp_path:
 
 
 @needs("gcc")
-def test_the_compiled_callback_is_the_table(hanging, subject: Subject, tmp_path: Path) -> None:
+def test_the_compiled_callback_is_the_table(hanging, subject, tmp_path):
     model, data = hanging
     compiled(subject, tmp_path, "double")
     install(model, {"test_20": CompiledPull(tmp_path / "double.so", "test_20")})
@@ -119,9 +115,7 @@ def test_the_compiled_callback_is_the_table(hanging, subject: Subject, tmp_path:
 
 
 @pytest.mark.parametrize("name", ["subject", "dmsp_20"])
-def test_a_knee_driven_past_the_stroke_comes_to_rest(
-    name: str, request: pytest.FixtureRequest
-) -> None:
+def test_a_knee_driven_past_the_stroke_comes_to_rest(name, request):
     found = driven_knee(request.getfixturevalue(name).pull)
     assert found.finite
     assert found.overrun > 0.3

@@ -1,7 +1,6 @@
 """A muscle with its circuit in C and as an FMU: the plant's own pressure and force."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,7 +33,7 @@ def with_plant(subject: Subject, of: str) -> Subject:
 
 @needs("gcc")
 @pytest.mark.parametrize("of", PLANTS)
-def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) -> None:
+def test_the_step_in_c_is_the_plants(of, subject, tmp_path):
     errors = Course.of(with_plant(subject, of), 4.0).errors_in_c(tmp_path)
     assert errors["pressure"] < 1e-8
     assert errors["force"] < 1e-6
@@ -44,7 +43,7 @@ def test_the_step_in_c_is_the_plants(of: str, subject: Subject, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("of", "fits"), [("air, Dahl", True), ("water without relief, slip", False)]
 )
-def test_single_precision_is_for_air(of: str, fits: bool, subject: Subject, tmp_path: Path) -> None:
+def test_single_precision_is_for_air(of, fits, subject, tmp_path):
     export(with_plant(subject, of), ["c"], tmp_path)
     words = ["gcc", *STRICT, "-DTEST_20_REAL=float", "-fsyntax-only", str(tmp_path / "test_20.c")]
     done = ran(*words)
@@ -54,9 +53,7 @@ def test_single_precision_is_for_air(of: str, fits: bool, subject: Subject, tmp_
 
 @needs("gcc")
 @pytest.mark.parametrize("of", ["air, Dahl", "water, slip about a ramp"])
-def test_the_fmu_is_valid_and_the_plant_in_both_modes(
-    of: str, subject: Subject, tmp_path: Path
-) -> None:
+def test_the_fmu_is_valid_and_the_plant_in_both_modes(of, subject, tmp_path):
     validation = pytest.importorskip("fmpy.validation", reason="FMPy is not installed")
     course = Course.of(with_plant(subject, of), 4.0)
     (file,) = export(course.subject, ["fmu"], tmp_path)
@@ -67,7 +64,7 @@ def test_the_fmu_is_valid_and_the_plant_in_both_modes(
 
 @needs("gcc")
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
-def test_the_fmu_starts_at_what_is_set(kind: str, subject: Subject, tmp_path: Path) -> None:
+def test_the_fmu_starts_at_what_is_set(kind, subject, tmp_path):
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
     (file,) = export(subject, ["fmu"], tmp_path)  # the default circuit
     start = {"pressure": 3e5, "length": 0.27, "signal": 128 / 255}
@@ -77,7 +74,7 @@ def test_the_fmu_starts_at_what_is_set(kind: str, subject: Subject, tmp_path: Pa
     assert found["force"][0] == pytest.approx(float(subject.muscle.force(0.27, 3e5)), rel=1e-6)
 
 
-def test_a_plan_gives_circuit_and_friction(tmp_path: Path) -> None:
+def test_a_plan_gives_circuit_and_friction(tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text('[circuit]\nfluid = "water"\nrelief_kPa = 700\n[friction]\nshare = 0.03\n')
     command("export", "dmsp-20", "--to", "c", "--plant", plan, "-o", tmp_path)
@@ -86,7 +83,7 @@ def test_a_plan_gives_circuit_and_friction(tmp_path: Path) -> None:
         assert line in source
 
 
-def test_a_law_of_ones_own_is_refused(subject: Subject, tmp_path: Path) -> None:
+def test_a_law_of_ones_own_is_refused(subject, tmp_path):
     class Own(PneumaticCircuit):
         pass
 
@@ -100,7 +97,7 @@ def test_a_law_of_ones_own_is_refused(subject: Subject, tmp_path: Path) -> None:
 
 @needs("gcc")
 @pytest.mark.parametrize("of", ["air, slip about a stroke", "water without relief, slip"])
-def test_the_actuator_in_mujoco_is_the_plant(of: str, subject: Subject, tmp_path: Path) -> None:
+def test_the_actuator_in_mujoco_is_the_plant(of, subject, tmp_path):
     pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     errors = Course.of(with_plant(subject, of), 2.0).errors_in_mujoco(tmp_path)
     assert max(errors.values()) < 1e-3

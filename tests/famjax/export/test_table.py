@@ -32,7 +32,7 @@ from famjax.materials import (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["subject", "dmsp_20"])
-def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) -> None:
+def test_the_table_is_near_the_model(name, request):
     subject = request.getfixturevalue(name)
     L, P = exported_states(subject, 400)
     force = np.asarray(subject.muscle.force(L, P))
@@ -49,7 +49,7 @@ def test_the_table_is_near_the_model(name: str, request: pytest.FixtureRequest) 
     assert subject.errors.pressure < 1
 
 
-def test_slopes_are_those_of_the_force(subject: Subject) -> None:
+def test_slopes_are_those_of_the_force(subject):
     pull = subject.pull
     for length, pressure in zip(
         *(one.tolist() for one in exported_states(subject, 200)), strict=True
@@ -63,7 +63,7 @@ def test_slopes_are_those_of_the_force(subject: Subject) -> None:
             assert least - slack <= slope(length, pressure) <= most + slack
 
 
-def test_the_inverse(subject: Subject) -> None:
+def test_the_inverse(subject):
     pull = subject.pull
     for length, pressure in itertools.product((0.23, 0.26, 0.295, 0.31), (9e4, 3e5, 6e5, 9e5)):
         force = pull.force(length, pressure)
@@ -94,13 +94,13 @@ class Rippled(famjax.AbstractMuscle):
         return jnp.asarray(0.1), jnp.asarray(0.4)
 
 
-def test_a_model_with_ripples_is_refused() -> None:
+def test_a_model_with_ripples_is_refused():
     muscle = famjax.SafeMuscle.of(Rippled(), [0.2, 0.3], [0.0, 5e5])
     with pytest.raises(InputError, match="not smooth enough for a table"):
         tabulated(muscle)
 
 
-def test_slack_states_have_no_force_and_the_models_own(subject: Subject, tmp_path: Path) -> None:
+def test_slack_states_have_no_force_and_the_models_own(subject, tmp_path):
     """In the region and beyond, of the table and of its module for MuJoCo."""
     grid = np.meshgrid([0.15, 0.225, 0.25, 0.28, 0.296], [0.0, 2e4, 1e5, 3e5])
     L, P = (one.ravel() for one in grid)
@@ -148,9 +148,7 @@ def written(law: AbstractMaterial, folder: Path, *, embedded: bool, ends: bool) 
     [(law, k % 2 == 0, k in (1, 2)) for k, law in enumerate(LAWS)],
     ids=[type(law).__name__ for law in LAWS],
 )
-def test_equations_are_the_model(
-    law: AbstractMaterial, embedded: bool, ends: bool, tmp_path: Path
-) -> None:
+def test_equations_are_the_model(law, embedded, ends, tmp_path):
     muscle, module = written(law, tmp_path, embedded=embedded, ends=ends)
     assert "closed form" in module["__doc__"]
     rng, region = np.random.default_rng(1), muscle.region
@@ -161,7 +159,7 @@ def test_equations_are_the_model(
     np.testing.assert_allclose(module["pressure"](L, force)[pulls], P[pulls], rtol=1e-9)
 
 
-def test_range_and_shapes(tmp_path: Path) -> None:
+def test_range_and_shapes(tmp_path):
     _, module = written(LAWS[0], tmp_path, embedded=True, ends=False)
     force, pressure = module["force"], module["pressure"]
     assert force(np.array([[0.27], [0.28]]), np.array([2e5, 3e5, 4e5])).shape == (2, 3)
@@ -173,7 +171,7 @@ def test_range_and_shapes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_law_without_a_closed_form_is_a_table(tmp_path: Path) -> None:
+def test_a_law_without_a_closed_form_is_a_table(tmp_path):
     muscle, module = written(YeohMaterial([2e5, 1e4, 1e3]), tmp_path, embedded=True, ends=False)
     assert "no closed form" in module["__doc__"]
     expected = float(muscle.force(0.27, 4e5))

@@ -12,7 +12,7 @@ from scipy.io import loadmat, savemat
 from targets import code_sections, compiled, exported_states, rollout, rollout_derivatives, telling
 
 import famjax
-from famjax.export import Subject, export
+from famjax.export import export
 
 
 @pytest.mark.slow
@@ -20,9 +20,7 @@ from famjax.export import Subject, export
 @pytest.mark.parametrize(
     ("real", "force_error", "pressure_error"), [("double", 1e-6, 1.0), ("float", 1e-4, 200.0)]
 )
-def test_c_is_the_model(
-    real: str, force_error: float, pressure_error: float, dmsp_20: Subject, tmp_path: Path
-) -> None:
+def test_c_is_the_model(real, force_error, pressure_error, dmsp_20, tmp_path):
     function = compiled(dmsp_20, tmp_path, real)
     L, P = exported_states(dmsp_20, 2000)
     force = np.asarray(dmsp_20.muscle.force(L, P))
@@ -40,7 +38,7 @@ def test_c_is_the_model(
 
 @needs("avr-gcc")
 @needs("simavr")
-def test_an_avr_computes_the_same(dmsp_20: Subject, tmp_path: Path) -> None:
+def test_an_avr_computes_the_same(dmsp_20, tmp_path):
     export(dmsp_20, ["c"], tmp_path)
     options = {"compiler": "avr-gcc", "size": "avr-size"}
     sizes = code_sections(tmp_path / "dmsp_20.c", "-mmcu=atmega328p", **options)
@@ -71,7 +69,7 @@ def octave(folder: Path, commands: str) -> dict[str, np.ndarray]:
 
 
 @needs("octave-cli")
-def test_octave_computes_the_equations(dmsp_20: Subject, tmp_path: Path) -> None:
+def test_octave_computes_the_equations(dmsp_20, tmp_path):
     export(dmsp_20, ["matlab", "python"], tmp_path)
     rng, region = np.random.default_rng(5), dmsp_20.muscle.region
     L, P = (rng.uniform(low, high, 10_000) for low, high in (region.length, region.pressure))
@@ -97,9 +95,7 @@ def test_octave_computes_the_equations(dmsp_20: Subject, tmp_path: Path) -> None
 
 
 @needs("octave-cli")
-def test_octave_computes_the_table_to_the_last_digits(
-    subject: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_octave_computes_the_table_to_the_last_digits(subject, tmp_path, monkeypatch):
     monkeypatch.setattr("famjax.export.targets.closed_form", lambda _: None)
     export(subject, ["matlab"], tmp_path)
     L, P = exported_states(subject, 100)
@@ -125,7 +121,7 @@ def test_octave_computes_the_table_to_the_last_digits(
 
 @pytest.mark.slow
 @needs("octave-cli")
-def test_octave_reads_the_mat_file(subject: Subject, tmp_path: Path) -> None:
+def test_octave_reads_the_mat_file(subject, tmp_path):
     export(subject, ["mat"], tmp_path)
     back = octave(
         tmp_path,
@@ -141,9 +137,7 @@ STEPS = 50
 
 
 @pytest.mark.slow
-def test_a_process_without_famjax_computes_force_and_gradient(
-    subject: Subject, tmp_path: Path
-) -> None:
+def test_a_process_without_famjax_computes_force_and_gradient(subject, tmp_path):
     pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
     export(subject, ["jax"], tmp_path)
     L, P = np.array([0.24, 0.28, 0.31, 0.4]), np.array([3e5, 5e5, 9e5, 1e5])
@@ -165,9 +159,7 @@ def test_a_process_without_famjax_computes_force_and_gradient(
 
 
 @pytest.mark.slow
-def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(
-    subject: Subject, tmp_path: Path
-) -> None:
+def test_an_mjx_rollout_is_mujoco_s_and_its_derivative_that_of_differences(subject, tmp_path):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     pytest.importorskip("mujoco.mjx", reason="MuJoCo's MJX is not installed")
     exact, difference = rollout_derivatives(tmp_path, STEPS)

@@ -34,7 +34,7 @@ def scaled(data: ForceData, factor: float) -> ForceData:
 
 
 @pytest.mark.slow
-def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Callable, dmsp10: ForceData) -> None:
+def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit, dmsp10):
     code, out, _, folder = fit(scaled(dmsp10, 1 / 9.80665), *QUICK)
     assert code == 1
     assert {path.name for path in folder.iterdir()} == FILES
@@ -46,20 +46,20 @@ def test_kgf_labelled_newtons_end_1_with_the_reason_first(fit: Callable, dmsp10:
 
 
 @pytest.mark.slow
-def test_a_chosen_model_does_not_hide_a_wrong_file(fit: Callable, dmsp10: ForceData) -> None:
+def test_a_chosen_model_does_not_hide_a_wrong_file(fit, dmsp10):
     code, out, _, folder = fit(scaled(dmsp10, 1 / 4.44822))
     assert (code, "lbf, not N" in out) == (1, True)
     assert {path.name for path in folder.iterdir()} == FILES
     assert fit(dmsp10)[0] == 0
 
 
-def test_a_muscle_of_250_mm_labelled_25(fit: Callable, dmsp10: ForceData) -> None:
+def test_a_muscle_of_250_mm_labelled_25(fit, dmsp10):
     code, _, err, _ = fit(dmsp10, *QUICK, "--specimen", "rest_length_mm=25")
     assert (code, "rest length was in cm, not mm" in err) == (2, True)
 
 
 @pytest.mark.slow
-def test_numbers_of_notes_and_verdict_follow_the_units(fit: Callable, dmsp10: ForceData) -> None:
+def test_numbers_of_notes_and_verdict_follow_the_units(fit, dmsp10):
     lines = csv_text(dmsp10, "metric").splitlines()
     bare = "\n".join(one for one in lines if not one.startswith("#")) + "\n"
     code, told, _, folder = fit(bare, *QUICK, "--units", "us", "--verbose")
@@ -77,7 +77,7 @@ STATE = ("--length", "230mm", "--pressure", "5bar")
 
 
 @pytest.mark.slow
-def test_the_export_of_a_fit_names_its_file(run: Callable, tmp_path: Path) -> None:
+def test_the_export_of_a_fit_names_its_file(run, tmp_path):
     assert run("fit", "DMSP-10-250", "--order", "2", "--output", tmp_path / "fit")[0] == 0
     assert run("export", tmp_path / "fit" / "fit.json", "--to", "c", "-o", tmp_path / "c")[0] == 0
     (head,) = (tmp_path / "c").glob("*.h")
@@ -86,7 +86,7 @@ def test_the_export_of_a_fit_names_its_file(run: Callable, tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["DMSP-10", "dmsp_10", "dmsp-10-250", "DMSP-10-250"])
-def test_every_name_is_known_everywhere(run: Callable, tmp_path: Path, name: str) -> None:
+def test_every_name_is_known_everywhere(run, tmp_path, name):
     assert fitting.load_bundled(name).specimen.name == "DMSP-10-250"
     assert famjax.muscles.bundled_card(name).name == famjax.muscles.bundled_card("DMSP-10").name
     code, out, _ = run("predict", name, *STATE, "--json")
@@ -99,9 +99,7 @@ def test_every_name_is_known_everywhere(run: Callable, tmp_path: Path, name: str
 
 
 @pytest.mark.slow
-def test_what_was_not_identified_says_so_wherever_it_is_used(
-    run: Callable, dmsp10: ForceData, tmp_path: Path
-) -> None:
+def test_what_was_not_identified_says_so_wherever_it_is_used(run, dmsp10, tmp_path):
     write_csv(scaled(dmsp10, 1 / 9.80665), tmp_path / "kgf.csv", "metric")
     assert run("fit", tmp_path / "kgf.csv", "--law", "ogden", "--output", tmp_path)[0] == 1
     made, card = tmp_path / "fit.json", tmp_path / "card.json"
@@ -121,9 +119,7 @@ def test_what_was_not_identified_says_so_wherever_it_is_used(
 
 
 @pytest.mark.slow
-def test_a_law_of_ones_own_is_assessed_by_other_processes(
-    run: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_law_of_ones_own_is_assessed_by_other_processes(run, tmp_path, monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.syspath_prepend(EXAMPLES)
 
@@ -142,7 +138,7 @@ def test_a_law_of_ones_own_is_assessed_by_other_processes(
 
 
 @pytest.mark.slow
-def test_posterior_of_a_censored_fit(run: Callable, tmp_path: Path) -> None:
+def test_posterior_of_a_censored_fit(run, tmp_path):
     pytest.importorskip("blackjax")
     fitted = run("fit", "DMSP-10-250", "--objective", "censored", "--output", tmp_path, "--json")
     code, out, _ = run("assess", tmp_path / "fit.json", "--posterior", "--json")

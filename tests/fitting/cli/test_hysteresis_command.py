@@ -1,7 +1,6 @@
 """Raw ramps in, both branches out: `famjax ramps`, `fit`, `assess --hysteresis`, `predict --history`."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +61,7 @@ def fitted(records: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
-def test_the_fit_holds_the_hysteresis(fitted: Path) -> None:
+def test_the_fit_holds_the_hysteresis(fitted):
     document = json.loads((fitted / "fit.json").read_text())["hysteresis"]
     assert document["duality_gap"] < 1e-10
     # The lowest point of each record is at the kink where the muscle turns slack.
@@ -75,7 +74,7 @@ def test_the_fit_holds_the_hysteresis(fitted: Path) -> None:
     assert load_fit(fitted / "fit.json").outlook.hysteresis is not None
 
 
-def test_both_branches_are_predicted(run: Callable, fitted: Path, tmp_path: Path) -> None:
+def test_both_branches_are_predicted(run, fitted, tmp_path):
     path = tmp_path / "history.csv"
     rows = [f"{k},270,{P / 1e3}" for k, P in enumerate(PRESSURES)]
     path.write_text("\n".join(["time_s,length_mm,pressure_kPa", *rows]) + "\n")
@@ -102,7 +101,7 @@ def test_both_branches_are_predicted(run: Callable, fitted: Path, tmp_path: Path
     assert json.loads(out)[1]["pressure_psi"] == pytest.approx(4e5 / 6894.757, rel=1e-6)
 
 
-def test_the_band_holds_the_error_of_the_hysteresis(fitted: Path) -> None:
+def test_the_band_holds_the_error_of_the_hysteresis(fitted):
     fit = load_fit(fitted / "fit.json")
     missed = max(one["rms_N"] for one in fit.document["hysteresis"]["left_out"].values())
     L, P = np.full(6, 0.27), np.array(PRESSURES)

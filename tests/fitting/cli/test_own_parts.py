@@ -3,7 +3,6 @@
 import copy
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +73,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_parts_take_part_are_saved_and_predict(here: Path, run: Callable) -> None:
+def test_parts_take_part_are_saved_and_predict(here, run):
     def found(*words: str) -> Any:
         code, out, _ = run(*words)
         assert code == 0
@@ -102,9 +101,7 @@ def test_parts_take_part_are_saved_and_predict(here: Path, run: Callable) -> Non
         (("--term", "spy:Spring", "--free", "spring"), "unknown parameter; available"),
     ],
 )
-def test_what_cannot_be_used_is_refused_before_any_fit(
-    here: Path, words: tuple[str, ...], message: str, run: Callable
-) -> None:
+def test_what_cannot_be_used_is_refused_before_any_fit(here, words, message, run):
     code, _, err = run("fit", "DMSP-20-300", *words)
     assert code == 2
     assert message in " ".join(err.split())
@@ -141,9 +138,7 @@ def files(fitted20: fitting.Identification) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("kind", ["card", "fit", "series", "alike", "lengths", "problem"])
-def test_a_file_imports_nothing_unless_the_module_is_named(
-    kind: str, files: dict[str, Any], here: Path, run: Callable
-) -> None:
+def test_a_file_imports_nothing_unless_the_module_is_named(kind, files, here, run):
     path = here / f"{kind}.json"
     path.write_text(json.dumps(files[kind]))
     predict = ["predict", path, "--length", "270mm", "--pressure", "5bar"]
@@ -156,7 +151,7 @@ def test_a_file_imports_nothing_unless_the_module_is_named(
     assert not (here / "imported").exists()
 
 
-def test_a_module_that_is_named_is_imported(files: dict[str, Any], here: Path) -> None:
+def test_a_module_that_is_named_is_imported(files, here):
     for kind, document in files.items():
         (here / f"{kind}.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match="not famjax's"):

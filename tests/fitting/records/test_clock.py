@@ -36,7 +36,7 @@ def arrivals(
 
 @pytest.mark.parametrize("drift", [3000e-6, -3000e-6])
 @pytest.mark.parametrize("period", [200.0, 600.0, 1800.0])
-def test_drift_and_wobble_are_followed_to_a_millisecond(drift: float, period: float) -> None:
+def test_drift_and_wobble_are_followed_to_a_millisecond(drift, period):
     t, true, arrived = arrivals(int(period), duration=1800, drift=drift, period=period)
     clock = fit_clock(t, arrived)
     error = clock.host(t) - true - LATENCY
@@ -54,7 +54,7 @@ def test_drift_and_wobble_are_followed_to_a_millisecond(drift: float, period: fl
         ([1.0, np.nan], [1.0, 2.0], "finite"),
     ],
 )
-def test_what_cannot_be_mapped_is_refused(device: list, host: list, match: str) -> None:
+def test_what_cannot_be_mapped_is_refused(device, host, match):
     with pytest.raises(InputError, match=match):
         fit_clock(device, host)
 
@@ -81,9 +81,7 @@ def recorded(
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("offset", "rate"), [(1234.5678, 0.0), (-77.7, 3e-3), (0.004, -5e-5)])
-def test_offset_and_rate_are_found_within_their_errors(
-    seed: int, offset: float, rate: float
-) -> None:
+def test_offset_and_rate_are_found_within_their_errors(seed, offset, rate):
     found = align_by_load(*recorded(seed, offset, rate))
     at = np.array([10.0, 200.0, 400.0])
     machine = (at - offset) / (1 + rate)
@@ -94,7 +92,7 @@ def test_offset_and_rate_are_found_within_their_errors(
     assert found.residual == pytest.approx(8.0, rel=0.05)
 
 
-def test_the_errors_are_neither_boast_nor_blanket() -> None:
+def test_the_errors_are_neither_boast_nor_blanket():
     scaled = []
     for seed in range(12):
         found = align_by_load(*recorded(seed, 50.0, 1e-4))
@@ -105,7 +103,7 @@ def test_the_errors_are_neither_boast_nor_blanket() -> None:
 
 
 @pytest.mark.parametrize("every", [5, 25])
-def test_a_slow_log_is_laid_by_its_strokes(every: int) -> None:
+def test_a_slow_log_is_laid_by_its_strokes(every):
     """10 and 2 rows a second: too slow for the changes of pressure, which would pull the offset."""
     t, F, tm, Fm = recorded(4, 321.0, 1e-4)
     found = align_by_load(t, F, tm[::every], Fm[::every])
@@ -113,7 +111,7 @@ def test_a_slow_log_is_laid_by_its_strokes(every: int) -> None:
     assert np.abs(found.journal_time(machine) - [10.0, 400.0]).max() < 5e-3
 
 
-def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly() -> None:
+def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly():
     t = np.arange(0, 400.0, 0.01)
     F = 1000 * np.abs((t % 40) / 20 - 1)
     inner = t[(t > 60) & (t < 300)][::2]
@@ -135,12 +133,12 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly() -> None:
         (lambda t, F, tm, Fm: (t[:10], F[:10], tm, Fm), "at least 50"),
     ],
 )  # fmt: skip
-def test_records_of_different_tests_and_of_the_other_sign_are_refused(spoil, words: str) -> None:
+def test_records_of_different_tests_and_of_the_other_sign_are_refused(spoil, words):
     with pytest.raises(InputError, match=words):
         align_by_load(*spoil(*recorded(0, 5.0, 0.0)))
 
 
-def test_pulses_give_offset_and_rate() -> None:
+def test_pulses_give_offset_and_rate():
     rng = np.random.default_rng(2)
     scaled = []
     for _ in range(30):
@@ -154,7 +152,7 @@ def test_pulses_give_offset_and_rate() -> None:
     assert 0.5 < np.std(scaled) < 1.5
 
 
-def test_pulses_at_equal_distances_with_one_missing_are_refused() -> None:
+def test_pulses_at_equal_distances_with_one_missing_are_refused():
     times = np.arange(10) * 10.0
     with pytest.raises(InputError, match="match in 2 ways"):
         align_by_pulses(times, times[:-1] + 3.0)

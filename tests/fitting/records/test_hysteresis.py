@@ -1,7 +1,5 @@
 """Half-differences of branches: known strengths recovered, measured muscles predicted, feed-forward."""
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -80,13 +78,13 @@ TRUE = np.array([4.0, 0.0, 9.0, 0.0, 30.0])
 
 
 @pytest.mark.parametrize("make", [_ramps, _strokes], ids=["ramps", "strokes"])
-def test_known_strengths_are_recovered(make: Callable[[], BranchPairs]) -> None:
+def test_known_strengths_are_recovered(make):
     fit = fit_hysteresis(make(), thresholds=(WALL, BRAID), shrinkage=0.0)
     np.testing.assert_allclose(_strengths(fit), TRUE, atol=RECOVERED * TRUE.max())
     assert fit.rms < 1e-9
 
 
-def test_ramps_and_strokes_are_one_model() -> None:
+def test_ramps_and_strokes_are_one_model():
     """Strokes are predicted by a fit to ramps alone, and both are fitted together."""
     ramps, strokes = _ramps(), _strokes()
     fit = fit_hysteresis(ramps, thresholds=(WALL, BRAID), shrinkage=0.0)
@@ -99,7 +97,7 @@ def test_ramps_and_strokes_are_one_model() -> None:
     np.testing.assert_allclose(_strengths(joint), TRUE, atol=RECOVERED * TRUE.max())
 
 
-def test_strengths_are_optimal_and_certified() -> None:
+def test_strengths_are_optimal_and_certified():
     pairs = _ramps(noise=0.5)
     fit = fit_hysteresis(pairs)
     assert 0 <= fit.duality_gap < CERTIFIED
@@ -114,7 +112,7 @@ def test_strengths_are_optimal_and_certified() -> None:
     assert 0.5 * float(np.sum((A @ S - b) ** 2)) == pytest.approx(theirs, rel=1e-6)
 
 
-def test_records_and_lengths_left_out_are_predicted() -> None:
+def test_records_and_lengths_left_out_are_predicted():
     twice = BranchPairs.joined([_ramps(noise=0.2), _ramps(noise=0.3)])
     fit = leave_out(fit_hysteresis(twice))
     kinds = {one.groups: one for one in fit.left_out}
@@ -134,7 +132,7 @@ def test_records_and_lengths_left_out_are_predicted() -> None:
     [ReferenceCycle("ramp", 0.0, TOP, False), ReferenceCycle("stroke", REST, 0.85 * REST, True)],
     ids=["ramp", "stroke"],
 )
-def test_the_static_map_is_the_middle_of_its_cycles(cycle: ReferenceCycle) -> None:
+def test_the_static_map_is_the_middle_of_its_cycles(cycle):
     model = CentredSlip(TRUTH, cycle)
     n = 31
     moving = np.linspace(cycle.start, cycle.turn, n)
@@ -151,7 +149,7 @@ def test_the_static_map_is_the_middle_of_its_cycles(cycle: ReferenceCycle) -> No
     assert np.isfinite(model.middle(L, 1.3 * P)).all()
 
 
-def test_saved_and_read_back() -> None:
+def test_saved_and_read_back():
     fit = leave_out(fit_hysteresis(_ramps(noise=0.1)))
     document = hysteresis_as_dict(fit)
     again = slip_from_dict(document)
@@ -191,7 +189,7 @@ def _bad(
         (lambda: BranchPairs.joined([_bad(), _bad(rest=1.0)]), "one rest length"),
     ],
 )  # fmt: skip
-def test_bad_pairs(call: Callable[[], object], words: str) -> None:
+def test_bad_pairs(call, words):
     with pytest.raises(InputError, match=words):
         call()
 
@@ -208,7 +206,7 @@ def _fit(pairs: BranchPairs) -> HysteresisFit:
 
 
 @pytest.mark.slow
-def test_bpa10_records_and_lengths_left_out() -> None:
+def test_bpa10_records_and_lengths_left_out():
     for name, made in bpa10_maps().items():
         rest_length = BPA10[name]["Unkink"]
         fit = _fit(ramp_pairs(made.points, rest_length=rest_length))
@@ -218,7 +216,7 @@ def test_bpa10_records_and_lengths_left_out() -> None:
 
 
 @pytest.mark.slow
-def test_festo10_lengths_left_out() -> None:
+def test_festo10_lengths_left_out():
     fits = {name: _fit(pairs) for name, pairs in festo10_pairs().items()}
     left = {
         name: next(one for one in f.left_out if one.groups == "length") for name, f in fits.items()
@@ -296,7 +294,7 @@ def _followed(memory, pressures: jax.Array) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_the_tracking_error_is_halved(model: CentredSlip, plant: CentredSlip) -> None:
+def test_the_tracking_error_is_halved(model, plant):
     wanted = _trajectory()
     static = pressure_for_force(FESTO, LOAD, wanted, (0.0, TOP))
     known = pressure_along(FESTO, model, wanted, LOAD, (0.0, TOP))
@@ -310,7 +308,7 @@ def test_the_tracking_error_is_halved(model: CentredSlip, plant: CentredSlip) ->
 
 
 @pytest.mark.slow
-def test_codes_and_derivatives(model: CentredSlip) -> None:
+def test_codes_and_derivatives(model):
     wanted = _trajectory()[:12]
     force = np.where(np.arange(12) == 6, 1e5, LOAD)
     found = pressure_along(FESTO, model, wanted, force, (0.0, TOP))

@@ -26,19 +26,19 @@ def published() -> InSitu:
     return thread_in_situ(DIAMETER, FORCE, PRESSURE, **SPECIMEN)
 
 
-def test_table_5_1_follows_from_its_diameters(published: InSitu) -> None:
+def test_table_5_1_follows_from_its_diameters(published):
     """D is printed to 0.0005 in; dB / dD = pi^2 N^2 D / B = 1.24, d theta / dB = -15 deg/in."""
     np.testing.assert_allclose(published.thread_length, TABLE["B_in"], atol=1.24 * 5e-4 + 5e-4)
     np.testing.assert_allclose(np.degrees(published.braid_angle), TABLE["theta_deg"], atol=0.015)
 
 
-def test_largest_tension_and_strain_are_the_printed_ones(published: InSitu) -> None:
+def test_largest_tension_and_strain_are_the_printed_ones(published):
     assert published.tension.max() == pytest.approx(TABLE["max_thread_tension_lbf"], abs=0.05)
     assert published.strain.max() == pytest.approx(TABLE["max_thread_strain"], abs=1e-4)
 
 
 @pytest.mark.parametrize("threshold", [0.0, 50.0])
-def test_lines_meet_scipys_regression(published: InSitu, threshold: float) -> None:
+def test_lines_meet_scipys_regression(published, threshold):
     chosen = threshold <= PRESSURE
     expected = linregress(published.strain[chosen], published.stress[chosen])
     line = published.linear if threshold == 0 else published.high_pressure
@@ -49,7 +49,7 @@ def test_lines_meet_scipys_regression(published: InSitu, threshold: float) -> No
     assert line.count == chosen.sum()
 
 
-def test_the_braid_model_is_analysed_back() -> None:
+def test_the_braid_model_is_analysed_back():
     """Diameters and Gaylord's force of a linear braid give its own modulus in every line."""
     braid = ElasticBraid(B0, N, 0.011, n, LinearThread(11.6e6, AREA))
     state = braid.stretch(L0, PRESSURE).elastic
@@ -62,7 +62,7 @@ def test_the_braid_model_is_analysed_back() -> None:
         assert line.modulus_stderr < 1e-6 * line.modulus
 
 
-def test_an_error_of_the_rest_length_spares_the_slopes(published: InSitu) -> None:
+def test_an_error_of_the_rest_length_spares_the_slopes(published):
     shifted = thread_in_situ(DIAMETER, FORCE, PRESSURE, rest_thread_length=9.89, **SPECIMEN)
     assert shifted.linear.modulus == pytest.approx(published.linear.modulus, rel=1e-3)
     assert shifted.proportional.modulus < 0.95 * published.proportional.modulus
@@ -82,7 +82,7 @@ def test_an_error_of_the_rest_length_spares_the_slopes(published: InSitu) -> Non
         ({"rest_thread_length": np.nan}, "rest_thread_length must be > 0"),
     ],
 )
-def test_bad_readings_are_refused(change: dict, match: str) -> None:
+def test_bad_readings_are_refused(change, match):
     good = {"diameter": DIAMETER, "force": FORCE, "pressure": PRESSURE, **SPECIMEN}
     with pytest.raises(InputError, match=match):
         thread_in_situ(**{**good, **change})

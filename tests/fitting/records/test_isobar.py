@@ -1,7 +1,6 @@
 """Characterisation of loops whose ends, areas and differences are known in closed form."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,7 +47,7 @@ def record(
     return IsobaricRecord(DT * np.arange(len(table)), *table.T, rest_length=L0)
 
 
-def test_curves_ends_and_loop_are_those_of_the_closed_form() -> None:
+def test_curves_ends_and_loop_are_those_of_the_closed_form():
     found = characterise(record())
     assert [bar.set_pressure for bar in found.isobars] == [1e5, 3e5]
     for bar in found.isobars:
@@ -70,7 +69,7 @@ def test_curves_ends_and_loop_are_those_of_the_closed_form() -> None:
         assert 0 < np.median(bar.force_std) < NOISE
 
 
-def test_pressure_statistics_are_those_of_the_strokes() -> None:
+def test_pressure_statistics_are_those_of_the_strokes():
     found = characterise(record(pressures=(2e5,), rest=20.0))
     (bar,) = found.isobars
     n = 3 * 2 * STROKE / RATE / DT
@@ -84,7 +83,7 @@ def part_of(whole: IsobaricRecord, kept: np.ndarray) -> IsobaricRecord:
     return IsobaricRecord(*(getattr(whole, n)[kept] for n in names), rest_length=L0)
 
 
-def test_an_incomplete_stroke_is_named_and_left_out() -> None:
+def test_an_incomplete_stroke_is_named_and_left_out():
     whole = record(pressures=(2e5,))
     found = characterise(part_of(whole, np.arange(whole.time.size - round((5.0 + 30.0) / DT))))
     assert found.isobars[0].cycles == 2
@@ -92,7 +91,7 @@ def test_an_incomplete_stroke_is_named_and_left_out() -> None:
 
 
 @pytest.mark.parametrize("second", [150.0, 200.0])  # as it shortens, as it lengthens
-def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
+def test_a_stroke_with_a_hole_is_named_and_left_out(second):
     """A torn journal has no pressure for a while; the other strokes remain."""
 
     def torn(whole: IsobaricRecord) -> IsobaricRecord:
@@ -108,7 +107,7 @@ def test_a_stroke_with_a_hole_is_named_and_left_out(second: float) -> None:
         characterise(torn(record(pressures=(2e5,), cycles=1, rest=130.0)))
 
 
-def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
+def test_the_dataset_is_one_that_a_fit_reads(tmp_path):
     found = characterise(record())
     specimen = {"wall_thickness_mm": 1.5, "embedded": False, "name": "F 1"}
     path = write_dataset(found, tmp_path / "set.csv", specimen=specimen)
@@ -127,7 +126,7 @@ def test_the_dataset_is_one_that_a_fit_reads(tmp_path: Path) -> None:
         write_dataset(found, tmp_path / "none" / "set.csv")
 
 
-def test_every_reading_has_the_pressure_that_was_measured_there(tmp_path: Path) -> None:
+def test_every_reading_has_the_pressure_that_was_measured_there(tmp_path):
     """The pressure falls by a fifth along the stroke: the force is that of the pressure there."""
     steady = record()
     share = 1 - 0.2 * (L0 - steady.length) / STROKE
@@ -152,7 +151,7 @@ def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
 AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6, 1.0, 100, "load")
 
 
-def test_signs_and_zero_of_the_machine_are_honoured() -> None:
+def test_signs_and_zero_of_the_machine_are_honoured():
     truth = record()
     log = log_of(truth, displacement=0.1 + L0 - truth.length, force=-truth.force)
     t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
@@ -169,7 +168,7 @@ def test_signs_and_zero_of_the_machine_are_honoured() -> None:
         )  # fmt: skip
 
 
-def test_where_the_journal_is_silent_there_is_no_row() -> None:
+def test_where_the_journal_is_silent_there_is_no_row():
     truth = record()
     t = np.arange(-1.0, truth.time[-1] + 1, 0.01)
     t = t[(t < 60) | (t > 70)]

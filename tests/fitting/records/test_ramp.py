@@ -96,7 +96,7 @@ def static(points: QuasiStatic) -> StaticMap:
     return static_map(points)
 
 
-def test_each_hold_gives_a_point(points: QuasiStatic) -> None:
+def test_each_hold_gives_a_point(points):
     assert points.kinds == ("staircase",) * 6
     np.testing.assert_allclose(points.periods, 0.4, rtol=0.01)
     for number in range(6):
@@ -111,7 +111,7 @@ def test_each_hold_gives_a_point(points: QuasiStatic) -> None:
     assert not points.mislabelled.any()
 
 
-def test_force_noise_and_drift_of_the_holds(points: QuasiStatic) -> None:
+def test_force_noise_and_drift_of_the_holds(points):
     free = ~points.clamped
     P = points.pressure
     truth = np.where(points.length == LENGTHS[0], *(_static(P, length) for length in LENGTHS))
@@ -126,7 +126,7 @@ def test_force_noise_and_drift_of_the_holds(points: QuasiStatic) -> None:
     assert np.std(points.force_drift[free]) == pytest.approx(NOISE * np.sqrt(12 / 80), rel=0.3)
 
 
-def test_clamp_and_slack_are_marked_and_nothing_is_dropped(points: QuasiStatic) -> None:
+def test_clamp_and_slack_are_marked_and_nothing_is_dropped(points):
     assert points.clamp == CLAMP
     assert points.slack_below == pytest.approx(6 * NOISE, rel=0.05)
     short = points.length == LENGTHS[1]
@@ -138,7 +138,7 @@ def test_clamp_and_slack_are_marked_and_nothing_is_dropped(points: QuasiStatic) 
     assert points.force.size == 6 * 38
 
 
-def test_readings_of_a_coarse_sensor_are_resolved() -> None:
+def test_readings_of_a_coarse_sensor_are_resolved():
     """Medians fall on the sensor's steps; spread over the step they do not."""
     fine = _staircase(LENGTHS[0], seed=5)
     step = 0.683
@@ -148,7 +148,7 @@ def test_readings_of_a_coarse_sensor_are_resolved() -> None:
     assert np.unique(b.force).size == b.force.size
 
 
-def test_the_map_is_the_mean_of_the_branches(static: StaticMap) -> None:
+def test_the_map_is_the_mean_of_the_branches(static):
     pulling = ~static.slack
     for length in LENGTHS:
         rows = pulling & (static.length == length)
@@ -165,7 +165,7 @@ def test_the_map_is_the_mean_of_the_branches(static: StaticMap) -> None:
 
 
 @pytest.mark.parametrize("length", LENGTHS)
-def test_a_continuous_ramp(length: float) -> None:
+def test_a_continuous_ramp(length):
     points = quasi_static(_ramp(length), atmosphere=(0.0, 0.9))
     assert points.kinds == ("ramp",)
     assert points.atmosphere[0] == pytest.approx(ZERO, abs=SIGMAS * 350 / np.sqrt(450))
@@ -182,7 +182,7 @@ def test_a_continuous_ramp(length: float) -> None:
     assert rows.sum() >= 17
 
 
-def test_the_map_is_data_and_reads_back(static: StaticMap, tmp_path: Path) -> None:
+def test_the_map_is_data_and_reads_back(static, tmp_path):
     data = static.force_data(SPECIMEN, length_std=1e-3)
     assert data.force.min() >= static.points.slack_below
     assert data.length_std is not None
@@ -198,7 +198,7 @@ def test_the_map_is_data_and_reads_back(static: StaticMap, tmp_path: Path) -> No
         csv_text(data, "imperial")
 
 
-def test_unsettled_holds_are_marked_and_not_used() -> None:
+def test_unsettled_holds_are_marked_and_not_used():
     strict = _points(part=(0.02, 0.9))
     assert 0 < strict.settled.sum() < strict.settled.size
 
@@ -233,7 +233,7 @@ def _points(**options: object) -> QuasiStatic:
 
 
 @pytest.mark.parametrize(("call", "match"), BAD)
-def test_what_cannot_be(call: Callable[[], object], match: str) -> None:
+def test_what_cannot_be(call, match):
     with pytest.raises(InputError, match=match):
         call()
 
@@ -251,7 +251,7 @@ def _stairs(period: float, rate: float, noise: float, seed: int = 0) -> tuple[np
 
 @pytest.mark.parametrize(("period", "rate"), [(0.5, 500.0), (0.8, 1000.0), (5.0, 20.0)])
 @pytest.mark.parametrize("noise", [0.0, 400.0])
-def test_holds_lie_between_the_pulses(period: float, rate: float, noise: float) -> None:
+def test_holds_lie_between_the_pulses(period, rate, noise):
     P, t, pulses = _stairs(period, rate, noise)
     found = find_staircase(P, t)
     assert found is not None
@@ -274,7 +274,7 @@ def _write(record: RampRecord, path: Path) -> str:
 
 
 @pytest.mark.slow
-def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
+def test_the_command(points, tmp_path):
     files = [_write(r, tmp_path / f"{i}.csv") for i, r in enumerate(points.records)]
     entries = [f"{f}={r.length * 1e3}mm" for f, r in zip(files, points.records, strict=True)]
     listed = tmp_path / "list.csv"
@@ -311,7 +311,7 @@ def test_the_command(points: QuasiStatic, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_bpa10_is_as_its_study_says() -> None:
+def test_bpa10_is_as_its_study_says():
     """Figures of an independent evaluation of the seven specimens of the series, rounded there."""
     maps = bpa10_maps()
     assert sum(made.points.force.size for made in maps.values()) == pytest.approx(1300, abs=20)

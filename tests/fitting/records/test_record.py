@@ -22,7 +22,7 @@ def _triangle(cycles: int, rows: int, hold: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize("hold", [0, 30])
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-3])
-def test_branches_of_a_known_record(noise: float, hold: int) -> None:
+def test_branches_of_a_known_record(noise, hold):
     rows, cycles = 200, 5
     clean = _triangle(cycles, rows, hold)
     x = clean + noise * np.random.default_rng(1).standard_normal(clean.size)
@@ -48,7 +48,7 @@ def test_branches_of_a_known_record(noise: float, hold: int) -> None:
         ({"a": [1, 2, 3], "time": [0, 2, 1]}, "run backwards, and does at reading 3"),
     ],
 )
-def test_bad_columns_are_named(columns: dict, match: str) -> None:
+def test_bad_columns_are_named(columns, match):
     with pytest.raises(InputError, match=match):
         checked_columns(columns)
     good = checked_columns({"a": [1, 2, 3], "time": [0, 0, 1], "b": None})  # stamps may repeat
@@ -63,7 +63,7 @@ def _file(folder: Path, text: str) -> Path:
     return path
 
 
-def test_units_are_in_the_header(tmp_path: Path) -> None:
+def test_units_are_in_the_header(tmp_path):
     path = _file(tmp_path, "time_ms;pressure_psi;force_lbf\n# pause\n0;10;1\n1;20;2\n\n3;30;3\n")
     record = read_ramp(path, length=0.3)
     np.testing.assert_allclose(record.time, [0, 1e-3, 3e-3])
@@ -86,12 +86,12 @@ def test_units_are_in_the_header(tmp_path: Path) -> None:
         ("1,2,3\n", "at least 3 readings"),
     ],
 )
-def test_ramps_that_cannot_be_read(tmp_path: Path, text: str, match: str) -> None:
+def test_ramps_that_cannot_be_read(tmp_path, text, match):
     with pytest.raises(InputError, match=match):
         read_ramp(_file(tmp_path, text), length=0.3, columns=PLAIN)
 
 
-def test_missing_rows_of_a_log_are_reported_and_not_filled(tmp_path: Path) -> None:
+def test_missing_rows_of_a_log_are_reported_and_not_filled(tmp_path):
     kept = [k for k in range(150) if k not in {10, 50, 51, 52}]
     rows = "".join(f"{0.02 * k:.3f},{k},{100 - k}\n" for k in kept)
     log = read_machine_log(_file(tmp_path, "time_s,displacement_mm,force_N\n" + rows))
@@ -101,7 +101,7 @@ def test_missing_rows_of_a_log_are_reported_and_not_filled(tmp_path: Path) -> No
     assert log.interval == pytest.approx(0.02)
 
 
-def test_what_is_no_log_is_refused_with_its_path(tmp_path: Path) -> None:
+def test_what_is_no_log_is_refused_with_its_path(tmp_path):
     path = _file(tmp_path, "Dear all,\nno numbers today.\n")
     with pytest.raises(InputError, match="no block of numbers") as caught:
         read_machine_log(path)

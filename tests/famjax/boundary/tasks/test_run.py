@@ -54,7 +54,7 @@ ENGINES = {
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("name", ENGINES)
-def test_every_engine_finds_the_same(name: str, tmp_path: Path) -> None:
+def test_every_engine_finds_the_same(name, tmp_path):
     told: list[tuple[int, int]] = []
     store = Store(tmp_path / "parts.jsonl", "test", {"seed": 3}, 7)
     with ENGINES[name]() as executor:
@@ -79,7 +79,7 @@ PART = {
 }  # fmt: skip
 
 
-def test_a_part_comes_back_to_the_last_bit(tmp_path: Path) -> None:
+def test_a_part_comes_back_to_the_last_bit(tmp_path):
     Store(tmp_path / "new" / "a.jsonl", "test", {}, 3).keep(1, PART)
     (back,) = Store(tmp_path / "new" / "a.jsonl", "test", {}, 3)
     assert back.keys() == PART.keys()
@@ -92,7 +92,7 @@ def test_a_part_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     assert np.signbit(back["double"][1, 1])
 
 
-def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path: Path) -> None:
+def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path):
     file = tmp_path / "a.jsonl"
     Store(file, "sweep", {"orders": [1, 2], "seed": 0}, 3)
     with pytest.raises(InputError, match=r"other settings: parts was 3, now 4; seed was 0"):
@@ -108,7 +108,7 @@ def test_the_file_of_another_work_is_refused_with_what_differs(tmp_path: Path) -
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("executor", [1, "own"])
-def test_a_pool_that_breaks_says_what_is_kept(executor: int | str, tmp_path: Path) -> None:
+def test_a_pool_that_breaks_says_what_is_kept(executor, tmp_path):
     file = tmp_path / "a.jsonl"
     store = Store(file, "test", {}, 6)
     with (
@@ -125,7 +125,7 @@ def test_a_pool_that_breaks_says_what_is_kept(executor: int | str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("executor", [None, 2])
-def test_an_interrupt_keeps_what_is_done(executor: int | None) -> None:
+def test_an_interrupt_keeps_what_is_done(executor):
     def stop(done: int, total: int) -> None:
         if done == 2:
             raise KeyboardInterrupt
@@ -146,7 +146,7 @@ def kept(file: Path) -> int:
 @pytest.mark.skipif(os.name != "posix", reason="kill -9 is POSIX")
 @pytest.mark.timeout(90)
 @pytest.mark.parametrize("engine", ["processes", "dask"])
-def test_the_client_is_killed(engine: str, tmp_path: Path) -> None:
+def test_the_client_is_killed(engine, tmp_path):
     if engine == "dask":
         pytest.importorskip("distributed", reason="dask comes with the extra 'cluster'")
     file, place = tmp_path / "killed.jsonl", tmp_path / "seen"
