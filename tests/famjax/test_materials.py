@@ -266,6 +266,13 @@ def test_bladder_force_is_the_slope_of_the_stored_energy(law, festo):
     assert np.asarray(muscle.bladder_force(lengths, 2e5)) == pytest.approx(want, rel=1e-10)
 
 
+def test_saturating_law_is_its_closed_form():
+    E, S, s = 0.5, 0.3, 0.2
+    law, eps = famjax.materials.SaturatingMaterial(E, S, s), np.linspace(-0.5, 2.0, 11)
+    expected = E * eps + S * np.sign(eps) * (1 - np.exp(-np.abs(eps) / s))
+    np.testing.assert_allclose(law.stress(eps), expected, rtol=EXACT)
+
+
 def test_monotone_law_is_its_modulus_integrated():
     knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
     law = famjax.materials.MonotoneMaterial(knots, moduli)
