@@ -7,47 +7,36 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
+import PIL.Image
 from numpy.typing import NDArray
 
 from imaging.camera import Image
 
 from .scene import CameraSensor, Jpeg, Lens, Setting
 
+Floats = NDArray[np.floating]
+
 
 def encode_jpeg(rgb: Image, jpeg: Jpeg) -> bytes:
-    """A JPEG file of this picture."""
-    import cv2
-
     factor = getattr(cv2, f"IMWRITE_JPEG_SAMPLING_FACTOR_{jpeg.subsampling}")
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg.quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, factor]
     return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)[1].tobytes()
 
 
-def decode_jpeg(data: bytes) -> Image:
-    """The picture of a JPEG file, RGB."""
-    import cv2
-
-    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
-
-
 def stamped(data: bytes, time: datetime.datetime) -> bytes:
     """The file with an EXIF block that holds DateTimeOriginal and SubSecTimeOriginal."""
-    from PIL import Image
-
-    exif = Image.Exif()
+    exif = PIL.Image.Exif()
     camera = exif.get_ifd(0x8769)
     camera[0x9003] = time.strftime("%Y:%m:%d %H:%M:%S")
     camera[0x9291] = f"{time.microsecond // 1000:03d}"
     block = exif.tobytes()
-    start_of_image, rest = data[:2], data[2:]
-    return start_of_image + b"\xff\xe1" + struct.pack(">H", len(block) + 2) + block + rest
+    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(block) + 2) + block + data[2:]
 
 
-def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating]:
+def through_lens(light: Floats, lens: Lens) -> Floats:
     """Light behind the lens: each of its faults a convolution."""
-    import cv2
-
     seen = np.asarray(light, np.float32)
     if lens.motion_px > 0:
         seen = cv2.filter2D(seen, -1, _way(lens.motion_px, np.deg2rad(lens.motion_deg)))
@@ -61,7 +50,7 @@ def through_lens(light: NDArray[np.floating], lens: Lens) -> NDArray[np.floating
     return np.asarray(seen, np.float32)
 
 
-def _way(length: float, angle: float) -> NDArray[np.floating]:
+def _way(length: float, angle: float) -> Floats:
     """A straight way [px] at an angle [rad] to the vertical, by the part of it that each pixel has."""
     reach = int(np.ceil(length / 2)) + 1
     at = ((np.arange(512 * reach) + 0.5) / (512 * reach) - 0.5) * length
@@ -71,7 +60,7 @@ def _way(length: float, angle: float) -> NDArray[np.floating]:
     return (part / part.sum()).astype(np.float32)
 
 
-def _disk(radius: float) -> NDArray[np.floating]:
+def _disk(radius: float) -> Floats:
     """A disk of any radius [px], sampled by the part of each pixel that it covers."""
     reach = int(np.ceil(radius + 0.5))
     fine = (np.arange(16 * (2 * reach + 1)) + 0.5) / 16 - reach - 0.5
@@ -82,27 +71,19 @@ def _disk(radius: float) -> NDArray[np.floating]:
 
 @dataclasses.dataclass(frozen=True)
 class Photo:
-    """A photograph.
+    """A photograph."""
 
-    Attributes:
-        rgb: what a program reads from the file, uint8, shape (h, w, 3).
-        truth: what a perfect measurement of it would find; None where the cloth is alone.
-        file: the JPEG file's bytes; None where the scene has no compression.
-        time: when it was taken, local time.
-    """
-
-    rgb: Image
-    truth: Any
-    file: bytes | None
+    rgb: Image  # what a program reads from the file
+    truth: Any  # what a perfect measurement of it would find; None where the cloth is alone
+    file: bytes | None  # None where the scene has no compression
     time: datetime.datetime | None = None
 
     def jpeg(self) -> bytes:
-        """The JPEG file, time stamp included, of quality 100 where the scene has no compression."""
+        """The JPEG file, time stamp included."""
         data = self.file or encode_jpeg(self.rgb, Jpeg(100, "444"))
         return data if self.time is None else stamped(data, self.time)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the JPEG file; returns its path."""
         Path(path).write_bytes(self.jpeg())
         return Path(path)
 
@@ -119,14 +100,12 @@ class LinearPhoto:
     """The light that falls on the sensor, linear RGB, before noise; `truth` as of `Photo`."""
 
     scene: Setting
-    light: NDArray[np.floating]
+    light: Floats
     truth: Any
 
 
 def expose(linear: LinearPhoto, seed: int) -> Photo:
     """The photograph that the scene's sensor makes of the light."""
-    import cv2
-
     scene, sensor = linear.scene, linear.scene.sensor
     light = _mosaic(linear.light) if sensor.bayer else linear.light
     read_out = _read_out(light, sensor, np.random.default_rng(seed))
@@ -149,11 +128,12 @@ def expose(linear: LinearPhoto, seed: int) -> Photo:
     if scene.jpeg is None:
         return Photo(rgb, linear.truth, None, scene.time)
     data = encode_jpeg(rgb, scene.jpeg)
-    return Photo(decode_jpeg(data), linear.truth, data, scene.time)
+    read = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+    return Photo(np.asarray(read, np.uint8), linear.truth, data, scene.time)
 
 
 def _read_out(
-    light: NDArray[np.floating], sensor: CameraSensor, random: np.random.Generator
+    light: Floats, sensor: CameraSensor, random: np.random.Generator
 ) -> NDArray[np.uint16]:
     """The light as 16-bit values, with the noise of its photons and of reading them."""
     values = np.empty(light.shape, np.uint16)
@@ -172,7 +152,7 @@ def _read_out(
     return values
 
 
-def _mosaic(light: NDArray[np.floating]) -> NDArray[np.floating]:
+def _mosaic(light: Floats) -> Floats:
     """One colour per pixel: red and green in the even rows, green and blue in the odd ones."""
     mosaic = light[..., 1].copy()
     mosaic[::2, ::2] = light[::2, ::2, 0]
@@ -180,19 +160,14 @@ def _mosaic(light: NDArray[np.floating]) -> NDArray[np.floating]:
     return mosaic
 
 
-_KEPT = 0.6  # part of a truncated file that is left
 _STRETCH = 400  # bytes that are spoilt
+Damage = Literal["truncated", "scrambled", "blanked"]
 
 
-def damaged(
-    data: bytes, kind: Literal["truncated", "scrambled", "blanked"], seed: int = 0
-) -> bytes:
-    """A JPEG file that lacks its end, or with noise or zeros in a stretch of its middle half.
-
-    Most decoders carry on unwarned after such a stretch.
-    """
+def damaged(data: bytes, kind: Damage, seed: int = 0) -> bytes:
+    """A JPEG file that lacks its end, or with noise or zeros in a stretch of its middle half."""
     if kind == "truncated":
-        return data[: int(_KEPT * len(data))]
+        return data[: int(0.6 * len(data))]
     random = np.random.default_rng(seed)
     start = int(random.integers(len(data) // 4, 3 * len(data) // 4 - _STRETCH))
     # 0xff begins a marker: leaving it out keeps this a fault of the data, not of the structure.

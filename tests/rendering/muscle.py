@@ -21,31 +21,20 @@ Profile = Callable[[Array], ArrayLike]
 
 @dataclasses.dataclass(frozen=True)
 class Tape:
-    """A coloured tape around one fitting.
+    """A coloured tape around one fitting; slanted or ragged, it lies close on the braid."""
 
-    Attributes:
-        hue, saturation, value: of the encoded colour; the hue in degrees.
-        width: along the axis [m].
-        diameter: [m]; None takes the braid's diameter at its end.
-        slant: angle of its inner edge to the normal of the axis [rad], `slant_towards` the azimuth
-            of the side that lies lower [rad], 0 to the right and pi/2 towards the camera. A slanted
-            or ragged tape lies close on the braid, whatever its diameter.
-        ragged: standard deviation of its inner edge along the axis [m]; zero in the mean over the
-            side that the camera sees.
-    """
-
-    hue: float = BLUE_HUE
+    hue: float = BLUE_HUE  # of the encoded colour [deg]
     saturation: float = 0.85
     value: float = 0.62
-    width: float = 0.5 * INCH
-    diameter: float | None = None
-    slant: float = 0.0
-    slant_towards: float = 0.0
-    ragged: float = 0.0
+    width: float = 0.5 * INCH  # along the axis
+    diameter: float | None = None  # [m]; None: the braid's at its end
+    slant: float = 0.0  # angle of the inner edge to the normal of the axis [rad]
+    slant_towards: float = 0.0  # azimuth of its lower side [rad], pi/2 is towards the camera
+    ragged: float = 0.0  # standard deviation of the inner edge [m], mean zero as the camera sees it
     ragged_seed: int = 0
 
     def edge(self, azimuth: ArrayLike, radius: float) -> Array:
-        """How much further down the inner edge lies at some azimuths [rad], on a body [m]."""
+        """How much further down [m] the inner edge lies at some azimuths [rad]."""
         phi = np.asarray(azimuth, float)
         plane = radius * np.tan(self.slant) * np.cos(phi - self.slant_towards)
         if self.ragged == 0:
@@ -56,7 +45,6 @@ class Tape:
         waves = np.concatenate([np.zeros(fewest), a - 1j * b])
 
         def teeth(phi: Array) -> Array:
-            # A tenth of the time of as many sines and cosines.
             return np.asarray(np.polynomial.polynomial.polyval(np.exp(1j * phi), waves).real, float)
 
         front = np.arccos(np.linspace(-0.85, 0.85, 201))
@@ -65,57 +53,31 @@ class Tape:
 
 @dataclasses.dataclass(frozen=True)
 class MuscleScene:
-    """A muscle: a body of revolution of woven thread between two taped fittings.
+    """A muscle: a body of revolution of woven thread between two taped fittings; SI."""
 
-    Attributes:
-        profile: D(x) [m], a function of x = z/L in [0, 1], upper tape's edge to lower.
-        length: between the inner edges of the tapes along the straight line through their middles
-            [m]; the truth's length L of a bowed muscle is its axis' own.
-        x0: distance of the axis from the optical axis, positive to the right [m].
-        y0: middle of the braid along the axis, from the foot of the optical axis, downwards [m].
-        roll: turn of the axis in the picture [rad], positive clockwise.
-        bow: largest deviation of the axis from the straight line between its ends [m] to the right
-            (half a sine wave); `bow_depth` the same, away from the camera.
-        tilt: turn of axis and lamps in depth about the braid's middle [rad], the lower end away from
-            the camera.
-        strands: of each of the two helix families, a multiple of 4.
-        turns: of a strand about the axis over the length [-].
-        albedo: reflectance of the threads, linear RGB.
-        flecks: part of the crossings that are of black thread [-].
-        relief: height of a yarn's crest over the valley beside it [m]. The profile is that of the
-            mean outline: between the crests that a calliper touches and the valleys.
-        sheen: part of the light that fabric adds at grazing sight, sheen (1 - n_z)^sheen_power [-];
-            the power is 3 for cloth, 8 and more for the narrow rim of a glossy thread.
-        fray: loose fibres that stand out from the outline.
-        weave_seed: of the strands' reflectances, flecks and sparkles, and of the fibres.
-        upper, lower: the tapes; None leaves the fitting bare.
-        third: a tape that should not be there, with the position x of its middle; a tape without
-            a diameter lies close around the braid, or around the rod where x is outside of [0, 1].
-    """
-
-    profile: Profile
-    length: float
-    x0: float = 0.0
-    y0: float = 0.0
-    roll: float = 0.0
-    bow: float = 0.0
-    bow_depth: float = 0.0
-    tilt: float = 0.0
-    strands: int = 36
-    turns: float = 1.09
-    albedo: tuple[float, float, float] = TAN
-    flecks: float = 0.0
-    relief: float = 0.002 * INCH
-    sheen: float = 0.0
-    sheen_power: float = 3.0
-    fray: int = 0
-    weave_seed: int = 0
-    upper: Tape | None = dataclasses.field(default_factory=Tape)
+    profile: Profile  # mean outline D(x), x = z/L from the upper tape's edge to the lower
+    length: float  # straight, between the tapes' inner edges; the truth's follows a bowed axis
+    x0: float = 0.0  # of the axis, to the right of the optical axis
+    y0: float = 0.0  # of the braid's middle along the axis, downwards
+    roll: float = 0.0  # turn of the axis in the picture, clockwise
+    bow: float = 0.0  # largest deviation of the axis to the right (half a sine wave)
+    bow_depth: float = 0.0  # the same, away from the camera
+    tilt: float = 0.0  # turn of axis and lamps in depth, the lower end away from the camera
+    strands: int = 36  # of each helix family, a multiple of 4
+    turns: float = 1.09  # of a strand about the axis over the length
+    albedo: tuple[float, float, float] = TAN  # of the threads, linear RGB
+    flecks: float = 0.0  # part of the crossings that are of black thread
+    relief: float = 0.002 * INCH  # height of a yarn's crest over the valley beside it
+    sheen: float = 0.0  # light added at grazing sight, sheen (1 - n_z)^sheen_power
+    sheen_power: float = 3.0  # 3 for cloth, 8 and more for a glossy thread
+    fray: int = 0  # loose fibres
+    weave_seed: int = 0  # of reflectances, flecks, sparkles and fibres
+    upper: Tape | None = dataclasses.field(default_factory=Tape)  # None leaves the fitting bare
     lower: Tape | None = dataclasses.field(default_factory=Tape)
-    third: tuple[Tape, float] | None = None
+    third: tuple[Tape, float] | None = None  # a tape too many, and the position x of its middle
 
     def diameter(self, x: ArrayLike) -> Array:
-        """Diameter D [m] at x = z/L [-], that of the nearer end outside of [0, 1]."""
+        """D at x = z/L, that of the nearer end outside of [0, 1]."""
         x = np.clip(np.asarray(x, float), 0, 1)
         return np.asarray(self.profile(x), float) + np.zeros_like(x)
 
@@ -159,11 +121,7 @@ def published_shape(contraction: float) -> FourierShape:
 def stroke_shape(
     contraction: float, end_diameter: float = 0.875 * INCH
 ) -> Callable[[ArrayLike], Array]:
-    """A profile at any contraction of the stroke, its ends held by fittings of one diameter.
-
-    Between the published profiles by a monotone cubic in the contraction at every x; what the
-    published ends deviate from `end_diameter` is taken off, fading to nothing in the middle.
-    """
+    """A profile between the published ones by a monotone cubic, its ends brought to one diameter."""
 
     def between(x: Array) -> Array:
         from scipy.interpolate import PchipInterpolator
@@ -191,20 +149,13 @@ _BLACK_THREAD = 0.08  # reflectance of a fleck, relative to the thread's
 
 @dataclasses.dataclass(frozen=True)
 class Crossings:
-    """What the braid shows at n places.
+    """What the braid shows at n places."""
 
-    Attributes:
-        first, second: the strands of the two families (i, j).
-        on_top: the first family's strand is the upper one.
-        across: place across the upper yarn, -1/2 to 1/2.
-        along: place along its float over two others, 0 to 1.
-    """
-
-    first: Indices
+    first: Indices  # strands of the two families
     second: Indices
-    on_top: Flags
-    across: Array
-    along: Array
+    on_top: Flags  # the first family's strand is the upper one
+    across: Array  # place across the upper yarn, -1/2 to 1/2
+    along: Array  # place along its float over two others, 0 to 1
 
     @functools.cached_property
     def height(self) -> Array:
@@ -213,12 +164,7 @@ class Crossings:
 
 
 class Weave:
-    """A regular two-over-two braid on a body of revolution.
-
-    Strands of both families turn by the angle `twist`(y), one to the right and one to the left:
-    with the local braid angle theta to the circumference, d twist / ds = 1 / (R tan(theta)). The
-    radius R and its slope are those at the uniform positions y along the axis [m].
-    """
+    """A regular two-over-two braid: d twist / ds = 1 / (R tan(theta)), R at uniform positions y [m]."""
 
     def __init__(self, muscle: MuscleScene, y: Array, R: Array, slope: Array) -> None:
         step = np.hypot(1, slope) * (y[1] - y[0])
@@ -270,11 +216,7 @@ class Weave:
         return lean, np.stack([-cosine * x, sine, -cosine * z], axis=1)
 
     def outline_offset(self, azimuth: Array, R: Array) -> Array:
-        """How far the crests and valleys at the limb move the outline outwards [m], mean zero.
-
-        The largest of (R + h) cos(delta) over the directions delta around the tangent points, with
-        these azimuths and radii at self.y.
-        """
+        """How far yarns at the limb move the outline outwards [m], mean zero: max (R + h) cos(delta)."""
         if self.relief == 0:
             return np.zeros_like(R)
         outermost = np.full(R.shape, -np.inf)

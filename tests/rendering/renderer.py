@@ -2,12 +2,13 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from imaging.camera import Array
 
-from .exposure import LinearPhoto, Photo, expose, through_lens
+from .exposure import Floats, LinearPhoto, Photo, expose, through_lens
 from .ruler import Ruler, RulerScene
 from .scene import Light, Scene, Setting
 from .truth import true_figures
@@ -32,16 +33,10 @@ class LitWorld:
     light: Light
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:
-        """As of the world."""
         return self.world.span(v_first, v_last)
 
     def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
-        """What is seen at picture positions u, v [px], shape (n,).
-
-        Returns:
-            which: number of the body, -1 for the cloth, shape (n,).
-            light: linear RGB that the bodies send, zero for the cloth, shape (n, 3).
-        """
+        """Number of the body at picture positions u, v [px], -1 for the cloth; and its linear RGB."""
         which, a, b, depth = self.world.met(u, v)
         light = np.zeros((u.size, 3))
         for number, (kind, body, albedo) in enumerate(self.world.bodies):
@@ -53,12 +48,13 @@ class LitWorld:
                 continue
             hits = body.hits(a[at], b[at], depth[at])
             sight = unit_vectors(-np.stack([a[at], b[at], np.ones(at.size)], axis=1))
-            light[at] = self._on_braid(hits, sight) if kind == "braid" else self._glossy(
-                hits, sight, albedo, *_GLOSS[kind])  # fmt: skip
+            if kind == "braid":
+                light[at] = self._on_braid(hits, sight)
+            else:
+                light[at] = self._glossy(hits, sight, albedo, *_GLOSS[kind])
         return which, light
 
     def _on_braid(self, hits: Hits, sight: Array) -> Array:
-        """Light of the woven surface, (n, 3)."""
         at = self.world.weave.crossings(hits.azimuth, hits.y)
         lean, fibre = self.world.weave.directions(at, hits.azimuth, hits.y)
         lit = light_on_threads(self.light, unit_vectors(hits.normal + lean), sight)
@@ -67,30 +63,23 @@ class LitWorld:
             lit += _FIBRE_GLOSS * lamp.irradiance(hits.normal) * np.clip(1 - skew**2, 0, 1) ** 12
         facing = np.clip(np.einsum("ij,ij->i", hits.normal, sight), 0, 1)
         lit += self.world.muscle.sheen * (1 - facing) ** self.world.muscle.sheen_power
-        return (lit * self.world.weave.reflectance(at))[:, None] * np.array(
-            self.world.muscle.albedo
-        )
+        albedo = np.array(self.world.muscle.albedo)
+        return (lit * self.world.weave.reflectance(at))[:, None] * albedo
 
-    def _glossy(
-        self, hits: Hits, sight: Array, albedo: Array, gloss: float, exponent: float
-    ) -> Array:
-        """Light of a smooth coloured surface with glare (Blinn and Phong), (n, 3)."""
+    def _glossy(self, hits: Hits, sight: Array, albedo: Array, gloss: float, power: float) -> Array:
+        """A smooth coloured surface with glare (Blinn and Phong)."""
         diffuse = np.full(hits.y.shape, self.light.ambient)
         glare = np.zeros(hits.y.shape)
         for lamp in self.light.lamps:
             diffuse += lamp.irradiance(hits.normal)
             half = unit_vectors(sight + lamp.towards)
             shine = np.clip(np.einsum("ij,ij->i", hits.normal, half), 0, 1)
-            glare += lamp.strength * gloss * shine**exponent
+            glare += lamp.strength * gloss * shine**power
         return diffuse[:, None] * albedo + glare[:, None]
 
 
 def light_on_threads(light: Light, normal: Array, sight: Array) -> Array:
-    """Light that white threads send along the unit vectors to the camera, shape (n, 3) -> (n,).
-
-    References:
-        Oren and Nayar 1994, equation 30 (the qualitative model).
-    """
+    """Light of white threads along the unit vectors to the camera (Oren and Nayar 1994, eq. 30)."""
     total = np.full(normal.shape[0], light.ambient)
     for lamp in light.lamps:
         lit = lamp.irradiance(normal)
@@ -103,7 +92,6 @@ def light_on_threads(light: Light, normal: Array, sight: Array) -> Array:
 
 
 def _oren_nayar(normal: Array, lamp: Array, sight: Array) -> Array:
-    """The factor by which a rough surface scatters more than Lambert's, shape (n,)."""
     cos_i = np.clip(normal @ lamp, 0.05, 1)
     cos_r = np.clip(np.einsum("ij,ij->i", normal, sight), 0.05, 1)
     along = np.clip(sight @ lamp - cos_i * cos_r, 0, None)  # sin sin cos(delta phi)
@@ -112,7 +100,7 @@ def _oren_nayar(normal: Array, lamp: Array, sight: Array) -> Array:
     return A + B * along / np.maximum(cos_i, cos_r)
 
 
-def draw(sight: LitWorld | Ruler, scene: Setting) -> NDArray[np.floating]:
+def draw(sight: LitWorld | Ruler, scene: Setting) -> Floats:
     """The light on the sensor of something in front of the scene's cloth, behind its lens."""
     background = cloth(scene)
     light = background.copy()
@@ -124,10 +112,8 @@ def draw(sight: LitWorld | Ruler, scene: Setting) -> NDArray[np.floating]:
     return through_lens(light, scene.lens)
 
 
-def _draw_fibres(world: World, light: NDArray[np.floating]) -> None:
+def _draw_fibres(world: World, light: Floats) -> None:
     """Loose fibres, each an arc that leaves the outline."""
-    import cv2
-
     random = np.random.default_rng(world.muscle.weave_seed)
     outline = world.outline()
     colour = np.array(world.muscle.albedo, np.float32) * _FIBRE_LIGHT
@@ -138,9 +124,8 @@ def _draw_fibres(world: World, light: NDArray[np.floating]) -> None:
         length = random.uniform(*_FIBRES) * world.camera.px_per_m
         angle = random.uniform(-1.1, 1.1) + random.uniform(-1.5, 1.5) * along
         step = length / along.size * np.stack([(2 * side - 1) * np.cos(angle), np.sin(angle)])
-        points = np.stack([side_of[k] for side_of in outline[side]])[:, None] + np.cumsum(
-            step, axis=1
-        )
+        begin = np.stack([side_of[k] for side_of in outline[side]])
+        points = begin[:, None] + np.cumsum(step, axis=1)
         cover = np.zeros(light.shape[:2], np.uint8)
         shifted = np.round(points.T * 16).astype(np.int32)
         cv2.polylines(cover, [shifted], False, 255, 1, cv2.LINE_AA, 4)
@@ -148,10 +133,8 @@ def _draw_fibres(world: World, light: NDArray[np.floating]) -> None:
         light += part * (colour - light)
 
 
-def cloth(scene: Setting) -> NDArray[np.floating]:
+def cloth(scene: Setting) -> Floats:
     """The black cloth: gradient, folds and an out-of-focus reflection."""
-    import cv2
-
     h, w = scene.size
     light, (px, py) = scene.light, scene.light.stray_place
     x = (np.arange(w, dtype=np.float32) / w)[None, :]
@@ -166,7 +149,7 @@ def cloth(scene: Setting) -> NDArray[np.floating]:
     return (base + light.stray * stray)[..., None] * np.array(_CLOTH_COLOUR, np.float32)
 
 
-def _draw_once(sight: LitWorld | Ruler, light: NDArray[np.floating]) -> NDArray[np.int8]:
+def _draw_once(sight: LitWorld | Ruler, light: Floats) -> NDArray[np.int8]:
     """One ray per pixel into `light`; returns which part each pixel shows, -1 for the cloth."""
     h, w = light.shape[:2]
     parts = np.full((h, w), -1, np.int8)
@@ -187,13 +170,11 @@ def _draw_once(sight: LitWorld | Ruler, light: NDArray[np.floating]) -> NDArray[
 
 def _refine(
     sight: LitWorld | Ruler,
-    light: NDArray[np.floating],
+    light: Floats,
     parts: NDArray[np.int8],
-    background: NDArray[np.floating],
+    cloth: Floats,
 ) -> None:
     """The mean of many rays in every pixel next to an edge."""
-    import cv2
-
     part = parts.astype(np.int16)
     next_to, near = (
         cv2.erode(part, np.ones((n, n))) != cv2.dilate(part, np.ones((n, n))) for n in (3, 5)
@@ -209,7 +190,7 @@ def _refine(
         which, seen = sight.seen(u.ravel(), v.ravel())
         missed = (which < 0).reshape(u.shape).mean(axis=1)
         mean = seen.reshape(*u.shape, 3).mean(axis=1)
-        light[rows[at], columns[at]] = mean + missed[:, None] * background[rows[at], columns[at]]
+        light[rows[at], columns[at]] = mean + missed[:, None] * cloth[rows[at], columns[at]]
 
 
 def render(scene: Scene, seed: int) -> Photo:
@@ -218,11 +199,7 @@ def render(scene: Scene, seed: int) -> Photo:
 
 
 def render_linear(scene: Scene) -> LinearPhoto:
-    """The light on the sensor. Take it once where only sensor, file or noise are to vary.
-
-    Every pixel is one ray; those near an edge are the mean of 55, so that the light in them is that
-    of the surface in them to 0.01 px.
-    """
+    """The light on the sensor; the mean of 55 rays near edges, right to 0.01 px, one elsewhere."""
     if scene.muscle is None:
         return LinearPhoto(scene, through_lens(cloth(scene), scene.lens), None)
     world = World(scene.muscle, scene.camera)
@@ -230,6 +207,5 @@ def render_linear(scene: Scene) -> LinearPhoto:
 
 
 def render_ruler(scene: RulerScene, seed: int) -> Photo:
-    """The photograph of a ruler, with the truth beside it."""
     ruler = Ruler(scene)
     return expose(LinearPhoto(scene, draw(ruler, scene), ruler.truth()), seed)

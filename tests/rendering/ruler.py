@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,55 +16,33 @@ from .truth import RulerTruth
 
 @dataclasses.dataclass(frozen=True)
 class RulerScene(Setting):
-    """A ruler in the muscle's place, upright, its marks along one or both edges.
-
-    Attributes:
-        pitch: from mark to mark [m].
-        margin: from the first and the last mark to the strip's ends [m].
-        tilt_deg: turn in depth [deg], the lower end away from the camera.
-        offset: how far its middle lies behind the mid-plane [m].
-        rotation_deg: turn in the picture [deg], clockwise.
-        x0: its middle to the right of the optical axis [m]; `y0` below it.
-        width: of the strip [m].
-        mark_lengths: lengths of the marks at every pitch, at a quarter of the way from number to
-            number, at half of it and at the numbers [m].
-        print_error: standard deviation of the marks' places [m], drawn by `print_seed`.
-        edge: which edge the marks start from, "left", "right" or "both".
-        other_pitch: pitch of the right edge's marks where `edge` is "both", such as a millimetre
-            beside an eighth of an inch [m]; None takes `pitch`.
-        worn: part of the marks that cannot be seen any more [-], drawn by `print_seed`.
-        numbers: every `per_number`-th mark has a number printed beside it.
-        per_number: marks from number to number, and from one longest mark to the next, 8 or 16 of
-            an inch, 10 of a centimetre.
-        face, ink: reflectance of the strip and of its marks, linear RGB.
-    """
+    """A ruler in the muscle's place, upright, its marks along one or both edges; SI."""
 
     pitch: float = 0.125 * INCH
     marks: int = 89
-    margin: float = 0.25 * INCH
-    tilt_deg: float = 0.0
-    offset: float = 0.0
-    rotation_deg: float = 0.0
-    x0: float = 0.0
+    margin: float = 0.25 * INCH  # from the first and the last mark to the strip's ends
+    tilt_deg: float = 0.0  # in depth, the lower end away from the camera
+    offset: float = 0.0  # of its middle behind the mid-plane
+    rotation_deg: float = 0.0  # in the picture, clockwise
+    x0: float = 0.0  # its middle to the right of the optical axis
     y0: float = 0.0
     width: float = 1.0 * INCH
     mark_width: float = 0.008 * INCH
-    mark_lengths: tuple[float, float, float, float] = (
-        0.16 * INCH, 0.22 * INCH, 0.28 * INCH, 0.36 * INCH,
-    )  # fmt: skip
-    print_error: float = 0.0
+    # At every pitch, at a quarter and half of the way from number to number, at the numbers.
+    mark_lengths: tuple[float, ...] = (0.16 * INCH, 0.22 * INCH, 0.28 * INCH, 0.36 * INCH)
+    print_error: float = 0.0  # standard deviation of the marks' places
     print_seed: int = 0
-    edge: Literal["left", "right", "both"] = "left"
-    other_pitch: float | None = None
-    worn: float = 0.0
-    numbers: bool = True
+    edge: Literal["left", "right", "both"] = "left"  # from which the marks start
+    other_pitch: float | None = None  # of the right edge's marks, where both have some
+    worn: float = 0.0  # part of the marks that cannot be seen any more
+    numbers: bool = True  # printed beside every `per_number`-th mark
     per_number: int = 8
-    face: tuple[float, float, float] = (0.62, 0.62, 0.60)  # steel
+    face: tuple[float, float, float] = (0.62, 0.62, 0.60)  # steel, linear RGB
     ink: tuple[float, float, float] = (0.03, 0.03, 0.03)
 
 
 def published_ruler(*, size: tuple[int, int] = PUBLISHED_CROP) -> RulerScene:
-    """An 11 in steel ruler in 1/8 in, as the reference work's camera saw it (`published_scene`)."""
+    """An 11 in steel ruler in 1/8 in, as the reference work's camera saw it."""
     return RulerScene(published_camera(size), size)
 
 
@@ -82,7 +61,6 @@ class _Row:
     visible: Array
 
     def covers(self, s: Array, inward: Array, width: float) -> Flags:
-        """Whether a mark of this width lies at s along the strip, `inward` of the edge [m]."""
         nearest = np.rint((s - self.places[0]) / self.pitch).astype(np.intp)
         k = np.clip(nearest, 0, self.places.size - 1)
         return (inward < self.visible[k]) & (np.abs(s - self.places[k]) <= width / 2)
@@ -107,7 +85,7 @@ class Ruler:
         self.rows = [self._row_of_marks(side, random) for side in sides]
         self.numbers = self._printed_numbers()
 
-    def _row_of_marks(self, side: int, random: np.random.Generator) -> "_Row":
+    def _row_of_marks(self, side: int, random: np.random.Generator) -> _Row:
         scene = self.scene
         other = scene.other_pitch if side > 0 and scene.edge == "both" else None
         pitch = other or scene.pitch
@@ -124,8 +102,6 @@ class Ruler:
 
     def _printed_numbers(self) -> Array:
         """A raster of the strip's face, 1 where a number is printed."""
-        import cv2
-
         scene = self.scene
         shape = np.array([2 * self.half, scene.width]) * _NUMBERS_PER_M
         rows, columns = np.ceil(shape).astype(int)
@@ -134,10 +110,8 @@ class Ruler:
         column = 0.22 if scene.edge == "right" else 0.45
         for k in range(0, scene.marks if scene.numbers else 0, scene.per_number):
             row = (self.rows[0].places[k] + self.half) * _NUMBERS_PER_M
-            place = (int(column * columns), int(row + 9 * size))
-            cv2.putText(
-                raster, str(k // scene.per_number), place, 0, 0.8 * size, 255, max(1, int(2 * size))
-            )
+            place, thick = (int(column * columns), int(row + 9 * size)), max(1, int(2 * size))
+            cv2.putText(raster, str(k // scene.per_number), place, 0, 0.8 * size, 255, thick)
         return np.asarray(cv2.GaussianBlur(raster, (0, 0), 1.5), float) / 255
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:
@@ -156,10 +130,7 @@ class Ruler:
         return np.stack(self.scene.camera.pixels(X, Y, Z), axis=-1)
 
     def seen(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array]:
-        """What is seen at picture positions u, v [px], and its light, as of `LitWorld.seen`.
-
-        0 is the strip, 1 a mark or its next neighbourhood, 2 a number, -1 the cloth.
-        """
+        """As `LitWorld.seen`: 0 is the strip, 1 a mark or next to it, 2 a number, -1 the cloth."""
         scene = self.scene
         a, b = scene.camera.rays(u, v)
         ray = np.stack([a, b, np.ones(a.size)], axis=1)
@@ -177,9 +148,8 @@ class Ruler:
         which = np.where(near, 1, np.where(print_ > 0.5, 2, 0))
         albedo = (1 - ink) * np.array(scene.face) + ink * np.array(scene.ink)
         grain = 1 + _GRAIN * np.sin(2900 * w + 3 * np.sin(40 * s)) * np.sin(1100 * w)
-        lit = scene.light.ambient + sum(
-            lamp.irradiance(self.facing[None, :])[0] for lamp in scene.light.lamps
-        )
+        facing, lamps = self.facing[None, :], scene.light.lamps
+        lit = scene.light.ambient + sum(lamp.irradiance(facing)[0] for lamp in lamps)
         light = lit * grain[:, None] * albedo
         light[~on] = 0
         return np.where(on, which, -1).astype(np.int8), light
@@ -192,7 +162,6 @@ class Ruler:
         return self.numbers[np.clip(i, 0, rows - 1), np.clip(j, 0, columns - 1)]
 
     def truth(self) -> RulerTruth:
-        """What a perfect reading of the picture would find."""
         row = self.rows[0]
         w = row.side * (self.scene.width - row.lengths) / 2
         marks = self._picture(row.places, w)

@@ -22,22 +22,14 @@ from .muscle import (
     stroke_shape,
 )
 
-Reflectance = Literal["lambert", "oren-nayar", "sqrt"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Lamp:
-    """A soft lamp far away.
+    """A soft lamp far away."""
 
-    Attributes:
-        direction: to the lamp, of any length (X right, Y down, Z away from the camera).
-        strength: light on a white surface that faces it [-], 1 is the picture's white.
-        softness: sine of the angle over which its light fades at the terminator [-], > 0.
-    """
-
-    direction: tuple[float, float, float]
-    strength: float
-    softness: float = 0.25
+    direction: tuple[float, float, float]  # to it (X right, Y down, Z away from the camera)
+    strength: float  # light on a white surface that faces it, 1 is the picture's white
+    softness: float = 0.25  # sine of the angle over which it fades at the terminator
 
     @functools.cached_property
     def towards(self) -> Array:
@@ -52,31 +44,19 @@ class Lamp:
 
 @dataclasses.dataclass(frozen=True)
 class Light:
-    """Lamps, ambient light and what the cloth makes of them.
-
-    Attributes:
-        ambient: light from everywhere [-].
-        reflectance: how threads scatter; "sqrt" is the root of the cosine.
-        cloth: reflected light of the cloth [-], `cloth_gradient` its relative change from the
-            left edge of the picture to the right [-].
-        other_cloth: of the cloth beyond `border`, a part of the picture's width, or of its height
-            where `border_down` [-]; None where there is one cloth alone.
-        colour: of all light, linear RGB.
-        stray: light of an out-of-focus reflection on the cloth [-], `stray_place` its middle, as
-            parts of the picture's width and height.
-    """
+    """Lamps, ambient light and what the cloth makes of them."""
 
     lamps: tuple[Lamp, ...]
     ambient: float = 0.10
-    reflectance: Reflectance = "oren-nayar"
-    cloth: float = 0.006
-    cloth_gradient: float = 0.5
-    other_cloth: float | None = None
-    border: float = 0.5
+    reflectance: Literal["lambert", "oren-nayar", "sqrt"] = "oren-nayar"
+    cloth: float = 0.006  # light of the cloth
+    cloth_gradient: float = 0.5  # its relative change from left to right
+    other_cloth: float | None = None  # light of another cloth, beyond the border
+    border: float = 0.5  # part of the picture's width, or of its height
     border_down: bool = False
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    stray: float = 0.012
-    stray_place: tuple[float, float] = (0.12, 0.75)
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)  # of all light, linear RGB
+    stray: float = 0.012  # an out-of-focus reflection on the cloth
+    stray_place: tuple[float, float] = (0.12, 0.75)  # parts of width and height
 
     @classmethod
     def side(cls) -> "Light":
@@ -103,52 +83,31 @@ _STRANDS = 36
 
 @dataclasses.dataclass(frozen=True)
 class Lens:
-    """What the lens does to the picture, in linear light.
+    """What the lens does to the picture, in linear light."""
 
-    Attributes:
-        blur_px: standard deviation of the Gaussian point spread [px].
-        defocus_px: radius of the disk of a defocused lens [px].
-        halo: part of the light that is spread over a Gaussian of `halo_px` [-].
-        motion_px: way of the muscle during the exposure, at constant speed [px], in the direction
-            `motion_deg`, from the picture's vertical to the right; 90 is across.
-    """
-
-    blur_px: float = 0.9
-    defocus_px: float = 0.0
-    halo: float = 0.0
+    blur_px: float = 0.9  # standard deviation of the Gaussian point spread
+    defocus_px: float = 0.0  # radius of the disk of a defocused lens
+    halo: float = 0.0  # part of the light that is spread over a Gaussian of `halo_px`
     halo_px: float = 6.0
-    motion_px: float = 0.0
-    motion_deg: float = 0.0
+    motion_px: float = 0.0  # way of the muscle during the exposure
+    motion_deg: float = 0.0  # its direction, from the picture's vertical to the right
 
 
 @dataclasses.dataclass(frozen=True)
 class CameraSensor:
-    """What sensor and camera program make of the light.
+    """What sensor and camera program make of the light."""
 
-    Attributes:
-        full_well: electrons of a white pixel [-]; 1900 at ISO 3200, inversely as the ISO number.
-        read_noise: standard deviation in electrons [-].
-        exposure: factor on the light [-]; more than 1 saturates.
-        bayer: one colour per pixel (RGGB), the others interpolated.
-        sharpening: amount of an unsharp mask of 1 px on the encoded picture [-].
-        s_curve: steepness s that a picture style adds to the middle of the encoded sRGB values [-]:
-            e + s e (1 - e) (2 e - 1), -2 to 1.
-        gamma: exponent on the encoded values [-], 1 is sRGB.
-        denoising: range of a bilateral filter on the encoded picture, as phones have one [-]. It
-            comes before the sharpening.
-    """
-
-    full_well: float = 1900.0
-    read_noise: float = 3.0
-    exposure: float = 1.0
-    bayer: bool = False
-    sharpening: float = 0.0
-    s_curve: float = 0.0
-    gamma: float = 1.0
-    denoising: float = 0.0
+    full_well: float = 1900.0  # electrons of a white pixel, as at ISO 3200
+    read_noise: float = 3.0  # electrons
+    exposure: float = 1.0  # factor on the light
+    bayer: bool = False  # one colour per pixel (RGGB), the others interpolated
+    sharpening: float = 0.0  # amount of an unsharp mask of 1 px on the encoded picture
+    s_curve: float = 0.0  # s of a picture style, e + s e (1 - e) (2 e - 1), -2 to 1
+    gamma: float = 1.0  # exponent on the encoded values
+    denoising: float = 0.0  # range of a bilateral filter before the sharpening
 
     def encoded(self, light: NDArray[np.floating]) -> Array:
-        """Encoded value in [0, 1] of linear light; light above 1 and below 0 is cut off."""
+        """Encoded value in [0, 1] of linear light."""
         light = np.clip(np.asarray(light, float), 0, 1)
         e = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
         e = np.clip(e, 0, 1) ** self.gamma
@@ -170,26 +129,17 @@ class Jpeg:
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """Everything that a photograph depends on, but for what it shows and the noise's seed.
-
-    Attributes:
-        camera: its centre in this picture's px.
-        size: rows and columns of the picture.
-        jpeg: None keeps the picture as it left the sensor.
-        time: when it was taken, local; None leaves the file without a time stamp.
-        lying: the muscle lies across the picture, its upper end to the left. The truth stays that
-            of the upright picture.
-    """
+    """Everything that a photograph depends on, but for what it shows and the noise's seed."""
 
     camera: Camera
-    size: tuple[int, int]
+    size: tuple[int, int]  # rows and columns
     _: dataclasses.KW_ONLY
     light: Light = dataclasses.field(default_factory=Light.side)
     lens: Lens = dataclasses.field(default_factory=Lens)
     sensor: CameraSensor = dataclasses.field(default_factory=CameraSensor)
-    jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)
-    time: datetime.datetime | None = None
-    lying: bool = False
+    jpeg: Jpeg | None = dataclasses.field(default_factory=Jpeg)  # None: as it left the sensor
+    time: datetime.datetime | None = None  # local, of the time stamp
+    lying: bool = False  # across the picture, upper end to the left; the truth stays upright
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,7 +150,7 @@ class Scene(Setting):
 
 
 def published_camera(size: tuple[int, int]) -> Camera:
-    """The reference work's: 60 in away, 226.63 px/in; see `published_scene`."""
+    """The reference work's: 60 in away; a crop of another height takes fewer px per inch."""
     px_per_in = PUBLISHED_PX_PER_IN
     if size != PUBLISHED_FRAME:
         px_per_in *= size[0] / PUBLISHED_CROP[0]
@@ -214,26 +164,19 @@ def published_scene(
     size: tuple[int, int] = PUBLISHED_CROP,
     rest_length: float = REST_LENGTH,
 ) -> Scene:
-    """The reference work's muscle at 100 psi, as its camera saw it: 60 in away, 226.63 px/in.
+    """The reference work's muscle at 100 psi, as its camera saw it; strands as thick in px at any size.
 
-    A crop of another height takes proportionally fewer px per inch, and thicker strands in the same
-    measure; the whole frame has the scale of `PUBLISHED_CROP`. Between the published contractions
-    the profile is that of `stroke_shape`, with tapes of 0.875 in.
+    Between the published contractions the profile is that of `stroke_shape`, with tapes of 0.875 in.
     """
     camera = published_camera(size)
-    px_per_in = camera.px_per_m * INCH
-    fitting = 0.875 * INCH
+    profile, tape = stroke_shape(contraction), Tape(diameter=0.875 * INCH)
     if contraction in PUBLISHED_CONTRACTIONS:
-        profile = published_shape(contraction)
-        tape = Tape()
-    else:
-        profile = stroke_shape(contraction, fitting)
-        tape = Tape(diameter=fitting)
-    strands = max(8, 4 * round(_STRANDS * px_per_in / PUBLISHED_PX_PER_IN / 4))
-    muscle = MuscleScene(
-        profile, rest_length * (1 - contraction), strands=strands, upper=tape, lower=tape
+        profile, tape = published_shape(contraction), Tape()
+    strands = max(8, 4 * round(_STRANDS * camera.px_per_m * INCH / PUBLISHED_PX_PER_IN / 4))
+    length = rest_length * (1 - contraction)
+    return Scene(
+        camera, size, MuscleScene(profile, length, strands=strands, upper=tape, lower=tape)
     )
-    return Scene(camera, size, muscle)
 
 
 _WHITE_THREAD = (0.75, 0.75, 0.72)
@@ -244,14 +187,9 @@ _ROOM = 0.35 * INCH  # of cloth beside the muscle and beyond the tapes
 def random_scene(
     seed: int, *, px_per_in: tuple[float, float] = (100.0, 400.0), length: float = REST_LENGTH
 ) -> Scene:
-    """A scene drawn from what a laboratory may set up: no two alike, all of them measurable.
+    """A scene drawn from what a laboratory may set up, measurable; px_per_in is the scale's range.
 
     The crop has its own place in the frame: the optical axis is not in its middle.
-
-    Args:
-        seed: of everything.
-        px_per_in: range of the scale; small figures make small pictures.
-        length: of the muscle at rest [m].
     """
     random = np.random.default_rng(seed)
     scale = random.uniform(*px_per_in) / INCH
@@ -274,17 +212,11 @@ def random_scene(
     muscle = dataclasses.replace(muscle, upper=tape, lower=tape)
     distance = random.uniform(30, 100) * INCH
     size, centre = _crop(muscle, scale, random)
-    return Scene(
-        Camera(scale, distance, centre),
-        size,
-        muscle,
-        light=_light(random),
-        lens=Lens(blur_px=random.uniform(0.7, 1.3)),
-        sensor=CameraSensor(
-            full_well=float(random.choice([7600.0, 3800.0, 1900.0, 950.0])),
-            bayer=bool(random.random() < 0.3),
-        ),
-    )
+    light, lens = _light(random), Lens(blur_px=random.uniform(0.7, 1.3))
+    full_well = float(random.choice([7600.0, 3800.0, 1900.0, 950.0]))
+    sensor = CameraSensor(full_well, bayer=bool(random.random() < 0.3))
+    camera = Camera(scale, distance, centre)
+    return Scene(camera, size, muscle, light=light, lens=lens, sensor=sensor)
 
 
 def _crop(
@@ -313,12 +245,10 @@ def _light(random: np.random.Generator) -> Light:
         angle = np.deg2rad(random.uniform(40, 70))
         direction = (side * np.sin(angle), random.uniform(-0.4, 0.1), -np.cos(angle))
         lamps.append(Lamp(direction, random.uniform(0.5, 0.9), random.uniform(0.1, 0.4)))
+    ambient, reflectance = random.uniform(0.05, 0.2), ["lambert", "oren-nayar", "sqrt"]
     return Light(
-        tuple(lamps),
-        ambient=random.uniform(0.05, 0.2),
-        reflectance=random.choice(["lambert", "oren-nayar", "sqrt"]),
-        cloth=random.uniform(0.003, 0.012),
-        cloth_gradient=random.uniform(-0.8, 0.8),
+        tuple(lamps), ambient, random.choice(reflectance),
+        cloth=random.uniform(0.003, 0.012), cloth_gradient=random.uniform(-0.8, 0.8),
         stray=random.uniform(0, 0.015),
         stray_place=(random.choice([0.1, 0.9]), random.uniform(0.2, 0.8)),
-    )
+    )  # fmt: skip

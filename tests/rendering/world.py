@@ -41,38 +41,28 @@ class BodyAxis:
 
 @dataclasses.dataclass(frozen=True)
 class Hits:
-    """Where rays meet a surface; the azimuth is 0 to the right, pi/2 towards the camera."""
+    """Where rays meet a surface."""
 
     y: Array
-    azimuth: Array
+    azimuth: Array  # 0 to the right, pi/2 towards the camera
     normal: Array
 
 
 class Body:
-    """A pile of circles between two positions along an axis: radii R at uniform positions y [m].
+    """A pile of circles along an axis from `first` to `last`: radii R at uniform positions y [m].
 
-    `offset` is how much further out the outline lies on the left and on the right [m], (2, m). `cut`
-    makes an end uneven: the lower (-1) or the upper one (1), and how much further down it lies at an
-    azimuth.
+    `offset`: how much further out the outline lies on the left and on the right, (2, m). `cut`: the
+    end that is uneven, lower (-1) or upper (1), and how much further down it lies at an azimuth.
     """
 
-    def __init__(
-        self,
-        axis: BodyAxis,
-        first: float,
-        last: float,
-        y: Array,
-        R: Array,
-        offset: Array | None = None,
-    ) -> None:
-        self.first, self.last = first, last
+    def __init__(self, axis: BodyAxis, ends: tuple[float, float], y: Array, R: Array,
+                 offset: Array | None = None) -> None:  # fmt: skip
+        self.first, self.last = ends
         self.y0, self.step = y[0], y[1] - y[0]
         x, dx, z, dz = axis.at(y)
         square = R**2
         columns = square, np.gradient(square, y), x, dx, z, dz
-        self.columns = [
-            (column, None if np.ptp(column) == 0 else np.diff(column)) for column in columns
-        ]
+        self.columns = [(one, None if np.ptp(one) == 0 else np.diff(one)) for one in columns]
         self.depth_of_axis = float(z.mean())
         self.steps = 1 if all(rise is None for _, rise in self.columns) else _STEPS
         self.offset = None if offset is None else 2 * R * offset
@@ -82,8 +72,7 @@ class Body:
     @classmethod
     def cylinder(cls, axis: BodyAxis, first: float, last: float, diameter: float) -> "Body":
         """A round tape or rod."""
-        y = np.linspace(first, last, 64)
-        return cls(axis, first, last, y, np.full(64, diameter / 2))
+        return cls(axis, (first, last), np.linspace(first, last, 64), np.full(64, diameter / 2))
 
     def _place(self, y: Array) -> tuple[NDArray[np.intp], Array]:
         """Entry of the table below y and the part of the way to the next."""
@@ -92,7 +81,7 @@ class Body:
         return i, place - i
 
     def _at(self, y: Array) -> list[Array]:
-        """R^2, its slope, xc, its slope, zc, its slope at y; a scalar where it is the same all over."""
+        """R^2, xc, zc and their slopes at y; a scalar where it is the same all over."""
         i, part = self._place(y)
         return [
             column[0] if rise is None else column.take(i) + part * rise.take(i)
@@ -129,7 +118,7 @@ class Body:
         return np.where((under >= 0) & (y >= first) & (y <= last), depth, np.inf)
 
     def hits(self, a: Array, b: Array, depth: Array) -> Hits:
-        """The places and normals of rays (a, b) that meet the body at this depth, shape (n,)."""
+        """Of rays (a, b) that meet the body at this depth."""
         y = b * depth
         _, dq, xc, dx, zc, dz = self._at(y)
         X, Z = a * depth - xc, depth - zc
@@ -175,8 +164,7 @@ class World:
         y0, depth = _leaned(muscle.y0, camera.distance, muscle.tilt)
         first = y0 - muscle.length / 2
         last = first + muscle.length
-        bow = muscle.bow, muscle.bow_depth
-        self.axis = BodyAxis(muscle.x0, depth, first, muscle.length, *bow)
+        self.axis = BodyAxis(muscle.x0, depth, first, muscle.length, muscle.bow, muscle.bow_depth)
         self.y = np.linspace(first, last, _POINTS)
         _, across, _, away = self.axis.at(self.y)
         self.length = float(np.trapezoid(np.sqrt(1 + across**2 + away**2), self.y))
@@ -185,13 +173,10 @@ class World:
         self.R = diameter / 2
         self.slope = np.gradient(self.R, self.y)
         self.weave = Weave(muscle, self.y, self.R, self.slope)
-        self.offset = np.stack(
-            [self.weave.outline_offset(phi, self.R) for phi in self._tangent_azimuths()]
-        )
-        braid = self._braid(first, last)
-        self.bodies: list[tuple[str, Body | Shoulder, Array]] = [
-            ("braid", braid, np.array(muscle.albedo))
-        ]
+        offset = [self.weave.outline_offset(phi, self.R) for phi in self._tangent_azimuths()]
+        self.offset = np.stack(offset)
+        self.bodies: list[tuple[str, Body | Shoulder, Array]] = []
+        self.bodies.append(("braid", self._braid(first, last), np.array(muscle.albedo)))
         self._add_fitting(muscle.upper, first, -1)
         self._add_fitting(muscle.lower, last, 1)
         if muscle.third is not None:
@@ -206,11 +191,11 @@ class World:
         """The braid, which goes on under tapes with uneven edges as a cylinder."""
         beyond = max(self._reach(self.muscle.upper, 0), self._reach(self.muscle.lower, -1))
         if beyond == 0:
-            return Body(self.axis, first, last, self.y, self.R, self.offset)
+            return Body(self.axis, (first, last), self.y, self.R, self.offset)
         y = np.linspace(first - beyond, last + beyond, _POINTS)
         R = np.interp(y, self.y, self.R)
         offset = np.stack([np.interp(y, self.y, side) for side in self.offset])
-        return Body(self.axis, first - beyond, last + beyond, y, R, offset)
+        return Body(self.axis, (first - beyond, last + beyond), y, R, offset)
 
     def _reach(self, tape: Tape | None, end: int) -> float:
         """How far a tape's edge may lie from its plane [m]."""
@@ -270,7 +255,7 @@ class World:
             if reach > 0:
                 first, last = min(beyond, end), max(beyond, end)
                 y = np.linspace(first - reach, last + reach, 512)
-                body = Body(self.axis, first, last, y, 1.002 * np.interp(y, self.y, self.R))
+                body = Body(self.axis, (first, last), y, 1.002 * np.interp(y, self.y, self.R))
                 body.cut = sign, functools.partial(tape.edge, radius=braid)
                 self.bodies[-1] = ("tape", body, self.bodies[-1][2])
                 outer = braid
@@ -280,16 +265,12 @@ class World:
 
     def _add_tape(self, tape: Tape, one_end: float, other_end: float, diameter: float) -> None:
         colour = colorsys.hsv_to_rgb(tape.hue % 360 / 360, tape.saturation, tape.value)
-        albedo = np.array(
-            [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
-        )
-        self._add("tape", one_end, other_end, diameter, albedo)
+        albedo = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+        self._add("tape", one_end, other_end, diameter, np.array(albedo))
 
-    def _add(
-        self, kind: str, one_end: float, other_end: float, diameter: float, albedo: Array
-    ) -> None:
-        first, last = min(one_end, other_end), max(one_end, other_end)
-        self.bodies.append((kind, Body.cylinder(self.axis, first, last, diameter), albedo))
+    def _add(self, kind: str, one: float, other: float, diameter: float, albedo: Array) -> None:
+        body = Body.cylinder(self.axis, min(one, other), max(one, other), diameter)
+        self.bodies.append((kind, body, albedo))
 
     def span(self, v_first: float, v_last: float) -> tuple[float, float]:
         """Columns [px] within which bodies can be seen in these rows."""
@@ -305,12 +286,10 @@ class World:
         return float(left) - 4, float(right) + 4
 
     def met(self, u: Array, v: Array) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """What the rays through picture positions u, v [px], shape (n,), meet first.
+        """What the rays through picture positions u, v [px] meet first.
 
-        Returns:
-            which: number of the body, -1 for the cloth, shape (n,).
-            a, b: the rays X/Z and Y/Z in the axis' own directions, shape (n,) each.
-            depth: Z where they meet it [m], shape (n,).
+        The number of the body, -1 for the cloth; the rays X/Z and Y/Z in the axis' own directions;
+        and Z where they meet it [m].
         """
         a, b = turned(*self.camera.rays(u, v), -self.muscle.roll)
         b, away = _leaned(b, np.ones_like(b), self.muscle.tilt)
