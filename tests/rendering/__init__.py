@@ -19,7 +19,6 @@ from .muscle import (
     Tape as Tape,
     published_shape as published_shape,
 )
-from .outlines import silhouette_from_profile as silhouette_from_profile
 from .renderer import render as render, render_linear as render_linear, render_ruler as render_ruler
 from .ruler import RulerScene as RulerScene, published_ruler as published_ruler
 from .scene import (
@@ -38,4 +37,7 @@ from .sequence import (
     stroke_log as stroke_log,
     triangle_stroke as triangle_stroke,
 )
-from .truth import MuscleTruth as MuscleTruth
+from .truth import (
+    MuscleTruth as MuscleTruth,
+    silhouette_from_profile as silhouette_from_profile,
+)

@@ -18,21 +18,11 @@ from rig.control import Control
 from rig.plan import Isobaric, PlanFile
 from rig.simulation import MachineClock
 
-from . import Tape, published_ruler, published_scene, render, render_ruler
-from .folder_truth import (
-    MOST,
-    STATED,
-    TRUTH,
-    Truth,
-    TwinErrors,
-    drawn_truth,
-    read_truth,
-    truth_text,
-)
+from . import CameraSensor, Tape, published_ruler, published_scene, render, render_ruler
+from .folder_truth import MOST, STATED, TRUTH, Truth, drawn_truth, read_truth, truth_text
 from .sequence import START, at_length
 
-TRUE_LENGTHS = "truth-lengths.csv"
-"""The true length in every picture; no step of an evaluation reads it."""
+TRUE_LENGTHS = "truth-lengths.csv"  # of every picture; no step of an evaluation reads it
 
 _STRANDS = 36  # of the reference work's braid
 _LOG_INTERVAL = 0.02  # s, of the simulated machine
@@ -46,14 +36,11 @@ def write_twin(
     flawed: bool = True,
     truth: Path | None = None,
 ) -> None:
-    """Make a characterisation folder of a known muscle.
+    """Make a characterisation folder of a known muscle: the same arguments make the same bytes.
 
-    A test on the simulated rig in air, photographs of it by a camera with a clock of its own, a
-    ruler, the sheet, and the truth. With noise everywhere, a shutter that jitters, clocks that
-    drift and, if it is to be flawed, a damaged picture and a second that the log lacks. The same
-    arguments make the same bytes.
-
-    The truth is that of a file as the twin's own `truth.toml`; what it does not say is drawn.
+    A test on the simulated rig in air, photographs of it, a ruler, the sheet, and the truth; with
+    noise, a shutter that jitters, clocks that drift and, if it is to be flawed, a damaged picture
+    and a second that the log lacks. What the file of a truth does not say is drawn.
     """
     assert not (folder / SHEET).exists(), folder
     made_of = drawn_truth(seed, size, flawed=flawed)
@@ -65,8 +52,12 @@ def write_twin(
     lengths = _photographs(folder, record, made_of, rng, seed)
     _flaw(folder, made_of, rng)
     (folder / SHEET).write_text(_sheet(made_of, seed), encoding="utf-8")
-    again = f"`write_twin` of tests/rendering/folder.py, seed {seed}, size {size}, truth {TRUTH}"
-    (folder / TRUTH).write_text(truth_text(made_of, seed, again), encoding="utf-8")
+    head = (
+        f"# What this twin was made from, with the noise of seed {seed}. No evaluation reads it.\n"
+        f"# Edit it, and make another: `write_twin` of tests/rendering/folder.py, seed {seed}, "
+        f"size {size}, truth {TRUTH}\n\n"
+    )
+    (folder / TRUTH).write_text(head + truth_text(made_of), encoding="utf-8")
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows([("picture", "length_m"), *lengths.items()])
     (folder / TRUE_LENGTHS).write_text(table.getvalue(), encoding="utf-8")
@@ -94,16 +85,13 @@ def _test(folder: Path, truth: Truth, seed: int) -> Any:
     return made.analysis.record
 
 
-def _calibrated(perfect: Calibration, errors: TwinErrors) -> Calibration:
+def _calibrated(perfect: Calibration, errors: Any) -> Calibration:
     """What the laboratory believes of its transducer, with the standard errors of that."""
     gain = perfect.pressure.gain * (1 + errors.pressure_reading)
     believed = dataclasses.replace(
-        perfect.pressure,
-        gain=gain,
-        zero=perfect.pressure.zero - errors.pressure_zero / gain,
-        gain_std=STATED.pressure_reading * gain,
-        zero_std=STATED.pressure_zero / gain,
-    )
+        perfect.pressure, gain=gain, zero=perfect.pressure.zero - errors.pressure_zero / gain,
+        gain_std=STATED.pressure_reading * gain, zero_std=STATED.pressure_zero / gain,
+    )  # fmt: skip
     return dataclasses.replace(perfect, pressure=believed)
 
 
@@ -111,18 +99,10 @@ def _photographs(
     folder: Path, record: Any, truth: Truth, rng: np.random.Generator, seed: int
 ) -> Mapping[str, float]:
     """Pictures over the strokes of the test, and the ruler; the true length [m] by picture."""
-    camera, rest, fitting = (
-        truth.camera, truth.muscle.rest_length, truth.muscle.bladder_diameter,
-    )  # fmt: skip
+    camera, rest = truth.camera, truth.muscle.rest_length
     size = (camera.rows, round(camera.rows * 1100 / 2650))
-    scene = published_scene(0.0, size=size, rest_length=rest)
-    sensor = dataclasses.replace(
-        scene.sensor, full_well=camera.electrons, read_noise=camera.read_noise
-    )
-    scene = dataclasses.replace(scene, sensor=sensor)
-    ruler = dataclasses.replace(
-        published_ruler(size=size), sensor=sensor, offset=camera.ruler_offset
-    )
+    sensor, offset = CameraSensor(camera.electrons, camera.read_noise), camera.ruler_offset
+    ruler = dataclasses.replace(published_ruler(size=size), sensor=sensor, offset=offset)
     render_ruler(ruler, seed + 1).save(folder / "ruler.jpg")
     held = np.flatnonzero(np.isfinite(record.set_pressure))
     times = np.linspace(record.time[held[0]] + 2, record.time[held[-1]] - 2, camera.pictures)
@@ -130,10 +110,13 @@ def _photographs(
     lengths = np.minimum(np.interp(taken, record.time, record.length), rest)
     (folder / "photographs").mkdir(exist_ok=True)
     # Yarns as fine as the real ones, at every scale: thick ones shift the outline where they cross.
-    tape = Tape(diameter=fitting)
+    scene, tape = (
+        published_scene(0.0, size=size, rest_length=rest),
+        Tape(diameter=truth.muscle.bladder_diameter),
+    )
     assert scene.muscle is not None
     body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
-    scene = dataclasses.replace(scene, muscle=body)
+    scene = dataclasses.replace(scene, muscle=body, sensor=sensor)
     found = {}
     for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):
         contraction = float(np.clip(1 - length / rest, 0.0, MOST))
@@ -163,10 +146,8 @@ def _flaw(folder: Path, truth: Truth, rng: np.random.Generator) -> None:
 def _sheet(truth: Truth, seed: int) -> str:
     muscle, errors = truth.muscle, truth.errors
     names = ("rest_length", "wall_thickness", "bladder_diameter", "braid_thickness")
-    sizes = "\n".join(
-        f"{name}_in = {(getattr(muscle, name) + getattr(errors, name)) / INCH:.6g}"
-        for name in names
-    )
+    shown = {name: (getattr(muscle, name) + getattr(errors, name)) / INCH for name in names}
+    sizes = "\n".join(f"{name}_in = {value:.6g}" for name, value in shown.items())
     stated = "\n".join(f"{name}_in = {getattr(STATED, name) / INCH:.3g}" for name in names)
     return f"""\
 # A twin: made by the simulated rig and camera, seed {seed}. {TRUTH} holds what it was made from.

@@ -8,24 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 
 import famjax
-from famjax.boundary.toml_file import (
-    Form,
-    NotNegative,
-    Positive,
-    from_entries,
-    read_toml,
-    to_entries,
-    toml_text,
-)
+from famjax.boundary import toml_file
+from famjax.boundary.toml_file import NotNegative, Positive
 from famjax.units import INCH, PSI
 from fitting.evidence import FORM as SHARED_ERRORS, SharedErrors
 
 from .muscle import stroke_shape
 
-TRUTH = "truth.toml"
-"""Name of the file in a twin's folder; no step of an evaluation reads it."""
-MOST = 0.35
-"""Contraction up to which the shapes are known."""
+TRUTH = "truth.toml"  # in a twin's folder; no step of an evaluation reads it
+MOST = 0.35  # contraction up to which the shapes are known
 
 STATED = SharedErrors(
     rest_length=0.005 * INCH, wall_thickness=0.0003 * INCH, bladder_diameter=0.002 * INCH,
@@ -34,18 +25,13 @@ STATED = SharedErrors(
 )  # fmt: skip
 """Standard errors of what the laboratory says of muscle and sensors."""
 
-_STATIONS, _CONTRACTIONS = 201, 29
 _REST, _BORE = 9.28125 * INCH, 0.875 * INCH  # of the reference work's muscle
 _THREAD = 9.89 / 9.28125  # of the rest length
 
 
 @dataclasses.dataclass(frozen=True)
 class TwinMuscle:
-    """A muscle like the reference work's 7/8 in one, SI: its shapes, in any size, and any law.
-
-    The shapes are stretched to the rest length, and widen with the bladder, which is as wide as
-    fittings and tapes; friction is the part of the force by which the branches differ from their mean.
-    """
+    """A muscle with the reference work's shapes, in any size, and any law; SI."""
 
     coefficients: tuple[float, ...]
     deadband: NotNegative
@@ -54,18 +40,14 @@ class TwinMuscle:
     bladder_diameter: Positive = _BORE
     wall_thickness: Positive = 0.0625 * INCH
     braid_thickness: NotNegative = 0.011 * INCH
-    friction: NotNegative = 0.01
+    friction: NotNegative = 0.01  # part of the force by which the branches differ from their mean
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> "TwinMuscle":
         """Within a tenth of the reference work's, stable."""
-        scale = 1 + rng.uniform(-0.1, 0.1, 3)
-        law = np.array([257.8, -57.9, 32.7]) * PSI * scale
-        return cls(
-            (float(law[0]), float(law[1]), float(law[2])),
-            float(rng.uniform(2e3, 12e3)),
-            float(1.09 * (1 + rng.uniform(-0.02, 0.02))),
-        )
+        law = np.array([257.8, -57.9, 32.7]) * PSI * (1 + rng.uniform(-0.1, 0.1, 3))
+        deadband, turns = rng.uniform(2e3, 12e3), 1.09 * (1 + rng.uniform(-0.02, 0.02))
+        return cls(tuple(law.tolist()), float(deadband), float(turns))
 
     def shape(self, contraction: float) -> Any:
         """Diameter [m] over z/L at a contraction from 0 to `MOST`."""
@@ -75,68 +57,44 @@ class TwinMuscle:
 
     def muscle(self) -> famjax.Muscle:
         """As a model: the shape that the camera sees, and the law."""
-        x, c = np.linspace(0, 1, _STATIONS), np.linspace(0.0, MOST, _CONTRACTIONS)
+        x, c, rest = np.linspace(0, 1, 201), np.linspace(0.0, MOST, 29), self.rest_length
         shapes = np.stack([np.asarray(self.shape(float(one))(x)) for one in c])
-        rest = self.rest_length
         braid = famjax.Braid(_THREAD * rest, self.turns, self.braid_thickness)
         surface = famjax.surfaces.SampledSurface(
-            lengths=rest * (1 - c),
-            pressures=[0.0],
-            diameters=shapes[None],
-            braid=braid,
-            margin=0.0,
+            lengths=rest * (1 - c), pressures=[0.0], diameters=shapes[None], braid=braid, margin=0.0
         )
         bladder = famjax.Bladder(rest, self.bladder_diameter, self.wall_thickness)
-        geometry = famjax.MeasuredGeometry(surface, bladder)
         law = famjax.PolynomialMaterial(jnp.array(self.coefficients))
-        return famjax.Muscle(geometry, law, self.deadband)
+        return famjax.Muscle(famjax.MeasuredGeometry(surface, bladder), law, self.deadband)
 
 
 @dataclasses.dataclass(frozen=True)
 class TwinRig:
-    """The test, the rig and the machine, SI.
-
-    Attributes:
-        settle: how long a pressure is held before its strokes.
-        clock_ahead: reading of the machine's clock when the journal begins.
-        clock_drift: by which it gains, s per s.
-        lost: how much of the log is missing somewhere in its middle half.
-    """
+    """The test, the rig and the machine, SI."""
 
     pressures: tuple[float, ...]
     cycles: int
     stroke: Positive
     rate: Positive = 0.1 * INCH
     settle: NotNegative = 6.0
-    clock_ahead: float = 0.0
-    clock_drift: float = 0.0
-    lost: NotNegative = 0.0
+    clock_ahead: float = 0.0  # reading of the machine's clock when the journal begins
+    clock_drift: float = 0.0  # by which it gains, s per s
+    lost: NotNegative = 0.0  # time of the log that is missing in its middle half
 
 
 @dataclasses.dataclass(frozen=True)
 class TwinCamera:
-    """The camera and its ruler.
+    """The camera and its ruler, SI."""
 
-    Attributes:
-        pictures: how many, evenly over the test, all of so many `rows`, which the muscle fills.
-        jitter: standard deviation of the shutter's delay [s].
-        clock_ahead: what its clock is ahead of the journal's [s].
-        clock_drift: by which it gains, s per s.
-        electrons: of a white pixel, the fewer the noisier [-]; 1900 at ISO 3200.
-        read_noise: standard deviation in electrons [-].
-        ruler_offset: how far the ruler lies behind the plane of the axis [m].
-        damaged: pictures in the middle half that are cut short.
-    """
-
-    pictures: int
+    pictures: int  # evenly over the test
     rows: int
-    jitter: NotNegative = 0.01
-    clock_ahead: float = 0.0
+    jitter: NotNegative = 0.01  # standard deviation of the shutter's delay
+    clock_ahead: float = 0.0  # of the journal's
     clock_drift: float = 0.0
-    electrons: Positive = 1900.0
+    electrons: Positive = 1900.0  # of a white pixel
     read_noise: NotNegative = 3.0
-    ruler_offset: float = 0.0
-    damaged: int = 0
+    ruler_offset: float = 0.0  # behind the plane of the axis
+    damaged: int = 0  # pictures in the middle half that are cut short
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,13 +111,8 @@ class TwinErrors:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> "TwinErrors":
-        """Each with the standard error that is stated of it."""
-        return cls(
-            **{
-                field.name: float(rng.normal(0, getattr(STATED, field.name)))
-                for field in dataclasses.fields(cls)
-            }
-        )
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(*(float(rng.normal(0, getattr(STATED, name))) for name in names))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,23 +131,16 @@ _SIZES: dict[str, tuple[tuple[float, ...], int, float, int, int]] = {
 }
 """Set pressures [psi], cycles, stroke [in], pictures, rows."""
 
-_FORM = Form(
-    {
-        **SHARED_ERRORS.kinds,
-        **dict.fromkeys(("coefficients", "deadband", "pressures"), "pressure"),
-        **dict.fromkeys(("stroke", "ruler_offset"), "length"),
-        **dict.fromkeys(("settle", "clock_ahead", "lost", "jitter"), "time"),
-        "rate": "rate",
-    }
-)
+_FORM = toml_file.Form({
+    **SHARED_ERRORS.kinds, "rate": "rate",
+    **dict.fromkeys(("coefficients", "deadband", "pressures"), "pressure"),
+    **dict.fromkeys(("stroke", "ruler_offset"), "length"),
+    **dict.fromkeys(("settle", "clock_ahead", "lost", "jitter"), "time"),
+})  # fmt: skip
 
 
 def drawn_truth(seed: int, size: Literal["small", "large"], *, flawed: bool) -> Truth:
-    """The truth of a seed: a muscle near the reference work's; clocks, a ruler and sensors that are off.
-
-    Small is a try in minutes, large has ten pressures and two hundred pictures; where it is flawed,
-    a picture is damaged and a second of the log is lost.
-    """
+    """The truth of a seed: a muscle near the reference work's; clocks, a ruler and sensors that are off."""
     rng = np.random.default_rng(seed)
     muscle, ruler = TwinMuscle.drawn(rng), float(rng.normal(0, 0.01 * INCH))
     pressures, cycles, stroke, pictures, rows = _SIZES[size]
@@ -216,18 +162,13 @@ def drawn_truth(seed: int, size: Literal["small", "large"], *, flawed: bool) -> 
 
 def read_truth(path: Path, drawn: Truth) -> Truth:
     """A truth from a file; what the file does not say is as drawn."""
-    content = read_toml(path, "truth")
+    content = toml_file.read_toml(path, "truth")
     entries = {name: _merged(content.get(name, {}), part) for name, part in vars(drawn).items()}
-    return from_entries(Truth, entries, _FORM, where=f"{path}: ")
+    return toml_file.from_entries(Truth, entries, _FORM, where=f"{path}: ")
 
 
-def truth_text(truth: Truth, seed: int, command: str) -> str:
-    """The file of a truth."""
-    head = (
-        f"# What this twin was made from, with the noise of seed {seed}. No evaluation reads it.\n"
-    )
-    again = f"# Edit it, and make another: {command}\n\n"
-    return head + again + toml_text(to_entries(truth, _FORM)).lstrip("\n")
+def truth_text(truth: Truth) -> str:
+    return toml_file.toml_text(toml_file.to_entries(truth, _FORM)).lstrip("\n")
 
 
 def _merged(given: Any, drawn: Any) -> Any:

@@ -16,17 +16,14 @@ from .muscle import Profile, stroke_shape
 from .renderer import render
 from .scene import Scene
 
-Contraction = Callable[[Array], ArrayLike]
+Contraction = Callable[[Array], Array]
+LBF = factor("lbf", "force")
 START = datetime.datetime(2021, 3, 1, 10, 0, 0)
 
 
 def triangle_stroke(peak: float, period_s: float) -> Contraction:
-    """A contraction that goes from 0 to `peak` [-] and back at one speed within `period_s` [s]."""
-
-    def contraction(time: Array) -> Array:
-        return peak * (1 - np.abs(np.asarray(time, float) % period_s * 2 / period_s - 1))
-
-    return contraction
+    """A contraction that goes from 0 to `peak` and back at one speed within `period_s`."""
+    return lambda time: peak * (1 - np.abs(np.asarray(time) % period_s * 2 / period_s - 1))
 
 
 def at_length(scene: Scene, length: float, profile: Profile, time: datetime.datetime) -> Scene:
@@ -39,27 +36,16 @@ def at_length(scene: Scene, length: float, profile: Profile, time: datetime.date
 
 
 def render_sequence(
-    scene: Scene,
-    contraction: Contraction,
-    times: ArrayLike,
-    *,
-    clock_offset: float = 0.0,
-    seed: int,
+    rest: Scene, contraction: Contraction, times: ArrayLike, *, clock_offset: float, seed: int
 ) -> Iterator[Photo]:
-    """Photographs of a stroke, one after the other, each with the truth of its own instant.
-
-    The upper end stays where it is in `scene`, whose muscle is the one at rest; the profile is
-    `stroke_shape` at the contraction of the instant. The camera's clock shows `clock_offset` [s]
-    after `START` at the machine's time 0.
-    """
-    muscle = scene.muscle
+    """Photographs of a stroke; the camera's clock is `clock_offset` [s] after `START` at time 0."""
+    muscle = rest.muscle
     assert muscle is not None
     times = np.asarray(times, float)
-    shortened = np.asarray(contraction(times), float)
-    for k, (time, c) in enumerate(zip(times, shortened, strict=True)):
-        shape = stroke_shape(float(c), float(muscle.diameter(0.0)))
-        stamp = START + datetime.timedelta(seconds=clock_offset + float(time))
-        yield render(at_length(scene, muscle.length * (1 - float(c)), shape, stamp), seed + 1 + k)
+    for k, (time, c) in enumerate(zip(times.tolist(), contraction(times).tolist(), strict=True)):
+        shape = stroke_shape(c, float(muscle.diameter(0.0)))
+        stamp = START + datetime.timedelta(seconds=clock_offset + time)
+        yield render(at_length(rest, muscle.length * (1 - c), shape, stamp), seed + 1 + k)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,24 +58,15 @@ class StrokeLog:
     pressure: Array
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write time_s, displacement_in, force_lbf, pressure_psi as CSV."""
-        columns = {
-            "time_s": self.time,
-            "displacement_in": self.displacement / factor("in", "length"),
-            "force_lbf": self.force / factor("lbf", "force"),
-            "pressure_psi": self.pressure / factor("psi", "pressure"),
-        }
-        table = np.column_stack(list(columns.values()))
-        np.savetxt(path, table, "%.7g", delimiter=",", header=",".join(columns), comments="")
+        psi, inch = factor("psi", "pressure"), factor("in", "length")
+        columns = self.time, self.displacement / inch, self.force / LBF, self.pressure / psi
+        names = "time_s,displacement_in,force_lbf,pressure_psi"
+        np.savetxt(path, np.stack(columns, 1), "%.7g", delimiter=",", header=names, comments="")
 
 
 def stroke_log(contraction: Contraction, times: ArrayLike, rest_length: float) -> StrokeLog:
-    """The record for the same stroke at 100 psi.
-
-    The force falls linearly between the reference work's two ends: no muscle's law, but its range.
-    """
+    """The record at 100 psi; the force falls linearly between the reference work's two ends."""
     times = np.asarray(times, float)
-    c = np.asarray(contraction(times), float)
-    force = 1058 * factor("lbf", "force") * (1 - c / 0.354)
+    c = contraction(times)
     pressure = np.full(times.shape, 100 * factor("psi", "pressure"))
-    return StrokeLog(times, c * rest_length, force, pressure)
+    return StrokeLog(times, c * rest_length, 1058 * LBF * (1 - c / 0.354), pressure)
