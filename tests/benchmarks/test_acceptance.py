@@ -21,24 +21,24 @@ pressure_kPa,length_mm,force_N
 """
 
 
-def measured(case) -> dict[str, float]:
+def measured(case):
     """Stands in for a measure."""
     return {"readings": float(case.map.loaded.sum()), "nan": math.nan}
 
 
-def failing(_) -> dict[str, float]:
+def failing(_):
     raise ZeroDivisionError("no\nmore")
 
 
 @pytest.fixture
-def csv(tmp_path: Path) -> Path:
+def csv(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text(MAP)
     return path
 
 
 @pytest.fixture
-def tiny(monkeypatch: pytest.MonkeyPatch):
+def tiny(monkeypatch):
     """A row that at least two readings are loaded."""
     monkeypatch.setitem(sys.modules, "stand_in", sys.modules[__name__])
     (found,) = row.rows(
@@ -48,7 +48,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch):
     return found
 
 
-def test_every_row_is_complete() -> None:
+def test_every_row_is_complete():
     keys = {(one.title, one.direction, one.data) for one in acceptance.ROWS}
     assert len(keys) == len(acceptance.ROWS) > 130
     for one in acceptance.ROWS:
@@ -61,7 +61,7 @@ def test_every_row_is_complete() -> None:
         assert f"\ndef {function}(" in source, one.measure
 
 
-def test_data_are_maps_folders_and_places(csv: Path, tmp_path: Path) -> None:
+def test_data_are_maps_folders_and_places(csv, tmp_path):
     words = [f"bpa10 10cm={csv}", "DMSP-10-250", str(tmp_path)]
     assert acceptance.given_data(words) == ({"bpa10 10cm": str(csv)}, ["DMSP-10-250", str(csv)])
     (tmp_path / "empty").mkdir()
@@ -73,10 +73,10 @@ def test_data_are_maps_folders_and_places(csv: Path, tmp_path: Path) -> None:
             acceptance.given_data([bad])
 
 
-def test_verdicts(tiny, csv: Path) -> None:
+def test_verdicts(tiny, csv):
     case = row.Case("mine", str(csv))
 
-    def verdict(own_data: bool = True, **changes) -> str:
+    def verdict(own_data=True, **changes):
         return row.judge(dataclasses.replace(tiny, **changes), case, own_data=own_data).verdict
 
     assert row.judge(tiny, case, own_data=True).value == 3
@@ -92,10 +92,7 @@ def test_verdicts(tiny, csv: Path) -> None:
     assert "--data 'bpa10 10cm=PATH'" in absent.why
 
 
-def test_lines_file_and_exit_code(
-    tiny, csv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+def test_lines_file_and_exit_code(tiny, csv, tmp_path, monkeypatch, capsys):
     strict = dataclasses.replace(tiny, name="another map", limit=1000)
     monkeypatch.setattr(acceptance, "ROWS", (tiny, strict))
     out = tmp_path / "found.json"
@@ -117,6 +114,6 @@ def test_lines_file_and_exit_code(
 
 
 @pytest.mark.slow
-def test_certificates_hold_on_another_map() -> None:
+def test_certificates_hold_on_another_map():
     """Nothing in what is asked of a certificate belongs to one map."""
     assert acceptance.main(["--only", "certificate", "--data", "DMSP-10-250"]) == 0

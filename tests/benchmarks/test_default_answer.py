@@ -27,7 +27,7 @@ def tube():
 
 
 @pytest.mark.parametrize("name", ["tubes", "dense_truth"])
-def test_the_physics_shares_nothing_with_famjax(name: str) -> None:
+def test_the_physics_shares_nothing_with_famjax(name):
     nodes = ast.walk(ast.parse((TESTS / f"{name}.py").read_text()))
     imported = {
         part.partition(".")[0]
@@ -40,14 +40,14 @@ def test_the_physics_shares_nothing_with_famjax(name: str) -> None:
     assert not imported & {"famjax", "fitting", "imaging", "rig", "jax"}
 
 
-def test_a_thin_wall_pulls_as_its_energy_at_one_radius_changes(tube) -> None:
+def test_a_thin_wall_pulls_as_its_energy_at_one_radius_changes(tube):
     # An oracle without a quadrature: neo-Hookean rubber at the braid's radius alone.
     rubber = tubes.Rubber("mooney-rivlin", 5e5, (0.0,))
     thin = dataclasses.replace(tube, wall=1e-5, rubber=rubber)
     L, P, h = 0.22, 3e5, 1e-6
     volume = np.pi * ((thin.bore / 2 + thin.wall) ** 2 - (thin.bore / 2) ** 2) * thin.rest_length
 
-    def energy(L: float) -> float:
+    def energy(L):
         along = L / thin.rest_length
         squared = (1 - (along * np.sin(thin.angle)) ** 2) / np.cos(thin.angle) ** 2  # around
         first = squared + along**2 + 1 / (squared * along**2) - 3
@@ -63,14 +63,14 @@ def test_a_thin_wall_pulls_as_its_energy_at_one_radius_changes(tube) -> None:
     ("law", "shape"),
     [("mooney-rivlin", (0.3,)), ("ogden", (2.0, -3.0, 0.4)), ("gent", (9.0,)), ("yeoh", (-0.05, 0.01))],
 )  # fmt: skip
-def test_every_law_has_its_modulus_at_small_strains(law: str, shape) -> None:
+def test_every_law_has_its_modulus_at_small_strains(law, shape):
     rubber = tubes.Rubber(law, 4e5, shape)
     e = 1e-3  # pure shear: the energy is G e^2 / 2 at an engineering shear of 2 e
     energy = rubber.energy(np.array(np.exp(e)), np.array(np.exp(-e)))
     assert energy == pytest.approx(4e5 * (2 * e) ** 2 / 2, rel=1e-2)
 
 
-def test_the_rig_is_in_the_reading(tube) -> None:
+def test_the_rig_is_in_the_reading(tube):
     rigid = tube.reading(0.23, 5e5)
     give = 1e-6
     gives = dataclasses.replace(tube, rig_give=give)
@@ -87,7 +87,7 @@ def test_the_rig_is_in_the_reading(tube) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_seed_is_a_map_and_its_truth_lies_inside(seed: int, tmp_path) -> None:
+def test_a_seed_is_a_map_and_its_truth_lies_inside(seed, tmp_path):
     one, again = truth.own_map(seed), truth.own_map(seed)
     assert one.readings == again.readings
     assert one.readings != truth.own_map(seed + 100).readings
@@ -106,7 +106,7 @@ def test_a_seed_is_a_map_and_its_truth_lies_inside(seed: int, tmp_path) -> None:
     assert np.unique(one.length[(one.length > second) & (one.length < first)]).size >= 8
 
 
-def test_a_hard_muscle_fits_the_real_map() -> None:
+def test_a_hard_muscle_fits_the_real_map():
     one = truth.hard_map(3)
     real = load_bundled("DMSP-10-250")
     rows = np.loadtxt(one.readings.splitlines()[1:], delimiter=",")
@@ -127,7 +127,7 @@ def test_a_hard_muscle_fits_the_real_map() -> None:
         ([9, 50, 100], 2.0, True),  # a slack muscle that is said to pull
     ],
 )
-def test_what_is_wrong(force, half: float, bad: bool) -> None:
+def test_what_is_wrong(force, half, bad):
     """An answer to a truth of 0, 50 and 100 N at three states."""
     states, force = np.full(3, 0.2), np.array(force, float)
     one = truth.TruthMap("own", "made up", 0, "", "", states, states, np.array([0.0, 50.0, 100.0]))
@@ -138,7 +138,7 @@ def test_what_is_wrong(force, half: float, bad: bool) -> None:
 
 
 @pytest.mark.slow
-def test_a_small_map_is_examined() -> None:
+def test_a_small_map_is_examined():
     small = next(one for one in map(truth.own_map, range(20)) if one.about.startswith("4x6"))
     one = answers.examine(small)
     assert not one.why

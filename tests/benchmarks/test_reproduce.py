@@ -3,9 +3,7 @@
 import importlib
 import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -22,7 +20,7 @@ MISPRINTS = 7  # marked in the reference file: w and b_1 of table 4.3, a total o
 
 
 @pytest.fixture(scope="module")
-def loaded() -> Iterator[ModuleType]:
+def loaded():
     before = sys.path[:]
     sys.path.insert(0, str(BENCHMARKS))
     yield importlib.import_module("reproduce")
@@ -30,12 +28,12 @@ def loaded() -> Iterator[ModuleType]:
 
 
 @pytest.fixture(scope="module")
-def found(loaded: ModuleType) -> list:
+def found(loaded):
     return loaded.reproduce(None, lambda *_: None)
 
 
 @pytest.mark.slow
-def test_every_published_figure_is_met_but_those_explained(loaded: ModuleType, found: list) -> None:
+def test_every_published_figure_is_met_but_those_explained(loaded, found):
     assert {(row.table, row.entry) for row in found if row.verdict == "outside"} == OUT
     notes = dict(loaded.NOTES)
     assert all("Out of tolerance" in notes[table] for table, _ in OUT)
@@ -48,7 +46,7 @@ def test_every_published_figure_is_met_but_those_explained(loaded: ModuleType, f
     assert len(set(keys)) == len(keys)
 
 
-def test_a_tolerance_is_half_the_last_digit_and_what_is_named(loaded: ModuleType) -> None:
+def test_a_tolerance_is_half_the_last_digit_and_what_is_named(loaded):
     beside = sys.modules["beside_print"].beside
     digits = {"elastic_braid.D_in.2": 0.0005, "circumferential_strain.measured_average_diameter.2": 0.005,
               "braid_angle_table.braid_2p0.1": 0.05, "specimen.thread_modulus_in_situ_linear_psi": 5e4,
@@ -62,9 +60,7 @@ def test_a_tolerance_is_half_the_last_digit_and_what_is_named(loaded: ModuleType
 
 
 @pytest.mark.slow
-def test_every_printed_figure_at_hand_is_compared_or_an_input(
-    loaded: ModuleType, found: list
-) -> None:
+def test_every_printed_figure_at_hand_is_compared_or_an_input(loaded, found):
     """Chapters 2 and 4 to 7 of the transcription, figure by figure."""
     compared = {row.key for row in found}
     printed = sys.modules["beside_print"].printed()
@@ -97,7 +93,7 @@ def test_every_printed_figure_at_hand_is_compared_or_an_input(
             assert (f"braid_angle_table.{column}.{k}" in compared) == bool(text)
 
 
-def _keys(key: str, value: object) -> list[str]:
+def _keys(key, value):
     """Places of all figures in a part of the reference file."""
     if isinstance(value, dict):
         return [one for name, part in value.items() for one in _keys(f"{key}.{name}", part)]
@@ -106,7 +102,7 @@ def _keys(key: str, value: object) -> list[str]:
     return [key]
 
 
-def test_reconstruction_meets_the_printed_ends(loaded: ModuleType) -> None:
+def test_reconstruction_meets_the_printed_ends(loaded):
     clean = loaded.reconstruction.force_map(noise_lbf=0)  # in inch, psi and lbf
     force, length = clean.force.reshape(10, 85), clean.length.reshape(10, 85)
     np.testing.assert_allclose(clean.pressure.reshape(10, 85)[:, 0], np.arange(10, 101, 10))
@@ -128,7 +124,7 @@ def test_reconstruction_meets_the_printed_ends(loaded: ModuleType) -> None:
 
 
 @pytest.mark.slow
-def test_fits_of_the_reconstruction_leave_errors_as_printed(loaded: ModuleType) -> None:
+def test_fits_of_the_reconstruction_leave_errors_as_printed(loaded):
     """As it was made to: mean errors of the force within a quarter of those printed."""
     rows = [row for _, table in loaded.reconstructed() for row in table()]
     assert all("SYNTHETIC" in row.entry and row.within is None for row in rows)

@@ -1,7 +1,6 @@
 """Twins: the truth that a person edits, and the same bytes for the same seed."""
 
 import itertools
-from pathlib import Path
 
 import pytest
 
@@ -24,13 +23,13 @@ damaged = 1
 """
 
 
-def written(path: Path, text: str) -> Path:
+def written(path, text):
     path.write_text(text)
     return path
 
 
 @pytest.mark.slow
-def test_a_twin_of_a_truth_is_the_same_bytes_again_from_its_own(tmp_path: Path) -> None:
+def test_a_twin_of_a_truth_is_the_same_bytes_again_from_its_own(tmp_path):
     """The file that the first wrote makes the second, on another day."""
     write_twin(tmp_path / "a", seed=4, truth=written(tmp_path / TRUTH, SMALL))
     write_twin(tmp_path / "b", seed=4, truth=tmp_path / "a" / TRUTH)

@@ -13,7 +13,6 @@ from rendering import (
     CameraSensor,
     Lens,
     Light,
-    Scene,
     expose,
     published_ruler,
     published_scene,
@@ -38,14 +37,14 @@ GEOMETRY = Light(lamps=(), ambient=1.0, cloth=0.0, stray=0.0)
 SHARP = Lens(blur_px=0.0)
 
 
-def small(**changes) -> Scene:
+def small(**changes):
     """A small published scene with another muscle."""
     scene = published_scene(size=SIZE)
     assert scene.muscle is not None
     return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, **changes))
 
 
-def rim(world: World, column: float, row: float, sign: int) -> float:
+def rim(world, column, row, sign):
     """Where rays stop meeting the braid, sought with a comb of rays about a column."""
     comb = np.arange(-0.05, 0.05, 5e-5)
     which, *_ = world.met(column + comb, np.full(comb.size, row))
@@ -144,7 +143,7 @@ def test_point_spread_has_its_second_moment(lens, spread):
         assert np.sqrt(second) == pytest.approx(sigma, rel=0.03, abs=0.3 * (sigma == 0))
 
 
-def covered_by_a_mark(light: np.ndarray, u: float, v: float) -> tuple[np.ndarray, np.ndarray]:
+def covered_by_a_mark(light, u, v):
     """Rows about a mark of black ink and the part of them that is dark."""
     rows = round(v) + np.arange(-4, 5)
     window = light[rows, round(u) - 1 : round(u) + 2, 1].mean(axis=1)

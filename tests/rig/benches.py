@@ -3,9 +3,7 @@
 import contextlib
 import io
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pytest
 from faulty_channel import FaultyChannel
@@ -42,11 +40,11 @@ AnyMessage = TypeVar("AnyMessage", bound=Message)
 class Wired(Device):
     """A board whose wires carry something else to its channels."""
 
-    def __init__(self, wires: Callable[[int, int], tuple[int, int]]) -> None:
+    def __init__(self, wires):
         self.wires = wires
         super().__init__()
 
-    def tick(self, pressure_counts: int, force_counts: int) -> None:
+    def tick(self, pressure_counts, force_counts):
         super().tick(*self.wires(pressure_counts, force_counts))
 
 
@@ -55,24 +53,24 @@ class Watched(SimulatedRig):
 
     peak = 0.0
 
-    def advance(self, seconds: float) -> None:
+    def advance(self, seconds):
         super().advance(seconds)
         self.peak = max(self.peak, self.pressure / PSI)
 
 
-def opened(sim: SimulatedRig, journal: Journal | None = None, **changes: Any) -> Rig:
+def opened(sim, journal=None, **changes):
     """A rig under 110 psi, still to be entered."""
     calibration = changes.pop("calibration", None) or sim.calibration()
     settings = {"pressure_limit": LIMIT, "control": GAINS, "journal": journal, **changes}
     return Rig(VirtualLink(sim), calibration, **settings)
 
 
-def journal_of(path: Path, sim: SimulatedRig, **options: bool) -> Journal:
+def journal_of(path, sim, **options):
     return Journal(path, lambda: sim.now, **options)
 
 
 @contextlib.contextmanager
-def recorded(path: Path, sim: SimulatedRig | None = None, **changes: Any) -> Iterator[Rig]:
+def recorded(path, sim=None, **changes):
     """A rig that is entered and recorded; it must be vented in the end."""
     sim = sim or SimulatedRig()
     try:
@@ -82,21 +80,21 @@ def recorded(path: Path, sim: SimulatedRig | None = None, **changes: Any) -> Ite
         assert sim.device.output == 0
 
 
-def vented(sim: SimulatedRig) -> bool:
+def vented(sim):
     return sim.device.state == SAFE and sim.device.output == 0 and sim.device.dump_open
 
 
 class Recorder:
     """A link over a line with faults that keeps what the session lets through, and what was sent."""
 
-    def __init__(self, seed: int = 0, **chances: float) -> None:
+    def __init__(self, seed=0, **chances):
         self.sim = SimulatedRig(
             to_device=FaultyChannel(baud=115200, limit=4096, seed=seed, **chances),
             to_host=FaultyChannel(seed=seed + 1, **chances),
         )
         self.sent, take = bytearray(), self.sim.device.take
 
-        def taken() -> bytes:
+        def taken():
             data = take()
             self.sent += data
             return data
@@ -108,13 +106,13 @@ class Recorder:
         self.link.command("hello")
         greet(self.link)
 
-    def run(self, seconds: float) -> None:
+    def run(self, seconds):
         end = self.link.now + seconds
         while self.link.now < end - 1e-9:
             self.link.keep_alive()
             self.link.sleep(min(0.5, end - self.link.now))
 
-    def wrong(self) -> int:
+    def wrong(self):
         """Records that the device never sent, recognised by all of their fields."""
         lines = (line for line in self.sent.split(b"\n") if line.startswith(b"T"))
         sent = {tuple(map(int, line[2:-5].split(b","))) for line in lines}
@@ -126,15 +124,15 @@ class Port:
 
     cable_out, closed, in_waiting = False, 0, 0
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.sim, self.begin = SimulatedRig(), time.monotonic()
 
-    def open(self) -> "Port":
+    def open(self):
         if self.cable_out:
             raise OSError("the cable is out")
         return self
 
-    def read(self, _size: int = 1) -> bytes:
+    def read(self, _size=1):
         self.open()
         time.sleep(0.002)
         behind = time.monotonic() - self.begin - self.sim.now
@@ -142,14 +140,14 @@ class Port:
         self.sim.advance(min(max(behind, 0.0), 0.25))
         return self.sim.read()
 
-    def write(self, data: bytes) -> None:
+    def write(self, data):
         self.open().sim.write(data)
 
-    def close(self) -> None:
+    def close(self):
         self.closed += 1
 
 
-def until(holds: Callable[[], bool], seconds: float = 10) -> None:
+def until(holds, seconds=10):
     """Wait for another thread."""
     end = time.monotonic() + seconds
     while not holds():
@@ -160,13 +158,13 @@ def until(holds: Callable[[], bool], seconds: float = 10) -> None:
 # ---- records ----
 
 
-def record_line(seq: int, tick: int | None = None, **fields: int) -> bytes:
+def record_line(seq, tick=None, **fields):
     tick = 5 * seq + 5 if tick is None else tick
     sample = Sample(0, seq, tick, 1000 + seq % 7, 200, 2500, 0, 0, 0)._replace(**fields)
     return frame("T," + ",".join(map(str, sample)))
 
 
-def records(*numbers: int, **fields: int) -> bytes:
+def records(*numbers, **fields):
     return b"".join(record_line(number, **fields) for number in numbers)
 
 
@@ -179,7 +177,7 @@ REST = (("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000))
 class Bench:
     """Commands in, ticks at a pressure, the messages that came out; only a reset tears a line."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device):
         self.device = device
         self.said: list[Message] = []
         self.lines: list[bytes] = []
@@ -187,7 +185,7 @@ class Bench:
         self.pressure, self.force = 100, 300
         self._splitter, self._id = Splitter(), 0
 
-    def ticks(self, number: int = 1, pressure: int | None = None) -> None:
+    def ticks(self, number=1, pressure=None):
         for _ in range(number):
             self.device.tick(self.pressure if pressure is None else pressure, self.force)
             for line in self._splitter.feed(self.device.take()):
@@ -198,42 +196,42 @@ class Bench:
                 else:
                     self.said.append(message)
 
-    def send(self, line: bytes) -> None:
+    def send(self, line):
         """Let the line arrive as fast as the wire brings it."""
         for at in range(0, len(line), 21):
             self.device.feed(line[at : at + 21])
             self.ticks()
 
-    def command(self, verb: str, *values: float | str) -> Ack:
+    def command(self, verb, *values):
         self._id += 1
         self.send(frame(command_body(self._id, verb, *values)))
         self.ticks(12)
         (answer,) = (a for a in self.of(Ack) if a.id == self._id)
         return answer
 
-    def start(self, *, gains: tuple[float, float] = (4, 2), set_psi: float = 40.0) -> None:
+    def start(self, *, gains=(4, 2), set_psi=40.0):
         """Running at a set point, feed-forward 128, trip at 600 counts; a reading may jump and rest."""
         begin = (("trip", 600), ("jump", 1023), *REST, ("gain", *gains), ("set", set_psi, 128))
         for verb, *values in (*begin, ("run",)):
             assert not self.command(verb, *values).reason
 
-    def beat(self, ticks: int, pressure: int | None = None) -> None:
+    def beat(self, ticks, pressure=None):
         """Ticks with a heartbeat every 0.2 s."""
         for at in range(0, ticks, 100):
             self.device.feed(frame("0 hb"))
             self.ticks(min(100, ticks - at), pressure)
 
-    def of(self, kind: type[AnyMessage]) -> list[AnyMessage]:
+    def of(self, kind):
         return [message for message in self.said if isinstance(message, kind)]
 
     @property
-    def status(self) -> DeviceStatus:
+    def status(self):
         """The last one, some ticks later."""
         self.ticks(30)
         return self.of(DeviceStatus)[-1]
 
     @property
-    def samples(self) -> list[Sample]:
+    def samples(self):
         return self.of(Sample)
 
 
@@ -256,14 +254,14 @@ calibration = "calibration.toml"
 """
 
 
-def run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str, str]:
+def run(capsys, *arguments):
     with pytest.raises(SystemExit) as stop:
         main(["rig", *map(str, arguments)])
     captured = capsys.readouterr()
     return int(stop.value.code or 0), captured.out, captured.err
 
 
-def write_plan(folder: Path, **changes: str) -> Path:
+def write_plan(folder, **changes):
     fields = {"pressures": "40, 80", "circuit": "air", "limit": "pressure_limit_psi = 110",
               "settle": "3", "stroke": "3.2", "rate": "0.4"}  # fmt: skip
     path = folder / "plan.toml"
@@ -271,7 +269,7 @@ def write_plan(folder: Path, **changes: str) -> Path:
     return path
 
 
-def calibrated(folder: Path, **changes: str) -> Path:
+def calibrated(folder, **changes):
     write_calibration(folder / "calibration.toml", SimulatedRig().calibration())
     return write_plan(folder, **changes)
 
@@ -279,9 +277,9 @@ def calibrated(folder: Path, **changes: str) -> Path:
 class Typed(io.StringIO):
     """Standard input on which something was typed."""
 
-    def __init__(self, text: str, *, terminal: bool) -> None:
+    def __init__(self, text, *, terminal):
         super().__init__(text)
         self.terminal = terminal
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return self.terminal

@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,7 @@ from native import NativeDevice, build_native
 
 
 @pytest.fixture(scope="session")
-def native_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def native_library(tmp_path_factory):
     """The C core; it needs `cc` and nothing else."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler 'cc' on the path")
@@ -26,7 +25,7 @@ def native_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(params=["python", "c"])
-def make(request: pytest.FixtureRequest) -> Callable[..., Device]:
+def make(request):
     """Makes a device, in Python or in C, from its memory."""
     if request.param == "python":
         return Device
@@ -35,7 +34,7 @@ def make(request: pytest.FixtureRequest) -> Callable[..., Device]:
 
 
 @pytest.fixture
-def bench(make: Callable[..., Device]) -> Iterator[Bench]:
+def bench(make):
     """A device on the bench; it must not tear a line."""
     bench = Bench(make())
     yield bench
@@ -43,13 +42,13 @@ def bench(make: Callable[..., Device]) -> Iterator[Bench]:
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     """Of a journal."""
     return tmp_path / "run.fam"
 
 
 @pytest.fixture(scope="session")
-def harness(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def harness(tmp_path_factory):
     """The simulator with its lock step."""
     library = build_harness(tmp_path_factory.mktemp("simavr"))
     if library is None:
@@ -58,13 +57,13 @@ def harness(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def avr(harness: Path) -> Avr:
+def avr(harness):
     """An Uno with the firmware that ships, just switched on."""
     return Avr(harness, firmware_folder() / "famrig.hex")
 
 
 @pytest.fixture(scope="session")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def simulated(tmp_path_factory):
     """The files of a simulated test of 40 and 80 psi."""
     folder = tmp_path_factory.mktemp("simulated")
     plan, out = write_plan(folder), folder / "out"

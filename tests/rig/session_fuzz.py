@@ -1,7 +1,6 @@
 """A host that misbehaves and a pressure that wanders, the same for every execution of the firmware."""
 
 import random
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from rig.protocol import Sample, Splitter, command_body, frame, parse
@@ -25,7 +24,7 @@ class Fuzz:
     It hears what the device sends, so that it asks for records that there are.
     """
 
-    def __init__(self, seed: int, *, resets: bool = True, rate: int = BYTES_PER_TICK) -> None:
+    def __init__(self, seed, *, resets=True, rate=BYTES_PER_TICK):
         self._random = random.Random(seed)
         self._resets = resets
         self._rate = rate
@@ -38,17 +37,17 @@ class Fuzz:
         self._quiet = 0
         self._starting = False  # a start is on its way: what if a guard acts at that moment?
 
-    def ticks(self, number: int) -> Iterator[Tick]:
+    def ticks(self, number):
         for _ in range(number):
             yield self._tick()
 
-    def hear(self, data: bytes) -> None:
+    def hear(self, data):
         for line in self._splitter.feed(data):
             message = parse(line)
             if isinstance(message, Sample):
                 self._next_seq = message.seq + 1
 
-    def _tick(self) -> Tick:
+    def _tick(self):
         r = self._random
         if self._quiet > 0:
             self._quiet -= 1
@@ -62,7 +61,7 @@ class Fuzz:
         reset = r.choice((1, 2, 4, 8)) if self._resets and r.random() < 2e-5 else 0
         return Tick(sent, int(self._pressure), int(self._force), reset)
 
-    def _move(self) -> None:
+    def _move(self):
         r = self._random
         if r.random() < 0.002:
             self._drift = r.choice((0.0, 0.0, r.uniform(-3, 3)))
@@ -73,7 +72,7 @@ class Fuzz:
         self._pressure = min(max(self._pressure + self._drift + noise, 0.0), 1023.0)
         self._force = min(max(self._force + r.gauss(0, 2), 0.0), 1023.0)
 
-    def _damaged(self, line: bytes) -> bytes:
+    def _damaged(self, line):
         r = self._random
         if r.random() < 0.85:
             return line
@@ -82,7 +81,7 @@ class Fuzz:
             damaged[r.randrange(len(damaged))] = r.randrange(256)
         return bytes(damaged) if r.random() < 0.7 else bytes(r.randbytes(r.randint(1, 90)))
 
-    def _line(self) -> bytes:
+    def _line(self):
         r = self._random
         kind = r.random()
         if kind < 0.25:
@@ -104,7 +103,7 @@ class Fuzz:
         self._last_line = frame(body) if r.random() < 0.9 else body.encode() + b"\r\n"
         return self._last_line
 
-    def _command(self) -> tuple[str, list[float | str]]:
+    def _command(self):
         r = self._random
         commands: list[tuple[str, list[float | str]]] = [
             ("hello", []),

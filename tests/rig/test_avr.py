@@ -3,12 +3,10 @@
 import os
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 from avr import (
     GOOD_PRESSURE,
-    Avr,
     hang_delay,
     lock_step,
     over_pressure_delay,
@@ -29,11 +27,11 @@ STATIC_RAM_END = 0x0100 + 1580  # .data and .bss, as `avr-size` says
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_avr_sends_what_the_port_sends(seed: int, avr: Avr) -> None:
+def test_avr_sends_what_the_port_sends(seed, avr):
     assert lock_step(Device(), avr, Fuzz(seed), 6000) > 1000
 
 
-def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr: Avr) -> None:
+def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr):
     """Records at the highest rate, comments, a command in every line: late, overrun stay 0."""
     fuzz = Fuzz(5, resets=False)
     lines = Splitter()
@@ -58,25 +56,25 @@ def test_no_tick_is_late_and_no_byte_is_lost_at_full_load(avr: Avr) -> None:
     assert last.state == 1
 
 
-def test_stack_keeps_clear_of_the_variables(avr: Avr) -> None:
+def test_stack_keeps_clear_of_the_variables(avr):
     for tick in Fuzz(6, resets=False).ticks(300):
         avr.feed(tick.bytes_in)
         avr.run(TICK, tick.pressure)
     assert avr.lowest_stack > STATIC_RAM_END + 200  # bytes never touched
 
 
-def test_over_pressure_takes_the_output_off_within_6_5_ms(avr: Avr) -> None:
+def test_over_pressure_takes_the_output_off_within_6_5_ms(avr):
     delays = [over_pressure_delay(avr, TICK * k / PHASES) for k in range(PHASES)]
     assert max(delays) <= 6.5e-3
     assert min(delays) > 2 * TICK  # three conversions, not one
 
 
-def test_silence_takes_the_output_off_after_a_second(avr: Avr) -> None:
+def test_silence_takes_the_output_off_after_a_second(avr):
     for k in range(4):
         assert silence_delay(avr, TICK * k / 4) == pytest.approx(1.0, abs=5e-3)
 
 
-def test_hung_program_is_reset_by_the_watchdog(avr: Avr) -> None:
+def test_hung_program_is_reset_by_the_watchdog(avr):
     boots = []
     for k in range(2):
         assert hang_delay(avr, TICK * k / 2) <= 0.27
@@ -88,7 +86,7 @@ def test_hung_program_is_reset_by_the_watchdog(avr: Avr) -> None:
     assert boots[1] == boots[0] + 2  # the reset of the test, and that of the watchdog
 
 
-def test_sources_build_without_a_warning_into_the_hex_that_ships(tmp_path: Path) -> None:
+def test_sources_build_without_a_warning_into_the_hex_that_ships(tmp_path):
     if shutil.which("avr-gcc") is None or shutil.which("make") is None:
         pytest.skip("no avr-gcc or make (Debian: gcc-avr avr-libc make)")
     fast = "BAUD=500000", "BYTES_PER_TICK=91", "RING=32"

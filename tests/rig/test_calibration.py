@@ -1,7 +1,6 @@
 """Sensors and feed-forward: least squares against independent oracles, errors against repetition."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,11 +23,11 @@ ROUNDING = 1e-9
 """Two ways of one sum in float64."""
 
 
-def noisy_counts(rng: np.random.Generator, scatter: float = 2.0) -> np.ndarray:
+def noisy_counts(rng, scatter=2.0):
     return 512 + REFERENCES / 330 + rng.normal(0, scatter, REFERENCES.size)
 
 
-def test_a_sensor_is_the_regression_of_counts_on_references() -> None:
+def test_a_sensor_is_the_regression_of_counts_on_references():
     counts = noisy_counts(np.random.default_rng(1))
     sensor, oracle = fit_sensor(counts, REFERENCES), stats.linregress(REFERENCES, counts)
     assert sensor.gain == pytest.approx(1 / oracle.slope, rel=ROUNDING)
@@ -37,7 +36,7 @@ def test_a_sensor_is_the_regression_of_counts_on_references() -> None:
     assert sensor.zero_std == pytest.approx(oracle.intercept_stderr, rel=ROUNDING)
 
 
-def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations() -> None:
+def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations():
     rng = np.random.default_rng(2)
     many = [fit_sensor(noisy_counts(rng), REFERENCES) for _ in range(1500)]
     spread = np.std([sensor.value(1700.0) for sensor in many])
@@ -50,7 +49,7 @@ def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations() -> None:
     )
 
 
-def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise() -> None:
+def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise():
     P = np.linspace(2e4, 7e5, 12)
     true = np.polynomial.Polynomial((30, 120, -60, 90))(P / 7e5)
     exact = fit_feed_forward(P, true)
@@ -66,7 +65,7 @@ def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise() -> None:
         FeedForward.bias(300.0).output(0.0)
 
 
-def test_a_file_gives_back_the_same_numbers(tmp_path: Path) -> None:
+def test_a_file_gives_back_the_same_numbers(tmp_path):
     path, rng, P = tmp_path / "rig.toml", np.random.default_rng(5), np.linspace(2e4, 7e5, 12)
     force = fit_sensor(2500 - REFERENCES / 400, REFERENCES / 300)
     v = fit_feed_forward(P, 30 + P / 4000 + rng.normal(0, 0.5, P.size))
@@ -94,6 +93,6 @@ def test_a_file_gives_back_the_same_numbers(tmp_path: Path) -> None:
         ({"pressure": {}, "force": {}, "board": "a"}, "board must be a number of 0 to 65534"),
     ],
 )
-def test_a_file_that_is_no_calibration_is_refused(content: dict, message: str) -> None:
+def test_a_file_that_is_no_calibration_is_refused(content, message):
     with pytest.raises(RigError, match=message):
         calibration_from_dict(content)

@@ -3,8 +3,6 @@
 # ruff: noqa: PT012 -- the way out of a with block is what is tested
 
 import dataclasses
-from pathlib import Path
-from typing import Any
 
 import pytest
 from benches import PSI, Watched, Wired, opened, recorded
@@ -33,17 +31,17 @@ LIVE = Calibration(pressure_transducer().calibration(), load_cell().calibration(
 ZERO_TO_FIVE = SimulatedSensor(0.0, 200 * PSI, 0.25 * PSI, 0.01, low_volts=0.0, high_volts=5.0)
 
 
-def exchanged() -> Wired:
+def exchanged():
     """A board with the plugs of transducer and load cell exchanged."""
     return Wired(lambda pressure, force: (force, pressure))
 
 
-def stuck(at_psi: float) -> Wired:
+def stuck(at_psi):
     counts = pressure_transducer().counts(at_psi * PSI)
     return Wired(lambda _, force: (counts, force))
 
 
-def cell(limit_psi: float) -> SimulatedSensor:
+def cell(limit_psi):
     """A load cell with its zero at 0.5 V, for the pull at 1.2 times a limit."""
     pull = 1.2 * float(LinearMcKibben().blocked_force(limit_psi * PSI))
     return SimulatedSensor(0.0, pull, 2.0)
@@ -56,9 +54,7 @@ def cell(limit_psi: float) -> SimulatedSensor:
     ("sensor", "set_psi", "limit_psi"),
     [(load_cell(), 15, 30), (load_cell(), 40, 60), (cell(30), 15, 30), (cell(60), 40, 60)],
 )
-def test_exchanged_channels_are_refused_before_5_psi(
-    sensor: SimulatedSensor, set_psi: float, limit_psi: float
-) -> None:
+def test_exchanged_channels_are_refused_before_5_psi(sensor, set_psi, limit_psi):
     sim = Watched(device=exchanged(), force_sensor=sensor)
     limit = limit_psi * PSI
     with pytest.raises(RigError, match="exchanged"), opened(sim, pressure_limit=limit) as rig:
@@ -69,7 +65,7 @@ def test_exchanged_channels_are_refused_before_5_psi(
 
 @pytest.mark.parametrize("circuit", [PneumaticCircuit(leak=0.0), HydraulicCircuit()])
 @pytest.mark.parametrize("sensor", [load_cell(), cell(30)])
-def test_sound_channels_pass_below_5_psi(circuit: Any, sensor: SimulatedSensor) -> None:
+def test_sound_channels_pass_below_5_psi(circuit, sensor):
     sim = Watched(circuit, force_sensor=sensor, seed=3)
     with opened(sim) as rig:
         assert sim.peak < 5
@@ -78,7 +74,7 @@ def test_sound_channels_pass_below_5_psi(circuit: Any, sensor: SimulatedSensor) 
         assert sim.device.state == RUN
 
 
-def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run() -> None:
+def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run():
     """No deadband, and zeros alike: the load is then held, the pressure rises as the muscle shortens."""
     muscle = LinearMcKibben(deadband_pressure=0.0)
     sim = Watched(None, muscle, device=exchanged(), force_sensor=cell(60))
@@ -90,9 +86,7 @@ def test_exchanged_channels_that_the_first_fluid_does_not_show_stop_the_run() ->
 
 
 @pytest.mark.parametrize(("slope", "says"), [(0.2, True), (-0.2, False), (0.0, False)])
-def test_the_watch_says_nothing_of_a_muscle_that_shortens_as_it_fills(
-    slope: float, says: bool
-) -> None:
+def test_the_watch_says_nothing_of_a_muscle_that_shortens_as_it_fills(slope, says):
     watch, said = FlowWatch(), False
     for k in range(400):
         load, output = 400 + slope * max(k - 100, 0), 130 + 20 * (k > 100)
@@ -107,7 +101,7 @@ def test_the_watch_says_nothing_of_a_muscle_that_shortens_as_it_fills(
 class Deaf(Device):
     """Acknowledges `hbms` and keeps another one."""
 
-    def feed(self, data: bytes) -> None:
+    def feed(self, data):
         super().feed(data)
         self._control.silent = 5000
 
@@ -127,14 +121,14 @@ VENT = "with the dump valve open: it is stuck"
         ({"device": Device(trip_ceiling=500)}, RigError, "refuses 'trip 552': above the compiled"),
     ],
 )
-def test_a_rig_that_cannot_be_is_refused(parts: dict, kind: type, words: str) -> None:
+def test_a_rig_that_cannot_be_is_refused(parts, kind, words):
     sim = SimulatedRig(**parts)
     with pytest.raises(kind, match=words):
         opened(sim).__enter__()
     assert (sim.device.state, sim.device.output) == (SAFE, 0)
 
 
-def test_a_calibration_of_another_board_is_refused() -> None:
+def test_a_calibration_of_another_board_is_refused():
     eeprom = bytearray(b"\xff" * 8)
     sim = SimulatedRig(device=Device(eeprom))
     board = numbered(VirtualLink(sim))
@@ -149,7 +143,7 @@ def test_a_calibration_of_another_board_is_refused() -> None:
         rig.wait(0.1)
 
 
-def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none() -> None:
+def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none():
     assert floor_counts(LIVE) == 61
     dead = Calibration(ZERO_TO_FIVE.calibration(), load_cell().calibration())
     assert floor_counts(dead) == 0
@@ -161,7 +155,7 @@ def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none() ->
 # ---- trips ----
 
 
-def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(path: Path) -> None:
+def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(path):
     eeprom = bytearray(8)
     sim = SimulatedRig(device=Device(eeprom))
     words = r"range at 3 counts \(-24.15 psi\), output \d+; a broken wire"

@@ -3,7 +3,6 @@
 import itertools
 import json
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from rig.simulation import HydraulicCircuit, SimulatedRig
 Capsys = pytest.CaptureFixture
 
 
-def words(option: str, values: list) -> list:
+def words(option, values):
     """An option that is repeated."""
     return [word for value in values for word in (option, value)]
 
@@ -33,7 +32,7 @@ NONE = ("--port", "none")  # there is a simulated rig at every port
 
 
 @pytest.fixture
-def sim(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> SimulatedRig:
+def sim(request, monkeypatch):
     """The rig at whatever port is opened."""
     sim = SimulatedRig(getattr(request, "param", None))
     first = itertools.count(1000, 1000)  # a link numbers its commands from a number of its own
@@ -45,8 +44,8 @@ def sim(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Simu
 
 
 def test_simulate_writes_everything_that_a_fit_needs_the_same_by_the_same_seed(
-    simulated: Path, tmp_path: Path, capsys: Capsys
-) -> None:
+    simulated, tmp_path, capsys
+):
     names = {path.name for path in simulated.iterdir()}
     assert names == {
         "test.fam", "test.csv", "machine.csv", "dataset.csv", "characterisation.json",
@@ -71,9 +70,7 @@ def test_simulate_writes_everything_that_a_fit_needs_the_same_by_the_same_seed(
 @pytest.mark.parametrize(
     ("more", "method"), [((), "load"), (("--sync-column", "Digital input (-)"), "pulses")]
 )
-def test_characterise_repeats_what_simulate_found(
-    more: tuple, method: str, simulated: Path, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_characterise_repeats_what_simulate_found(more, method, simulated, tmp_path, capsys):
     code, out, _ = run(
         capsys, "characterise", simulated / "test.fam", simulated / "machine.csv",
         "--rest-length", "9.28125in", "--specimen", "wall_thickness_in=0.0625",
@@ -92,9 +89,7 @@ def test_characterise_repeats_what_simulate_found(
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
-def test_check_recomputes_every_record_and_finds_what_was_edited(
-    simulated: Path, path: Path, capsys: Capsys
-) -> None:
+def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path, capsys):
     code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
     found = json.loads(out)
     assert (code, found["sound"]) == (0, True)
@@ -110,7 +105,7 @@ def test_check_recomputes_every_record_and_finds_what_was_edited(
 # ---- what is refused, and what a person reads ----
 
 
-def test_bad_input_ends_in_a_sentence(simulated: Path, tmp_path: Path, capsys: Capsys) -> None:
+def test_bad_input_ends_in_a_sentence(simulated, tmp_path, capsys):
     journal, no_limit = simulated / "test.fam", write_plan(tmp_path, limit="")
     missing = "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as"
     for arguments, sentence in (
@@ -131,7 +126,7 @@ def test_bad_input_ends_in_a_sentence(simulated: Path, tmp_path: Path, capsys: C
 # ---- calibration ----
 
 
-def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path: Path, capsys: Capsys) -> None:
+def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path, capsys):
     file = tmp_path / "calibration.toml"
     code, out, _ = run(capsys, *PRESSURE, *COUNTS, "--calibration", file)
     assert (code, "pressure at the references [psi]" in out, "zero at 509." in out) == (
@@ -157,9 +152,7 @@ def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path: Path, capsys
         ([], "which port?"),
     ],
 )
-def test_what_is_no_calibration_leaves_the_file_as_it_was(
-    counts: list, message: str, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_what_is_no_calibration_leaves_the_file_as_it_was(counts, message, tmp_path, capsys):
     file = tmp_path / "calibration.toml"
     write_calibration(file, SimulatedRig().calibration())
     before = file.read_bytes()
@@ -168,12 +161,10 @@ def test_what_is_no_calibration_leaves_the_file_as_it_was(
     assert file.read_bytes() == before
 
 
-def test_counts_are_read_while_a_person_applies_the_references(
-    sim: SimulatedRig, tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_counts_are_read_while_a_person_applies_the_references(sim, tmp_path, capsys, monkeypatch):
     at, asked = itertools.cycle([102, 266, 430, 593]), []
 
-    def answer(question: str) -> str:
+    def answer(question):
         asked.append(question)
         sim.sensor_fault = next(at)  # what the transducer shows then
         return ""
@@ -190,9 +181,7 @@ def test_counts_are_read_while_a_person_applies_the_references(
 
 
 @pytest.mark.parametrize("sim", [HydraulicCircuit()], indirect=True)
-def test_a_pump_is_stepped_under_the_limits_of_its_plan(
-    sim: SimulatedRig, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_a_pump_is_stepped_under_the_limits_of_its_plan(sim, tmp_path, capsys):
     true = sim.calibration()
     write_calibration(tmp_path / "calibration.toml", true)
     code, _, err = run(capsys, "calibrate-pump", write_plan(tmp_path), *NONE, "--yes")
@@ -210,9 +199,7 @@ def test_a_pump_is_stepped_under_the_limits_of_its_plan(
 # ---- a trip is cleared by a person alone ----
 
 
-def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(
-    sim: SimulatedRig, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(sim, tmp_path, capsys):
     link = VirtualLink(sim)
     for verb, *values in (("trip", 600), ("man", 50)):
         link.command(verb, *values)
@@ -236,9 +223,7 @@ def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(
 # ---- what `run` asks and refuses before a port is opened ----
 
 
-def test_a_run_prints_the_plan_and_waits_for_a_yes(
-    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_prints_the_plan_and_waits_for_a_yes(tmp_path, capsys, monkeypatch):
     command = ("run", calibrated(tmp_path), "--port", tmp_path / "none", "--output", tmp_path / "o")
     code, out, _ = run(capsys, *command, "--dry-run")
     assert (code, "block 1: 80 psi" in out) == (0, True)
@@ -257,9 +242,7 @@ def test_a_run_prints_the_plan_and_waits_for_a_yes(
         assert (code, sentence in err) == (2, True), err
 
 
-def test_a_run_is_recorded_once_and_can_be_monitored(
-    sim: SimulatedRig, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_a_run_is_recorded_once_and_can_be_monitored(sim, tmp_path, capsys):
     plan = calibrated(tmp_path, pressures="30", settle="4", stroke="0.2", rate="0.2")
     code, out, _ = run(capsys, "monitor", "none", "--seconds", 0.01)
     assert (code, "SAFE" in out) == (0, True)
@@ -284,9 +267,7 @@ LIMIT = "pressure_limit_psi = 110"
         ("60", "the plan sets 80 psi, the limit is 60 psi"),
     ],
 )
-def test_a_refused_plan_leaves_nothing_behind(
-    limit: str, sentence: str, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_a_refused_plan_leaves_nothing_behind(limit, sentence, tmp_path, capsys):
     calibrated(tmp_path)
     plan = write_plan(tmp_path, limit=f"pressure_limit_psi = {limit}")
     for command, *more in (("run", "--yes", *NONE), ("simulate",)):
@@ -304,9 +285,7 @@ def test_a_refused_plan_leaves_nothing_behind(
         ("", "", "calibration"),
     ],
 )
-def test_only_the_same_test_is_resumed(
-    old: str, new: str, what: str, simulated: Path, tmp_path: Path, capsys: Capsys
-) -> None:
+def test_only_the_same_test_is_resumed(old, new, what, simulated, tmp_path, capsys):
     plan = calibrated(tmp_path)
     lines = (simulated / "test.fam").read_bytes().splitlines(keepends=True)
     second = next(k for k, line in enumerate(lines) if b'"block":1' in line)

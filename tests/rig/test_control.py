@@ -3,8 +3,6 @@
 # ruff: noqa: PT012 -- the way out of a with block is what is tested
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +15,8 @@ from rig.calibration import Calibration, FeedForward, Sensor, read_calibration
 from rig.control import Control, stored_settings
 from rig.device import firmware_folder
 from rig.errors import RigError, RigFault
-from rig.execution import Attendant, Request, Situation, Start, run
-from rig.journal import Record, audit, read_journal, summary
+from rig.execution import Attendant, Situation, run
+from rig.journal import audit, read_journal, summary
 from rig.link import VirtualLink
 from rig.plan import Isobaric
 from rig.protocol import PRESSURE_UNIT, RUN, SAFE, frame
@@ -28,7 +26,7 @@ PLAN = Isobaric((20 * PSI, 40 * PSI), cycles=1, stroke=0.01, rate=0.002, settle=
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """A small isobaric test with its machine, its strokes much faster than those of a real one."""
     path, sim = tmp_path_factory.mktemp("rig") / "run.fam", SimulatedRig(clock_rate=0.002)
     with recorded(path, sim) as rig:
@@ -36,7 +34,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_plan_holds_its_pressures_and_its_summary_says_so(whole: Path) -> None:
+def test_a_plan_holds_its_pressures_and_its_summary_says_so(whole):
     record = read_journal(whole)
     found, columns, rows = audit(record), table(record), summary(record)
     assert found.faults == []
@@ -56,7 +54,7 @@ def test_a_plan_holds_its_pressures_and_its_summary_says_so(whole: Path) -> None
 
 
 @pytest.mark.parametrize(("column", "by"), [(4, 100), (5, 100), (7, 1), (8, 1)])
-def test_an_audit_sees_an_edited_figure(whole: Path, path: Path, column: int, by: int) -> None:
+def test_an_audit_sees_an_edited_figure(whole, path, column, by):
     """The sum and the count of the pressure, output and integral, each with its CRC made right."""
     lines = whole.read_bytes().split(b"\n")
     at = next(i for i, line in enumerate(lines) if line.startswith(b"T,0,2900,"))
@@ -70,7 +68,7 @@ def test_an_audit_sees_an_edited_figure(whole: Path, path: Path, column: int, by
     assert f"records do not follow the law, the first is record {fields[2]}" in found.faults[0]
 
 
-def test_columns_have_units_and_one_row_for_each_record(whole: Path, tmp_path: Path) -> None:
+def test_columns_have_units_and_one_row_for_each_record(whole, tmp_path):
     record = read_journal(whole)
     columns = table(record)
     assert {values.shape for values in columns.values()} == {(len(record.rows),)}
@@ -83,9 +81,7 @@ def test_columns_have_units_and_one_row_for_each_record(whole: Path, tmp_path: P
     assert np.abs(columns["time_s"] - columns["device_time_s"] / 1.002).max() < 4e-3
 
 
-def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(
-    whole: Path, path: Path
-) -> None:
+def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(whole, path):
     """Resumed after the computer was started again."""
     sim = SimulatedRig(seed=1)
     path.write_bytes(whole.read_bytes()[:90_000])  # in the middle of a line
@@ -120,12 +116,12 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(
         ({"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))}, "zero of 0 to 1023"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(changes: dict, message: str) -> None:
+def test_settings_that_cannot_be_are_refused(changes, message):
     with pytest.raises(RigError, match=message):
         opened(SimulatedRig(), **changes)
 
 
-def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
+def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started():
     sim = SimulatedRig()
     with opened(sim, unit="psi") as rig:
         with pytest.raises(RigError, match=r"the plan sets 110 psi, the limit is 110 psi"):
@@ -139,7 +135,7 @@ def test_a_plan_above_the_limit_or_the_feed_forward_is_not_started() -> None:
         assert sim.device.state == SAFE
 
 
-def test_the_device_reports_what_its_twin_stores_of_the_settings(path: Path) -> None:
+def test_the_device_reports_what_its_twin_stores_of_the_settings(path):
     changes = {"jump_limit": 40 * PSI, "frozen_output": 6, "frozen": 0.5, "stall": 2.0}
     with recorded(path, **changes) as rig:
         settings, wanted = rig.link.session.settings, stored_settings(
@@ -154,7 +150,7 @@ def test_the_device_reports_what_its_twin_stores_of_the_settings(path: Path) -> 
     assert (note["frozen_output_counts"], note["unseen"]) == (6, [])
 
 
-def test_the_set_pressure_rises_evenly_where_the_plan_says_so(path: Path) -> None:
+def test_the_set_pressure_rises_evenly_where_the_plan_says_so(path):
     with recorded(path) as rig:
         run(rig, dataclasses.replace(PLAN, rise=2.0), machine=rig.link.rig.machine)
     columns = table(read_journal(path))
@@ -169,7 +165,7 @@ def test_the_set_pressure_rises_evenly_where_the_plan_says_so(path: Path) -> Non
 
 
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(1)])
-def test_whatever_ends_a_test_vents(error: BaseException) -> None:
+def test_whatever_ends_a_test_vents(error):
     sim = SimulatedRig()
     with pytest.raises(type(error)), opened(sim) as rig:
         rig.set_pressure(40 * PSI)
@@ -181,7 +177,7 @@ def test_whatever_ends_a_test_vents(error: BaseException) -> None:
     assert sim.pressure < 5 * PSI
 
 
-def test_a_device_that_does_not_answer_is_never_left_with_heartbeats() -> None:
+def test_a_device_that_does_not_answer_is_never_left_with_heartbeats():
     sim = SimulatedRig()
     silent = r"did not confirm that it stopped.*look at the pressure"
     with pytest.raises(RigFault, match=silent), opened(sim) as rig:
@@ -197,29 +193,27 @@ def test_a_device_that_does_not_answer_is_never_left_with_heartbeats() -> None:
 class Scripted(Attendant):
     """Does at each look what its function says; with a machine it starts strokes after four seconds."""
 
-    def __init__(self, act: Callable[["Scripted", Situation], Request | None]) -> None:
+    def __init__(self, act):
         self.act, self.asked = act, 0.0
         self.told: list[str] = []
         self.seen: list[Situation] = []
 
-    def tell(self, text: str) -> None:
+    def tell(self, text):
         self.told.append(text)
 
-    def look(self, situation: Situation) -> Request:
+    def look(self, situation):
         self.seen.append(situation)
         self.asked = self.asked + 1 if situation.phase == "ready" else 0
         return self.act(self, situation) or ""
 
 
-def attended(
-    path: Path, person: Scripted, sim: SimulatedRig | None = None, **more: object
-) -> Record:
+def attended(path, person, sim=None, **more):
     with recorded(path, sim, unit="psi") as rig:
         run(rig, PLAN, attendant=person, **more)
     return read_journal(path)
 
 
-def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(path: Path) -> None:
+def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(path):
     person = Scripted(lambda *_: None)
     attended(path, person)
     asked = [text for text in person.told if "start the strokes" in text]
@@ -232,12 +226,12 @@ def test_an_attendant_is_told_what_to_do_and_sees_how_far_the_plan_is(path: Path
     assert {(now.block, now.cycle, now.cycles) for now in strokes} == {(0, 1, 1), (1, 1, 1)}
 
 
-def at_look(asked: Mapping[int, Request]) -> Scripted:
+def at_look(asked):
     """Someone who types words at some looks, counted from the start."""
     return Scripted(lambda person, _: asked.get(len(person.seen)))
 
 
-def test_a_paused_plan_stands_with_its_pressure_held(path: Path) -> None:
+def test_a_paused_plan_stands_with_its_pressure_held(path):
     person = at_look({40: "pause", 140: "begin"})
     record = attended(path, person)
     lasted = record.notes_of("end")[0]["at"] - record.notes_of("plan")[0]["at"]
@@ -251,9 +245,7 @@ def test_a_paused_plan_stands_with_its_pressure_held(path: Path) -> None:
 @pytest.mark.parametrize(
     ("word", "blocks", "done"), [("skip", [0, 1], [1]), ("repeat", [0, 0, 1], [0, 1])]
 )
-def test_a_pressure_is_skipped_or_repeated(
-    path: Path, word: Request, blocks: list[int], done: list[int]
-) -> None:
+def test_a_pressure_is_skipped_or_repeated(path, word, blocks, done):
     record = attended(path, at_look({120: word}))
     assert [note["block"] for note in record.notes_of("block")] == blocks
     assert [note["block"] for note in record.notes_of("done")] == done
@@ -265,11 +257,11 @@ def test_a_pressure_is_skipped_or_repeated(
 
 
 @pytest.mark.parametrize("start", ["asked", "load"])
-def test_strokes_are_waited_for(start: Start, path: Path) -> None:
+def test_strokes_are_waited_for(start, path):
     """Four seconds late each time: the run goes on once they have begun, and not before."""
     sim = SimulatedRig()
 
-    def act(person: Scripted, _: Situation) -> Request | None:
+    def act(person, _):
         if person.asked == 80:
             sim.machine.start(PLAN.cycles, PLAN.rate, stroke=PLAN.stroke)
         return "begin" if start == "asked" and person.asked == 82 else None
@@ -283,7 +275,7 @@ def test_strokes_are_waited_for(start: Start, path: Path) -> None:
     assert [isobar.cycles for isobar in found.characterisation.isobars] == [1, 1]
 
 
-def test_a_load_that_never_moves_ends_the_wait_after_60_s(path: Path) -> None:
+def test_a_load_that_never_moves_ends_the_wait_after_60_s(path):
     """A load cell that has died."""
     sim = SimulatedRig(device=Wired(lambda pressure, _: (pressure, 141)))
     with pytest.raises(RigFault, match=r"has not moved for 60 s.*load cell is dead"):
@@ -293,10 +285,10 @@ def test_a_load_that_never_moves_ends_the_wait_after_60_s(path: Path) -> None:
     assert note["at"] - set_["at"] == pytest.approx(3 + 60, abs=3)
 
 
-def test_begin_is_not_obeyed_before_the_pressure_is_held() -> None:
+def test_begin_is_not_obeyed_before_the_pressure_is_held():
     """So slow a controller never holds it."""
 
-    def act(person: Scripted, _: Situation) -> Request | None:
+    def act(person, _):
         if person.asked > 40:
             raise KeyboardInterrupt
         return "begin"
@@ -313,9 +305,7 @@ def test_begin_is_not_obeyed_before_the_pressure_is_held() -> None:
 # ---- the pump ----
 
 
-def test_the_calibration_in_the_readme_holds_a_pressure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_calibration_in_the_readme_holds_a_pressure(tmp_path, monkeypatch):
     """Its code as it stands, on a simulated rig in the place of the port."""
     text = (firmware_folder() / "README.md").read_text(encoding="utf-8")
     code = text.partition("## Calibrate")[2].partition("```python\n")[2].partition("```")[0]

@@ -3,7 +3,6 @@
 import random
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -32,14 +31,14 @@ FUZZ_TARGET = Path(__file__).with_name("fuzz_core.c")
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler 'cc' on the path")
 
 
-def pins(bench: Bench) -> tuple[int, int, bool]:
+def pins(bench):
     return bench.device.state, bench.device.output, bench.device.dump_open
 
 
 # ---- states ----
 
 
-def test_starts_safe_and_runs_only_under_a_pressure_limit(bench: Bench) -> None:
+def test_starts_safe_and_runs_only_under_a_pressure_limit(bench):
     bench.ticks(30)
     assert pins(bench) == (SAFE, 0, True)
     assert bench.of(Hello) == [Hello(3, 3, 0, 1, 500, 5, 64, 21, 900, 0)]
@@ -53,7 +52,7 @@ def test_starts_safe_and_runs_only_under_a_pressure_limit(bench: Bench) -> None:
         assert pins(bench) == (MANUAL, output, False)
 
 
-def test_stop_acts_in_the_tick_that_reads_it_and_cancels_a_start(bench: Bench) -> None:
+def test_stop_acts_in_the_tick_that_reads_it_and_cancels_a_start(bench):
     bench.start()
     bench.ticks(1)
     assert bench.device.output > 0
@@ -81,9 +80,7 @@ def test_stop_acts_in_the_tick_that_reads_it_and_cancels_a_start(bench: Bench) -
         ((("ceiling", 500),), (501, 501, 500, 501, 501), (501,), 6),
     ],
 )
-def test_a_guard_trips_at_the_third_conversion_and_not_before(
-    commands: tuple, sound: tuple, wrong: tuple, fault: int, bench: Bench
-) -> None:
+def test_a_guard_trips_at_the_third_conversion_and_not_before(commands, sound, wrong, fault, bench):
     bench.start()
     for verb, *values in commands:
         bench.command(verb, *values)
@@ -96,7 +93,7 @@ def test_a_guard_trips_at_the_third_conversion_and_not_before(
     assert bench.status.fault == fault
 
 
-def test_a_start_on_its_way_does_not_outlive_a_trip(bench: Bench) -> None:
+def test_a_start_on_its_way_does_not_outlive_a_trip(bench):
     """`man` waits for the next record; a guard that acts before cancels it."""
     bench.start()
     bench.command("tele", 50)
@@ -108,7 +105,7 @@ def test_a_start_on_its_way_does_not_outlive_a_trip(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("limit", "state"), [(75, RUN), (74, TRIP)])
-def test_only_changes_beyond_the_limit_are_jumps(limit: int, state: int, bench: Bench) -> None:
+def test_only_changes_beyond_the_limit_are_jumps(limit, state, bench):
     bench.start()
     bench.command("jump", limit)
     for pressure in range(115, 590, 15):  # 75 counts in five ticks
@@ -124,9 +121,7 @@ def test_only_changes_beyond_the_limit_are_jumps(limit: int, state: int, bench: 
         ((0, 127), 20.0, (-128, 128), 255),  # at 100 counts, 19.53 psi: no error is too small
     ],
 )
-def test_full_output_without_rise_trips_after_the_stall_time(
-    gains: tuple, set_psi: float, limits: tuple, output: int, bench: Bench
-) -> None:
+def test_full_output_without_rise_trips_after_the_stall_time(gains, set_psi, limits, output, bench):
     bench.start(gains=gains, set_psi=set_psi)
     bench.command("ilim", *limits)
     while bench.device.output < output:
@@ -139,7 +134,7 @@ def test_full_output_without_rise_trips_after_the_stall_time(
 
 
 @pytest.mark.parametrize("milliseconds", [100, 3000])
-def test_silence_ends_a_run_after_the_time_set(milliseconds: int, bench: Bench) -> None:
+def test_silence_ends_a_run_after_the_time_set(milliseconds, bench):
     bench.start()
     bench.command("hbms", milliseconds)
     bench.device.feed(frame("0 hb"))
@@ -162,7 +157,7 @@ def test_silence_ends_a_run_after_the_time_set(milliseconds: int, bench: Bench) 
         (b"\xff\xfe hb\n", False),
     ],
 )
-def test_what_counts_as_a_sign_of_life(line: bytes, alive: bool, bench: Bench) -> None:
+def test_what_counts_as_a_sign_of_life(line, alive, bench):
     bench.start()
     bench.ticks(1)
     bench.device.feed(frame("0 hb"))
@@ -172,7 +167,7 @@ def test_what_counts_as_a_sign_of_life(line: bytes, alive: bool, bench: Bench) -
     assert bench.device.state == (RUN if alive else SAFE)
 
 
-def test_strict_takes_nothing_without_its_crc(bench: Bench) -> None:
+def test_strict_takes_nothing_without_its_crc(bench):
     bench.start()
     bench.command("strict", 1)
     bench.send(b"0 hb\nstop\n")
@@ -182,9 +177,7 @@ def test_strict_takes_nothing_without_its_crc(bench: Bench) -> None:
     assert bench.of(DeviceStatus)[-1].bad == 2
 
 
-def test_a_trip_is_told_and_ended_by_clear_alone_and_not_under_pressure(
-    make: Callable[..., Device],
-) -> None:
+def test_a_trip_is_told_and_ended_by_clear_alone_and_not_under_pressure(make):
     """Opening the port resets an Uno: that must not acknowledge."""
     eeprom = bytearray(6)
     bench = Bench(make(eeprom))
@@ -228,7 +221,7 @@ floor 1023|ceiling 0|still 499|frozen 4|frozen 256 750|tele 51|hbms 99|hbms 1000
 run 1|board 0|board 65535""".replace("\n", "|").split("|")
 
 
-def test_numbers_out_of_range_are_refused_and_nothing_changes(bench: Bench) -> None:
+def test_numbers_out_of_range_are_refused_and_nothing_changes(bench):
     bench.ticks(20)
     before = bench.of(DeviceSettings)[-1]
     for text in OUT_OF_RANGE:
@@ -243,7 +236,7 @@ def test_numbers_out_of_range_are_refused_and_nothing_changes(bench: Bench) -> N
     assert not Bench(Device(bytes_per_tick=91)).command("tele", 1).reason
 
 
-def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench: Bench) -> None:
+def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench):
     bench.start()
     for _ in range(2):
         bench.send(frame("500 man 20"))
@@ -265,7 +258,7 @@ def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench: Bench)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_every_record_of_a_run_can_be_recomputed(seed: int, bench: Bench, path: Path) -> None:
+def test_every_record_of_a_run_can_be_recomputed(seed, bench, path):
     """Commands at any moment: each record is governed by one law from its first tick on."""
     r = random.Random(seed)
     bench.start()
@@ -296,7 +289,7 @@ def test_every_record_of_a_run_can_be_recomputed(seed: int, bench: Bench, path: 
     assert seqs == list(range(len(seqs)))  # and not one was dropped
 
 
-def test_records_are_sums_over_their_ticks_and_say_when_they_ended(bench: Bench) -> None:
+def test_records_are_sums_over_their_ticks_and_say_when_they_ended(bench):
     r = random.Random(1)
     counts = []
     for _ in range(200):
@@ -311,7 +304,7 @@ def test_records_are_sums_over_their_ticks_and_say_when_they_ended(bench: Bench)
         assert sample.tick == 5 * (sample.seq + 1)
 
 
-def test_records_are_repeated_on_request_and_what_is_too_old_is_told_once(bench: Bench) -> None:
+def test_records_are_repeated_on_request_and_what_is_too_old_is_told_once(bench):
     bench.ticks(1000)
     before = bench.samples
     base = before[-1].seq - 50
@@ -335,7 +328,7 @@ def test_records_are_repeated_on_request_and_what_is_too_old_is_told_once(bench:
     assert len(repeated) > 40
 
 
-def test_sync_pin_is_high_for_whole_records_and_they_say_so(bench: Bench) -> None:
+def test_sync_pin_is_high_for_whole_records_and_they_say_so(bench):
     bench.ticks(11)
     since = bench.command("sync", 3).seq
     assert since is not None
@@ -343,7 +336,7 @@ def test_sync_pin_is_high_for_whole_records_and_they_say_so(bench: Bench) -> Non
     assert [s.seq for s in bench.samples if s.sync] == [since, since + 1, since + 2]
 
 
-def test_a_reset_counts_up_forgets_settings_and_keeps_the_number_of_the_board() -> None:
+def test_a_reset_counts_up_forgets_settings_and_keeps_the_number_of_the_board():
     eeprom = bytearray(b"\x0e\x00" + b"\xff" * 6)
     bench = Bench(Device(eeprom))
     bench.command("board", 4711)
@@ -358,7 +351,7 @@ def test_a_reset_counts_up_forgets_settings_and_keeps_the_number_of_the_board() 
     assert eeprom[:2] == b"\x10\x00"
 
 
-def test_no_line_is_dropped_under_a_full_load(bench: Bench) -> None:
+def test_no_line_is_dropped_under_a_full_load(bench):
     """A command in every line, re-requests without end, records at the highest rate."""
     bench.start()
     bench.command("tele", 4)
@@ -385,7 +378,7 @@ def test_no_line_is_dropped_under_a_full_load(bench: Bench) -> None:
         (9, {"bytes_per_tick": 200}),
     ],
 )
-def test_port_and_core_agree(seed: int, options: dict[str, int], tmp_path: Path) -> None:
+def test_port_and_core_agree(seed, options, tmp_path):
     port, core = Device(**options), NativeDevice(build_native(tmp_path, **options))
     fuzz, sent = Fuzz(seed), 0
     for number, tick in enumerate(fuzz.ticks(TICKS)):
@@ -404,12 +397,12 @@ def test_port_and_core_agree(seed: int, options: dict[str, int], tmp_path: Path)
 
 
 @needs_cc
-def test_they_agree_at_the_edges_of_every_number(tmp_path: Path) -> None:
+def test_they_agree_at_the_edges_of_every_number(tmp_path):
     """The controller in RUN, its settings at their limits: no product may overflow 32 bits."""
     r, library = random.Random(0), build_native(tmp_path, trip_ceiling=1020)
     port, core = Device(trip_ceiling=1020), NativeDevice(library)
 
-    def both(line: bytes, pressure: int) -> None:
+    def both(line, pressure):
         for device in (port, core):
             device.feed(line)
             device.tick(pressure, 0)
@@ -441,7 +434,7 @@ def test_they_agree_at_the_edges_of_every_number(tmp_path: Path) -> None:
 
 
 @needs_cc
-def test_nothing_is_undefined_or_unsafe_whatever_comes_in(tmp_path: Path) -> None:
+def test_nothing_is_undefined_or_unsafe_whatever_comes_in(tmp_path):
     """Random hosts, and bytes as a fuzzer makes them."""
     program = tmp_path / "fuzz"
     names = "famrig_core.c", "famrig_plausibility.c", "famrig_text.c"
@@ -455,7 +448,7 @@ def test_nothing_is_undefined_or_unsafe_whatever_comes_in(tmp_path: Path) -> Non
         pytest.skip("the compiler has no sanitizers")
     assert built.returncode == 0, built.stderr
 
-    def said(data: bytes, *arguments: int) -> bytes:
+    def said(data, *arguments):
         run = subprocess.run(
             [program, *map(str, arguments)], input=data, capture_output=True, check=False
         )

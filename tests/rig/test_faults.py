@@ -6,7 +6,6 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from benches import PSI, journal_of, opened, recorded, vented
 from faulty_channel import FaultyChannel
 
 from famjax.app.isobaric import table
-from rig.control import Rig
 from rig.device import Device
 from rig.errors import RigFault
 from rig.journal import audit, read_journal
@@ -27,7 +25,7 @@ PRESSURE = 40 * PSI
 
 
 @contextlib.contextmanager
-def held(path: Path, sim: SimulatedRig) -> Iterator[Rig]:
+def held(path, sim):
     """A rig under pressure, recorded, in virtual time."""
     with recorded(path, sim) as rig:
         rig.set_pressure(PRESSURE)
@@ -35,12 +33,12 @@ def held(path: Path, sim: SimulatedRig) -> Iterator[Rig]:
         yield rig
 
 
-def cable(sim: SimulatedRig, *, out: bool) -> None:
+def cable(sim, *, out):
     """The device runs on its own supply."""
     sim.to_host.cut = sim.to_device.cut = out
 
 
-def test_cable_out_for_0_3_s_costs_nothing(path: Path) -> None:
+def test_cable_out_for_0_3_s_costs_nothing(path):
     sim = SimulatedRig()
     with held(path, sim) as rig:
         cable(sim, out=True)
@@ -54,7 +52,7 @@ def test_cable_out_for_0_3_s_costs_nothing(path: Path) -> None:
     assert read_journal(path).missing == ()
 
 
-def test_cable_out_for_3_s_vents_and_the_gap_is_a_gap(path: Path) -> None:
+def test_cable_out_for_3_s_vents_and_the_gap_is_a_gap(path):
     sim = SimulatedRig()
     with held(path, sim) as rig:
         cable(sim, out=True)
@@ -77,7 +75,7 @@ def test_cable_out_for_3_s_vents_and_the_gap_is_a_gap(path: Path) -> None:
     assert audit(found).torn == 0
 
 
-def test_damaged_dropped_and_doubled_bytes_cost_nothing(path: Path) -> None:
+def test_damaged_dropped_and_doubled_bytes_cost_nothing(path):
     faults = {"damage": 0.004, "drop": 0.002, "duplicate": 0.002}
     sim = SimulatedRig(
         to_device=FaultyChannel(baud=115200, seed=1, limit=4096, **faults),
@@ -91,7 +89,7 @@ def test_damaged_dropped_and_doubled_bytes_cost_nothing(path: Path) -> None:
     assert found.checked == found.records > 900
 
 
-def test_a_reset_of_the_device_stops_the_plan(path: Path) -> None:
+def test_a_reset_of_the_device_stops_the_plan(path):
     sim = SimulatedRig()
     reset = r"was reset \(boot 0 to 1, cause 4\)"
     with pytest.raises(RigFault, match=reset), held(path, sim) as rig:
@@ -100,7 +98,7 @@ def test_a_reset_of_the_device_stops_the_plan(path: Path) -> None:
     assert read_journal(path).notes_of("reset")[0]["new"] == 1
 
 
-def test_a_killed_or_suspended_host_vents_in_1_05_s_and_the_record_is_whole(path: Path) -> None:
+def test_a_killed_or_suspended_host_vents_in_1_05_s_and_the_record_is_whole(path):
     """Whatever another host has set on a board that was not reset. The kernel keeps what comes in."""
     sim = SimulatedRig()
     for verb, value in (("hbms", 10_000), ("tele", 20), ("floor", 0), ("stall", 30_000)):
@@ -118,7 +116,7 @@ def test_a_killed_or_suspended_host_vents_in_1_05_s_and_the_record_is_whole(path
     assert read_journal(path).missing == ()
 
 
-def test_a_hung_plan_vents_on_a_damaged_line_too(path: Path) -> None:
+def test_a_hung_plan_vents_on_a_damaged_line_too(path):
     """What the link asks for by itself must not keep the device alive."""
     sim = SimulatedRig(
         to_device=FaultyChannel(baud=115200, seed=3, limit=4096),
@@ -130,7 +128,7 @@ def test_a_hung_plan_vents_on_a_damaged_line_too(path: Path) -> None:
         assert sim.device.state == SAFE
 
 
-def test_a_clock_that_drifts_is_mapped_to_a_millisecond(path: Path) -> None:
+def test_a_clock_that_drifts_is_mapped_to_a_millisecond(path):
     quick = Device(bytes_per_tick=100)  # a line goes out within the tick in which it is made
     sim = SimulatedRig(device=quick, clock_rate=0.003, to_host=ByteChannel())  # and without delay
     with held(path, sim) as rig:
@@ -143,7 +141,7 @@ def test_a_clock_that_drifts_is_mapped_to_a_millisecond(path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="there is no /dev/full here")
-def test_a_disk_that_is_truly_full_vents(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_truly_full_vents(monkeypatch):
     """/dev/full refuses every byte as a full disk does."""
     monkeypatch.setattr("rig.journal._sync_data", lambda _: None)
     sim = SimulatedRig()
@@ -158,7 +156,7 @@ def test_a_disk_that_is_truly_full_vents(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs setrlimit")
-def test_a_file_that_may_not_grow_keeps_all_that_it_took(path: Path) -> None:
+def test_a_file_that_may_not_grow_keeps_all_that_it_took(path):
     """A true short write in the middle of a line, then a refusal."""
     import resource
 
@@ -179,14 +177,12 @@ def test_a_file_that_may_not_grow_keeps_all_that_it_took(path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe")
-def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(path, tmp_path, monkeypatch):
     """A pipe that is read slowly: its writer waits as it would for a busy disk."""
     pipe, taken, go_on = tmp_path / "pipe.fam", bytearray(), threading.Event()
     os.mkfifo(pipe)
 
-    def read_slowly() -> None:
+    def read_slowly():
         with pipe.open("rb", buffering=0) as disk:
             taken.extend(disk.read(1000))
             assert go_on.wait(20)

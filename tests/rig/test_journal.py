@@ -5,8 +5,6 @@ import random
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,12 +19,12 @@ from rig.protocol import TICK_HZ, TICKS, frame
 PAGE = 4096
 
 
-def opened(path: Path, *, at: float = 0.0, **options: object) -> Journal:
+def opened(path, *, at=0.0, **options):
     return Journal(path, lambda: at, **options)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """Ten seconds of records with notes."""
     path = tmp_path_factory.mktemp("journal") / "whole.fam"
     with opened(path) as journal:
@@ -36,7 +34,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_what_goes_in_comes_out_in_order(whole: Path) -> None:
+def test_what_goes_in_comes_out_in_order(whole):
     found = read_journal(whole)
     assert found.refused == found.missing == ()
     assert found.damaged_bytes == found.missing_notes == 0
@@ -47,7 +45,7 @@ def test_what_goes_in_comes_out_in_order(whole: Path) -> None:
     assert (np.diff([note["n"] for note in found.notes]) == 1).all()
 
 
-def tears(data: bytes, number: int) -> Iterator[bytes]:
+def tears(data, number):
     """Cut short, pages never written, pieces left out, pages of somewhere else, flipped bits."""
     rng = random.Random(1)
     for tear in range(number):
@@ -68,7 +66,7 @@ def tears(data: bytes, number: int) -> Iterator[bytes]:
         yield bytes(torn)
 
 
-def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole: Path, path: Path) -> None:
+def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole, path):
     true = {row[1]: row for row in map(tuple, read_journal(whole).rows.tolist())}
     damaged = 0
     for torn in tears(whole.read_bytes(), 60):
@@ -103,22 +101,22 @@ def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole: Path, path: P
     ],
 )  # fmt: skip
 def test_rows_are_sorted_into_boots_and_contradictions_are_refused(
-    data: bytes, rows: list, missing: tuple, refused: tuple, path: Path
-) -> None:
+    data, rows, missing, refused, path
+):
     path.write_bytes(data)
     found = read_journal(path)
     assert found.epoch.tolist() == rows
     assert (found.missing, found.refused) == (missing, refused)
 
 
-def test_losses_of_the_line_and_of_the_file_are_told_apart(path: Path) -> None:
+def test_losses_of_the_line_and_of_the_file_are_told_apart(path):
     with opened(path) as journal:
         journal.lines(records(*range(5), 8, 9, 12, 13, 14))
         journal.note("lost", boot=0, first=5, records=3)
     assert read_journal(path).missing == (Missing(0, 5, 3, True), Missing(0, 10, 2, False))
 
 
-def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path: Path) -> None:
+def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path):
     with opened(path, at=1.0) as journal:
         journal.lines(records(0, 1))
     with pytest.raises(RigError, match=r"run.fam exists; give another name, or resume it"):
@@ -134,7 +132,7 @@ def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path: Path
     assert found.missing == ()  # nobody was recording between the two parts
 
 
-def test_what_is_no_journal_is_refused(path: Path) -> None:
+def test_what_is_no_journal_is_refused(path):
     for content, words in (
         (b"time,pressure\n1,2\n", "is not a journal: none of its 18 bytes"),
         (frame('{"note":"journal","n":0,"at":0,"format":"famjax journal 9"}'),
@@ -149,9 +147,7 @@ def test_what_is_no_journal_is_refused(path: Path) -> None:
         opened(path.parent / "none.fam", append=True)
 
 
-def test_a_plan_longer_than_the_disk_is_refused(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_longer_than_the_disk_is_refused(path, monkeypatch):
     usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=10**9))
     monkeypatch.setattr("rig.journal.shutil", usage)
     with pytest.raises(RigError, match=r"1000 MB free, the plan needs 1080 MB"):
@@ -174,7 +170,7 @@ while True:
 """
 
 
-def test_killing_the_recorder_loses_no_more_than_the_last_lines(path: Path) -> None:
+def test_killing_the_recorder_loses_no_more_than_the_last_lines(path):
     """Lines come ten times as fast as a device's: 20 lines are 20 ms here."""
     command = [sys.executable, "-c", RECORDER, str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
@@ -189,7 +185,7 @@ def test_killing_the_recorder_loses_no_more_than_the_last_lines(path: Path) -> N
     assert found.damaged_bytes < len(record_line(0))
 
 
-def test_time_goes_on_where_the_ticks_wrap(path: Path) -> None:
+def test_time_goes_on_where_the_ticks_wrap(path):
     """After 99 days a device counts its ticks from 0 again; the records and their clock go on."""
     with opened(path) as journal:
         for k in range(300):

@@ -1,7 +1,5 @@
 """The session: each record once, none wrong, nothing lost that could be had; and the thread of a port."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from benches import Port, Recorder, record_line, records, until
@@ -12,7 +10,7 @@ from rig.link import ALIVE, HEARTBEAT, Link, Lost, Reset, Session, Silent, Timin
 from rig.protocol import TICKS, Sample, frame
 
 
-def begun(*, damaged: bool = False) -> Session:
+def begun(*, damaged=False):
     """A session that has seen records 0 to 2."""
     session = Session()
     session.feed(records(0, 1, 2), 0.0)
@@ -22,7 +20,7 @@ def begun(*, damaged: bool = False) -> Session:
     return session
 
 
-def seqs(events: list) -> list[int]:
+def seqs(events):
     return [event.seq for event in events if isinstance(event, Sample)]
 
 
@@ -39,9 +37,7 @@ def seqs(events: list) -> list[int]:
         (5, {"damage": 0.004, "drop": 0.003, "duplicate": 0.003}),
     ],
 )
-def test_a_damaged_line_loses_nothing_and_lets_nothing_wrong_through(
-    seed: int, chances: dict[str, float]
-) -> None:
+def test_a_damaged_line_loses_nothing_and_lets_nothing_wrong_through(seed, chances):
     recorder = Recorder(seed, **chances)
     session = recorder.link.session
     recorder.run(20.0)
@@ -71,7 +67,7 @@ def test_a_damaged_line_loses_nothing_and_lets_nothing_wrong_through(
         record_line(3, boot=7),
     ],
 )
-def test_a_line_whose_crc_fits_by_chance_is_not_believed(forged: bytes) -> None:
+def test_a_line_whose_crc_fits_by_chance_is_not_believed(forged):
     session = begun(damaged=True)
     assert seqs(session.feed(forged, 0.02)) == []
     assert seqs(session.feed(records(4, 5, 6), 0.06)) == [4, 5, 6]
@@ -79,7 +75,7 @@ def test_a_line_whose_crc_fits_by_chance_is_not_believed(forged: bytes) -> None:
     assert forged[:-1] not in session.take_lines().split(b"\n")
 
 
-def test_a_jump_is_believed_when_the_next_record_bears_it_out_or_it_comes_twice() -> None:
+def test_a_jump_is_believed_when_the_next_record_bears_it_out_or_it_comes_twice():
     odd = record_line(3, pressure_sum=2000, pressure_count=400)
     session = begun(damaged=True)
     assert seqs(session.feed(odd, 0.1)) == []
@@ -92,7 +88,7 @@ def test_a_jump_is_believed_when_the_next_record_bears_it_out_or_it_comes_twice(
     assert seqs(session.feed(odd, 0.12)) == [3]
 
 
-def test_a_gap_longer_than_the_ring_is_lost_at_once_and_the_rest_is_asked_for() -> None:
+def test_a_gap_longer_than_the_ring_is_lost_at_once_and_the_rest_is_asked_for():
     session = begun()
     events = session.feed(records(303), 3.0)
     assert events[0] == Lost(0, 3, 300 - 63)
@@ -100,14 +96,14 @@ def test_a_gap_longer_than_the_ring_is_lost_at_once_and_the_rest_is_asked_for() 
     assert session.poll(3.0) == frame(f"0 rp 240 {2**63 - 1:x}")
 
 
-def test_records_stay_in_order_where_the_ticks_wrap() -> None:
+def test_records_stay_in_order_where_the_ticks_wrap():
     """After 99 days: the first record beyond is not doubtful, whatever comes next."""
     session = Session()
     lines = [record_line(7000 + k, (TICKS - 50 + 5 * k) % TICKS) for k in range(12)]
     assert seqs(session.feed(b"".join(lines), 0.1)) == list(range(7000, 7012))
 
 
-def test_the_earliest_arrival_of_each_quarter_second_is_told() -> None:
+def test_the_earliest_arrival_of_each_quarter_second_is_told():
     session, rng = Session(), np.random.default_rng(5)
     made = {5 * k + 5: 0.01 * k + rng.exponential(0.004) for k in range(200)}
     arrivals = dict(zip(made, np.maximum.accumulate(list(made.values())), strict=True))
@@ -124,7 +120,7 @@ def test_the_earliest_arrival_of_each_quarter_second_is_told() -> None:
 # ---- commands, heartbeats, silence ----
 
 
-def test_a_reset_is_told_and_what_waited_is_not_done_afterwards() -> None:
+def test_a_reset_is_told_and_what_waited_is_not_done_afterwards():
     recorder = Recorder()
     recorder.run(1.0)
     recorder.sim.to_device.cut = True  # the command never arrives
@@ -139,7 +135,7 @@ def test_a_reset_is_told_and_what_waited_is_not_done_afterwards() -> None:
     assert [s.seq for s in recorder.samples if s.boot == 1][:3] == [0, 1, 2]
 
 
-def test_commands_are_sent_and_settings_asked_for_until_they_are_answered() -> None:
+def test_commands_are_sent_and_settings_asked_for_until_they_are_answered():
     recorder = Recorder(11, damage=0.03)
     session, last = recorder.link.session, 0
     for n in range(30):
@@ -157,7 +153,7 @@ def test_commands_are_sent_and_settings_asked_for_until_they_are_answered() -> N
         recorder.link.command("set", float("nan"))
 
 
-def test_a_command_whose_answer_was_lost_is_obeyed_once() -> None:
+def test_a_command_whose_answer_was_lost_is_obeyed_once():
     recorder = Recorder()
     recorder.run(1.0)
     recorder.sim.to_host.cut = True
@@ -170,7 +166,7 @@ def test_a_command_whose_answer_was_lost_is_obeyed_once() -> None:
     assert sum(sample.sync for sample in recorder.samples) == 7
 
 
-def test_a_stop_does_not_wait_for_what_is_in_progress() -> None:
+def test_a_stop_does_not_wait_for_what_is_in_progress():
     session = begun()
     before = session.command("set", 40)
     assert b" set 40*" in session.poll(0.0)
@@ -179,7 +175,7 @@ def test_a_stop_does_not_wait_for_what_is_in_progress() -> None:
     assert b" stop*" in session.poll(0.001)
 
 
-def test_heartbeats_go_on_only_for_a_while_after_keep_alive() -> None:
+def test_heartbeats_go_on_only_for_a_while_after_keep_alive():
     session = begun()
     assert session.poll(0.0) == b""
     session.keep_alive(0.0)
@@ -191,7 +187,7 @@ def test_heartbeats_go_on_only_for_a_while_after_keep_alive() -> None:
     assert session.poll(20.0) == b""
 
 
-def test_silence_is_told_once() -> None:
+def test_silence_is_told_once():
     session = begun()
     assert session.feed(b"", 0.9) == []
     assert session.feed(b"", 1.1) == [Silent(1.1)]
@@ -203,7 +199,7 @@ def test_silence_is_told_once() -> None:
 # ---- the thread that owns a port ----
 
 
-def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path: Path) -> None:
+def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path):
     port = Port()
     with Link(port.open) as link, Journal(path, lambda: link.now) as journal:
         link.attach(journal)
@@ -224,7 +220,7 @@ def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path: Pat
     assert len(found.rows) > 50
 
 
-def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_serial_port_is_opened_for_this_program_alone(monkeypatch):
     serial = pytest.importorskip("serial")
     with pytest.raises(RigError, match=r"cannot open the port.*no other program"):
         Link(serial_opener("/dev/no-such-port"))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from pathlib import Path
 
 import pytest
 from benches import PSI
@@ -19,7 +18,7 @@ from rig.simulation import CIRCUITS, SimulatedRig
 PLAN = Isobaric((1e5, 3e5, 2e5), cycles=2, stroke=0.05, rate=0.001, settle=4.0)
 
 
-def test_duration_is_settling_and_strokes_and_a_plan_is_listed_with_its_times() -> None:
+def test_duration_is_settling_and_strokes_and_a_plan_is_listed_with_its_times():
     assert PLAN.duration() == pytest.approx(3 * (4 + 2 * 2 * 0.05 / 0.001))
     assert (PLAN.duration(2), PLAN.duration(3)) == (pytest.approx(204), 0)
     lines = describe(PlanFile(PLAN, "air", 4e5, None, unit="bar"))
@@ -47,13 +46,13 @@ calibration = "rig.toml"
 """
 
 
-def read(folder: Path, text: str) -> PlanFile:
+def read(folder, text):
     path = folder / "plan.toml"
     path.write_text(text, encoding="utf-8")
     return read_plan(path)
 
 
-def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
+def test_a_file_is_read_in_its_units(tmp_path):
     file = read(tmp_path, FILE)
     assert file.plan.pressures == pytest.approx((20 * PSI, 40.5 * PSI))
     assert (file.plan.stroke, file.plan.rate) == pytest.approx((0.0508, 0.001016))
@@ -90,9 +89,7 @@ def test_a_file_is_read_in_its_units(tmp_path: Path) -> None:
         ("[rig]", "[rigg]", "the tables"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
+def test_what_is_wrong_with_a_file_is_said(tmp_path, old, new, message):
     assert old in FILE
     with pytest.raises(InputError, match=message):
         read(tmp_path, FILE.replace(old, new))
@@ -105,7 +102,7 @@ PLANS = {"help": HELP, "help, water": WATER, "read_plan": f"[plan]\n{PRINTED}"}
 
 
 @pytest.mark.parametrize("name", PLANS)
-def test_a_printed_plan_is_carried_out(name: str, path: Path) -> None:
+def test_a_printed_plan_is_carried_out(name, path):
     """With its pressures, rate, gains, limits and guards; its strokes once, all of it shorter.
 
     Those of the documents are carried out with their pages.
@@ -121,7 +118,7 @@ def test_a_printed_plan_is_carried_out(name: str, path: Path) -> None:
     assert [row.split(",")[4:] for row in rows[1:]] == [["1", "0", "True"]] * len(quick.pressures)
 
 
-def test_all_options_of_the_help_are_options(tmp_path: Path) -> None:
+def test_all_options_of_the_help_are_options(tmp_path):
     everything = re.sub(r"^# (\w+ = )", r"\1", HELP, flags=re.MULTILINE)
     assert everything.count("\n# ") == 0 < HELP.count("\n# ")
     short, full = read(tmp_path, HELP), read(tmp_path, everything)

@@ -5,9 +5,8 @@ import dataclasses
 import itertools
 
 import pytest
-from benches import PSI, Bench, Watched, Wired
+from benches import PSI, Watched, Wired
 
-from rig.device import Device
 from rig.errors import RigError
 from rig.link import VirtualLink
 from rig.protocol import RUN, SAFE, TRIP
@@ -18,7 +17,7 @@ FLOOR, CEILING = 51, 963
 GAINS = {"air": (4.0, 2.0), "water": (0.0, 5.0)}
 
 
-def test_nothing_starts_on_a_reading_that_cannot_be(bench: Bench) -> None:
+def test_nothing_starts_on_a_reading_that_cannot_be(bench):
     bench.command("trip", 600)
     for verb in (("run",), ("man", 50)):
         for reading in (0, FLOOR - 1, CEILING + 1, 1023):
@@ -36,32 +35,30 @@ def test_nothing_starts_on_a_reading_that_cannot_be(bench: Bench) -> None:
 class Loop:
     """A person's commands, a device and its plant; the transducer lies from a moment on."""
 
-    def __init__(self, fluid: str, *, noise: bool = True, device: Device | None = None) -> None:
+    def __init__(self, fluid, *, noise=True, device=None):
         circuit = PneumaticCircuit() if fluid == "air" else HydraulicCircuit(relief=None)
         sensor = pressure_transducer()
         sensor = sensor if noise else dataclasses.replace(sensor, noise=0.0)
         self.sim = Watched(circuit, device=device, pressure_sensor=sensor, seed=11)
         self.link = VirtualLink(self.sim)
 
-    def lie(self, pressure_psi: float) -> None:
+    def lie(self, pressure_psi):
         self.sim.sensor_fault = self.sim.pressure_sensor.counts(pressure_psi * PSI)
 
-    def start(
-        self, set_psi: float, limit_psi: float, gains: tuple[float, float], *more: tuple
-    ) -> None:
+    def start(self, set_psi, limit_psi, gains, *more):
         v = self.sim.calibration().feed_forward.output(set_psi * PSI)
         limit = self.sim.pressure_sensor.counts(limit_psi * PSI)
         begin = ("cal", 101.9, 250), ("trip", limit), ("gain", *gains), *more, ("set", set_psi, v)
         for verb, *values in (*begin, ("run",)):
             self.link.command(verb, *values)
 
-    def wait(self, seconds: float) -> None:
+    def wait(self, seconds):
         for _ in range(round(seconds / 0.02)):
             self.link.keep_alive()
             self.link.sleep(0.02)
 
     @property
-    def tripped(self) -> int:
+    def tripped(self):
         """Fault of the trip, 0 if there is none."""
         self.wait(0.1)
         return self.link.newest.fault * (self.sim.device.state == TRIP)
@@ -81,12 +78,11 @@ ROWS = [  # of the field trials: fluid, set psi, limit psi, gains, stuck at psi,
 @pytest.mark.parametrize("before", [True, False], ids=["before", "held"])
 @pytest.mark.parametrize(("fluid", "set_psi", "limit", "gains", "stuck", "more"), ROWS)
 def test_every_row_of_the_field_trials_trips_or_does_not_start(
-    fluid: str, set_psi: float, limit: float, gains: tuple[float, float], stuck: float | None,
-    more: tuple[str, ...], *, before: bool,
-) -> None:  # fmt: skip
+    fluid, set_psi, limit, gains, stuck, more, *, before
+):
     loop = Loop(fluid)
 
-    def lie() -> None:
+    def lie():
         loop.lie(-1e3 if stuck is None else stuck)
 
     if before:
@@ -108,7 +104,7 @@ def test_every_row_of_the_field_trials_trips_or_does_not_start(
 
 @pytest.mark.parametrize("fluid", ["air", "water"])
 @pytest.mark.parametrize("noise", [True, False], ids=["noise", "quiet"])
-def test_a_sound_hold_does_not_trip_with_noise_or_without(fluid: str, *, noise: bool) -> None:
+def test_a_sound_hold_does_not_trip_with_noise_or_without(fluid, *, noise):
     """A reading that stands still is sound where the transducer is quiet, and was seen to be so."""
     loop = Loop(fluid, noise=noise)
     loop.wait(4.2)
@@ -123,7 +119,7 @@ def test_a_sound_hold_does_not_trip_with_noise_or_without(fluid: str, *, noise: 
 
 
 @pytest.mark.parametrize("fluid", ["air", "water"])
-def test_a_reading_that_freezes_at_the_set_point_trips_within_a_second(fluid: str) -> None:
+def test_a_reading_that_freezes_at_the_set_point_trips_within_a_second(fluid):
     loop = Loop(fluid)
     loop.start(30.0, 110.0, GAINS[fluid])
     loop.wait(5.0)
@@ -133,9 +129,7 @@ def test_a_reading_that_freezes_at_the_set_point_trips_within_a_second(fluid: st
 
 
 @pytest.mark.parametrize("after", [0.22, 0.28])
-def test_a_reading_that_leaps_to_the_set_point_and_rests_trips_below_the_limit(
-    after: float,
-) -> None:
+def test_a_reading_that_leaps_to_the_set_point_and_rests_trips_below_the_limit(after):
     """Gains well above the published ones: the true pressure is near its limit when the reading leaps."""
     loop = Loop("water")
     loop.wait(3.0)
@@ -151,7 +145,7 @@ def test_a_reading_that_leaps_to_the_set_point_and_rests_trips_below_the_limit(
 @pytest.mark.parametrize(
     ("fluid", "set_psi"), [("air", 5.0), ("air", 50.0), ("water", 5.0), ("water", 50.0)]
 )
-def test_a_blocked_line_with_noise_trips_at_the_start(fluid: str, set_psi: float) -> None:
+def test_a_blocked_line_with_noise_trips_at_the_start(fluid, set_psi):
     """The reading varies, as amplifiers do, but not with the pressure."""
     noise = [100, 103, 101, 104, 102, 100, 99, 102]
     reading = (noise[tick // 3 % len(noise)] for tick in itertools.count(1))

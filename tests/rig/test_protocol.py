@@ -46,7 +46,7 @@ LINES: list[tuple[str, Message]] = [
 ]
 
 
-def test_crc_is_the_published_one() -> None:
+def test_crc_is_the_published_one():
     """The division, bit by bit, as the standard writes it."""
     assert crc16(b"123456789") == 0x29B1  # check value of CRC-16/CCITT-FALSE
     data, crc = random.Random(1).randbytes(300), 0xFFFF
@@ -58,9 +58,7 @@ def test_crc_is_the_published_one() -> None:
 
 
 @pytest.mark.parametrize(("body", "message"), LINES)
-def test_lines_say_what_they_say_and_damage_of_one_or_two_bytes_is_seen(
-    body: str, message: Message
-) -> None:
+def test_lines_say_what_they_say_and_damage_of_one_or_two_bytes_is_seen(body, message):
     """A CRC-16 finds every burst of up to 16 bits: no damaged line is taken, none differently."""
     whole = frame(body)
     assert whole.endswith(b"\n")
@@ -76,7 +74,7 @@ def test_lines_say_what_they_say_and_damage_of_one_or_two_bytes_is_seen(
             assert parse(bytes(damaged)) == (message if damaged == line else None)
 
 
-def test_splitter_does_not_care_how_the_stream_is_cut_and_keeps_little_noise() -> None:
+def test_splitter_does_not_care_how_the_stream_is_cut_and_keeps_little_noise():
     r = random.Random(4)
     lines = [bytes(r.choices(b"abc,*\r", k=r.randint(0, 50))) for _ in range(300)]
     stream, pieces, found = b"\n".join(lines) + b"\n", Splitter(limit=50), []
@@ -89,7 +87,7 @@ def test_splitter_does_not_care_how_the_stream_is_cut_and_keeps_little_noise() -
     assert pieces.feed(b"\n") == [b"x" * 50]
 
 
-def test_every_command_is_in_the_firmwares_readme() -> None:
+def test_every_command_is_in_the_firmwares_readme():
     text = (firmware_folder() / "README.md").read_text()
     for verb in ARGUMENTS:
         assert re.search(rf"`(0 )?{verb.decode()}[ `]", text), verb
@@ -100,7 +98,7 @@ def test_every_command_is_in_the_firmwares_readme() -> None:
 # ---- the integers of the controller against the law in fractions, which round nowhere ----
 
 
-def test_the_law_rounds_each_figure_once_and_keeps_within_its_limits() -> None:
+def test_the_law_rounds_each_figure_once_and_keeps_within_its_limits():
     r, inside = random.Random(1), 0
     for _ in range(400):
         law = ControlLaw(

@@ -6,8 +6,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -20,13 +18,13 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def port(monkeypatch: pytest.MonkeyPatch) -> Port:
+def port(monkeypatch):
     port = Port()
     monkeypatch.setattr("rig.link.serial_opener", lambda *_: port.open)
     return port
 
 
-def meanwhile(act: Callable[[], None]) -> threading.Thread:
+def meanwhile(act):
     thread = threading.Thread(target=act)
     thread.start()
     return thread
@@ -43,13 +41,12 @@ def meanwhile(act: Callable[[], None]) -> threading.Thread:
         ),
     ],
 )  # fmt: skip
-def test_a_run_that_is_cut_short_ends_in_a_sentence_a_vented_rig_and_a_sound_journal(
-    how: str, code: int, words: str, reason: str, port: Port, tmp_path: Path,
-    capsys: pytest.CaptureFixture,
-) -> None:  # fmt: skip
+def test_a_run_that_is_cut_short_is_vented_and_told(
+    how, code, words, reason, port, tmp_path, capsys
+):
     plan = calibrated(tmp_path, pressures="30", settle="60")
 
-    def end() -> None:
+    def end():
         until(lambda: port.sim.device.state == RUN, 60)  # the check of the channels drives it, too
         time.sleep(1.0)
         if how == "cable":
@@ -71,21 +68,18 @@ def test_a_run_that_is_cut_short_ends_in_a_sentence_a_vented_rig_and_a_sound_jou
 
 
 @pytest.mark.parametrize("last", ["", "stop"])
-def test_a_person_at_a_terminal_begins_and_stops(
-    last: str, port: Port, tmp_path: Path, capsys: pytest.CaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+def test_a_person_at_a_terminal_begins_and_stops(last, port, tmp_path, capsys, monkeypatch):
     plan = calibrated(tmp_path, pressures="20, 30", settle="2", stroke="0.2", rate="0.2")
     journal, (typed, keys) = tmp_path / "test.fam", os.pipe()
     monkeypatch.setattr("rig.cli._at_terminal", lambda: True)
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True, fileno=lambda: typed))
 
-    def noted(text: str) -> bool:
+    def noted(text):
         os.write(keys, b"\n")  # it counts where the run waits for the first stroke
         time.sleep(0.3)
         return journal.exists() and text in journal.read_text()
 
-    def work() -> None:
+    def work():
         until(lambda: noted('"block":1'), 60)
         os.write(keys, f"{last}\n".encode())
         until(lambda: noted('"end"'), 60)

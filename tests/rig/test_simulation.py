@@ -18,13 +18,11 @@ DT = 2e-3
 STEP = 1.016e-3 * DT * 1.01  # m, one step at 0.04 in/s: a turn comes that much late
 
 
-def machine(noise: float = 0.0, **options) -> TestMachine:
+def machine(noise=0.0, **options):
     return TestMachine(0.23, shortest=0.14, load_noise=noise, **options)
 
 
-def log_of(
-    m: TestMachine, seconds: float, load=lambda length: 1e4 * (length - 0.15)
-) -> dict[str, np.ndarray]:
+def log_of(m, seconds, load=lambda length: 10000.0 * (length - 0.15)):
     """The log of so many seconds."""
     for now in (DT * np.arange(1, round(seconds / DT) + 1)).tolist():
         m.step(now, DT, load(m.length))
@@ -32,7 +30,7 @@ def log_of(
     return dict(zip(names, np.array(m.rows).T, strict=True))
 
 
-def test_strokes_are_triangles_between_rest_and_the_load_that_turns_them() -> None:
+def test_strokes_are_triangles_between_rest_and_the_load_that_turns_them():
     m = machine()
     m.start(2, 1e-3)
     log = log_of(m, 400.0)
@@ -50,7 +48,7 @@ def test_strokes_are_triangles_between_rest_and_the_load_that_turns_them() -> No
 
 
 @pytest.mark.parametrize("sensor", [pressure_transducer(), load_cell()])
-def test_a_sensor_s_calibration_undoes_it(sensor: SimulatedSensor) -> None:
+def test_a_sensor_s_calibration_undoes_it(sensor):
     rng = np.random.default_rng(5)
     for share in (0.1, 0.9):
         value = sensor.low + share * (sensor.high - sensor.low)
@@ -66,7 +64,7 @@ def test_a_sensor_s_calibration_undoes_it(sensor: SimulatedSensor) -> None:
 
 
 @pytest.mark.parametrize("time", [0.0, 0.02])
-def test_noise_has_its_deviation_and_its_memory(time: float) -> None:
+def test_noise_has_its_deviation_and_its_memory(time):
     sensor = SimulatedSensor(0.0, 1e6, noise=2e3, correlation_time=time)
     draws = np.array(list(itertools.islice(sensor.errors(2e-3, 7), 200_000)))
     keep = np.exp(-2e-3 / time) if time else 0.0
@@ -77,7 +75,7 @@ def test_noise_has_its_deviation_and_its_memory(time: float) -> None:
     assert list(itertools.islice(sensor.errors(2e-3, 7), 100)) == draws[:100].tolist()
 
 
-def test_a_line_takes_its_time_and_a_cut_cable_loses_what_is_on_it() -> None:
+def test_a_line_takes_its_time_and_a_cut_cable_loses_what_is_on_it():
     line = ByteChannel(baud=115200)
     data = bytes(range(200))
     line.send(data, 1.0)
