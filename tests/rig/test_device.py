@@ -10,24 +10,12 @@ from benches import Bench
 from native import NativeDevice, build_native
 from session_fuzz import Fuzz
 
+from rig import audit, protocol, read_journal
 from rig.device import Device, firmware_folder
-from rig.journal import audit, read_journal
-from rig.protocol import (
-    MANUAL,
-    RUN,
-    SAFE,
-    TRIP,
-    Ack,
-    DeviceSettings,
-    DeviceStatus,
-    Hello,
-    StoredRange,
-    frame,
-)
+from rig.protocol import MANUAL, RUN, SAFE, TRIP, DeviceSettings, DeviceStatus, Hello, frame
 
 SILENCE_TICKS = 500
 TICKS = 12_000  # of two executions side by side; the benchmark does millions
-FUZZ_TARGET = Path(__file__).with_name("fuzz_core.c")
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler 'cc' on the path")
 
 
@@ -78,6 +66,8 @@ def test_stop_acts_in_the_tick_that_reads_it_and_cancels_a_start(bench):
         ((("jump", 77), ("man", 90)), (0, *[100] * 8), (0, 0, 0), 3),
         ((("floor", 80),), (79, 79, 80, 79, 79), (79,), 6),
         ((("ceiling", 500),), (501, 501, 500, 501, 501), (501,), 6),
+        ((("jump", 75),), range(115, 590, 15), (), 0),  # 75 counts in five ticks
+        ((("jump", 74),), range(115, 190, 15), range(190, 240, 15), 3),
     ],
 )
 def test_a_guard_trips_at_the_third_conversion_and_not_before(commands, sound, wrong, fault, bench):
@@ -89,8 +79,9 @@ def test_a_guard_trips_at_the_third_conversion_and_not_before(commands, sound, w
     assert bench.device.state in (RUN, MANUAL)
     for pressure in wrong:
         bench.ticks(1, pressure)
-    assert pins(bench) == (TRIP, 0, True)
-    assert bench.status.fault == fault
+    tripped = pins(bench) == (TRIP, 0, True)
+    assert tripped == bool(fault)
+    assert not tripped or bench.status.fault == fault
 
 
 def test_a_start_on_its_way_does_not_outlive_a_trip(bench):
@@ -102,15 +93,6 @@ def test_a_start_on_its_way_does_not_outlive_a_trip(bench):
     bench.ticks(1)
     bench.ticks(103, 700)
     assert pins(bench) == (TRIP, 0, True)
-
-
-@pytest.mark.parametrize(("limit", "state"), [(75, RUN), (74, TRIP)])
-def test_only_changes_beyond_the_limit_are_jumps(limit, state, bench):
-    bench.start()
-    bench.command("jump", limit)
-    for pressure in range(115, 590, 15):  # 75 counts in five ticks
-        bench.beat(1, pressure)
-    assert bench.device.state == state
 
 
 @pytest.mark.parametrize(
@@ -152,9 +134,7 @@ def test_silence_ends_a_run_after_the_time_set(milliseconds, bench):
         (frame("77 nonsense"), True),  # its CRC is right: a host is there
         (frame("0 hb")[:-2] + b"X\n", False),
         (b"0 hb\n", True),  # a person types
-        (b"\n\n\r\n", False),
-        (b"x" * 100 + b"\n", False),
-        (b"\xff\xfe hb\n", False),
+        *[(line, False) for line in (b"\n\n\r\n", b"x" * 100 + b"\n", b"\xff\xfe hb\n")],
     ],
 )
 def test_what_counts_as_a_sign_of_life(line, alive, bench):
@@ -241,9 +221,8 @@ def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench):
     for _ in range(2):
         bench.send(frame("500 man 20"))
         bench.ticks(20)
-    answers = [a for a in bench.of(Ack) if a.id == 500]
-    assert len(answers) == 2
-    assert answers[0] == answers[1]
+    first, second = (a for a in bench.of(protocol.Ack) if a.id == 500)
+    assert first == second
     bench.command("stop")
     bench.send(frame("500 man 21"))  # the id again, but another command
     bench.ticks(20)
@@ -275,9 +254,8 @@ def test_every_record_of_a_run_can_be_recomputed(seed, bench, path):
         if verb == "set":  # the answer says from which record on it holds
             bench.ticks(60)
             held = bench.of(DeviceSettings)[-1]
-            assert (held.since, held.law.set_point_psi) == (
-                answer.seq, pytest.approx(values[0], abs=1 / 256)
-            )  # fmt: skip
+            assert held.since == answer.seq
+            assert held.law.set_point_psi == pytest.approx(values[0], abs=1 / 256)
         for _ in range(r.randint(0, 60)):
             bench.ticks(1, r.randint(40, 300))
     bench.ticks(100)
@@ -313,13 +291,13 @@ def test_records_are_repeated_on_request_and_what_is_too_old_is_told_once(bench)
     bench.ticks(50)
     wanted = [s for s in bench.samples if s.seq in (base, base + 1, base + 2, base + 3)]
     assert wanted == [s for s in before if s.seq in (base, base + 1, base + 3)]
-    assert not bench.of(StoredRange)
+    assert not bench.of(protocol.StoredRange)
     next_ = bench.samples[-1].seq + 1
     oldest = next_ - 64
     bench.said.clear()
     bench.send(frame(f"0 rp {oldest - 8} ffffffffffffffff"))
     bench.ticks(400)
-    (limits,) = bench.of(StoredRange)
+    (limits,) = bench.of(protocol.StoredRange)
     assert limits.oldest <= oldest + 2  # the ring went on while the line arrived
     assert limits.next - limits.oldest == 64
     repeated = [s.seq for s in bench.samples if s.seq < next_]
@@ -331,7 +309,6 @@ def test_records_are_repeated_on_request_and_what_is_too_old_is_told_once(bench)
 def test_sync_pin_is_high_for_whole_records_and_they_say_so(bench):
     bench.ticks(11)
     since = bench.command("sync", 3).seq
-    assert since is not None
     bench.ticks(60)
     assert [s.seq for s in bench.samples if s.sync] == [since, since + 1, since + 2]
 
@@ -346,8 +323,8 @@ def test_a_reset_counts_up_forgets_settings_and_keeps_the_number_of_the_board():
     assert bench.command("run").reason == "no trip limit"
     bench.ticks(30)
     assert {sample.boot for sample in bench.samples} == {15, 0}
-    assert [(h.boot, h.cause) for h in bench.of(Hello)][-1] == (16, 8)
-    assert (bench.of(Hello)[-1].board, bench.status.fault) == (4711, 5)
+    hello = bench.of(Hello)[-1]
+    assert (hello.boot, hello.cause, hello.board, bench.status.fault) == (16, 8, 4711, 5)
     assert eeprom[:2] == b"\x10\x00"
 
 
@@ -367,25 +344,19 @@ def test_no_line_is_dropped_under_a_full_load(bench):
 
 # ---- one firmware, two executions: byte for byte ----
 
+OPTIONS = [(seed, {}) for seed in range(4)]
+OPTIONS += [(7, {"ring": 7}), (8, {"ring": 500, "bytes_per_tick": 91}), (9, {"bytes_per_tick": 200})]
+
 
 @needs_cc
-@pytest.mark.parametrize(
-    ("seed", "options"),
-    [
-        *((seed, {}) for seed in range(4)),
-        (7, {"ring": 7}),
-        (8, {"ring": 500, "bytes_per_tick": 91}),
-        (9, {"bytes_per_tick": 200}),
-    ],
-)
+@pytest.mark.parametrize(("seed", "options"), OPTIONS)
 def test_port_and_core_agree(seed, options, tmp_path):
     port, core = Device(**options), NativeDevice(build_native(tmp_path, **options))
     fuzz, sent = Fuzz(seed), 0
     for number, tick in enumerate(fuzz.ticks(TICKS)):
-        if tick.reset:
-            port.reset(tick.reset)
-            core.reset(tick.reset)
         for device in (port, core):
+            if tick.reset:
+                device.reset(tick.reset)
             device.feed(tick.bytes_in if number or not options else frame("1 tele 1"))
             device.tick(tick.pressure, tick.force)
         said = port.take()
@@ -430,28 +401,23 @@ def test_they_agree_at_the_edges_of_every_number(tmp_path):
     assert port.state == core.state == RUN
 
 
-# ---- the C core with the compiler's sanitizers ----
-
-
 @needs_cc
 def test_nothing_is_undefined_or_unsafe_whatever_comes_in(tmp_path):
-    """Random hosts, and bytes as a fuzzer makes them."""
-    program = tmp_path / "fuzz"
+    """The C core with the compiler's sanitizers: random hosts, and bytes as a fuzzer makes them."""
+    program, firmware = tmp_path / "fuzz", firmware_folder()
     names = "famrig_core.c", "famrig_plausibility.c", "famrig_text.c"
-    sources = [str(FUZZ_TARGET), *(str(firmware_folder() / name) for name in names)]
-    options = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{firmware_folder()}",
+    sources = [Path(__file__).with_name("fuzz_core.c"), *(firmware / name for name in names)]
+    options = ["-std=c99", "-g", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{firmware}",
                "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]  # fmt: skip
-    built = subprocess.run(
-        ["cc", *options, *sources, "-o", program], capture_output=True, text=True, check=False
-    )
+    build = ["cc", *options, *sources, "-o", program]
+    built = subprocess.run(build, capture_output=True, text=True, check=False)
     if "cannot find" in built.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert built.returncode == 0, built.stderr
 
     def said(data, *arguments):
-        run = subprocess.run(
-            [program, *map(str, arguments)], input=data, capture_output=True, check=False
-        )
+        command = [program, *map(str, arguments)]
+        run = subprocess.run(command, input=data, capture_output=True, check=False)
         assert (run.returncode, run.stderr) == (0, b"")
         return run.stdout
 
