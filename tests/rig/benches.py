@@ -1,7 +1,6 @@
 """Rigs in virtual time, devices on the bench, and commands of `famjax rig` as a person types them."""
 
 import contextlib
-import io
 import time
 from typing import TypeVar
 
@@ -254,11 +253,11 @@ calibration = "calibration.toml"
 """
 
 
-def run(capsys, *arguments):
+def run(*words):
+    """The exit code of a command."""
     with pytest.raises(SystemExit) as stop:
-        main(["rig", *map(str, arguments)])
-    captured = capsys.readouterr()
-    return int(stop.value.code or 0), captured.out, captured.err
+        main(["rig", *map(str, words)])
+    return int(stop.value.code or 0)
 
 
 def write_plan(folder, **changes):
@@ -272,14 +271,3 @@ def write_plan(folder, **changes):
 def calibrated(folder, **changes):
     write_calibration(folder / "calibration.toml", SimulatedRig().calibration())
     return write_plan(folder, **changes)
-
-
-class Typed(io.StringIO):
-    """Standard input on which something was typed."""
-
-    def __init__(self, text, *, terminal):
-        super().__init__(text)
-        self.terminal = terminal
-
-    def isatty(self):
-        return self.terminal

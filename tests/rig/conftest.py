@@ -6,19 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from famjax.__main__ import main
 from rig.device import Device, firmware_folder
 
 sys.path.insert(0, str(Path(__file__).parent))  # the harness and the misbehaving host
 
 from avr import Avr, build_harness
-from benches import Bench, write_plan
+from benches import Bench, run, write_plan
 from native import NativeDevice, build_native
 
 
 @pytest.fixture(scope="session")
 def native_library(tmp_path_factory):
-    """The C core; it needs `cc` and nothing else."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler 'cc' on the path")
     return build_native(tmp_path_factory.mktemp("core"))
@@ -62,12 +60,15 @@ def avr(harness):
     return Avr(harness, firmware_folder() / "famrig.hex")
 
 
+@pytest.fixture
+def command(capsys):
+    """A command of `famjax rig`: its exit code, output and errors."""
+    return lambda *words: (run(*words), *capsys.readouterr())
+
+
 @pytest.fixture(scope="session")
 def simulated(tmp_path_factory):
     """The files of a simulated test of 40 and 80 psi."""
     folder = tmp_path_factory.mktemp("simulated")
-    plan, out = write_plan(folder), folder / "out"
-    with pytest.raises(SystemExit) as stop:
-        main(["rig", "simulate", str(plan), "--output", str(out), "--seed", "4"])
-    assert not stop.value.code
-    return out
+    assert run("simulate", write_plan(folder), "--output", folder / "out", "--seed", 4) == 0
+    return folder / "out"

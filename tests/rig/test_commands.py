@@ -1,12 +1,13 @@
 """The commands of `famjax rig` as a person types them: exit codes, output, files."""
 
+import io
 import itertools
 import json
 import tomllib
 
 import numpy as np
 import pytest
-from benches import PSI, Typed, calibrated, run, write_plan
+from benches import PSI, calibrated, write_plan
 
 from fitting import read_csv
 from rig import read_journal
@@ -15,8 +16,6 @@ from rig.journal import stored_calibration
 from rig.link import VirtualLink
 from rig.protocol import SAFE, TRIP
 from rig.simulation import HydraulicCircuit, SimulatedRig
-
-Capsys = pytest.CaptureFixture
 
 
 def words(option, values):
@@ -27,7 +26,6 @@ def words(option, values):
 REFERENCES = ["0psi", "40psi", "80psi", "120psi"]
 PRESSURE = ("calibrate-sensor", "pressure", *words("--reference", REFERENCES))
 FORCE = ("calibrate-sensor", "force", *words("--reference", ["0N", "1kN", "2kN", "4kN"]))
-COUNTS = words("--reading", [509, 1329, 2148, 2967])
 NONE = ("--port", "none")  # there is a simulated rig at every port
 
 
@@ -40,17 +38,23 @@ def sim(request, monkeypatch):
     return sim
 
 
-# ---- simulated tests and what is made of them ----
+@pytest.fixture
+def refused(command):
+    """A command that ends with 2, and a sentence."""
+
+    def check(sentence, *typed):
+        code, _, err = command(*typed)
+        assert (code, sentence in err) == (2, True), err
+
+    return check
 
 
-def test_simulate_writes_everything_that_a_fit_needs_the_same_by_the_same_seed(
-    simulated, tmp_path, capsys
+def test_simulate_writes_all_that_a_fit_needs_the_same_by_the_same_seed(
+    simulated, tmp_path, command
 ):
-    names = {path.name for path in simulated.iterdir()}
-    assert names == {
-        "test.fam", "test.csv", "machine.csv", "dataset.csv", "characterisation.json",
-        "characterisation.png",
-    }  # fmt: skip
+    names = {"test.fam", "test.csv", "machine.csv", "dataset.csv", "characterisation.json",
+             "characterisation.png"}  # fmt: skip
+    assert {path.name for path in simulated.iterdir()} == names
     data = read_csv(simulated / "dataset.csv")
     assert data.specimen.rest_length == pytest.approx(9.28125 * 0.0254)
     assert data.specimen.braid_thickness == pytest.approx(0.011 * 0.0254)
@@ -59,7 +63,7 @@ def test_simulate_writes_everything_that_a_fit_needs_the_same_by_the_same_seed(
     blocked = [row["blocked_force_N"] / 4.4482216 for row in found["isobars"]]
     assert blocked == pytest.approx([400, 832], rel=0.05)  # table 6.11: 403 and 850 lbf tested
     more = "--output", tmp_path / "o", "--seed", 4, "--json"
-    code, out, _ = run(capsys, "simulate", write_plan(tmp_path), *more)
+    code, out, _ = command("simulate", write_plan(tmp_path), *more)
     assert (code, len(json.loads(out)["isobars"])) == (0, 2)
     for name in ("machine.csv", "dataset.csv"):
         assert (tmp_path / "o" / name).read_bytes() == (simulated / name).read_bytes()
@@ -70,17 +74,15 @@ def test_simulate_writes_everything_that_a_fit_needs_the_same_by_the_same_seed(
 @pytest.mark.parametrize(
     ("more", "method"), [((), "load"), (("--sync-column", "Digital input (-)"), "pulses")]
 )
-def test_characterise_repeats_what_simulate_found(more, method, simulated, tmp_path, capsys):
-    code, out, _ = run(
-        capsys, "characterise", simulated / "test.fam", simulated / "machine.csv",
+def test_characterise_repeats_what_simulate_found(more, method, simulated, tmp_path, command):
+    code, out, _ = command(
+        "characterise", simulated / "test.fam", simulated / "machine.csv",
         "--rest-length", "9.28125in", "--specimen", "wall_thickness_in=0.0625",
         "--output", tmp_path, "--units", "metric", *more,
     )  # fmt: skip
     assert (code, "set pressure kPa" in out) == (0, True)
-    ours, theirs = (
-        json.loads((folder / "characterisation.json").read_text())
-        for folder in (tmp_path, simulated)
-    )
+    texts = [(one / "characterisation.json").read_text() for one in (tmp_path, simulated)]
+    ours, theirs = map(json.loads, texts)
     assert ours["alignment"]["method"] == method
     apart = ours["alignment"]["offset_s"] - theirs["alignment"]["offset_s"]
     assert abs(apart) < 3 * ours["alignment"]["offset_error_s"] + 1e-3
@@ -89,26 +91,23 @@ def test_characterise_repeats_what_simulate_found(more, method, simulated, tmp_p
     assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
 
 
-def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path, capsys):
-    code, out, _ = run(capsys, "check", simulated / "test.fam", "--json")
+def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path, command):
+    code, out, _ = command("check", simulated / "test.fam", "--json")
     found = json.loads(out)
     assert (code, found["sound"]) == (0, True)
     assert found["checked"] == found["equal"] == found["records"] > 3000
     lines = (simulated / "test.fam").read_bytes().split(b"\n")
     at, line = next((k, x) for k, x in enumerate(lines) if k > 2000 and x.startswith(b"T,"))
     path.write_bytes(b"\n".join([*lines[:at], line.replace(b",", b";"), *lines[at + 1 :]]))
-    code, out, _ = run(capsys, "check", path)
+    code, out, _ = command("check", path)
     lost = f"NOT sound: the file lost 1 records; {len(line) + 1} bytes are damaged"
     assert (code, lost in out) == (1, True)
 
 
-# ---- what is refused, and what a person reads ----
-
-
-def test_bad_input_ends_in_a_sentence(simulated, tmp_path, capsys):
+def test_bad_input_ends_in_a_sentence(simulated, tmp_path, command, refused):
     journal, no_limit = simulated / "test.fam", write_plan(tmp_path, limit="")
     missing = "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as"
-    for arguments, sentence in (
+    for typed, sentence in (
         (("check", tmp_path / "none.fam"), "cannot read"),
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
         (("characterise", journal, "b", "--rest-length", "9"), "has no unit"),
@@ -117,26 +116,20 @@ def test_bad_input_ends_in_a_sentence(simulated, tmp_path, capsys):
         (("run", no_limit, "--output", tmp_path / "o"), missing),
         (("simulate", no_limit, "--output", tmp_path / "o"), missing),
     ):
-        code, _, err = run(capsys, *arguments)
-        assert (code, sentence in err) == (2, True), err
+        refused(sentence, *typed)
     assert not (tmp_path / "o").exists()
-    assert run(capsys, "convert", journal, tmp_path / "t.csv")[0] == 0
+    assert command("convert", journal, tmp_path / "t.csv")[0] == 0
 
 
-# ---- calibration ----
-
-
-def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path, capsys):
-    file = tmp_path / "calibration.toml"
-    code, out, _ = run(capsys, *PRESSURE, *COUNTS, "--calibration", file)
-    assert (code, "pressure at the references [psi]" in out, "zero at 509." in out) == (
-        0,
-        True,
-        True,
-    )
+def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path, command):
+    file, counts = tmp_path / "calibration.toml", words("--reading", [509, 1329, 2148, 2967])
+    code, out, _ = command(*PRESSURE, *counts, "--calibration", file)
+    assert code == 0
+    assert "pressure at the references [psi]" in out
+    assert "zero at 509." in out
     assert set(tomllib.loads(file.read_text())) == {"pressure"}
     counts = words("--reading", [704, 1289, 1874, 3043])
-    assert run(capsys, *FORCE, *counts, "--calibration", file)[0] == 0
+    assert command(*FORCE, *counts, "--calibration", file)[0] == 0
     found = read_calibration(file)
     assert float(found.pressure.value(1329)) == pytest.approx(40 * PSI, rel=2e-3)
     assert float(found.force.value(1289)) == pytest.approx(1000, rel=2e-3)
@@ -152,16 +145,17 @@ def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path, capsys):
         ([], "which port?"),
     ],
 )
-def test_what_is_no_calibration_leaves_the_file_as_it_was(counts, message, tmp_path, capsys):
+def test_what_is_no_calibration_leaves_the_file_as_it_was(counts, message, tmp_path, refused):
     file = tmp_path / "calibration.toml"
     write_calibration(file, SimulatedRig().calibration())
     before = file.read_bytes()
-    code, _, err = run(capsys, *PRESSURE, *words("--reading", counts), "--calibration", file)
-    assert (code, message in err) == (2, True)
+    refused(message, *PRESSURE, *words("--reading", counts), "--calibration", file)
     assert file.read_bytes() == before
 
 
-def test_counts_are_read_while_a_person_applies_the_references(sim, tmp_path, capsys, monkeypatch):
+def test_counts_are_read_while_a_person_applies_the_references(
+    sim, tmp_path, command, refused, monkeypatch
+):
     at, asked = itertools.cycle([102, 266, 430, 593]), []
 
     def answer(question):
@@ -171,23 +165,23 @@ def test_counts_are_read_while_a_person_applies_the_references(sim, tmp_path, ca
 
     monkeypatch.setattr("builtins.input", answer)
     file = tmp_path / "calibration.toml"
-    code, out, _ = run(capsys, *PRESSURE, *NONE, "--calibration", file)
+    code, out, _ = command(*PRESSURE, *NONE, "--calibration", file)
     assert (code, "40psi: 1330.00 counts" in out, sim.device.output) == (0, True, 0)
     assert asked == [f"Apply {text} and press Enter: " for text in REFERENCES]
     assert tomllib.loads(file.read_text())["board"] == sim.device.board != 0
     file.write_text(file.read_text().replace(str(sim.device.board), str(sim.device.board // 2 + 1)))
-    code, _, err = run(capsys, *PRESSURE, *NONE, "--calibration", file)
-    assert (code, f"this is board {sim.device.board}: name another file" in err) == (2, True)
+    other = f"this is board {sim.device.board}: name another file"
+    refused(other, *PRESSURE, *NONE, "--calibration", file)
 
 
 @pytest.mark.parametrize("sim", [HydraulicCircuit()], indirect=True)
-def test_a_pump_is_stepped_under_the_limits_of_its_plan(sim, tmp_path, capsys):
+def test_a_pump_is_stepped_under_the_limits_of_its_plan(sim, tmp_path, command, refused):
     true = sim.calibration()
     write_calibration(tmp_path / "calibration.toml", true)
-    code, _, err = run(capsys, "calibrate-pump", write_plan(tmp_path), *NONE, "--yes")
-    assert (code, "only the pump of a water" in err, sim.now) == (2, True, 0)
+    refused("only the pump of a water", "calibrate-pump", write_plan(tmp_path), *NONE, "--yes")
+    assert sim.now == 0
     plan = write_plan(tmp_path, circuit="water")
-    code, out, _ = run(capsys, "calibrate-pump", plan, *NONE, "--yes")
+    code, out, _ = command("calibrate-pump", plan, *NONE, "--yes")
     assert (code, "relief valve" in out, "output 200: " in out) == (0, True, True)
     assert (sim.device.output, sim.device.dump_open) == (0, True)
     found = read_calibration(tmp_path / "calibration.toml")
@@ -196,10 +190,7 @@ def test_a_pump_is_stepped_under_the_limits_of_its_plan(sim, tmp_path, capsys):
     assert found.feed_forward.output(80 * PSI) == pytest.approx(steady, abs=2.0)
 
 
-# ---- a trip is cleared by a person alone ----
-
-
-def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(sim, tmp_path, capsys):
+def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(sim, tmp_path, command, refused):
     link = VirtualLink(sim)
     for verb, *values in (("trip", 600), ("man", 50)):
         link.command(verb, *values)
@@ -207,25 +198,21 @@ def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(sim, tmp_path, capsys
     sim.advance(0.1)
     assert sim.device.state == TRIP
     calibrated(tmp_path)
-    command = ("acknowledge", "none", "--calibration", tmp_path / "calibration.toml")
-    code, _, err = run(capsys, *command, "--yes")
-    assert (code, "refuses 'clear'" in err) == (2, True)
+    typed = ("acknowledge", "none", "--calibration", tmp_path / "calibration.toml")
+    refused("refuses 'clear'", *typed, "--yes")
     sim.sensor_fault = None
     sim.advance(5.0)
-    code, out, err = run(capsys, *command)
+    code, out, err = command(*typed)
     assert (code, "at 1023 counts (" in out, "give --yes" in err) == (2, True, True)
     assert sim.device.state == TRIP
-    code, out, _ = run(capsys, *command, "--yes")
+    code, out, _ = command(*typed, "--yes")
     assert (code, "acknowledged" in out, sim.device.state) == (0, True, SAFE)
-    assert "is not tripped" in run(capsys, *command)[1]
+    assert "is not tripped" in command(*typed)[1]
 
 
-# ---- what `run` asks and refuses before a port is opened ----
-
-
-def test_a_run_prints_the_plan_and_waits_for_a_yes(tmp_path, capsys, monkeypatch):
-    command = ("run", calibrated(tmp_path), "--port", tmp_path / "none", "--output", tmp_path / "o")
-    code, out, _ = run(capsys, *command, "--dry-run")
+def test_a_run_prints_the_plan_and_waits_for_a_yes(tmp_path, command, refused, monkeypatch):
+    typed = ("run", calibrated(tmp_path), "--port", tmp_path / "none", "--output", tmp_path / "o")
+    code, out, _ = command(*typed, "--dry-run")
     assert (code, "block 1: 80 psi" in out) == (0, True)
     assert "lasts 38 s" in out  # two of 3 s and 2 x 3.2 in at 0.4 in/s
     assert not (tmp_path / "o").exists()
@@ -237,26 +224,23 @@ def test_a_run_prints_the_plan_and_waits_for_a_yes(tmp_path, capsys, monkeypatch
         ("", False, ("--yes",), "cannot open the port"),
         ("", False, ("--yes", "--start", "asked"), "here is no terminal: at-once or load"),
     ):
-        monkeypatch.setattr("sys.stdin", Typed(text, terminal=terminal))
-        code, _, err = run(capsys, *command, *more)
-        assert (code, sentence in err) == (2, True), err
+        stdin = io.StringIO(text)
+        stdin.isatty = lambda at=terminal: at
+        monkeypatch.setattr("sys.stdin", stdin)
+        refused(sentence, *typed, *more)
 
 
-def test_a_run_is_recorded_once_and_can_be_monitored(sim, tmp_path, capsys):
+def test_a_run_is_recorded_once_and_can_be_monitored(sim, tmp_path, command, refused):
     plan = calibrated(tmp_path, pressures="30", settle="4", stroke="0.2", rate="0.2")
-    code, out, _ = run(capsys, "monitor", "none", "--seconds", 0.01)
+    code, out, _ = command("monitor", "none", "--seconds", 0.01)
     assert (code, "SAFE" in out) == (0, True)
-    command = ("run", plan, "--output", tmp_path / "o", "--yes", *NONE)
-    code, out, _ = run(capsys, *command)
+    typed = ("run", plan, "--output", tmp_path / "o", "--yes", *NONE)
+    code, out, _ = command(*typed)
     assert (code, sim.device.output) == (0, 0)
     for text in ("1 strokes of 5.08 mm", "block 0: pressure held, ", "start the strokes", "RMS"):
         assert text in out
     assert read_journal(tmp_path / "o" / "test.fam").notes_of("end")[-1]["reason"] == "complete"
-    code, _, err = run(capsys, *command, "--resume")
-    assert (code, "is complete" in err) == (2, True)
-
-
-LIMIT = "pressure_limit_psi = 110"
+    refused("is complete", *typed, "--resume")
 
 
 @pytest.mark.parametrize(
@@ -267,13 +251,15 @@ LIMIT = "pressure_limit_psi = 110"
         ("60", "the plan sets 80 psi, the limit is 60 psi"),
     ],
 )
-def test_a_refused_plan_leaves_nothing_behind(limit, sentence, tmp_path, capsys):
+def test_a_refused_plan_leaves_nothing_behind(limit, sentence, tmp_path, refused):
     calibrated(tmp_path)
     plan = write_plan(tmp_path, limit=f"pressure_limit_psi = {limit}")
-    for command, *more in (("run", "--yes", *NONE), ("simulate",)):
-        code, _, err = run(capsys, command, plan, "--output", tmp_path / "o", *more)
-        assert (code, sentence in err) == (2, True)
+    for verb, *more in (("run", "--yes", *NONE), ("simulate",)):
+        refused(sentence, verb, plan, "--output", tmp_path / "o", *more)
         assert not (tmp_path / "o" / "test.fam").exists()
+
+
+LIMIT = "pressure_limit_psi = 110"
 
 
 @pytest.mark.parametrize(
@@ -285,17 +271,16 @@ def test_a_refused_plan_leaves_nothing_behind(limit, sentence, tmp_path, capsys)
         ("", "", "calibration"),
     ],
 )
-def test_only_the_same_test_is_resumed(old, new, what, simulated, tmp_path, capsys):
-    plan = calibrated(tmp_path)
+def test_only_the_same_test_is_resumed(old, new, what, simulated, tmp_path, command, refused):
+    plan, journal = calibrated(tmp_path), tmp_path / "test.fam"
     lines = (simulated / "test.fam").read_bytes().splitlines(keepends=True)
     second = next(k for k, line in enumerate(lines) if b'"block":1' in line)
-    (tmp_path / "test.fam").write_bytes(b"".join(lines[: second + 1]))
-    command = ("run", plan, "--output", tmp_path, "--resume", "--yes", *NONE)
+    journal.write_bytes(b"".join(lines[: second + 1]))
+    typed = ("run", plan, "--output", tmp_path, "--resume", "--yes", *NONE)
     if old:
-        began = stored_calibration(read_journal(tmp_path / "test.fam"))
+        began = stored_calibration(read_journal(journal))
         write_calibration(tmp_path / "calibration.toml", began)
-        _, out, err = run(capsys, *command)
+        _, out, err = command(*typed)
         assert ("cannot open the port" in err, "lasts 19 s" in out) == (True, True)  # one of two
     plan.write_text(plan.read_text().replace(old, new))
-    code, _, err = run(capsys, *command)
-    assert (code, f"it was begun with another {what}." in err) == (2, True)
+    refused(f"it was begun with another {what}.", *typed)

@@ -345,7 +345,11 @@ def test_no_line_is_dropped_under_a_full_load(bench):
 # ---- one firmware, two executions: byte for byte ----
 
 OPTIONS = [(seed, {}) for seed in range(4)]
-OPTIONS += [(7, {"ring": 7}), (8, {"ring": 500, "bytes_per_tick": 91}), (9, {"bytes_per_tick": 200})]
+OPTIONS += [
+    (7, {"ring": 7}),
+    (8, {"ring": 500, "bytes_per_tick": 91}),
+    (9, {"bytes_per_tick": 200}),
+]
 
 
 @needs_cc

@@ -9,7 +9,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from benches import Port, calibrated, run, until
+from benches import Port, calibrated, until
 
 from rig import audit, read_journal
 from rig.protocol import RUN
@@ -41,9 +41,7 @@ def meanwhile(act):
         ),
     ],
 )  # fmt: skip
-def test_a_run_that_is_cut_short_is_vented_and_told(
-    how, code, words, reason, port, tmp_path, capsys
-):
+def test_a_run_that_is_cut_short_is_vented(how, code, words, reason, port, tmp_path, command):
     plan = calibrated(tmp_path, pressures="30", settle="60")
 
     def end():
@@ -55,7 +53,7 @@ def test_a_run_that_is_cut_short_is_vented_and_told(
             os.kill(os.getpid(), signal.SIGHUP)
 
     thread = meanwhile(end)
-    ended, _, err = run(capsys, "run", plan, "--port", "p", "--output", tmp_path, "--yes")
+    ended, _, err = command("run", plan, "--port", "p", "--output", tmp_path, "--yes")
     thread.join()
     assert (ended, words in err) == (code, True)
     port.sim.advance(1.05 if port.cable_out else 0.0)
@@ -68,7 +66,7 @@ def test_a_run_that_is_cut_short_is_vented_and_told(
 
 
 @pytest.mark.parametrize("last", ["", "stop"])
-def test_a_person_at_a_terminal_begins_and_stops(last, port, tmp_path, capsys, monkeypatch):
+def test_a_person_at_a_terminal_begins_and_stops(last, port, tmp_path, command, monkeypatch):
     plan = calibrated(tmp_path, pressures="20, 30", settle="2", stroke="0.2", rate="0.2")
     journal, (typed, keys) = tmp_path / "test.fam", os.pipe()
     monkeypatch.setattr("rig.cli._at_terminal", lambda: True)
@@ -86,7 +84,7 @@ def test_a_person_at_a_terminal_begins_and_stops(last, port, tmp_path, capsys, m
         os.close(keys)
 
     thread = meanwhile(work)
-    code, out, _ = run(capsys, "run", plan, "--port", port, "--output", tmp_path, "--yes")
+    code, out, _ = command("run", plan, "--port", port, "--output", tmp_path, "--yes")
     thread.join()
     assert code == (130 if last else 0)
     assert "Type begin (or Enter alone), pause, skip, repeat or stop" in out
