@@ -2,7 +2,6 @@
 
 import contextlib
 import time
-from typing import TypeVar
 
 import pytest
 from faulty_channel import FaultyChannel
@@ -14,26 +13,12 @@ from rig.control import Control, Rig
 from rig.device import Device
 from rig.journal import Journal
 from rig.link import VirtualLink
-from rig.protocol import (
-    SAFE,
-    Ack,
-    DeviceStatus,
-    Message,
-    Sample,
-    Splitter,
-    command_body,
-    frame,
-    parse,
-)
+from rig.protocol import SAFE, Ack, DeviceStatus, Sample, Splitter, command_body, frame, parse
 from rig.simulation import SimulatedRig
 
 PSI = 6894.757293168361
 LIMIT = 110 * PSI
 GAINS = Control.per_psi(4, 2)
-AnyMessage = TypeVar("AnyMessage", bound=Message)
-
-
-# ---- rigs ----
 
 
 class Wired(Device):
@@ -83,14 +68,22 @@ def vented(sim):
     return sim.device.state == SAFE and sim.device.output == 0 and sim.device.dump_open
 
 
+def cable(sim, *, out):
+    """The device runs on its own supply."""
+    sim.to_host.cut = sim.to_device.cut = out
+
+
+def noisy(seed, **chances):
+    """A rig behind a line that damages, drops and doubles bytes both ways."""
+    to_device = FaultyChannel(baud=115200, limit=4096, seed=seed, **chances)
+    return SimulatedRig(to_device=to_device, to_host=FaultyChannel(seed=seed + 1, **chances))
+
+
 class Recorder:
     """A link over a line with faults that keeps what the session lets through, and what was sent."""
 
     def __init__(self, seed=0, **chances):
-        self.sim = SimulatedRig(
-            to_device=FaultyChannel(baud=115200, limit=4096, seed=seed, **chances),
-            to_host=FaultyChannel(seed=seed + 1, **chances),
-        )
+        self.sim = noisy(seed, **chances)
         self.sent, take = bytearray(), self.sim.device.take
 
         def taken():
@@ -154,9 +147,6 @@ def until(holds, seconds=10):
         time.sleep(0.002)
 
 
-# ---- records ----
-
-
 def record_line(seq, tick=None, **fields):
     tick = 5 * seq + 5 if tick is None else tick
     sample = Sample(0, seq, tick, 1000 + seq % 7, 200, 2500, 0, 0, 0)._replace(**fields)
@@ -167,8 +157,6 @@ def records(*numbers, **fields):
     return b"".join(record_line(number, **fields) for number in numbers)
 
 
-# ---- a device on the bench ----
-
 # A constant reading may stay so while the output is high: there is no plant.
 REST = (("floor", 0), ("still", 60000), ("frozen", 255, 2000), ("stall", 30000))
 
@@ -178,9 +166,9 @@ class Bench:
 
     def __init__(self, device):
         self.device = device
-        self.said: list[Message] = []
-        self.lines: list[bytes] = []
-        self.torn: list[bytes] = []
+        self.said = []
+        self.lines = []
+        self.torn = []
         self.pressure, self.force = 100, 300
         self._splitter, self._id = Splitter(), 0
 
@@ -233,8 +221,6 @@ class Bench:
     def samples(self):
         return self.of(Sample)
 
-
-# ---- commands ----
 
 PLAN = """
 [plan]
