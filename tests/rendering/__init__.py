@@ -37,7 +37,4 @@ from .sequence import (
     stroke_log as stroke_log,
     triangle_stroke as triangle_stroke,
 )
-from .truth import (
-    MuscleTruth as MuscleTruth,
-    silhouette_from_profile as silhouette_from_profile,
-)
+from .truth import MuscleTruth as MuscleTruth, silhouette_from_profile as silhouette_from_profile

@@ -168,12 +168,7 @@ def _draw_once(sight: LitWorld | Ruler, light: Floats) -> NDArray[np.int8]:
     return parts
 
 
-def _refine(
-    sight: LitWorld | Ruler,
-    light: Floats,
-    parts: NDArray[np.int8],
-    cloth: Floats,
-) -> None:
+def _refine(sight: LitWorld | Ruler, light: Floats, parts: NDArray[np.int8], cloth: Floats) -> None:
     """The mean of many rays in every pixel next to an edge."""
     part = parts.astype(np.int16)
     next_to, near = (

@@ -5,13 +5,7 @@ import shutil
 import subprocess
 
 import pytest
-from avr import (
-    GOOD_PRESSURE,
-    hang_delay,
-    lock_step,
-    over_pressure_delay,
-    silence_delay,
-)
+from avr import GOOD_PRESSURE, hang_delay, lock_step, over_pressure_delay, silence_delay
 from benches import PSI
 from session_fuzz import Fuzz
 

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from benches import PSI
 
-from rig.simulation import (
-    ByteChannel,
-    SimulatedSensor,
-    TestMachine,
-    load_cell,
-    pressure_transducer,
-)
+from rig.simulation import ByteChannel, SimulatedSensor, TestMachine, load_cell, pressure_transducer
 
 DT = 2e-3
 STEP = 1.016e-3 * DT * 1.01  # m, one step at 0.04 in/s: a turn comes that much late

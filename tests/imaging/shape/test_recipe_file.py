@@ -5,14 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from imaging import (
-    ImagingError,
-    Recipe,
-    Scale,
-    Tone,
-    read_recipe,
-    write_recipe,
-)
+from imaging import ImagingError, Recipe, Scale, Tone, read_recipe, write_recipe
 
 RULER = Scale(
     8922.4409,
