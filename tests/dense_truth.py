@@ -57,24 +57,16 @@ class Readings:
 
 @dataclasses.dataclass(frozen=True)
 class TruthMap:
-    """Readings, and the states between them with their truth.
-
-    Attributes:
-        about: grid, file and muscle in words.
-        readings: the CSV file.
-        length, pressure: of the states, shape (n,), all inside the convex hull of the readings.
-        force: truth [N], shape (n,), 0 where slack; None where it is the fit of the map `reference`.
-        reference: name of the bundled map whose fit is the truth.
-    """
+    """Readings, and the states between them with their truth."""
 
     group: str
     name: str
     seed: int
-    about: str
-    readings: str
-    length: np.ndarray
+    about: str  # grid, file and muscle in words
+    readings: str  # the CSV file
+    length: np.ndarray  # of the states inside the convex hull of the readings
     pressure: np.ndarray
-    force: np.ndarray | None = None
+    force: np.ndarray | None = None  # 0 where slack; None: the fit of the map `reference`
     reference: str = ""
 
 

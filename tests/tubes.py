@@ -94,42 +94,27 @@ def drawn_rubber(random: np.random.Generator, modulus: float) -> Rubber:
 
 @dataclasses.dataclass(frozen=True)
 class Tube:
-    """A muscle in its test rig. SI throughout.
-
-    Attributes:
-        depth: of the braid below the outer surface, in parts of the wall.
-        angle: of the threads from the circumference at rest [rad].
-        thread_stretch: strain of the threads for each newton of their common tension along themselves.
-        ends: "none": a cylinder up to the fittings; "cones": at each end threads of one length stay
-            attached to the fitting while the cylinder opens; "domes": a cylinder whose ends hold less.
-        end_size: length of a cone over the braid's radius, or of both domes over the radius that opens.
-        deadband: pressure [Pa] spent before the muscle is filled, at pressures well above it.
-        rig_give: by which the rig gives way to the muscle [m/N].
-        rig_play: by which joints and grips give way before they are taut [m]; at the force `taut`
-            63 % of it is taken up.
-        gain: of the load cell.
-        offset: of the pressure that the muscle has over what is read [Pa].
-        friction: of the threads, in parts of what the pressure pushes on the braid's section.
-        branch: "mean" of both branches, or which of them was recorded.
-    """
+    """A muscle in its test rig; SI."""
 
     rest_length: float
     bore: float
     wall: float
-    depth: float
-    angle: float
+    depth: float  # of the braid below the outer surface, in parts of the wall
+    angle: float  # of the threads from the circumference at rest
     rubber: Rubber
-    thread_stretch: float = 0.0
-    ends: Ends = "none"
-    end_size: float = 0.0
-    deadband: float = 0.0
-    rig_give: float = 0.0
-    rig_play: float = 0.0
-    taut: float = 1.0
-    gain: float = 1.0
-    offset: float = 0.0
-    friction: float = 0.0
-    branch: Branch = "mean"
+    thread_stretch: float = 0.0  # strain of the threads for each newton of their common tension
+    ends: Ends = "none"  # "cones" open with threads of one length, "domes" hold less
+    end_size: float = (
+        0.0  # of a cone over the braid's radius, of both domes over the radius that opens
+    )
+    deadband: float = 0.0  # spent before the muscle is filled, at pressures well above it
+    rig_give: float = 0.0  # by which the rig gives way [m/N]
+    rig_play: float = 0.0  # by which joints give way before they are taut
+    taut: float = 1.0  # force at which 63 % of it is taken up
+    gain: float = 1.0  # of the load cell
+    offset: float = 0.0  # of the pressure in the muscle over what is read
+    friction: float = 0.0  # in parts of what the pressure pushes on the braid's section
+    branch: Branch = "mean"  # both, or which was recorded
 
     @property
     def braid_radius(self) -> float:

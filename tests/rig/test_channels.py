@@ -47,9 +47,6 @@ def cell(limit_psi):
     return SimulatedSensor(0.0, pull, 2.0)
 
 
-# ---- exchanged channels ----
-
-
 @pytest.mark.parametrize(
     ("sensor", "set_psi", "limit_psi"),
     [(load_cell(), 15, 30), (load_cell(), 40, 60), (cell(30), 15, 30), (cell(60), 40, 60)],
@@ -93,9 +90,6 @@ def test_the_watch_says_nothing_of_a_muscle_that_shortens_as_it_fills(slope, say
         record = Sample(0, k, 5 * k, 1000, 200, round(5 * load), output, 0, RUN)
         said = watch.contradicts(record, held=True) or said
     assert said == says
-
-
-# ---- what is refused before any pressure ----
 
 
 class Deaf(Device):
@@ -150,9 +144,6 @@ def test_a_transducer_with_a_live_zero_has_a_floor_and_one_without_has_none():
     assert unseen(LIVE, alive=True) == []
     assert "cannot have a floor" in unseen(dead, alive=True)[0]
     assert "hardly varies" in unseen(LIVE, alive=False)[0]
-
-
-# ---- trips ----
 
 
 def test_a_trip_is_said_noted_kept_and_cleared_by_a_person_alone(path):

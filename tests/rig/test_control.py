@@ -106,9 +106,6 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(wh
     assert np.ptp(second) == pytest.approx(sim.now, abs=1.0)
 
 
-# ---- settings ----
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -166,9 +163,6 @@ def test_the_set_pressure_rises_evenly_where_the_plan_says_so(path):
     assert wanted[-1] == pytest.approx(40, abs=0.01)
 
 
-# ---- ways out ----
-
-
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(1)])
 def test_whatever_ends_a_test_vents(error, path):
     sim = SimulatedRig()
@@ -186,9 +180,6 @@ def test_a_device_that_does_not_answer_is_never_left_with_heartbeats(path):
     with pytest.raises(RigFault, match=silent), held(path, sim):
         cable(sim, out=True)
     assert vented(sim)
-
-
-# ---- what goes wrong in a laboratory ----
 
 
 @contextlib.contextmanager
@@ -355,9 +346,6 @@ def test_a_disk_that_takes_bytes_slowly_does_not_touch_the_heartbeats(path, tmp_
     found = audit(read_journal(path))
     assert found.sound
     assert found.checked > 2000
-
-
-# ---- an attendant ----
 
 
 class Scripted(Attendant):

@@ -23,9 +23,6 @@ def pins(bench):
     return bench.device.state, bench.device.output, bench.device.dump_open
 
 
-# ---- states ----
-
-
 def test_starts_safe_and_runs_only_under_a_pressure_limit(bench):
     bench.ticks(30)
     assert pins(bench) == (SAFE, 0, True)
@@ -53,9 +50,6 @@ def test_stop_acts_in_the_tick_that_reads_it_and_cancels_a_start(bench):
         bench.device.feed(b"run\nstop\n")
         bench.ticks(20)
         assert all(sample.state == SAFE for sample in bench.samples[1:])
-
-
-# ---- guards ----
 
 
 @pytest.mark.parametrize(
@@ -193,8 +187,6 @@ def test_a_trip_is_told_and_ended_by_clear_alone_and_not_under_pressure(make):
         assert make(bytearray(fill)).state == SAFE  # memory that was never written
 
 
-# ---- commands ----
-
 OUT_OF_RANGE = """set -1|set 1024|cal 1024 200|set 40 255.01|set|set 1 2 3|set 4O|set 1e2|set 0x10
 set .5|set 1.00001|set 1234567|gain 128 0|gain 1|ilim 1 2|ilim -256 0|man 256|man 1.5|trip 0|trip 1024
 floor 1023|ceiling 0|still 499|frozen 4|frozen 256 750|tele 51|hbms 99|hbms 10001|stall 499|strict 2
@@ -231,9 +223,6 @@ def test_a_repeated_command_is_answered_again_and_not_obeyed_again(bench):
         bench.send(frame("1 hello"))
         bench.ticks(40)
     assert len(bench.of(Hello)) == 3
-
-
-# ---- records ----
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -341,8 +330,6 @@ def test_no_line_is_dropped_under_a_full_load(bench):
     status = bench.of(DeviceStatus)[-1]
     assert (status.dropped, status.overrun, status.bad) == (0, 0, 0)
 
-
-# ---- one firmware, two executions: byte for byte ----
 
 OPTIONS = [(seed, {}) for seed in range(4)]
 OPTIONS += [

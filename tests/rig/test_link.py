@@ -24,9 +24,6 @@ def seqs(events):
     return [event.seq for event in events if isinstance(event, Sample)]
 
 
-# ---- records ----
-
-
 @pytest.mark.parametrize(
     ("seed", "chances"),
     [
@@ -117,9 +114,6 @@ def test_the_earliest_arrival_of_each_quarter_second_is_told():
     assert len(told) == 8
 
 
-# ---- commands, heartbeats, silence ----
-
-
 def test_a_reset_is_told_and_what_waited_is_not_done_afterwards():
     recorder = Recorder()
     recorder.run(1.0)
@@ -194,9 +188,6 @@ def test_silence_is_told_once():
     assert session.feed(b"", 2.0) == []
     session.feed(records(3), 2.1)
     assert session.feed(b"", 3.2) == [Silent(pytest.approx(1.1))]
-
-
-# ---- the thread that owns a port ----
 
 
 def test_a_conversation_over_a_port_that_goes_away_and_is_opened_again(path):

@@ -29,9 +29,6 @@ def test_nothing_starts_on_a_reading_that_cannot_be(bench):
     assert not bench.command("run").reason
 
 
-# ---- frozen, in a loop with a plant: in Python, which does what the core does ----
-
-
 class Loop:
     """A person's commands, a device and its plant; the transducer lies from a moment on."""
 

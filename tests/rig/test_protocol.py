@@ -95,9 +95,6 @@ def test_every_command_is_in_the_firmwares_readme():
         assert f"| `{letter}," in text
 
 
-# ---- the integers of the controller against the law in fractions, which round nowhere ----
-
-
 def test_the_law_rounds_each_figure_once_and_keeps_within_its_limits():
     r, inside = random.Random(1), 0
     for _ in range(400):
