@@ -1,13 +1,12 @@
-"""Photographs of rendered scenes, the rays of each followed once, and lines drawn on them found again."""
+"""Photographs of rendered scenes, the rays of each followed once, and what they are measured by."""
 
 import dataclasses
 import functools
 
-import numpy as np
 from rendering import CameraSensor, Lens, LinearPhoto, Photo, Scene, expose, render_linear
 from rendering.exposure import through_lens
 
-OPEN = Lens(blur_px=0.0)
+from imaging import ImagingError, Recipe, Scale, measure
 
 
 @functools.lru_cache(maxsize=12)
@@ -17,17 +16,35 @@ def _unblurred(scene: Scene) -> LinearPhoto:
 
 def photograph(scene: Scene, seed: int) -> Photo:
     """As `rendering.render`, to the last bit."""
-    bare = dataclasses.replace(
-        scene, lens=OPEN, sensor=CameraSensor(), jpeg=None, time=None, lying=False
-    )
-    taken = _unblurred(bare)
+    open_ = {"lens": Lens(blur_px=0.0), "sensor": CameraSensor(), "jpeg": None}
+    taken = _unblurred(dataclasses.replace(scene, **open_, time=None, lying=False))
     light = through_lens(taken.light, scene.lens)
     return expose(dataclasses.replace(taken, scene=scene, light=light), seed)
 
 
-def marked(image, colour):
-    """v and u of the pixels of a colour, a third as bright or more: lines fade at their sides."""
-    pixels, wanted = image.astype(float), np.array(colour, float)
-    bright = np.linalg.norm(pixels, axis=2)
-    like = pixels @ wanted / np.maximum(bright, 1) / np.linalg.norm(wanted)
-    return np.nonzero((like > 0.998) & (bright > np.linalg.norm(wanted) / 3))
+def changed(scene, muscle=None, camera=None, **fields):
+    """A scene with other figures of its muscle and camera."""
+    body = dataclasses.replace(scene.muscle, **(muscle or {}))
+    seen_by = dataclasses.replace(scene.camera, **(camera or {}))
+    return dataclasses.replace(scene, muscle=body, camera=seen_by, **fields)
+
+
+def recipe_of(scene, **options):
+    """The recipe of a user who knows the camera."""
+    camera = scene.camera
+    stated = {"distance": camera.distance, "centre": camera.centre}
+    return Recipe(options.pop("scale", Scale.manual(camera.px_per_m)), **stated | options)
+
+
+def sigmas(found, truth):
+    """The larger error of length and mean diameter over its standard error."""
+    length = (found.length - truth.length) / found.length_stderr
+    diameter = (found.mean_diameter - truth.mean_diameter) / found.mean_diameter_stderr
+    return max(abs(length), abs(diameter))
+
+
+def measured_or_refused(picture, recipe):
+    try:
+        return measure(picture, recipe)
+    except ImagingError as error:
+        return error

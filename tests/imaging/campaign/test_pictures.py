@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from imaging import ImagingError, Table
+from imaging import ImagingError, Table, draw_overlay
 from imaging.campaign import POSITION, Row
 from imaging.errors import ScaleContradiction
+from imaging.measurement import Trace
 from imaging.pictures import by_contraction, check_known_sizes, expand
 
 
@@ -53,3 +54,35 @@ def test_a_scale_that_a_known_size_contradicts_is_refused_by_its_name(rest, diam
         return
     with pytest.raises(ScaleContradiction, match=refused):
         check_known_sizes(table(3, 1), rest, diameter)
+
+
+RED, YELLOW, CYAN = (255, 40, 40), (255, 220, 0), (0, 230, 230)
+
+
+def trace():
+    rows = np.arange(20.0, 181.0)
+    bulge = 10 * np.sin(np.pi * (rows - 20) / 160)
+    across = np.linspace(40, 80, 30)
+    ends = [np.stack([across, np.full(30, v)]) for v in (20.0, 180.0)]
+    return Trace(rows, 40 - bulge, 80 + bulge, *ends, turned=False)
+
+
+def marked(image, colour):
+    """v and u of the pixels of a colour, a third as bright or more: lines fade at their sides."""
+    pixels, wanted = image.astype(float), np.array(colour, float)
+    bright = np.linalg.norm(pixels, axis=2)
+    like = pixels @ wanted / np.maximum(bright, 1) / np.linalg.norm(wanted)
+    return np.nonzero((like > 0.998) & (bright > np.linalg.norm(wanted) / 3))
+
+
+def test_lines_lie_where_the_edges_were_found():
+    drawn = draw_overlay(np.zeros((200, 120, 3), np.uint8), trace())
+    v, u = marked(drawn, RED)
+    side = np.where(u < 60, 40 - 10 * np.sin(np.pi * (v - 20) / 160),
+                    80 + 10 * np.sin(np.pi * (v - 20) / 160))  # fmt: skip
+    assert len(v) > 150
+    assert np.abs(u - side).max() < 1.1
+    v, u = marked(drawn, YELLOW)
+    assert set(v) == {20, 180}
+    v, u = marked(drawn, CYAN)
+    assert set(u) == {60}

@@ -80,3 +80,17 @@ def test_what_cannot_be_a_recipe_is_refused_with_the_path(tmp_path, text, match)
     with pytest.raises(ImagingError, match=match) as caught:
         read_recipe(path)
     assert caught.value.path == str(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"orientation": "diagonal"}, "orientation"),
+        ({"distance": 0.0}, "distance"),
+        ({"tape_hue": 400.0}, "tape_hue"),
+        ({"crop_offset": (10.0, 10.0)}, "frame_size"),
+    ],
+)
+def test_a_recipe_that_cannot_be_followed_is_refused(options, match):
+    with pytest.raises(ValueError, match=match):
+        Recipe(Scale.manual(9000.0), **options)

@@ -17,9 +17,9 @@ from rendering import (
 )
 from slow_cases import slow_after
 
-from imaging import Recipe, Scale, Tone, calibrate_ruler, measure
+from imaging import Tone, calibrate_ruler, measure
 from imaging.errors import DistanceContradiction, MotionBlurred, Underexposed
-from tests.imaging.photographs import photograph
+from tests.imaging.photographs import changed, photograph, recipe_of, sigmas
 
 SIZE = (1325, 550)
 STATED = {"tone": Tone.srgb(), "k1": 0.0}
@@ -30,39 +30,17 @@ def base():
     return published_scene(0.175, size=SIZE)
 
 
-def changed(scene, muscle=None, camera=None, **fields):
-    """A scene with other figures of its muscle and camera."""
-    return dataclasses.replace(
-        scene,
-        muscle=dataclasses.replace(scene.muscle, **(muscle or {})),
-        camera=dataclasses.replace(scene.camera, **(camera or {})),
-        **fields,
-    )
-
-
-def measured(scene, seed=1, scale=None, **stated):
+def measured(scene, seed=1, **stated):
     shot = photograph(scene, seed)
-    scale = scale or Scale.manual(scene.camera.px_per_m)
-    options = {"distance": scene.camera.distance} | stated
-    return measure(shot.rgb, Recipe(scale, centre=scene.camera.centre, **options)), shot.truth
+    return measure(shot.rgb, recipe_of(scene, **stated)), shot.truth
 
 
-def sigmas(found, truth):
-    """The larger of both errors over its standard error."""
-    length = (found.length - truth.length) / found.length_stderr
-    diameter = (found.mean_diameter - truth.mean_diameter) / found.mean_diameter_stderr
-    return max(abs(length), abs(diameter))
-
-
-@pytest.mark.parametrize(
-    ("way", "angle"), [(10, 90), (17, 90), (21, 90), (25, 90), (17, 45), (12, 0)]
-)
+@pytest.mark.parametrize(("way", "angle"), [(10, 90), (17, 90), (25, 90), (17, 45), (12, 0)])
 def test_motion_is_refused_in_any_direction(base, way, angle):
     lens = Lens(motion_px=way, motion_deg=angle)
     # A limb that is smeared over 25 px looks like one that is not lit: the message names both.
-    with pytest.raises(
-        (MotionBlurred, Underexposed), match=r"expose shorter.* take the picture again"
-    ):
+    words = r"expose shorter.* take the picture again"
+    with pytest.raises((MotionBlurred, Underexposed), match=words):
         measured(changed(base, lens=lens), **STATED)
 
 
@@ -119,17 +97,12 @@ def test_a_tilt_is_seen_half_undone_and_warned_of(base, degrees):
     assert "set the axis upright" in found.warnings[0]
 
 
-TOWARDS = np.pi / 2
-
-
 def leaning(scene, upper, lower):
     """A scene whose tapes' edges lean towards the camera by so many degrees."""
-    ends = {
-        name: dataclasses.replace(
-            getattr(scene.muscle, name), slant=np.radians(degrees), slant_towards=TOWARDS
-        )
-        for name, degrees in (("upper", upper), ("lower", lower))
-    }
+    ends = {}
+    for name, degrees in (("upper", upper), ("lower", lower)):
+        lean = {"slant": np.radians(degrees), "slant_towards": np.pi / 2}
+        ends[name] = dataclasses.replace(getattr(scene.muscle, name), **lean)
     return changed(scene, muscle=ends)
 
 

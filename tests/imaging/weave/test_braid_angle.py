@@ -9,10 +9,10 @@ import pytest
 from rendering import INCH, CameraSensor, Jpeg, Lens, random_scene
 from slow_cases import slow_after
 
-from imaging import BraidAngle, Recipe, Scale, Table, measure
+from imaging import BraidAngle, Table, measure
 from imaging.campaign import Row, measured_row
 from imaging.weave import Unrolled, Waves, count_yarns, shines
-from tests.imaging.photographs import photograph
+from tests.imaging.photographs import changed, photograph, recipe_of
 
 PX_PER_IN = (150.0, 170.0)
 WITHIN = math.radians(0.3)
@@ -23,22 +23,13 @@ REST = 8.0 * INCH
 @functools.cache
 def scene(seed, strands=36, **changes):
     made = random_scene(seed, px_per_in=PX_PER_IN, length=REST)
-    muscle = dataclasses.replace(made.muscle, strands=strands, flecks=0.0, turns=0.95)
-    return dataclasses.replace(made, muscle=muscle, **changes)
-
-
-def recipe_of(made, **options):
-    camera = made.camera
-    return Recipe(
-        Scale.manual(camera.px_per_m), camera.distance, centre=camera.centre,
-        **{"braid_angle": True} | options,
-    )  # fmt: skip
+    return changed(made, {"strands": strands, "flecks": 0.0, "turns": 0.95}, **changes)
 
 
 @functools.cache
 def measured(made):
     photo = photograph(made, 3)
-    return photo, measure(photo.rgb, recipe_of(made))
+    return photo, measure(photo.rgb, recipe_of(made, braid_angle=True))
 
 
 def off(photo, found):
@@ -51,16 +42,11 @@ CASES = {
     "36 strands": (1, {}),
     "48 strands": (2, {"strands": 48}),
     "24 strands": (3, {"strands": 24}),
-    "blurred, noisy, JPEG 60": (
-        4,
-        {
-            "lens": Lens(blur_px=1.6),
-            "sensor": CameraSensor(full_well=500.0),
-            "jpeg": Jpeg(60, "420"),
-        },
-    ),
+    "blurred, noisy, JPEG 60": (4, {
+        "lens": Lens(blur_px=1.6), "sensor": CameraSensor(500.0), "jpeg": Jpeg(60, "420"),
+    }),
     "lying": (5, {"lying": True}),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", slow_after(3, CASES))
@@ -68,7 +54,7 @@ def test_the_angle_is_that_of_the_strands(case):
     seed, changes = CASES[case]
     made = scene(seed, **changes)
     photo = photograph(made, 3)
-    found = measure(photo.rgb, dataclasses.replace(recipe_of(made), orientation="auto"))
+    found = measure(photo.rgb, recipe_of(made, braid_angle=True, orientation="auto"))
     if not made.lying:
         assert found.braid.yarns == made.muscle.strands
     error = off(photo, found)
@@ -94,7 +80,7 @@ def test_next_to_the_tapes_there_is_no_angle():
 def test_a_table_holds_the_angle(tmp_path):
     photo, _ = measured(scene(1))
     path = photo.save(tmp_path / "one.jpg")
-    rows = [measured_row(str(path), recipe_of(scene(1)))]
+    rows = [measured_row(str(path), recipe_of(scene(1), braid_angle=True))]
     table = Table.from_rows(rows)
     assert table["braid_angle_deg"][0] == pytest.approx(np.nanmean(table.braid_angle[0]), abs=0.5)
     assert 0 < table["braid_angle_deg_stderr"][0] < 0.3
