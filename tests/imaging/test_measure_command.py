@@ -7,25 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rendering import (
-    published_ruler,
-    published_scene,
-    render,
-    render_ruler,
-    render_sequence,
-    stroke_log,
-    triangle_stroke,
-)
+from PIL import Image
+from rendering import published_ruler, published_scene, render, render_ruler, sequence
 
 from famjax.__main__ import main
-from imaging import Recipe, Scale, read_recipe
+from imaging import Recipe, Scale, read_recipe, write_recipe
 from imaging.cli import RecipeOptions, command_recipe
 from imaging.errors import AmbiguousRuler, MixedSizes
 from imaging.pictures import check_sizes
 
 IN = 0.0254
 SIZE = (660, 280)
-STROKE = triangle_stroke(0.3, 60.0)
+STROKE = sequence.triangle_stroke(0.3, 60.0)
 TIMES = 3.0 + 6.0 * np.arange(9)
 
 
@@ -37,11 +30,11 @@ def lab(tmp_path_factory):
     render_ruler(published_ruler(size=SIZE), 1).save(folder / "photos" / "ruler.jpg")
     scene = published_scene(0.0, size=SIZE)
     truth = []
-    for k, photo in enumerate(render_sequence(scene, STROKE, TIMES, clock_offset=20.0, seed=5)):
+    taken = sequence.render_sequence(scene, STROKE, TIMES, clock_offset=20.0, seed=5)
+    for k, photo in enumerate(taken):
         photo.save(folder / "photos" / f"img{k + 1}.jpg")
         truth.append(photo.truth)
-    assert scene.muscle is not None
-    record = stroke_log(STROKE, np.arange(0, 60, 0.05), scene.muscle.length)
+    record = sequence.stroke_log(STROKE, np.arange(0, 60, 0.05), scene.muscle.length)
     record.save(folder / "log.csv")
     return SimpleNamespace(folder=folder, photos=folder / "photos", truth=truth, record=record)
 
@@ -85,8 +78,6 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
 def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
     recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
-    from imaging import write_recipe
-
     write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
     picture.write_bytes(b"\xff\xd8 no picture")
     arguments = [tmp_path / "good.jpg", picture, "--recipe", recipe, "--jobs", 1,
@@ -105,42 +96,32 @@ def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_p
     assert float(table(tmp_path / "a" / "measurements.csv")[0]["px_per_mm"]) < 2.4
 
 
+SCALED, RULED = ["PHOTOS", "--scale", "56 px/in"], ["PHOTOS", "--ruler", "RULER"]
+LOGGED = [*SCALED, "--log", "LOG", "--column"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
         (["PHOTOS"], "the scale is needed"),
         (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with its error and unit"),
-        (["PHOTOS", "--scale", "56 px/in", "--ruler", "RULER"], "given twice"),
-        (["PHOTOS", "--scale", "56 px/in", "--distance", "60"], "has no unit"),
-        (["PHOTOS", "--scale", "56 px/in", "--crop-offset", "1459"], "two numbers"),
-        (
-            ["PHOTOS", "--scale", "56 px/in", "--crop-offset", "14,5", "--frame-size", "20,20"],
-            "frame",
-        ),
-        (["PHOTOS", "--scale", "56 px/in", "--log", "NO"], "no such file"),
-        (
-            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--column", "displacement=no"],
-            "no column, or more than one, has that name",
-        ),
-        (
-            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--column", "displacement=1 [psi]"],
-            "unknown unit 'psi'",
-        ),
-        (
-            ["PHOTOS", "--scale", "56 px/in", "--log", "LOG", "--column", "force"],
-            "must read name=value",
-        ),
+        ([*SCALED, "--ruler", "RULER"], "given twice"),
+        ([*SCALED, "--distance", "60"], "has no unit"),
+        ([*SCALED, "--crop-offset", "1459"], "two numbers"),
+        ([*SCALED, "--crop-offset", "14,5", "--frame-size", "20,20"], "frame"),
+        ([*SCALED, "--log", "NO"], "no such file"),
+        ([*LOGGED, "displacement=no"], "no column, or more than one, has that name"),
+        ([*LOGGED, "displacement=1 [psi]"], "unknown unit 'psi'"),
+        ([*LOGGED, "force"], "must read name=value"),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
-        (["PHOTOS", "--scale", "56 px/in", "--ruler-placement", "0.01in"], "there is no ruler"),
-        (["PHOTOS", "--ruler", "RULER", "--expected-px-per-in", "20"], "expected scale"),
-        (["PHOTOS", "--ruler", "RULER", "--ruler-placement=-1mm"], "placement_stderr"),
-        (["PHOTOS", "--scale", "56 px/in", "--tape-hue", "red"], "is an angle"),
+        ([*SCALED, "--ruler-placement", "0.01in"], "there is no ruler"),
+        ([*RULED, "--expected-px-per-in", "20"], "expected scale"),
+        ([*RULED, "--ruler-placement=-1mm"], "placement_stderr"),
+        ([*SCALED, "--tape-hue", "red"], "is an angle"),
     ],
 )
-def test_input_that_cannot_be_used_is_code_2_before_any_work(
-    lab, tmp_path, capsys, arguments, match
-):
+def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, capsys, arguments, match):
     names = {"PHOTOS": lab.photos, "RULER": lab.photos / "ruler.jpg", "NO": tmp_path / "no.csv",
              "LOG": lab.folder / "log.csv"}  # fmt: skip
     code = run(*(names.get(one, one) for one in arguments), "--output", tmp_path / "out")
@@ -151,12 +132,9 @@ def test_input_that_cannot_be_used_is_code_2_before_any_work(
 
 
 def test_options_override_the_recipe_file(tmp_path):
-    from imaging import write_recipe
-
     path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
-    found, provenance = command_recipe(
-        RecipeOptions(recipe=path, distance="60in", orientation="auto")
-    )
+    options = RecipeOptions(recipe=path, distance="60in", orientation="auto")
+    found, provenance = command_recipe(options)
     assert (found.distance, found.orientation, found.scale.px_per_m) == (1.524, "auto", 9000.0)
     assert provenance == {"recipe_file": str(path)}
 
@@ -169,9 +147,8 @@ def test_how_a_ruler_is_read_is_an_option(tmp_path):
     with pytest.raises(AmbiguousRuler, match="--expected-px-per-in") as caught:
         command_recipe(RecipeOptions(ruler=ruler))
     assert caught.value.path == str(ruler)
-    found, _ = command_recipe(
-        RecipeOptions(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
-    )
+    options = RecipeOptions(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
+    found, _ = command_recipe(options)
     assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
     assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
     assert found.scale.pitch == pytest.approx(IN / 8)  # eighths first
@@ -179,7 +156,6 @@ def test_how_a_ruler_is_read_is_an_option(tmp_path):
 
 def test_a_ruler_of_another_size_is_refused(tmp_path):
     """Other pixels; or the same ones, of a frame that the camera took with others."""
-    from PIL import Image
 
     def saved(name, size, taken):
         exif = Image.Exif()

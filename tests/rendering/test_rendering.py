@@ -2,31 +2,21 @@
 
 import dataclasses
 import datetime
+import itertools
 
 import numpy as np
 import pytest
 
 from imaging import Camera
 from imaging.camera import ring_position
-from rendering import (
-    INCH,
-    CameraSensor,
-    Lens,
-    Light,
-    expose,
-    published_ruler,
-    published_scene,
-    published_shape,
-    render,
-    render_linear,
-    render_sequence,
-    silhouette_from_profile,
-    stroke_log,
-    triangle_stroke,
-)
-from rendering.exposure import through_lens
-from rendering.renderer import draw
-from rendering.ruler import Ruler
+from rendering import INCH, CameraSensor, Lens, Light, published_scene, published_shape, render
+from rendering.exposure import expose, through_lens
+from rendering.folder import write_twin
+from rendering.folder_truth import TRUTH
+from rendering.renderer import draw, render_linear
+from rendering.ruler import Ruler, published_ruler
+from rendering.sequence import render_sequence, stroke_log, triangle_stroke
+from rendering.truth import silhouette_from_profile
 from rendering.world import World
 
 RAY_PX = 1e-4  # table of 4097 radii, three steps, positions tried every 5e-5 px
@@ -40,7 +30,6 @@ SHARP = Lens(blur_px=0.0)
 def small(**changes):
     """A small published scene with another muscle."""
     scene = published_scene(size=SIZE)
-    assert scene.muscle is not None
     return dataclasses.replace(scene, muscle=dataclasses.replace(scene.muscle, **changes))
 
 
@@ -193,3 +182,35 @@ def test_stroke_is_what_machine_and_camera_saw(tmp_path):
         "0,0,1058,100",
         f"120,{0.3 * 0.99 * 9.28125:.7g},161.3898,100",
     ]
+
+
+SMALL = """
+[muscle]
+rest_length_in = 8
+friction = 0.02
+[rig]
+pressures_psi = [60]
+stroke_mm = 20
+rate_mm_per_s = 4
+settle_s = 2
+[camera]
+pictures = 4
+rows = 600
+damaged = 1
+"""
+
+
+@pytest.mark.slow
+def test_a_twin_of_a_truth_is_the_same_bytes_again_from_its_own(tmp_path):
+    """The file that the first wrote makes the second, on another day."""
+    first, second = tmp_path / "a", tmp_path / "b"
+    (tmp_path / TRUTH).write_text(SMALL)
+    write_twin(first, seed=4, truth=tmp_path / TRUTH)
+    write_twin(second, seed=4, truth=first / TRUTH)
+    names = sorted(path.relative_to(first) for path in first.rglob("*.*"))
+    pictures = [name.name for name in names if "DSC" in str(name)]
+    assert pictures == [f"DSC_{k:04d}.JPG" for k in range(4)]
+    assert [n for n in names if (first / n).read_bytes() != (second / n).read_bytes()] == []
+    lines = (first / "machine.csv").read_text().splitlines()[2:]
+    times = [float(line.split(",")[0]) for line in lines]
+    assert max(b - a for a, b in itertools.pairwise(times)) == pytest.approx(1.02)

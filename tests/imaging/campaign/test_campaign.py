@@ -3,8 +3,6 @@
 import dataclasses
 import os
 import signal
-import subprocess
-import sys
 import warnings
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -13,16 +11,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
+from processes import python
 from rendering import published_scene, render
 
 import imaging.campaign
 import imaging.measurement
-from imaging import Recipe, Scale, process
+from imaging import Recipe, Scale, measure, process
 from imaging.errors import MixedSizes, NoMuscle
 
 RECIPE = Recipe(Scale.manual(8922.0, 0.1), distance=1.524)
 SMALL = (500, 220)
 REST = 9.28125 * 0.0254
+
+
+Figures = dataclasses.make_dataclass("Figures", ["blur_px"])
 
 
 def fake_measurement(length):
@@ -32,15 +35,9 @@ def fake_measurement(length):
         z=z, diameter=np.full(50, 0.03), diameter_stderr=np.full(50, 1e-5), length=length,
         length_stderr=1e-5, mean_diameter=0.03, mean_diameter_stderr=1e-5, maximum_diameter=0.03,
         volume=7e-4 * length, volume_stderr=1e-9, px_per_m=8922.0, roll=0.0, x0=0.0,
-        distance=1.524, distance_stderr=0.0, tilt=0.0, bow=0.0, warnings=(), braid=None, quality=Figures(),
+        distance=1.524, distance_stderr=0.0, tilt=0.0, bow=0.0, warnings=(), braid=None,
+        quality=Figures(1.0),
     )  # fmt: skip
-
-
-@dataclasses.dataclass
-class Figures:
-    """Quality figures of a fake measurement."""
-
-    blur_px: float = 1.0
 
 
 class Serial(Executor):
@@ -142,13 +139,8 @@ def test_kill_minus_9_loses_no_picture_and_repeats_none_that_was_kept(photos, wh
     names = [str(path) for path in photos.paths]
     root = Path(imaging.__file__).parents[1]
     path = os.pathsep.join([str(root), str(root / "tests")])
-    run = subprocess.run(
-        [sys.executable, "-c", script, str(photos.output), *names],
-        check=False,
-        capture_output=True,
-        env=os.environ | {"PYTHONPATH": path},
-    )
-    assert run.returncode == -signal.SIGKILL, run.stderr.decode()
+    run = python("-c", script, photos.output, *names, env=os.environ | {"PYTHONPATH": path})
+    assert run.returncode == -signal.SIGKILL, run.stderr
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         table = process(names, RECIPE, photos.output, Serial())
@@ -158,9 +150,7 @@ def test_kill_minus_9_loses_no_picture_and_repeats_none_that_was_kept(photos, wh
     np.testing.assert_allclose(table["length"], [float(Path(n).read_text()) for n in names])
 
 
-def test_other_pictures_or_another_recipe_are_measured_again_and_pictures_only_touched_are_not(
-    photos,
-):
+def test_other_pictures_or_another_recipe_are_measured_again_and_touched_ones_are_not(photos):
     process(photos.paths, RECIPE, photos.output, Serial())
     os.utime(photos.paths[1], (1, 1))
     photos.seen.clear()
@@ -175,8 +165,6 @@ def test_other_pictures_or_another_recipe_are_measured_again_and_pictures_only_t
 
 
 def test_mixed_sizes_are_refused_before_any_work(tmp_path, photos):
-    from PIL import Image
-
     paths = []
     for k, size in enumerate([(60, 40), (60, 40), (40, 60)]):
         paths.append(tmp_path / f"{k}.png")
@@ -184,9 +172,6 @@ def test_mixed_sizes_are_refused_before_any_work(tmp_path, photos):
     with pytest.raises(MixedSizes, match=r"2 have 60 x 40 px, but not .*2.png \(40 x 60\)"):
         process(paths, RECIPE, executor=Serial())
     assert photos.seen == []
-
-
-# Real pictures and real processes
 
 
 @pytest.fixture(scope="module")
@@ -210,8 +195,6 @@ def small_recipe():
 
 @pytest.mark.slow
 def test_spawned_workers_measure_as_this_process_does(rendered):
-    from imaging import measure
-
     table = process(rendered.paths, small_recipe(), executor=2)
     assert [bool(ok) for ok in table.ok] == [True, True, True, True, False]
     assert table.error[4].startswith("UnreadableImage")

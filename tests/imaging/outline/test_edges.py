@@ -4,37 +4,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from imaging import Camera, Silhouette, Tone
+from imaging import Camera, Silhouette, Tone, edge, outline
 from imaging.camera import LUMA, amount_of_look
-from imaging.edge import (
-    LARGEST_DISK,
-    EdgeProfile,
-    best_shift,
-    defocused_step,
-    edge_profile,
-    limb_strength,
-    ramp,
-    step,
-)
+from imaging.edge import defocused_step, limb_strength, ramp, step
 from imaging.ends import on_cylinder
-from imaging.outline import (
-    Outline,
-    Side,
-    density_left_over,
-    find_outline,
-    smooth,
-    variance_of_smooth,
-    without_dents,
-)
+from imaging.outline import Side, find_outline, smooth
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
 DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian
 DISK_PX = 0.06  # an edge under a disk of defocus; a Gaussian alone errs by up to 0.4 px
 SHIFT_PX = 2e-3  # parabola through a maximum sampled at 0.1 px
 NOISY_PX = 0.05  # the same with the noise of ISO 3200, after smoothing
-HARSH_PX = (
-    0.12  # where the limb is as dark as a twelfth of the middle, its step is 4 levels of noise
-)
+HARSH_PX = 0.12  # a limb as dark as a twelfth of the middle is a step of 4 levels of noise
 
 
 def normal(x):
@@ -53,7 +34,7 @@ def test_the_ramp_is_a_blurred_root(t, blur):
     assert ramp(t, blur, R) == pytest.approx(expected, abs=LIMB)
 
 
-@pytest.mark.parametrize("disk", [0.05, 0.4, LARGEST_DISK])
+@pytest.mark.parametrize("disk", [0.05, 0.4, edge.LARGEST_DISK])
 @pytest.mark.parametrize("t", [-3.1, -0.7, 0.0, 1.3, 4.0])
 def test_a_defocused_step_is_a_step_under_a_semicircle(t, disk):
     blur = 1.3
@@ -72,18 +53,18 @@ def test_a_manufactured_shift_is_found(blur):
     t = np.arange(-12.0, 13.0)
     shifts = np.array([-1.37, -0.5, 0.0, 0.21, 1.4])
 
-    def edge(x):
+    def shape(x):
         return step(x, blur) + 0.3 * ramp(x, blur, 120.0)
 
-    windows = 7 + 3 * np.stack([edge(t - shift) for shift in shifts])
-    found = best_shift(windows, t, edge, 2.0, 0.1)
+    windows = 7 + 3 * np.stack([shape(t - shift) for shift in shifts])
+    found = edge.best_shift(windows, t, shape, 2.0, 0.1)
     np.testing.assert_allclose(found, shifts, atol=SHIFT_PX)
 
 
 def test_the_smoothers_variance_is_that_of_repeats():
     random = np.random.default_rng(0)
     curves = np.array([smooth(y, 41.0) for y in random.normal(size=(1500, 300))])
-    ratio = curves.var(axis=0) / variance_of_smooth(300, 41.0)
+    ratio = curves.var(axis=0) / outline.variance_of_smooth(300, 41.0)
     assert ratio.mean() == pytest.approx(1, abs=0.03)
     assert np.all(np.abs(ratio - 1) < 0.25)  # 1500 repeats: 4 % each, 300 of them
 
@@ -95,7 +76,7 @@ def test_what_is_left_over_says_what_has_passed():
     found = []
     for _ in range(60):
         noisy = 30 * np.sin(x / 250) + 0.3 * random.normal(size=x.size)
-        found.append(density_left_over(noisy - smooth(noisy, 45.0), 45.0))
+        found.append(outline.density_left_over(noisy - smooth(noisy, 45.0), 45.0))
     assert np.mean(found) == pytest.approx(0.3**2, rel=0.1)  # 60 times 20 waves: 3 %
 
 
@@ -164,14 +145,13 @@ def test_black_threads_leave_no_dents():
     assert np.abs(found.left.column - left).max() < 0.5
 
 
-def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to() -> None:
+def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to():
     """One radius in three thousand has a square below that of its own array."""
     camera = Camera(9000.0, 1.5, (550.0, 1300.0))
     body = Silhouette(np.zeros(0), np.zeros(0), x0=0.0, roll=0.0)
     for radius in np.random.default_rng(0).uniform(0.01, 0.03, 4000):
         u, v = on_cylinder(camera, body, np.zeros(1), np.array([-radius, radius]), float(radius))
-        assert np.all(np.isfinite(u))
-        assert np.all(np.isfinite(v))
+        assert np.isfinite([u, v]).all()
 
 
 def dented(hidden, *, depth=-1.5, bow=0.0, at=(700,)):
@@ -185,19 +165,19 @@ def dented(hidden, *, depth=-1.5, bow=0.0, at=(700,)):
     error = np.full(rows.size, 0.1)
     left = Side(middle - half + noise[0] - dent, error, 0.1, 0.0, 0.1, hidden)
     right = Side(middle + half + noise[1], error, 0.1, 0.0, 0.1, 0.0)
-    edge = EdgeProfile(1.0, 0.0, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
-    return Outline(rows, left, right, edge, 60.0), middle - half
+    sharp = edge.EdgeProfile(1.0, 0.0, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+    return outline.Outline(rows, left, right, sharp, 60.0), middle - half
 
 
 @pytest.mark.parametrize("bow", [0.0, 25.0])
 @pytest.mark.parametrize("depth", [-2.0, 1.5])
 def test_a_dent_of_one_side_is_as_the_other_side_is_there(depth, bow):
-    outline, left = dented(0.02, depth=depth, bow=bow)
-    found = without_dents(outline)
+    seen, left = dented(0.02, depth=depth, bow=bow)
+    found = outline.without_dents(seen)
     near = slice(650, 750)
-    assert np.abs((outline.left.column - left)[near]).max() > 0.9 * abs(depth)
+    assert np.abs((seen.left.column - left)[near]).max() > 0.9 * abs(depth)
     assert np.abs((found.left.column - left)[near]).max() < 0.3 * abs(depth)
-    assert np.abs((found.right.column - outline.right.column)[near]).max() == 0
+    assert np.abs((found.right.column - seen.right.column)[near]).max() == 0
 
 
 @pytest.mark.parametrize("kappa", [-0.1, 0.0, 0.07, 2.0])
@@ -217,7 +197,7 @@ def woven_limb(t, blur, phase, *, depth=0.95, amplitude=0.05, radius=158.0):
     spread = normal((t[:, None] - fine) / blur) / blur
     profile = np.trapezoid(spread * light, fine, axis=1)
     kappa = limb_strength(profile, t, blur, radius)
-    return edge_profile([profile] * 2, t, blur, radius, (kappa, kappa), disk=0.2)
+    return edge.edge_profile([profile] * 2, t, blur, radius, (kappa, kappa), disk=0.2)
 
 
 @pytest.mark.parametrize("blur", [1.0, 1.2])
