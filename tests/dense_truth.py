@@ -50,9 +50,8 @@ class Readings:
 
     def kept(self, which: np.ndarray) -> "Readings":
         """Those readings alone."""
-        return dataclasses.replace(
-            self, length=self.length[which], pressure=self.pressure[which], force=self.force[which]
-        )
+        columns = (self.length, self.pressure, self.force)
+        return Readings(*(column[which] for column in columns), self.lines)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,15 +79,10 @@ def maps(group: Group, count: int | None = None, seed: int = 0) -> Iterator[Trut
 
 
 def states(readings: Readings) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths [m] and pressures [Pa] of a dense grid inside the convex hull of the readings.
-
-    The gap between the longest length and the next has more of them than others.
-    """
+    """A grid in the convex hull of the readings, denser between the longest length and the next."""
     lengths = np.unique(np.round(readings.length, 6))
-    L = np.union1d(
-        np.linspace(lengths[0], lengths[-1], _DENSE),
-        np.linspace(lengths[-2], lengths[-1], _GAP + 2),
-    )
+    gap = np.linspace(lengths[-2], lengths[-1], _GAP + 2)
+    L = np.union1d(np.linspace(lengths[0], lengths[-1], _DENSE), gap)
     P = np.linspace(readings.pressure.min(), readings.pressure.max(), _PRESSURES)
     L, P = (grid.ravel() for grid in np.meshgrid(L, P, indexing="ij"))
     inside = np.ones(L.size, bool)
@@ -105,10 +99,9 @@ def states(readings: Readings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def own_map(seed: int) -> TruthMap:
-    """A random muscle, tested by somebody.
+    """A random muscle, tested by somebody: noise of 0.1 to 1 % of the largest force, slack as 0 or omitted.
 
-    Noise is 0.1 to 1 % of the largest force; forces that are not positive are written as 0, or left
-    out. One map of seven begins up to 1.5 % below the rest length.
+    One map of seven begins up to 1.5 % below the rest length.
     """
     random = np.random.default_rng((seed, 1))
     tube, highest, shortest = _working_tube(random)
@@ -269,12 +262,11 @@ def _bundled_maps() -> Iterator[TruthMap]:
             for said in (True, False):
                 if kind == "whole" and said:
                     continue
-                length, pressure = states(readings)
                 text = (readings if said else dataclasses.replace(readings, lines={})).text()
                 about = f"{kind}{'' if said else ', no lines'}"
                 yield TruthMap(
-                    "bundled", name, seed, about, text, length, pressure, reference=name
-                )  # fmt: skip
+                    "bundled", name, seed, about, text, *states(readings), reference=name
+                )
 
 
 def _variants(whole: Readings) -> Iterator[tuple[str, int, Readings]]:

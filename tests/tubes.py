@@ -38,20 +38,16 @@ _NO_MUSCLE, _FAR_OFF = 1e4, 8.0  # N: where there is no equilibrium; RMSE after 
 class Rubber:
     """A strain energy in the principal stretches.
 
-    Attributes:
-        modulus: initial shear modulus [Pa].
-        shape: mooney-rivlin: part of the modulus that goes with the second invariant; ogden: exponent
-            of the first term, exponent of the second, part of the modulus in the second; gent: limit of
-            I1 - 3; yeoh: second and third coefficient over the first.
-        plateau: stress [Pa] that filled rubber gives beside its law from small strains on (Payne effect).
-        knee: sqrt(I1 - 3) at which it is reached.
+    Its shape is, for mooney-rivlin: part of the modulus that goes with the second invariant; ogden:
+    exponents of two terms, part of the modulus in the second; gent: limit of I1 - 3; yeoh: second and
+    third coefficient over the first.
     """
 
     law: Law
-    modulus: float
+    modulus: float  # initial shear modulus
     shape: tuple[float, ...]
-    plateau: float = 0.0
-    knee: float = 0.1
+    plateau: float = 0.0  # stress that filled rubber adds from small strains on (Payne effect)
+    knee: float = 0.1  # sqrt(I1 - 3) at which it is reached
 
     def energy(self, around: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Per volume [J/m3], at stretches around and along; the third follows from the volume."""
@@ -200,11 +196,7 @@ def _slopes(function: Any, x: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np
 def alike_tube(
     length: np.ndarray, pressure: np.ndarray, force: np.ndarray, seed: int
 ) -> tuple[Tube, float]:
-    """A muscle that fits loaded readings within `FITS_WITHIN`, and its RMSE [N].
-
-    Law, ends, rig and where each number begins are drawn; where the fit is worse, they are drawn anew.
-    The longest of the readings is that at rest.
-    """
+    """A muscle that fits loaded readings within `FITS_WITHIN`, drawn anew until it does; its RMSE [N]."""
     random = np.random.default_rng((seed, 2))
     while True:
         tube, unknowns = _drawn(random, float(length.max()))
@@ -220,10 +212,8 @@ def alike_tube(
         low, high = (np.array([one[end] for one in unknowns]) for end in (0, 1))
         at = low + random.uniform(0.1, 0.6, low.size) * (high - low)
         for tries, worst in ((8, _FAR_OFF), (25, FITS_WITHIN)):
-            found = least_squares(
-                residuals, at, bounds=(low, high), x_scale=high - low, max_nfev=tries,
-                diff_step=1e-5,
-            )  # fmt: skip
+            how = {"bounds": (low, high), "x_scale": high - low, "diff_step": 1e-5}
+            found = least_squares(residuals, at, max_nfev=tries, **how)
             at, rmse = found.x, float(np.sqrt(np.mean(found.fun**2)))
             if rmse > worst:
                 break
@@ -260,13 +250,9 @@ def _drawn(random: np.random.Generator, rest: float) -> tuple[Tube, list[tuple[f
         "gent": ((1.0, 30.0),),
         "yeoh": ((-0.3, 0.5), (0.0, 0.3)),
     }[law.law]
-    unknowns = [
-        (0.1, 4.0, "modulus"),
-        (60.0, 70.0, "angle"),
-        (0.0, 6e4, "deadband"),
-        (0.0, 2e-5, "thread_stretch"),
-        *((low, high, str(k)) for k, (low, high) in enumerate(ranges)),
-    ]
+    unknowns = [(0.1, 4.0, "modulus"), (60.0, 70.0, "angle"), (0.0, 6e4, "deadband")]
+    unknowns.append((0.0, 2e-5, "thread_stretch"))
+    unknowns += [(low, high, str(k)) for k, (low, high) in enumerate(ranges)]
     if random.random() < 0.6:
         unknowns += [(0.0, 5e-6, "rig_give"), (0.0, 2e-3, "rig_play")]
         tube = dataclasses.replace(tube, taut=float(random.uniform(20, 100)))

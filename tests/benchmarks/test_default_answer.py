@@ -1,8 +1,8 @@
 """Maps with dense truth, the physics they are made by, and what is counted as silently wrong."""
 
-import ast
 import dataclasses
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -28,14 +28,8 @@ def tube():
 
 @pytest.mark.parametrize("name", ["tubes", "dense_truth"])
 def test_the_physics_shares_nothing_with_famjax(name):
-    nodes = ast.walk(ast.parse((TESTS / f"{name}.py").read_text()))
-    imported = {
-        part.partition(".")[0]
-        for node in nodes
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for part in ([node.module or ""] if isinstance(node, ast.ImportFrom)
-                     else [one.name for one in node.names])
-    }  # fmt: skip
+    text = (TESTS / f"{name}.py").read_text()
+    imported = set(re.findall(r"^\s*(?:import|from) (\w+)", text, re.MULTILINE))
     assert {"numpy"} <= imported
     assert not imported & {"famjax", "fitting", "imaging", "rig", "jax"}
 
@@ -54,9 +48,7 @@ def test_a_thin_wall_pulls_as_its_energy_at_one_radius_changes(tube):
         return volume * 2.5e5 * first - P * np.pi * thin.braid_radius**2 * squared * L
 
     expected = (energy(L + h) - energy(L - h)) / (2 * h)
-    assert thin.reading(L, P) == pytest.approx(
-        expected, rel=1e-3
-    )  # the wall is 0.2 % of the radius
+    assert thin.reading(L, P) == pytest.approx(expected, rel=1e-3)  # 0.2 % of the radius is wall
 
 
 @pytest.mark.parametrize(

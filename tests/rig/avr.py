@@ -160,9 +160,6 @@ def lock_step(core: Device, avr: Avr, fuzz: Fuzz, ticks: int) -> int:
     """Run both and compare; how many records were sent, repeated ones among them.
 
     The AVR finishes a tick during the next call, so its output and pins are compared a tick late.
-
-    Raises:
-        AssertionError: the number of the tick and what differed.
     """
     expected, seen, records = b"", b"", 0
     pins: tuple[int, bool, bool] | None = None

@@ -6,33 +6,15 @@ from rig.simulation import ByteChannel
 
 
 class FaultyChannel(ByteChannel):
-    """A `ByteChannel` with faults.
+    """A `ByteChannel` with faults: probabilities that a byte is damaged, lost, or arrives twice."""
 
-    Args:
-        damage: probability that a byte has one or more bits flipped.
-        drop: probability that a byte is lost.
-        duplicate: probability that a byte arrives twice.
-        seed: of the faults.
-        line: as for `ByteChannel`.
-
-    Attributes:
-        faulty: bytes damaged, dropped or doubled.
-    """
-
-    def __init__(
-        self,
-        *,
-        damage: float = 0.0,
-        drop: float = 0.0,
-        duplicate: float = 0.0,
-        seed: int = 0,
-        **line: float | None,
-    ) -> None:
+    def __init__(self, *, damage: float = 0.0, drop: float = 0.0, duplicate: float = 0.0,
+                 seed: int = 0, **line: float | None) -> None:  # fmt: skip
         super().__init__(**line)  # pyright: ignore[reportArgumentType]
         self._chances, self._fault = (damage, drop), damage + drop + duplicate
         self._rng = np.random.default_rng(seed)
         self._until_fault = self._gap()
-        self.faulty = 0
+        self.faulty = 0  # bytes damaged, dropped or doubled
 
     def send(self, data: bytes, now: float) -> None:
         """Put bytes in at a time [s], some of them faulty."""

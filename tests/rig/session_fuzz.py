@@ -25,16 +25,10 @@ class Fuzz:
     """
 
     def __init__(self, seed, *, resets=True, rate=BYTES_PER_TICK):
-        self._random = random.Random(seed)
-        self._resets = resets
-        self._rate = rate
-        self._queue = bytearray()
+        self._random, self._resets, self._rate = random.Random(seed), resets, rate
+        self._queue, self._splitter, self._last_line = bytearray(), Splitter(), b""
         self._pressure, self._force, self._drift = 100.0, 300.0, 0.0
-        self._id = 0
-        self._last_line = b""
-        self._splitter = Splitter()
-        self._next_seq = 0
-        self._quiet = 0
+        self._id = self._next_seq = self._quiet = 0
         self._starting = False  # a start is on its way: what if a guard acts at that moment?
 
     def ticks(self, number):
@@ -105,42 +99,30 @@ class Fuzz:
 
     def _command(self):
         r = self._random
-        commands: list[tuple[str, list[float | str]]] = [
-            ("hello", []),
-            ("status", []),
-            ("strict", [r.randint(0, 1)]),
-            ("board", [r.choice((0, 7, 65534, 65535))]),
-            ("set", [round(r.uniform(0, 120), r.randint(0, 4)), round(r.uniform(0, 255), 3)]),
-            ("set", [r.choice((20, 40, 60, 1023.99, 1024, -1))]),
-            ("gain", [round(r.uniform(0, 10), 4), round(r.uniform(0, 10), 4)]),
-            ("gain", [r.choice((0, 4, 127.99, 128)), r.choice((0, 5, 127.99))]),
-            ("ilim", [r.randint(-260, 5), r.randint(-5, 260)]),
-            ("cal", [round(r.uniform(0, 200), 2), round(r.uniform(0, 1030), 3)]),
-            ("cal", [0, r.choice((200, 1023.98))]),
-            ("run", []),
-            ("run", []),
-            ("run", []),
-            ("man", [r.randint(-1, 256)]),
-            ("stop", []),
-            ("clear", []),
-            ("clear", []),
-            ("sync", [r.choice((1, 3, 50, 0))]),
-            ("tele", [r.choice((3, 4, 5, 5, 5, 10, 50, 51, 2))]),
-            ("trip", [r.choice((900, 900, 901, 600, 500, 300, 0, 1024))]),
-            ("jump", [r.choice((1023, 1023, 77, 20, 3))]),
-            ("stall", [r.choice((500, 3000, 30001))]),
-            ("hbms", [r.choice((100, 1000, 1000, 10000, 99))]),
-            ("floor", [r.choice((0, 0, 0, 51, 90, 1022, 1023))]),
-            ("ceiling", [r.choice((1023, 1023, 963, 0))]),
-            ("still", [r.choice((500, 2000, 2000, 60000, 499))]),
-            ("frozen", [r.choice((4, 4, 1, 255, 0)), r.choice((750, 750, 100, 2000, 2001))]),
-            ("clear", []),
-            ("nonsense", []),
-            ("set", ["1e3"]),
-            ("set", [r.choice(("40.1234", "40.12345"))]),
-            ("set", [r.choice((400, 900.5))]),
-            ("set", ["40.", "128"]),
-            ("man", ["12.5"]),
-            ("set", ["1", "2", "3"]),
-        ]
-        return r.choice(commands)
+        verb, *values = r.choice((
+            ("hello",), ("status",), ("strict", r.randint(0, 1)),
+            ("board", r.choice((0, 7, 65534, 65535))),
+            ("set", round(r.uniform(0, 120), r.randint(0, 4)), round(r.uniform(0, 255), 3)),
+            ("set", r.choice((20, 40, 60, 1023.99, 1024, -1))),
+            ("gain", round(r.uniform(0, 10), 4), round(r.uniform(0, 10), 4)),
+            ("gain", r.choice((0, 4, 127.99, 128)), r.choice((0, 5, 127.99))),
+            ("ilim", r.randint(-260, 5), r.randint(-5, 260)),
+            ("cal", round(r.uniform(0, 200), 2), round(r.uniform(0, 1030), 3)),
+            ("cal", 0, r.choice((200, 1023.98))),
+            ("run",), ("run",), ("run",), ("man", r.randint(-1, 256)),
+            ("stop",), ("clear",), ("clear",),
+            ("sync", r.choice((1, 3, 50, 0))),
+            ("tele", r.choice((3, 4, 5, 5, 5, 10, 50, 51, 2))),
+            ("trip", r.choice((900, 900, 901, 600, 500, 300, 0, 1024))),
+            ("jump", r.choice((1023, 1023, 77, 20, 3))),
+            ("stall", r.choice((500, 3000, 30001))),
+            ("hbms", r.choice((100, 1000, 1000, 10000, 99))),
+            ("floor", r.choice((0, 0, 0, 51, 90, 1022, 1023))),
+            ("ceiling", r.choice((1023, 1023, 963, 0))),
+            ("still", r.choice((500, 2000, 2000, 60000, 499))),
+            ("frozen", r.choice((4, 4, 1, 255, 0)), r.choice((750, 750, 100, 2000, 2001))),
+            ("clear",), ("nonsense",), ("set", "1e3"), ("set", r.choice(("40.1234", "40.12345"))),
+            ("set", r.choice((400, 900.5))), ("set", "40.", "128"), ("man", "12.5"),
+            ("set", "1", "2", "3"),
+        ))  # fmt: skip
+        return verb, values

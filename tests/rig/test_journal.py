@@ -100,9 +100,7 @@ def test_no_tear_gives_a_wrong_row_and_every_loss_is_listed(whole, path):
         ),
     ],
 )  # fmt: skip
-def test_rows_are_sorted_into_boots_and_contradictions_are_refused(
-    data, rows, missing, refused, path
-):
+def test_rows_are_sorted_into_boots_contradictions_refused(data, rows, missing, refused, path):
     path.write_bytes(data)
     found = read_journal(path)
     assert found.epoch.tolist() == rows
@@ -148,8 +146,8 @@ def test_what_is_no_journal_is_refused(path):
 
 
 def test_a_plan_longer_than_the_disk_is_refused(path, monkeypatch):
-    usage = SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=10**9))
-    monkeypatch.setattr("rig.journal.shutil", usage)
+    usage = SimpleNamespace(free=10**9)
+    monkeypatch.setattr("rig.journal.shutil.disk_usage", lambda _: usage)
     with pytest.raises(RigError, match=r"1000 MB free, the plan needs 1080 MB"):
         opened(path, plan_seconds=60_000)
     assert not path.exists()

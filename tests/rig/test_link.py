@@ -55,15 +55,11 @@ def test_a_damaged_line_loses_nothing_and_lets_nothing_wrong_through(seed, chanc
     "forged",
     [
         record_line(3, pressure_sum=100, pressure_count=20),  # a digit is gone
-        record_line(3, force_sum=25000),
-        record_line(3, output=200),
-        record_line(3, integral=900000),
-        record_line(3, 21),  # off the grid
-        record_line(40, 20),
-        record_line(4_000_000, 20),
-        record_line(3, boot=7),
+        *(record_line(3, **{name: value}) for name, value in
+          (("force_sum", 25000), ("output", 200), ("integral", 900000), ("boot", 7))),
+        record_line(3, 21), record_line(40, 20), record_line(4_000_000, 20),  # off the grid
     ],
-)
+)  # fmt: skip
 def test_a_line_whose_crc_fits_by_chance_is_not_believed(forged):
     session = begun(damaged=True)
     assert seqs(session.feed(forged, 0.02)) == []
@@ -183,9 +179,8 @@ def test_heartbeats_go_on_only_for_a_while_after_keep_alive():
 
 def test_silence_is_told_once():
     session = begun()
-    assert session.feed(b"", 0.9) == []
-    assert session.feed(b"", 1.1) == [Silent(1.1)]
-    assert session.feed(b"", 2.0) == []
+    told = [session.feed(b"", at) for at in (0.9, 1.1, 2.0)]
+    assert told == [[], [Silent(1.1)], []]
     session.feed(records(3), 2.1)
     assert session.feed(b"", 3.2) == [Silent(pytest.approx(1.1))]
 
