@@ -2,14 +2,12 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 from rendering import INCH, published_ruler, render_ruler
 from slow_cases import slow_after
 
 from imaging import calibrate_ruler
 from imaging.errors import AmbiguousRuler
-from imaging.ruler import marks_of, numbered
 
 SCALE = 5e-5  # relative; the aim is 1e-5 at full resolution, and these pictures have half of it
 
@@ -103,25 +101,3 @@ def test_an_edge_that_steps_as_often_as_numbers_come_is_no_number(base, rotation
     except AmbiguousRuler:
         return
     assert scale.px_per_m == pytest.approx(photo.truth.px_per_m, rel=0.001)
-
-
-def test_marks_are_found_to_a_hundredth_of_a_pixel():
-    x = np.arange(700.0)
-    places = 20.3 + 24.17 * np.arange(27)
-    dark = 1 - 0.8 * np.exp(-(((x[:, None] - places) / 1.6) ** 2)).sum(axis=1)
-    for profile in (dark, 2 - dark):
-        np.testing.assert_allclose(marks_of(profile, 24.0), places, atol=0.01)
-
-
-def test_missing_and_false_marks_do_not_shift_the_numbers():
-    n = np.arange(60)
-    places = (30 + 25 * n) / (1 + 3e-4 * n)
-    random = np.random.default_rng(0)
-    seen = np.delete(places, [7, 8, 30, 41])
-    seen = np.sort(np.concatenate([seen, [401.0, 777.0]])) + 0.01 * random.normal(size=58)
-    fit = numbered(seen, 25.0)
-    assert fit is not None
-    assert fit.number.size == 56
-    a, b, c = fit.coefficients
-    first = fit.number[0]
-    np.testing.assert_allclose((a + b * (n + first)) / (1 + c * (n + first)), places, atol=0.05)
