@@ -24,18 +24,13 @@ from .sequence import START, at_length
 
 TRUE_LENGTHS = "truth-lengths.csv"  # of every picture; no step of an evaluation reads it
 
-_STRANDS = 36  # of the reference work's braid
 _LOG_INTERVAL = 0.02  # s, of the simulated machine
 
 
 def write_twin(
-    folder: Path,
-    *,
-    seed: int = 0,
-    size: Literal["small", "large"] = "small",
-    flawed: bool = True,
-    truth: Path | None = None,
-) -> None:
+    folder: Path, *, seed: int = 0, size: Literal["small", "large"] = "small",
+    flawed: bool = True, truth: Path | None = None,
+) -> None:  # fmt: skip
     """Make a characterisation folder of a known muscle: the same arguments make the same bytes.
 
     A test on the simulated rig in air, photographs of it, a ruler, the sheet, and the truth; with
@@ -115,7 +110,7 @@ def _photographs(
         Tape(diameter=truth.muscle.bladder_diameter),
     )
     assert scene.muscle is not None
-    body = dataclasses.replace(scene.muscle, strands=_STRANDS, upper=tape, lower=tape)
+    body = dataclasses.replace(scene.muscle, strands=36, upper=tape, lower=tape)
     scene = dataclasses.replace(scene, muscle=body, sensor=sensor)
     found = {}
     for k, (time, length) in enumerate(zip(times, lengths.tolist(), strict=True)):

@@ -74,6 +74,7 @@ class Light:
         return cls((Lamp((0.0, -0.05, -1.0), 1.0, 0.02),), ambient=0.08)
 
 
+Size = tuple[int, int]
 PUBLISHED_PX_PER_IN = 226.63
 PUBLISHED_DISTANCE = 60 * INCH
 PUBLISHED_CROP = (2650, 1100)
@@ -159,10 +160,7 @@ def published_camera(size: tuple[int, int]) -> Camera:
 
 
 def published_scene(
-    contraction: float = 0.2625,
-    *,
-    size: tuple[int, int] = PUBLISHED_CROP,
-    rest_length: float = REST_LENGTH,
+    contraction: float = 0.2625, *, size: Size = PUBLISHED_CROP, rest_length: float = REST_LENGTH
 ) -> Scene:
     """The reference work's muscle at 100 psi, as its camera saw it; strands as thick in px at any size.
 
@@ -174,9 +172,8 @@ def published_scene(
         profile, tape = published_shape(contraction), Tape()
     strands = max(8, 4 * round(_STRANDS * camera.px_per_m * INCH / PUBLISHED_PX_PER_IN / 4))
     length = rest_length * (1 - contraction)
-    return Scene(
-        camera, size, MuscleScene(profile, length, strands=strands, upper=tape, lower=tape)
-    )
+    muscle = MuscleScene(profile, length, strands=strands, upper=tape, lower=tape)
+    return Scene(camera, size, muscle)
 
 
 _WHITE_THREAD = (0.75, 0.75, 0.72)
@@ -196,16 +193,14 @@ def random_scene(
     contraction = random.uniform(0, 0.35)
     shape = stroke_shape(contraction)
     muscle = MuscleScene(
-        shape,
-        length * (1 - contraction),
-        x0=random.uniform(-3, 3) * INCH,
-        y0=random.uniform(-2, 2) * INCH,
+        shape, length * (1 - contraction),
+        x0=random.uniform(-3, 3) * INCH, y0=random.uniform(-2, 2) * INCH,
         roll=np.deg2rad(random.uniform(-3, 3)),
         strands=int(np.clip(4 * round(9 * scale * INCH / 226), 8, 36)),
         albedo=TAN if random.random() < 0.6 else _WHITE_THREAD,
         flecks=random.choice([0.0, 0.05]),
         weave_seed=int(random.integers(1 << 30)),
-    )
+    )  # fmt: skip
     hue = float(random.choice(_HUES) + random.uniform(-6, 6)) % 360
     thicker = random.uniform(0, 0.1) * INCH if random.random() < 0.5 else 0.0
     tape = Tape(hue=hue, diameter=float(shape(0.0)) + thicker)

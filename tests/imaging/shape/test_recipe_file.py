@@ -7,32 +7,14 @@ import pytest
 
 from imaging import ImagingError, Recipe, Scale, Tone, read_recipe, write_recipe
 
-RULER = Scale(
-    8922.4409,
-    0.0892,
-    (1.1, 8922.4, -1.7e-9),
-    0.31,
-    0.021,
-    97,
-    "ruler",
-    -0.02,
-    0.002,
-    0.0016,
-    0.0003,
-)
+FIT = (1.1, 8922.4, -1.7e-9)
+RULER = Scale(8922.4409, 0.0892, FIT, 0.31, 0.021, 97, "ruler", -0.02, 0.002, 0.0016, 0.0003)
 PLAIN = Recipe(Scale.manual(8922.0, 0.1))
 FULL = Recipe(
-    RULER,
-    distance=61 * 0.0254,
-    centre=(501.25, 1330.0),
-    crop_offset=(1459, 531),
-    frame_size=(5568, 3712),
-    k1=-0.01,
-    tone=Tone(np.linspace(0, 1, 256) ** 2.1),
-    orientation="auto",
-    tape_hue=222.0,
-    braid_angle=True,
-)
+    RULER, distance=61 * 0.0254, centre=(501.25, 1330.0), crop_offset=(1459, 531),
+    frame_size=(5568, 3712), k1=-0.01, tone=Tone(np.linspace(0, 1, 256) ** 2.1),
+    orientation="auto", tape_hue=222.0, braid_angle=True,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("recipe", [PLAIN, FULL], ids=["plain", "full"])

@@ -4,17 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from rendering import (
-    INCH,
-    CameraSensor,
-    Lamp,
-    Lens,
-    RulerScene,
-    published_ruler,
-    published_scene,
-    random_scene,
-    render_ruler,
-)
+from rendering import INCH, CameraSensor, Lamp, Lens, published_scene, random_scene, ruler
+from rendering.renderer import render_ruler
 from slow_cases import slow_after
 
 from imaging import Tone, calibrate_ruler, measure
@@ -135,8 +126,8 @@ def test_a_distance_that_the_tapes_contradict_is_warned_of_or_refused(base):
         measured(changed(base, camera={"distance": 15 * INCH}), **STATED, distance=60 * INCH)
 
 
-def ruler(**changes):
-    return dataclasses.replace(published_ruler(size=SIZE), **changes)
+def shown_ruler(**changes):
+    return render_ruler(dataclasses.replace(ruler.published_ruler(size=SIZE), **changes), 1)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +135,7 @@ def ruler(**changes):
     slow_after(1, [(INCH / 8, 8, 89), (INCH / 16, 16, 177), (INCH / 16, 16, 97)]),
 )
 def test_the_pitch_is_read_off_the_numbers(pitch, per_number, marks):
-    shot = render_ruler(ruler(pitch=pitch, per_number=per_number, marks=marks), 1)
+    shot = shown_ruler(pitch=pitch, per_number=per_number, marks=marks)
     scale = calibrate_ruler(shot.rgb)
     assert scale.pitch == pytest.approx(pitch)
     assert scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
@@ -153,7 +144,7 @@ def test_the_pitch_is_read_off_the_numbers(pitch, per_number, marks):
 @pytest.mark.parametrize("k1", slow_after(1, [-0.05, 0.03]))
 def test_the_lens_distortion_is_read_off_the_ruler(base, k1):
     near = changed(base, camera={"k1": k1, "distance": 20 * INCH})
-    shown = RulerScene(near.camera, near.size, rotation_deg=0.5)
+    shown = ruler.RulerScene(near.camera, near.size, rotation_deg=0.5)
     scale = calibrate_ruler(
         render_ruler(shown, 1).rgb, distance=20 * INCH, centre=near.camera.centre,
         placement_stderr=0.0,
@@ -167,7 +158,7 @@ def test_the_lens_distortion_is_read_off_the_ruler(base, k1):
 
 
 def test_a_ruler_whose_place_nobody_stated_is_warned_of(base):
-    shot = render_ruler(ruler(offset=-0.6 * INCH), 1)
+    shot = shown_ruler(offset=-0.6 * INCH)
     found, truth = measured(base, scale=calibrate_ruler(shot.rgb), **STATED)
     assert abs(found.length - truth.length) > 10 * found.length_stderr
     assert "--ruler-placement" in found.warnings[0]
