@@ -103,10 +103,7 @@ PLANS = {"help": HELP, "help, water": WATER, "read_plan": f"[plan]\n{PRINTED}"}
 
 @pytest.mark.parametrize("name", PLANS)
 def test_a_printed_plan_is_carried_out(name, path):
-    """With its pressures, rate, gains, limits and guards; its strokes once, all of it shorter.
-
-    Those of the documents are carried out with their pages.
-    """
+    """With its rate, gains, limits and guards, shorter; those of documents run with their pages."""
     test = read(path.parent, PLANS[name])
     quick = dataclasses.replace(test.plan, cycles=1, stroke=0.01, settle=4.0)
     sim = SimulatedRig(CIRCUITS[test.circuit]())

@@ -1,7 +1,5 @@
 """Thresholds, boundaries, colours and the coarse outline, against other libraries and the truth."""
 
-import dataclasses
-
 import cv2
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from slow_cases import slow_after
 from imaging import Recipe, Scale, measure, recipe
 from imaging.errors import AmbiguousHue
 from imaging.segment import otsu_split, segment
-from tests.imaging.photographs import photograph
+from tests.imaging.photographs import changed, photograph
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
 
@@ -58,9 +56,8 @@ def test_a_large_picture_is_looked_at_twice_and_gives_the_same(photo):
     small, large = segment(photo.rgb), segment(canvas)
     columns = np.interp(small.rows, large.rows - v, large.left - u)
     assert np.abs(columns - small.left)[20:-20].max() < COARSE_PX
-    assert large.upper.limbs == pytest.approx(
-        [edge + v for edge in small.upper.limbs], abs=COARSE_PX
-    )
+    limbs = [edge + v for edge in small.upper.limbs]
+    assert large.upper.limbs == pytest.approx(limbs, abs=COARSE_PX)
 
 
 BACKGROUNDS = {"black": None, "blue": (20, 30, 75), "tan": (85, 70, 45), "red": (80, 25, 20)}
@@ -71,8 +68,7 @@ BACKGROUNDS = {"black": None, "blue": (20, 30, 75), "tan": (85, 70, 45), "red": 
 def test_a_tape_of_any_hue_on_cloth_of_any_colour(hue, background, monkeypatch):
     """The seam of the hue's circle is at red: a recipe's 350, 0 or 10 deg all mean the same tape."""
     base = published_scene(0.12, size=(800, 332))
-    muscle = dataclasses.replace(base.muscle, upper=Tape(hue=hue), lower=Tape(hue=hue))
-    shot = photograph(dataclasses.replace(base, muscle=muscle), 6)
+    shot = photograph(changed(base, {"upper": Tape(hue=hue), "lower": Tape(hue=hue)}), 6)
     rgb = on_cloth(shot.rgb, BACKGROUNDS[background])
 
     # No lens drew the border to this cloth.
@@ -94,9 +90,8 @@ def test_a_tape_of_any_hue_on_cloth_of_any_colour(hue, background, monkeypatch):
 def on_cloth(rgb, colour):
     if colour is None:
         return rgb
-    muscle = cv2.morphologyEx(
-        (rgb.max(axis=2) > 60).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((15, 15))
-    )
+    bright = (rgb.max(axis=2) > 60).astype(np.uint8)
+    muscle = cv2.morphologyEx(bright, cv2.MORPH_CLOSE, np.ones((15, 15)))
     part = cv2.GaussianBlur(muscle.astype(np.float32), (0, 0), 1.0)[..., None]
     cloth = np.array(colour) + np.random.default_rng(0).normal(0, 4, rgb.shape)
     return np.clip(rgb * part + (1 - part) * cloth, 0, 255).astype(np.uint8)

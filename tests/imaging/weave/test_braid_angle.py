@@ -91,20 +91,15 @@ def test_a_table_holds_the_angle(tmp_path):
     assert data["braid_angle_profile_deg"].attrs["units"] == "degree"
     assert not any("braid" in note for note in table.notes)
     bare = dataclasses.replace(rows[0], braid_refusal="too dark")
-    assert (
-        "1 of 1 pictures show no braid angle, first one.jpg: too dark."
-        in Table.from_rows([bare]).notes
-    )
+    told = "1 of 1 pictures show no braid angle, first one.jpg: too dark."
+    assert told in Table.from_rows([bare]).notes
 
 
 def test_a_twisted_muscle_has_two_angles():
     angle = np.array([np.nan, 1.0, np.nan])
-    braid = BraidAngle(
-        np.array([0.0, 0.1, 0.2]), angle, angle / 100, angle + 0.1, angle - 0.1,
-        "", 36.0, 0.0, 1.0,
-    )  # fmt: skip
-    assert braid.mean == 1.0
-    assert braid.part == 0.0
+    both = angle + 0.1, angle - 0.1
+    braid = BraidAngle(np.array([0.0, 0.1, 0.2]), angle, angle / 100, *both, "", 36.0, 0.0, 1.0)
+    assert (braid.mean, braid.part) == (1.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -125,10 +120,7 @@ def test_yarns_are_counted_where_no_other_number_is_near(first, second, counted)
             return (0.0, 0.0) if number is None else ((number - n) * harmonic * 1.9, 0.9)
 
     n, stderr = count_yarns(Seen(), 24.0)
-    if counted is not None:
-        assert (n, stderr) == (counted, 0.0)
-    else:
-        assert abs(n - 24) < 2 * stderr
+    assert (n, stderr) == (counted, 0.0) if counted else abs(n - 24) < 2 * stderr
 
 
 @pytest.mark.parametrize(("stripe", "glossy"), [(0.07, False), (0.16, True)])
