@@ -1,4 +1,4 @@
-"""Checks of arguments; each refuses a wrong one in one sentence."""
+"""Argument checks that raise InputError with a one-sentence message."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -10,11 +10,11 @@ import numpy as np
 from famjax.boundary.errors import InputError
 
 _SHOWN = 60
-"""Characters of a value in a message."""
+"""Longest value that a message shows in full."""
 
 
 def is_number(value: object) -> bool:
-    """Whether it is one real number: no text, no truth value, no array of several."""
+    """True for a single real number; False for strings, booleans and arrays."""
     if isinstance(value, str | bytes | bool):
         return False
     try:
@@ -25,16 +25,16 @@ def is_number(value: object) -> bool:
 
 
 def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
-    """A whole number, as Python's.
+    """Return a whole number as an int.
 
     Args:
-        name: of the argument.
-        value: given.
-        least: it may be.
-        most: it may be.
+        name: name of the argument.
+        value: value to check.
+        least: smallest allowed value.
+        most: largest allowed value; None for no limit.
 
     Raises:
-        InputError: it is none, or out of range.
+        InputError: the value is not a whole number, or out of range.
 
     >>> check_whole("starts", 16, 1)
     16
@@ -47,10 +47,10 @@ def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) 
 
 
 def check_numbers(name: str, values: Any) -> np.ndarray:
-    """An array of floats.
+    """Return values as an array of floats.
 
     Raises:
-        InputError: it holds something that is no number, or rows of different lengths.
+        InputError: an item is not a number, or rows differ in length.
     """
     try:
         return np.asarray(values, float)
@@ -59,10 +59,10 @@ def check_numbers(name: str, values: Any) -> np.ndarray:
 
 
 def check_pair(name: str, pair: Any, what: str) -> tuple[float, float]:
-    """Two numbers, such as bounds.
+    """Return two numbers, such as bounds.
 
     Raises:
-        InputError: they are not two, or no numbers.
+        InputError: the pair does not consist of two numbers.
     """
     given = list(pair) if isinstance(pair, tuple | list | np.ndarray) else []
     if len(given) != 2 or not all(map(is_number, given)):
@@ -71,42 +71,42 @@ def check_pair(name: str, pair: Any, what: str) -> tuple[float, float]:
 
 
 def check_mapping(name: str, given: Any, holds: str) -> None:
-    """Refuse an argument that is not a mapping by name.
+    """Refuse an argument that is neither a mapping nor None.
 
     Raises:
-        InputError: it is none.
+        InputError: the argument has another type.
     """
     if given is not None and not isinstance(given, Mapping):
         raise InputError(f"{name} must be a mapping {holds}, got {shown(given)}")
 
 
 def check_names(name: str, given: Any) -> tuple[str, ...]:
-    """Check a sequence of names; a single text is refused as a likely slip.
+    """Return a sequence of names as a tuple; a single string is refused as a likely mistake.
 
     Raises:
-        InputError: it is a text, or holds something else than texts.
+        InputError: the argument is a string, or an item is not a string.
     """
     if isinstance(given, str) or not isinstance(given, Iterable):
-        raise InputError(f"{name} must be names in a tuple or list, as ({shown(given)},)")
+        raise InputError(f"{name} must be a tuple or list of names, such as ({shown(given)},)")
     names = tuple(given)
     if not all(isinstance(one, str) for one in names):
-        raise InputError(f"{name} must be names in a tuple or list, got {shown(names)}")
+        raise InputError(f"{name} must be a tuple or list of names, got {shown(names)}")
     return names
 
 
 def check_path(name: str, given: Any) -> Path:
-    """A path.
+    """Return a string or path as a `Path`.
 
     Raises:
-        InputError: it is neither a text nor a path.
+        InputError: the argument has another type.
     """
     if not isinstance(given, str | Path):
-        raise InputError(f"{name} must be a path, as a text or a pathlib.Path, got {shown(given)}")
+        raise InputError(f"{name} must be a path (str or pathlib.Path), got {shown(given)}")
     return Path(given)
 
 
 def shown(value: object) -> str:
-    """A value as shown in a message; long values and tables are shown by their type."""
+    """Return the text that shows a value in a message; for long values, its type."""
     text = repr(value)
     plain = "\n" not in text and len(text) <= _SHOWN
     kind = type(value).__name__

@@ -1,4 +1,4 @@
-"""Checks of a force map before an identification starts."""
+"""Checks of data and options before an identification starts."""
 
 import itertools
 import math
@@ -19,16 +19,16 @@ from .parameters import KINDS, Entry, standard_table
 from .problem import Problem
 from .response import CONSTRAINTS
 
-_REACH = (0.55, 1.07)  # of the rest length: what muscles of rubber and threads come to
-_LONGEST_AT_LEAST = 0.85  # of the rest length: the longest length of most tests is above it
+_REACH = (0.55, 1.07)  # range of lengths of rubber muscles, relative to the rest length
+_LONGEST_AT_LEAST = 0.85  # longest length in most tests, relative to the rest length
 _WORDS = {"in": "inches"}
-_USUAL = 0.25  # m: rest length of a usual muscle
-_ALIKE = 0.5  # decades: taken as equal
-_SAME_LENGTH = 1e-6  # relative; rest lengths of geometry and specimen are the same number
+_USUAL = 0.25  # m: usual rest length of a muscle
+_ALIKE = 0.5  # decades within which two guesses are equally likely
+_SAME_LENGTH = 1e-6  # relative tolerance for equal rest lengths
 
 
 def check_law(law: Law, constraint: str, dependence: str) -> None:
-    """Check that the choices are known and can be combined."""
+    """Check that the options are valid and can be combined."""
     if constraint not in CONSTRAINTS:
         raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
     if dependence not in ("fixed", "linear"):
@@ -51,15 +51,15 @@ def check_law(law: Law, constraint: str, dependence: str) -> None:
 def known_bounds(
     data: ForceData, geometry: famjax.geometries.AbstractGeometry, given: Mapping[str, object]
 ) -> dict[str, tuple[float, float]]:
-    """Diameter and angle of a known geometry at rest and without pressure, as held parameters.
+    """Return diameter and angle of a known geometry at rest, without pressure, as fixed parameters.
 
     Raises:
-        InputError: another rest length than the specimen's, or bounds given of what is known.
+        InputError: the rest length differs from the specimen's, or a known parameter has bounds.
     """
     rest = float(geometry.rest_length)
     if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
         raise InputError(
-            f"the geometry's rest length, {rest * 1e3:.6g} mm, must be the specimen's, "
+            f"the rest lengths of geometry and specimen must be equal, got {rest * 1e3:.6g} mm and "
             f"{data.specimen.rest_length * 1e3:.6g} mm: set rest_length of the specimen"
         )
     at = geometry.dimensions(rest, 0.0)
@@ -81,7 +81,7 @@ def check_specimen(
     *,
     censored: bool,
 ) -> None:
-    """The parameters of a specimen must be those of its geometry, in reach of its lengths, and weighed."""
+    """Check that parameters match the geometry and the measured lengths, and that priors have a weight."""
     cylinder = KINDS.keys() - standard_table(data.specimen).keys()
     named = sorted(cylinder & table.keys() - source.declared.keys())
     if named and getattr(source, "known", None) is not None:
@@ -95,8 +95,8 @@ def check_specimen(
         )
     if censored and "series_compliance" in table:
         raise InputError(
-            "censored readings cannot be combined with series_compliance: how far a rig gives way is "
-            "known only where a force was read. Leave one of them out"
+            "censored readings cannot be combined with series_compliance, since the deflection of the rig "
+            "is known only for measured forces. Omit one of them"
         )
     _check_lengths(data, table)
     priors = [name for name, entry in table.items() if entry.prior is not None]
@@ -122,7 +122,7 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     longest = rest / math.sin(steepest)
     shortest = longest * math.sin(famjax.braids.NEUTRAL_ANGLE)
     long, short = np.argmax(data.length), np.argmin(np.where(data.loaded, data.length, np.inf))
-    # How short it may become depends on what gives way.
+    # The shortest length depends on compliances.
     gives = any(table[n].max > 0 for n in ("braid_compliance", "series_compliance") if n in table)
     if data.length[long] >= longest:
         reading = int(long)
@@ -152,9 +152,9 @@ def check_count(
     *,
     own_law: bool = False,
 ) -> None:
-    """Check that there are enough readings for the parameters, and enough lengths for the coefficients.
+    """Check that there are enough readings for the parameters and enough lengths for the coefficients.
 
-    Specimens identified together are counted together: a shared parameter is one parameter.
+    Specimens identified together are pooled: a shared parameter counts once.
     """
     readings = sum(int(one.loaded.sum()) for one in data)
     levels = np.unique(data[0].pressures.level[data[0].loaded])
@@ -185,16 +185,16 @@ def check_count(
         )
 
 
-_ROUGH = 1e-3  # of the forces in a compliant rig: whether there are any
-_AFFINE = 1e-7  # of the largest column: rounding of a force that is affine
+_ROUGH = 1e-3  # tolerance of the forces in a compliant rig, for a feasibility check
+_AFFINE = 1e-7  # rounding of an affine force, relative to the largest column
 _SEEN_TO_BE_AFFINE: set[tuple] = set()
 
 
 def check_affine(problem: Problem) -> None:
     """Check that the force is affine in the coefficients that are declared linear.
 
-    It is evaluated: the derivatives at no coefficients and at others must be the same. What has been
-    seen to be affine is so with other numbers.
+    The derivatives at zero and at nonzero coefficients must agree. The result is cached, since it does not
+    depend on the numbers.
     """
     batch = Batch([problem])
     if batch.layout.forms in _SEEN_TO_BE_AFFINE:
@@ -216,8 +216,7 @@ def check_affine(problem: Problem) -> None:
     if bent.size:
         raise InputError(
             f"{', '.join(dict.fromkeys(problem.linear[k] for k in bent))}: declared linear, but the force "
-            "is not affine in it. Declare it without linear=True and with a finite range (low and "
-            "high), so that it is searched"
+            "is not affine in it. Declare it without linear=True and with a finite range (low and high)"
         )
     _SEEN_TO_BE_AFFINE.add(batch.layout.forms)
 
@@ -248,10 +247,10 @@ def check_solvable(problem: Problem) -> None:
 
 
 def _likely_length_fault(data: ForceData) -> str:
-    """The likeliest fault of a map whose lengths cannot be reached, a sentence, or ""."""
+    """Return a sentence on the likeliest fault of a map with unreachable lengths, or ""."""
     rest, length = data.specimen.rest_length, data.length[data.loaded]
     low, high = float(length.min()) / rest, float(length.max()) / rest
-    # Either change brings the two together; they differ in the muscle that is left.
+    # Both kinds of change reconcile the lengths; the more usual muscle is likelier.
     found = sorted(
         (
             abs(math.log10(then / _USUAL)),
@@ -265,11 +264,11 @@ def _likely_length_fault(data: ForceData) -> str:
 
 
 def _unit_slips(data: ForceData) -> Iterator[tuple[float, float, str, str, str]]:
-    """Units of lengths or of the rest length that may be meant.
+    """Yield possible unit errors of the lengths or of the rest length.
 
     Yields:
-        By how much lengths grow against the rest length, the rest length then, what is wrong, and both
-        units.
+        Factor on lengths relative to the rest length, corrected rest length, subject of the message, true
+        unit and given unit.
     """
     rest, said = data.specimen.rest_length, data.units.get("length", "mm")
     known = UNITS["length"]

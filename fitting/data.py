@@ -1,7 +1,7 @@
-"""Measured static force maps, with their specimen, and their files.
+"""Static force maps with their specimen: data class, readers and writers.
 
-Measured pressures and lengths scatter about nominal ones. `levels_of` finds the levels: what "at one
-pressure" and "at one length" mean for a map.
+Measured pressures and lengths scatter about nominal values. `levels_of` groups them into levels and so
+defines which readings share a pressure or a length.
 """
 
 import dataclasses
@@ -10,7 +10,7 @@ import hashlib
 import importlib.resources
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -47,26 +47,23 @@ COLUMNS = {
 
 _STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
 
-MAY_BE_ZERO = frozenset({"pressure", "pressure_std", "length_std"})
-"""Columns that may be zero; the force alone may be negative, and the others must be positive."""
-
 MOST_APART = 40
-"""Levels at most that are left out one by one; more are left out in as many groups of neighbours."""
+"""Largest number of levels that are left out one by one; more are pooled into this many groups."""
 
+_MAY_BE_ZERO = {"pressure", "pressure_std", "length_std"}
 _HINTS = {
-    "pressure": ": subtract what the gauge reads when it is vented",
-    "length": ": contractions stand in a column contraction, as fractions, or contraction_%, in percent",
+    "pressure": ": subtract the reading of the vented gauge",
+    "length": ": put contractions into a column contraction (fractions) or contraction_% (percent)",
 }
-_PUSHES = 3.0  # times the largest pull: nothing that pulls pushes so hard
-_CLEAR = 8.0  # times wider is the narrowest gap between levels than the widest one within
-_WITHIN = 0.02  # of the whole range: the widest gap within a level that is taken without asking
-_FINEST = 1e-4  # of the whole range: narrower gaps are all alike
-_SHARED = 1.5  # readings for each level that was found: fewer, and it is chance
-_NOMINAL = 2.0  # readings for each value: values that repeat exactly are nominal
-_FRACTION = 0.75  # of the readings alone on their level: no levels are to be seen
-_NEAR_ZERO = 0.01  # of the largest value: how far below zero a sensor at zero may read
-_EXTREMES = 1.5  # of the noise that readings below zero show: largest noise above zero
-_SHOWN = 12  # rows of a table in a notebook
+_PUSHES = 3.0  # ratio of push to pull beyond which the sign of the force must be wrong
+_CLEAR = 8.0  # smallest ratio of the gaps between levels to the gaps within a level
+_WITHIN = 0.02  # widest gap within a level that is accepted automatically, relative to the range
+_FINEST = 1e-4  # gaps below this fraction of the range count as equal
+_SHARED = 1.5  # fewest readings per level; with fewer, the levels may be chance
+_NOMINAL = 2.0  # readings per distinct value from which values count as nominal
+_FRACTION = 0.75  # levels per reading above which the data show no levels
+_NEAR_ZERO = 0.01  # deepest reading of a sensor at zero, relative to the largest value
+_EXTREMES = 1.5  # largest noise above zero, relative to the noise seen below zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,10 +71,9 @@ class Levels:
     """The level of every reading.
 
     Attributes:
-        level: the mean of the values on the reading's level, or the value itself where all of them
-            are equal; shape (n,).
-        tolerance: neighbours nearer than this are on one level; 0 where only equal values are.
-        note: what a reader must know, or "".
+        level: mean of the values on the reading's level, or the value itself if all are equal; shape (n,).
+        tolerance: neighbours closer than this share a level; 0 if only equal values do.
+        note: remark for the report, or "".
     """
 
     level: Float[np.ndarray, " n"]
@@ -91,24 +87,24 @@ def levels_of(
     tolerance: float | None = None,
     beside: Float[np.ndarray, " n"] | None = None,
 ) -> Levels:
-    """The levels of measured values: neighbours nearer than a tolerance are on one level.
+    """Group measured values into levels: neighbours closer than a tolerance share a level.
 
-    Without a tolerance, one is found where the gaps between the sorted values fall clearly into
-    narrow ones, within 2 % of the range, and ones 8 times as wide that leave 1.5 readings to a
-    level: the geometric mean of the two beside the divide. Values that repeat exactly, twice on
-    average, are nominal, or rounded by the gauge: equal ones are on one level, and others only where
-    the gaps show it and no two of them were read at one level of the other quantity, as values that
-    someone set one after the other would have been.
+    If no tolerance is given, it is derived from the gaps between the sorted values. These must separate
+    clearly into narrow gaps (at most 2 % of the range) and gaps at least 8 times as wide, with 1.5 or more
+    readings per level. The tolerance is then the geometric mean of the two gaps at the separation.
+
+    Values that repeat exactly, at least twice on average, are nominal values or were rounded by the gauge.
+    Equal values then share a level. Different values share one only if the gaps show it and no two of them
+    were read at the same level of the other quantity, as two set points would have been.
 
     Args:
-        values: in SI.
-        what: they are, "pressure" or "length".
-        tolerance: in SI, >= 0; None to find one.
-        beside: level of the other quantity of each reading; None where it is not known, and values that
-            repeat are nominal.
+        values: measured values in SI.
+        what: quantity, "pressure" or "length".
+        tolerance: in SI, >= 0; None to derive it.
+        beside: level of the other quantity for each reading. If None, repeated values count as nominal.
 
     Raises:
-        InputError: a tolerance below zero, or one that chains values into a level as wide as the
+        InputError: the tolerance is negative, or it joins values into a level at least as wide as the
             gap to the next one.
 
     >>> levels_of(np.array([79.97e3, 80.03e3, 80.0e3, 120.1e3, 119.9e3]), "pressure").level / 1e3
@@ -125,19 +121,16 @@ def levels_of(
             tolerance = 0.0
     group = _chained(distinct, tolerance)
     numbers = np.arange(group[-1] + 1)
-    low, high = (
-        distinct[np.searchsorted(group, numbers)],
-        distinct[np.searchsorted(group, numbers, "right") - 1],
-    )
-    if given and tolerance > 0 and (high - low).max() >= (low[1:] - high[:-1]).min(initial=np.inf):
-        worst = int(np.argmax(high - low))
-        said, *ends = (
-            Quantity(value, what).in_units("metric")
-            for value in (tolerance, low[worst], high[worst])
-        )
+    low = distinct[np.searchsorted(group, numbers)]
+    high = distinct[np.searchsorted(group, numbers, "right") - 1]
+    width = high - low
+    if given and tolerance > 0 and width.max() >= (low[1:] - high[:-1]).min(initial=np.inf):
+        worst = int(np.argmax(width))
+        ends = (tolerance, low[worst], high[worst])
+        said, first, last = (Quantity(value, what).in_units("metric") for value in ends)
         raise InputError(
-            f"with a tolerance of {said} the readings between {' and '.join(ends)} chain into one "
-            f"{what}, wider than the gap to another: give a smaller tolerance"
+            f"a tolerance of {said} joins all readings between {first} and {last} into one {what}, "
+            "which is wider than the gap to its neighbour: give a smaller tolerance"
         )
     label = group[place]
     count = np.bincount(label)
@@ -145,22 +138,23 @@ def levels_of(
     note = ""
     if tolerance > 0 and count.size < distinct.size:
         note = Sentence(
-            f"Readings whose {what}s are less than ",
+            f"Readings whose {what}s differ by less than ",
             Quantity(tolerance, what),
-            f" apart count as one {what} ({'given' if given else 'found from the gaps between them'}): "
-            f"{distinct.size} values on {count.size} levels.",
+            f" share one {what} (tolerance {'given' if given else 'derived from the gaps'}): "
+            f"{distinct.size} values form {count.size} levels.",
         )
     elif count.size > max(2, _FRACTION * values.size):
         note = (
-            f"Hardly two readings share a {what}, and no gaps divide them into levels: leaving one "
-            f"{what} out leaves out single readings. Give a tolerance "
-            f"(--{what}-tolerance) if they were taken at common {what}s."
+            f"Few readings share a {what}, and the gaps do not separate them into levels. "
+            f"Cross-validation by {what} therefore leaves out single readings. If the readings were "
+            f"taken at common {what}s, state a tolerance in the file: "
+            f"# level: {what}_tolerance_{'kPa = 5' if what == 'pressure' else 'mm = 0.1'}"
         )
     return Levels(mean[label], float(tolerance), note)
 
 
 def _chained(distinct: Float[np.ndarray, " k"], tolerance: float) -> Int[np.ndarray, " k"]:
-    """Number of the level of each value."""
+    """Return the level number of each value."""
     return np.cumsum(np.concatenate([[0], np.diff(distinct) > tolerance]))
 
 
@@ -169,9 +163,9 @@ def _rounded(
     group: Int[np.ndarray, " n"],
     beside: Float[np.ndarray, " n"] | None,
 ) -> bool:
-    """Whether the values of one group are readings of a single value.
+    """True if the values of each group are readings of a single set point.
 
-    What was set on purpose at two neighbouring values was set at both of them somewhere.
+    Two set points close together would both appear at some level of the other quantity.
     """
     if beside is None:
         return False
@@ -181,7 +175,7 @@ def _rounded(
 
 
 def _tolerance_of_gaps(distinct: Float[np.ndarray, " k"], readings: int) -> float:
-    """Tolerance found from the gaps, or 0."""
+    """Return the tolerance that separates narrow from wide gaps, or 0 if there is none."""
     if distinct.size < 3:
         return 0.0
     span = distinct[-1] - distinct[0]
@@ -189,19 +183,19 @@ def _tolerance_of_gaps(distinct: Float[np.ndarray, " k"], readings: int) -> floa
     divide = int(np.argmax(gaps[1:] / gaps[:-1]))
     within, between = gaps[divide], gaps[divide + 1]
     clear = between >= _CLEAR * within and within <= _WITHIN * span
-    clear &= readings >= _SHARED * (gaps.size - divide)  # levels: the wide gaps, and one
+    clear &= readings >= _SHARED * (gaps.size - divide)  # number of levels: wide gaps + 1
     return float(np.sqrt(within * between)) if clear else 0.0
 
 
 def groups_of_levels(
     level: Float[np.ndarray, " n"], values: Float[np.ndarray, " levels"], groups: int | None = None
 ) -> Int[np.ndarray, " n"]:
-    """In which group of neighbouring levels each reading is left out; -1 at none of the levels.
+    """Return the cross-validation group of each reading; -1 if its level is not left out.
 
     Args:
-        level: of each reading.
-        values: levels to be left out, ascending.
-        groups: their number; each level by itself unless given, as far as `MOST_APART` of them.
+        level: level of each reading.
+        values: levels to leave out, ascending.
+        groups: number of groups of neighbouring levels; default: one per level, at most `MOST_APART`.
     """
     count = min(groups or MOST_APART, values.size)
     group = np.searchsorted(values, level) * count // values.size
@@ -212,12 +206,12 @@ def groups_of_levels(
 class ForceData:
     """A static force map in SI, one row per reading.
 
-    A reading with force <= 0 is slack: the muscle would push but buckles instead, so all that is
-    known is that its force is not positive. Readings slightly below zero show the noise of the load
-    cell, and readings up to 1.5 times that force above zero are slack as well. A reading at or above
-    the limit of the load cell is saturated: its force is at least that. Slack and saturated readings
-    are censored: they enter no fit as data, but a fit is checked against the slack ones, and
-    `identify(..., censored=True)` has both as one-sided ones.
+    A reading with force <= 0 is slack: the muscle would push, but it buckles, so only the sign of its
+    force is known. Readings slightly below zero reveal the noise of the load cell; readings up to 1.5
+    times that far above zero are slack as well. A reading at or above the limit of the load cell is
+    saturated: the true force is at least that large. Slack and saturated readings are censored: they are
+    not fitted, but every fit is checked against the slack ones. `identify(..., censored=True)` uses
+    both as one-sided readings.
 
     Attributes:
         force: F [N], shape (n,), positive when the muscle pulls.
@@ -226,17 +220,17 @@ class ForceData:
         specimen: the muscle.
         force_std, pressure_std, length_std: standard deviations in the same units, shape (n,),
             or None.
-        source: where the numbers come from.
+        source: origin of the data, for reports.
         notes: assumptions made when reading, for the report.
-        assumed: fields of the specimen that were not given but assumed, for the verdict.
-        units: of the columns of the file by quantity, where there was one; the numbers are SI.
-        force_limit: largest force [N] that the load cell reads, or None where it never was at it.
-        slack_below: readings up to this force [N] are slack; None to find it from those below zero.
-        count: how many readings were the same to the last digit, shape (n,), or None where none was: they
-            are averaged here, and weigh by their number.
-        taken: what the columns of a file were taken as, for the command that read it.
-        pressure_tolerance, length_tolerance: readings nearer than this [Pa, m] are at one pressure
-            or length, see `levels_of`; None to find it from the gaps between them.
+        assumed: fields of the specimen that were assumed, for the verdict.
+        units: unit of each quantity in the file, if there was one; the values here are in SI.
+        force_limit: largest force [N] that the load cell can read; None if it was never reached.
+        slack_below: readings up to this force [N] are slack; None to derive it from negative readings.
+        count: number of identical readings averaged into each row, shape (n,), used as weight; None if
+            no reading repeats.
+        taken: how the columns of the file were interpreted, for the command that read it.
+        pressure_tolerance, length_tolerance: readings closer than this [Pa, m] share a pressure or
+            length, see `levels_of`; None to derive it from the gaps.
     """
 
     force: np.ndarray
@@ -272,15 +266,14 @@ class ForceData:
             self._average_copies()
         elif np.shape(self.count) != np.shape(self.force):
             raise InputError(
-                "count must have the same length as force; omit it to have it recomputed"
+                "count must have the same length as force; omit it to let it be computed"
             )
 
     def _check_arguments(self) -> None:
-        """Check the types of the arguments that are not columns."""
         if not isinstance(self.specimen, Specimen):
             raise InputError(
-                f"specimen must be a fitting.Specimen, got {shown(self.specimen)}: it has the name, the "
-                "rest length and the wall of the muscle"
+                f"specimen must be a fitting.Specimen (name, rest length, wall thickness), got "
+                f"{shown(self.specimen)}"
             )
         check_mapping("units", self.units, "from columns to units")
         for name in ("pressure_tolerance", "length_tolerance"):
@@ -304,7 +297,7 @@ class ForceData:
                 "reading"
             )
         if name != "force":
-            zero = name in MAY_BE_ZERO
+            zero = name in _MAY_BE_ZERO
             gauge = " (gauge pressure, not absolute)" if name == "pressure" else ""
             for k in np.flatnonzero((values < 0) | ((values == 0) & (not zero))):
                 raise InputError(
@@ -314,7 +307,7 @@ class ForceData:
         return values
 
     def _find_slack(self) -> None:
-        """Readings of a slack muscle scatter about zero: those below it show how far."""
+        """Derive `slack_below`: readings below zero reveal the noise of a slack muscle."""
         noise = -float(self.force.min(initial=0.0))
         small = noise <= _NEAR_ZERO * float(self.force.max(initial=0.0))
         found = _EXTREMES * noise if small else 0.0
@@ -323,41 +316,34 @@ class ForceData:
         if count:
             note = Sentence(
                 f"{count} reading{'s' * (count > 1)} of at most ", Quantity(found, "force", 2),
-                " count as slack: readings below zero show that much noise.",
+                " count as slack: readings below zero show noise of this size.",
             )  # fmt: skip
             object.__setattr__(self, "notes", (*self.notes, note))
 
     def _check_pulls(self) -> None:
-        """Check that some readings pull."""
-        sign = "A muscle pulls with positive force: check the sign of the force column"
-        if not self.loaded.any() and self.saturated.any():
-            raise InputError(
-                f"every reading that pulls is at the limit of the load cell, {self.force_limit:.6g} N, "
-                "or above: nothing to fit. Check force_limit and its unit"
-            )
+        sign = "Pulling forces must be positive: check the sign of the force column"
         if not self.loaded.any():
             raise InputError(
-                f"all {self.force.size} readings are slack (force <= 0): nothing to fit. {sign}"
+                f"all pulling readings are at or above the limit of the load cell, "
+                f"{self.force_limit:.6g} N: nothing to fit. Check force_limit and its unit"
+                if self.saturated.any()
+                else f"all {self.force.size} readings are slack (force <= 0): nothing to fit. {sign}"
             )
         low, high = float(self.force.min()), self.max_force
         if -low > _PUSHES * high:
-            raise InputError(
-                f"the forces reach down to {low:.4g} N and up to {high:.4g} N only. {sign}"
-            )
+            raise InputError(f"the forces range from {low:.4g} N to only {high:.4g} N. {sign}")
 
     def _average_copies(self) -> None:
-        """Readings that are the same to the last digit become one, which weighs by their number."""
-        rows = np.stack([self.force, self.pressure, self.length], axis=1)
+        """Merge identical readings into one, weighted by their number."""
+        rows, n = np.stack([self.force, self.pressure, self.length], axis=1), self.force.size
         order = np.lexsort(rows.T[::-1])
-        new = np.concatenate([[True], (np.diff(rows[order], axis=0) != 0).any(axis=1)])
-        if new.all():
+        starts = np.flatnonzero(np.append(True, (np.diff(rows[order], axis=0) != 0).any(axis=1)))
+        if starts.size == n:
             return
-        starts = np.flatnonzero(new)
-        count = np.diff(np.append(starts, order.size))
-        first = np.minimum.reduceat(order, starts)
-        there = np.argsort(first)
-        first, count = first[there], count[there]
-        n = order.size
+        first = order[starts]
+        in_order = np.argsort(first)
+        count = np.diff(starts, append=n)[in_order]
+        first = first[in_order]
         for name in COLUMNS:
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, values[first])
@@ -369,7 +355,7 @@ class ForceData:
             f"{n - count.size} of {n} readings repeat another to the last digit, such as ",
             Quantity(self.force[k], "force"), " at ", Quantity(self.pressure[k], "pressure"), " and ",
             Quantity(self.length[k], "length"),
-            f" ({count[k]} times): they are averaged, and weigh by their number. If they are copies, "
+            f" ({count[k]} times). They are averaged and weighted by their number. If they are copies, "
             "remove them.",
         )  # fmt: skip
         object.__setattr__(self, "notes", (*self.notes, note))
@@ -383,7 +369,7 @@ class ForceData:
         )
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """The readings in SI, a column each with its unit, and whether they are loaded.
+        """Return the readings in SI, one column per quantity, and a column `loaded`.
 
         Raises:
             InputError: pandas is not installed.
@@ -392,18 +378,19 @@ class ForceData:
         return import_extra("pandas", "tables").DataFrame(self._repeated(held))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The same as a data set over the dimension `reading`, the specimen in its attributes.
+        """Return the columns of `to_pandas` over the dimension `reading`, with the specimen as attributes.
 
         Raises:
             InputError: xarray is not installed.
         """
         held = self._repeated({**self.columns(), "loaded": self.loaded})
-        frame = {name: (("reading",), values, {}) for name, values in held.items()}
         known = {
-            key: one for key, one in dataclasses.asdict(self.specimen).items() if one is not None
+            key: int(one) if isinstance(one, bool) else one
+            for key, one in dataclasses.asdict(self.specimen).items()
+            if one is not None
         }
-        about = {key: int(one) if isinstance(one, bool) else one for key, one in known.items()}
-        return data_set(frame, {}, about)
+        variables = {name: ("reading", values) for name, values in held.items()}
+        return import_extra("xarray", "tables").Dataset(variables, attrs=known)
 
     @classmethod
     def from_pandas(
@@ -415,13 +402,13 @@ class ForceData:
         """Build a force map from a pandas table; column names state the units, as in a CSV file.
 
         Args:
-            frame: with columns such as `force_N`, `pressure_kPa` and `length_mm`; others, such as the
-                `loaded` of `to_pandas`, are left out.
-            specimen: the muscle, or fields of it in SI. What is not said is assumed, as by `read_csv`.
-            columns: which column is which quantity, as of `read_csv`.
+            frame: table with columns such as `force_N`, `pressure_kPa` and `length_mm`; other columns, such
+                as `loaded` from `to_pandas`, are ignored.
+            specimen: the muscle, or its fields in SI. Missing fields are assumed as in `read_csv`.
+            columns: column name of each quantity, see `read_csv`.
 
         Raises:
-            InputError: what is wrong with the columns, as `read_csv` says it.
+            InputError: see `read_csv`.
 
         >>> import pandas
         >>> frame = pandas.DataFrame(
@@ -445,11 +432,11 @@ class ForceData:
     ) -> "ForceData":
         """Build a force map from an xarray data set; see `from_pandas`.
 
-        Variables over several dimensions, such as length and pressure, become one reading for each of
-        their combinations. Without a specimen that in the attributes counts, as `to_xarray` writes it.
+        Variables over several dimensions, such as length and pressure, give one reading per combination.
+        If `specimen` is None, it is read from the attributes, where `to_xarray` writes it.
 
         Raises:
-            InputError: what is wrong with the variables.
+            InputError: see `read_csv`.
         """
         if not hasattr(dataset, "data_vars") or not hasattr(dataset, "to_dataframe"):
             raise InputError(f"dataset must be an xarray.Dataset, got {shown(dataset)}")
@@ -462,14 +449,14 @@ class ForceData:
         return cls.from_pandas(frame, known if specimen is None else specimen, columns)
 
     def _repeated(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Columns with averaged readings repeated as often as they were read."""
+        """Expand averaged readings to their original number."""
         if self.count is None or self.force_std is not None:
             return dict(columns)
         times = self.count.astype(int)
         return {name: np.repeat(values, times) for name, values in columns.items()}
 
     def columns(self, system: str = "si") -> dict[str, np.ndarray]:
-        """The available columns in a unit system, by name and unit."""
+        """Return the available columns in a unit system; keys are `name_unit`."""
         units = unit_system(system)
         return {
             f"{name}_{units[kind]}": values / factor(units[kind], kind)
@@ -479,24 +466,24 @@ class ForceData:
 
     @functools.cached_property
     def pressures(self) -> Levels:
-        """The pressure level [Pa] of every reading: what "at one pressure" means for this map."""
+        """Pressure levels [Pa] of the readings, see `levels_of`."""
         lengths = levels_of(self.length, "length", self.length_tolerance)
         return levels_of(self.pressure, "pressure", self.pressure_tolerance, lengths.level)
 
     @functools.cached_property
     def lengths(self) -> Levels:
-        """The length level [m] of every reading: what "at one length" means for this map."""
+        """Length levels [m] of the readings, see `levels_of`."""
         pressures = levels_of(self.pressure, "pressure", self.pressure_tolerance)
         return levels_of(self.length, "length", self.length_tolerance, pressures.level)
 
     def levels(self, kind: str) -> Float[np.ndarray, " n"]:
-        """The "pressure" [Pa] or "length" [m] level of every reading."""
+        """Return the level of every reading; `kind` is "pressure" [Pa] or "length" [m]."""
         return {"pressure": self.pressures, "length": self.lengths}[kind].level
 
     def left_out_as(self, kind: str) -> Float[np.ndarray, " n"]:
-        """The level that is left out with each reading, or the middle of a group of levels.
+        """Return the left-out level of each reading, or the median of its group of levels.
 
-        Levels are left out one by one, but many of them (see `MOST_APART`) in groups of neighbours.
+        More than `MOST_APART` levels are left out in groups of neighbours.
         """
         level = self.levels(kind)
         group = groups_of_levels(level, np.unique(level[self.loaded]))
@@ -505,40 +492,38 @@ class ForceData:
 
     @property
     def loaded(self) -> Bool[np.ndarray, " n"]:
-        """Rows with a pulling force below the load cell's limit; the others are censored."""
+        """True for pulling forces below the load cell's limit; all other rows are censored."""
         return ~self.slack & ~self.saturated
 
     @property
     def slack(self) -> Bool[np.ndarray, " n"]:
-        """Rows whose force is at most zero, but for the noise."""
+        """True for forces that are zero or negative within the noise."""
         return self.force <= (self.slack_below or 0.0)
 
     @property
     def saturated(self) -> Bool[np.ndarray, " n"]:
-        """Rows whose force is at least the limit of the load cell."""
+        """True for forces at or above the limit of the load cell."""
         return self.force >= (math.inf if self.force_limit is None else self.force_limit)
 
     @property
     def strained(self) -> Bool[np.ndarray, " n"]:
-        """Loaded rows away from the rest length, where the bladder is strained."""
+        """True for loaded rows away from the rest length, where the bladder is strained."""
         away = np.abs(self.lengths.level - self.specimen.rest_length) > self.lengths.tolerance
         return self.loaded & away
 
     @property
     def max_force(self) -> float:
-        """Largest measured force [N]; errors are given relative to it."""
+        """Largest measured force [N], the reference for relative errors."""
         return float(self.force.max())
 
     def part(self, rows: Bool[np.ndarray, " n"]) -> "ForceData":
-        """The force map with some of the readings only.
-
-        What is at one pressure or length does not change with what is left.
+        """Return the force map with selected readings only; level tolerances are kept.
 
         Args:
-            rows: which, shape (n,).
+            rows: mask of the readings to keep, shape (n,).
 
         Raises:
-            InputError: none of them is loaded.
+            InputError: no selected reading is loaded.
         """
         columns = {name: getattr(self, name) for name in (*COLUMNS, "count")}
         kept = {name: None if values is None else values[rows] for name, values in columns.items()}
@@ -551,7 +536,7 @@ class ForceData:
 
     @property
     def sha256(self) -> str:
-        """Hash of the numbers in SI and of the specimen; the file's format does not matter."""
+        """Hash of the SI values and the specimen, independent of the file format."""
         digest = hashlib.sha256()
         for name in COLUMNS:
             values = getattr(self, name)
@@ -567,11 +552,11 @@ class ForceData:
 
 
 _NOT_ASSUMED = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedded"}
-"""Field of a specimen that an assumption has filled in, by what was not said."""
+"""Specimen field that each assumption fills in."""
 
 
 def bundled_names() -> list[str]:
-    """Names of the measured maps that come with famjax.
+    """Return the names of the measured maps that come with famjax.
 
     >>> bundled_names()
     ['DMSP-10-250', 'DMSP-20-300']
@@ -581,10 +566,9 @@ def bundled_names() -> list[str]:
 
 
 def bundled_map_name(name: str) -> str | None:
-    """Name of the bundled map that a text stands for, or None.
+    """Return the bundled map that matches a name, or None.
 
-    In any case, with hyphens or underscores, and with or without the muscle's length, which the name
-    of its card lacks.
+    Case does not matter, nor do underscores for hyphens; the muscle's length may be omitted.
 
     >>> [bundled_map_name(one) for one in ("dmsp_20_300", "DMSP-20", "DMSP-2", "map.csv")]
     ['DMSP-20-300', 'DMSP-20-300', None, None]
@@ -595,14 +579,14 @@ def bundled_map_name(name: str) -> str | None:
 
 
 def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceData:
-    """A measured force map that comes with famjax.
+    """Load a measured force map that comes with famjax.
 
     Args:
-        name: one of `bundled_names()`, or one that `bundled_map_name` takes.
+        name: one of `bundled_names()`, or a variant that `bundled_map_name` accepts.
         specimen: fields of `Specimen` in SI that override those in the file.
 
     Raises:
-        InputError: no such map.
+        InputError: there is no such map.
 
     References:
         Martens & Boblan 2017, Actuators 6(4), tables A1 (DMSP-20-300) and A2 (DMSP-10-250).
@@ -627,33 +611,33 @@ def read_csv(
     specimen: Specimen | Mapping[str, Any] | None = None,
     columns: Mapping[str, str] | None = None,
 ) -> ForceData:
-    """A force map from a file: text in any usual form, or a workbook (.xlsx).
+    """Read a force map from a text file (CSV and similar) or a workbook (.xlsx).
 
-    The columns are found by their names, each with its unit, as in `force_lbf`, `Pressure (psi)` or a row
-    of units below; `force_std_N` and the like are optional. In the place of the length there may be a
+    Columns are recognised by name and unit, as in `force_lbf`, `Pressure (psi)` or with a row of units
+    below the header. Standard deviations such as `force_std_N` are optional. The length may be replaced by
     `contraction`, (L0 - L)/L0, or `contraction_%`. Lines that start with # are comments;
     `# specimen: rest_length_mm = 296` describes the muscle.
 
     Args:
-        path: the file, an open text such as standard input, or a table of pandas.
+        path: the file, an open text stream such as standard input, or a pandas table.
         specimen: the muscle, or fields of `Specimen` in SI that override those in the file.
-        columns: which column is which quantity where the names do not say it, `{"force": "Kraft [N]"}`;
-            also `decimal` and `atmosphere`, see `famjax.tables.read_table`.
+        columns: column name of each quantity that cannot be recognised, `{"force": "Kraft [N]"}`; also
+            `decimal` and `atmosphere`, see `famjax.tables.read_table`.
 
     Returns:
-        The map in SI. What had to be assumed about columns and specimen stands in its `notes`.
+        The map in SI. Its `notes` list all assumptions about columns and specimen.
 
     Raises:
-        InputError: what is wrong with the file, with the number of the row.
+        InputError: the file is invalid; the message names the row.
     """
     given = specimen if isinstance(specimen, Specimen) else None
     if given is None:
         check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
-    check_mapping("columns", columns, "from quantities to names of columns")
+    check_mapping("columns", columns, "from quantities to column names")
     if hasattr(path, "columns") and hasattr(path, "to_csv"):
         return ForceData.from_pandas(path, specimen, columns)
     if not isinstance(path, str | Path) and not callable(getattr(path, "read", None)):
-        raise InputError(f"a force map is read from a path or an open text file, got {shown(path)}")
+        raise InputError(f"a force map needs a path or an open text file, got {shown(path)}")
     table = read_table(path, _NEEDED, optional=_STDS, columns=columns, strict=True)
     known = parse_specimen(_entries(table.comments, "specimen"))
     if isinstance(specimen, Mapping):
@@ -667,18 +651,18 @@ def read_csv(
 
 
 _NEEDED = ("force", "pressure", "length")
-_LEAST_CONTRACTION = 0.006  # of a map: no muscle is measured over less
+_LEAST_CONTRACTION = 0.006  # smallest plausible maximum of a contraction column
 
 
 def _map(
     table: Table, given: Specimen | None, known: dict[str, Any], tolerances: Mapping[str, Any]
 ) -> ForceData:
-    """Build the map from a table and the specimen, or from what is known about the specimen."""
+    """Build the map from a table and the specimen, or from the known fields of the specimen."""
     arrays = dict(table.columns)
     for unknown in sorted(known.keys() - {one.name for one in dataclasses.fields(Specimen)}):
         if unknown != "force_limit":
-            raise InputError(f"unknown entry of the specimen {unknown!r}")
-    notes = [*_told(table), *_near_zero(arrays)]
+            raise InputError(f"unknown specimen entry {unknown!r}")
+    notes = [*_column_notes(table), *_near_zero(arrays)]
     _lengths_of_contractions(arrays, given.rest_length if given else known.get("rest_length"))
     limit = known.pop("force_limit", None)
     muscle: dict[str, Any] = {"specimen": given}
@@ -692,27 +676,27 @@ def _map(
     )  # fmt: skip
 
 
-def _told(table: Table) -> Iterable[str]:
-    """Notes on columns that the user named, and on columns that were ignored."""
-    if named := [(quantity, one) for quantity, one in table.taken.items() if one.named]:
-        said = ", ".join(
-            f"{quantity} is {one.name!r} in {one.unit or '-'}" for quantity, one in named
-        )
-        yield f"As was said, {said}."
+def _column_notes(table: Table) -> Iterable[str]:
+    """Yield notes on columns that the user named, and on ignored columns."""
+    named = [
+        f"{quantity} is {one.name!r} in {one.unit or '-'}"
+        for quantity, one in table.taken.items()
+        if one.named
+    ]
+    if named:
+        yield f"As specified, {', '.join(named)}."
     if table.others:
-        yield f"Columns left aside: {', '.join(table.others)}."
+        yield f"Ignored columns: {', '.join(table.others)}."
 
 
 def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
-    """Read a vented gauge's small negative pressures as 0, with a note."""
+    """Set small negative pressures, from a vented gauge, to 0, with a note."""
     pressure = arrays["pressure"]
     below = pressure < 0
     if below.any() and pressure.min() >= -_NEAR_ZERO * pressure.max():
         arrays["pressure"] = np.where(below, 0.0, pressure)
         least = Quantity(float(pressure.min()), "pressure", 3)
-        yield Sentence(
-            f"{below.sum()} pressures below zero, ", least, " at the least, are read as 0."
-        )
+        yield Sentence(f"{below.sum()} pressures below zero, down to ", least, ", are set to 0.")
 
 
 def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None:
@@ -721,20 +705,19 @@ def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None
         return
     if rest is None:
         raise InputError(
-            "contractions need the rest length: write '# specimen: rest_length_mm = 296' into the "
+            "contractions require the rest length: add '# specimen: rest_length_mm = 296' to the "
             "file, or give --specimen rest_length_mm=296"
         )
     largest = float(arrays["contraction"].max())
     if largest < _LEAST_CONTRACTION:
         raise InputError(
-            f"the largest contraction is {largest:.2%}, which looks like fractions labelled "
-            "percent: if they "
-            'are fractions, --column contraction="NAME [-]"'
+            f"the largest contraction is {largest:.2%}: the values may be fractions labelled as "
+            'percent. If so, give --column contraction="NAME [-]"'
         )
     if largest >= 1:
         raise InputError(
-            f"contraction is {largest:.6g}; (L0 - L)/L0 lies below 1: write percent in a column "
-            "contraction_%, lengths in a column such as length_mm"
+            f"contraction, (L0 - L)/L0, must be below 1, got {largest:.6g}: put percent into a column "
+            "contraction_%, lengths into a column such as length_mm"
         )
     arrays["length"] = rest * (1 - arrays.pop("contraction"))
     if "contraction_std" in arrays:
@@ -742,13 +725,13 @@ def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None
 
 
 def _entries(comments: Iterable[str], wanted: str) -> list[str]:
-    """The entries of lines such as `# specimen: rest_length_mm = 296`, by what stands before the colon."""
+    """Return the text after the colon of comment lines such as `# specimen: rest_length_mm = 296`."""
     parts = [line.lstrip("# \t").partition(":") for line in comments]
     return [entry.strip() for label, _, entry in parts if label.strip() == wanted]
 
 
 def _tolerance(entry: str) -> tuple[str, float]:
-    """Field of `ForceData` and SI value of `pressure_tolerance_kPa = 5`."""
+    """Parse `pressure_tolerance_kPa = 5` into a field of `ForceData` and its SI value."""
     key, _, value = (part.strip() for part in entry.partition("="))
     name, _, unit = key.rpartition("_")
     if name not in {"pressure_tolerance", "length_tolerance"}:
@@ -761,13 +744,13 @@ def _tolerance(entry: str) -> tuple[str, float]:
 
 
 def csv_text(data: ForceData, system: str = "si") -> str:
-    """The text of a CSV file: specimen and notes in comment lines, then one row per reading.
+    """Return a force map as CSV text: specimen and notes as comments, then one row per reading.
 
-    Wall and place of the braid are left out where they were assumed: who reads the file assumes them too.
+    Assumed values of the specimen are omitted; the reader of the file makes the same assumptions.
 
     Args:
         data: the map.
-        system: "si", which reads back to the same bits, "metric" or "us".
+        system: "si", which `read_csv` reads back exactly, "metric" or "us".
 
     >>> lines = csv_text(load_bundled("DMSP-10-250")).splitlines()
     >>> next(line for line in lines if not line.startswith("#"))
@@ -804,18 +787,18 @@ def csv_text(data: ForceData, system: str = "si") -> str:
 
 
 def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
-    """Write a force map, with its specimen and notes.
+    """Write a force map with its specimen and notes to a CSV file.
 
     Args:
         data: the map.
-        path: the file; one that is there is replaced.
-        system: "si", which `read_csv` reads back to the same bits, "metric" or "us".
+        path: the file; an existing one is replaced.
+        system: "si", which `read_csv` reads back exactly, "metric" or "us".
 
     Returns:
         The path.
 
     Raises:
-        InputError: an unknown unit system, or a file that cannot be written.
+        InputError: the unit system is unknown, or the file cannot be written.
     """
     check_maps(data)
     path, text = check_path("path", path), csv_text(data, system)
@@ -830,25 +813,25 @@ def check_maps(*data: object) -> None:
     """Refuse anything that is not a force map, such as the path of a file.
 
     Raises:
-        InputError: one of them is none.
+        InputError: an argument is not a `ForceData`.
     """
     for one in data:
         if not isinstance(one, ForceData):
             raise InputError(
-                f"a force map must be a fitting.ForceData, got {shown(one)}: fitting.read_csv(path) "
-                "reads a file, fitting.load_bundled(name) a bundled map"
+                f"a force map must be a fitting.ForceData, got {shown(one)}: use fitting.read_csv(path) "
+                "for a file, fitting.load_bundled(name) for a bundled map"
             )
 
 
 def several_maps(data: object) -> tuple[ForceData, ...]:
-    """Force maps in a sequence.
+    """Return a sequence of force maps as a tuple.
 
     Raises:
-        InputError: it is one map, or holds something else.
+        InputError: a single map, or an item that is not a map.
     """
     if isinstance(data, ForceData):
         raise InputError(
-            "several force maps must be given in a list, got a single one: fitting.identify takes one"
+            "force maps must be given in a list, got a single one: use fitting.identify for one map"
         )
     if isinstance(data, str | Path) or not isinstance(data, Iterable):
         check_maps(data)
@@ -858,25 +841,10 @@ def several_maps(data: object) -> tuple[ForceData, ...]:
 
 
 def data_frame(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> "pandas.DataFrame":
-    """Rows that share their keys as a data frame.
+    """Return rows with common keys as a data frame.
 
     Raises:
         InputError: pandas is not installed.
     """
     frame = import_extra("pandas", "tables").DataFrame.from_records(list(rows))
     return frame if index is None else frame.set_index(index)
-
-
-Variable = tuple[Sequence[str], np.ndarray, Mapping[str, str]]
-"""Dimensions, values, attributes."""
-
-
-def data_set(
-    variables: Mapping[str, Variable], coordinates: Mapping[str, Variable], about: Mapping[str, Any]
-) -> "xarray.Dataset":
-    """Variables with their units as a data set.
-
-    Raises:
-        InputError: xarray is not installed.
-    """
-    return import_extra("xarray", "tables").Dataset(variables, coordinates, dict(about))

@@ -1,7 +1,4 @@
-"""The report of a fit: a summary, pictures, tables of text for terminal and page, and the page.
-
-Pages are one file each, offline, of one style, on a screen, on a telephone and in print.
-"""
+"""The report of a fit: summary, figures and tables for the terminal, and a self-contained HTML page."""
 
 import dataclasses
 import functools
@@ -48,11 +45,11 @@ class PageTable:
     """A table of a page.
 
     Attributes:
-        title: what it shows, with the units that its header does not say.
-        header: of the columns.
-        rows: cells of text.
-        groups: names over several columns, each with their number; "" over none.
-        text: the cells are words, not numbers.
+        title: caption, with units that the header does not give.
+        header: column headings.
+        rows: cells as text.
+        groups: headings that span columns, each with the number of columns; "" for no heading.
+        text: True if the cells are words, not numbers.
     """
 
     title: str
@@ -62,7 +59,7 @@ class PageTable:
     text: bool = False
 
     def html(self, number: int | None = None) -> Markup:
-        """The table; scrolls sideways by itself where it is wider than the page."""
+        """Render the table as HTML; a table wider than the page scrolls horizontally."""
         label = Markup("") if number is None else Markup(f"<b>Table {number}.</b>")
         return Markup(
             _templates("fitting").get_template("table.html").render(table=self, label=label)
@@ -70,23 +67,23 @@ class PageTable:
 
 
 def page(template: str, package: str = "fitting", **values: object) -> str:
-    """A page from a template that extends `page.html`.
+    """Render a template that extends `page.html`.
 
     Args:
-        template: name of a file in the package's folder `templates`.
-        package: that has it.
-        values: of the template; text is escaped, `markupsafe.Markup` is not.
+        template: name of a file in the folder `templates` of the package.
+        package: package that contains the template.
+        values: variables of the template; text is escaped, `markupsafe.Markup` is not.
     """
     return _templates(package).get_template(template).render(**values)
 
 
 def inline_svg(file: str, name: str, description: str) -> Markup:
-    """An SVG file for the inside of a page.
+    """Return an SVG image for embedding in a page.
 
     Args:
-        file: its text.
-        name: before each of its ids, which are its own then among all figures of the page.
-        description: for those who do not see it.
+        file: text of the SVG file.
+        name: prefix that makes its ids unique on the page.
+        description: alternative text.
     """
     drawn = _SVG_ID.sub(rf"\g<1>{name}-", file[file.index("<svg") :])
     label = f'<svg role="img" aria-label="{escape(description)}"'
@@ -100,26 +97,26 @@ def _templates(package: str) -> jinja2.Environment:
 
 
 _COLOURS = mpl.colormaps["viridis"]
-_BEYOND = 1.25  # the law is drawn to this multiple of the strain range
-_CURVES = 24  # of the model at most: a map may have as many pressures as readings
-_PROFILES = 6  # in one picture
-_SINGLE = 500  # readings that a page has one by one; more are a picture in it
+_BEYOND = 1.25  # largest strain of the plotted law, relative to the strain range
+_CURVES = 24  # largest number of model curves
+_PROFILES = 6  # largest number of profiles in a figure
+_SINGLE = 500  # largest number of readings drawn as vectors; more are rasterised
 
 
 def plot_fit(result: Identification, system: str = "metric") -> Figure:
-    """The figure of an identification: isobars, residuals and material law.
+    """Plot isobars, residuals and material law of an identification.
 
     Args:
-        result: what `identify` returned.
+        result: result of `identify`.
         system: "si", "metric" or "us".
 
     Returns:
-        A figure, not shown; save it with `savefig`.
+        The figure, not shown; save it with `savefig`.
     """
     check_identified(result)
     figure = Figure(figsize=(11, 6.2))
     FigureCanvasAgg(figure)
-    # Places are given: a layout engine draws the figure once more before each drawing.
+    # Fixed positions: a layout engine would draw the figure twice.
     axes = figure.subplot_mosaic(
         [["isobars", "bar", ".", "residuals"], ["isobars", "bar", ".", "law"]],
         width_ratios=[3, 0.06, 0.62, 2],
@@ -150,17 +147,17 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
 
 
 def _shade(result: Identification, system: str) -> Normalize:
-    """The pressures of a map as colours."""
+    """Colour scale of the pressures of a map."""
     levels = result.data.pressures.level / _unit(system, "pressure")
     return Normalize(levels.min(), levels.max())
 
 
 def _axes(result: Identification, axes: Axes | None) -> Axes:
-    """The given axes, or pyplot's current ones."""
+    """Return the given axes, or pyplot's current ones."""
     check_identified(result)
     if axes is not None:
         return axes
-    from matplotlib import pyplot  # noqa: PLC0415 -- it looks for a screen
+    from matplotlib import pyplot  # noqa: PLC0415 -- pyplot may open a display
 
     return pyplot.gca()
 
@@ -168,7 +165,7 @@ def _axes(result: Identification, axes: Axes | None) -> Axes:
 def _scatter(
     result: Identification, axes: Axes, values: np.ndarray, system: str, **style: Any
 ) -> None:
-    """Loaded readings over their contraction, a colour for each pressure."""
+    """Plot values of the loaded readings against contraction, coloured by pressure."""
     data, loaded = result.data, result.data.loaded
     axes.scatter(
         1 - data.length[loaded] / data.specimen.rest_length,
@@ -186,11 +183,11 @@ def _unit(system: str, kind: str) -> float:
 
 
 def plot_isobars(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
-    """Force against contraction: the readings and the model, a colour for each pressure.
+    """Plot measured and modelled force against contraction, coloured by pressure.
 
     Args:
-        result: what `identify` returned.
-        axes: to draw on; pyplot's current ones unless given.
+        result: result of `identify`.
+        axes: axes to draw on; default: pyplot's current ones.
         system: "si", "metric" or "us".
 
     Returns:
@@ -198,10 +195,8 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     """
     axes, shade, data = _axes(result, axes), _shade(result, system), result.data
     force_unit, pressure_unit = _unit(system, "force"), _unit(system, "pressure")
-    rest, lengths = (
-        data.specimen.rest_length,
-        np.linspace(data.length.min(), data.length.max(), 200),
-    )
+    rest = data.specimen.rest_length
+    lengths = np.linspace(data.length.min(), data.length.max(), 200)
     levels = np.unique(data.pressures.level[data.loaded])
     shown = np.linspace(0, levels.size - 1, min(levels.size, _CURVES)).round().astype(int)
     levels = levels[shown]
@@ -224,7 +219,7 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
 def plot_residuals(
     result: Identification, axes: Axes | None = None, system: str = "metric"
 ) -> Axes:
-    """Residuals against contraction, a colour for each pressure; arguments of `plot_isobars`."""
+    """Plot residuals against contraction, coloured by pressure; arguments as in `plot_isobars`."""
     axes, rmse = _axes(result, axes), result.errors.rmse / _unit(system, "force")
     for level, style in ((0.0, "-"), (rmse, ":"), (-rmse, ":")):
         axes.axhline(level, color="0.7", lw=0.8, ls=style)
@@ -236,7 +231,7 @@ def plot_residuals(
 
 
 def plot_law(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
-    """Stress of the bladder against its strain, dashed where it falls; arguments of `plot_isobars`."""
+    """Plot bladder stress against strain, dashed where it decreases; arguments as in `plot_isobars`."""
     axes, nodes = _axes(result, axes), result.node_pressures
     strain, material = np.linspace(0, _BEYOND * result.strain_range, 400), result.muscle.material
     if nodes is None:
@@ -259,7 +254,7 @@ def plot_law(result: Identification, axes: Axes | None = None, system: str = "me
 
 
 def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
-    """Photographed (points) and computed profiles (lines), from the longest to the shortest muscle."""
+    """Plot photographed (points) and computed profiles (lines) from the longest to the shortest muscle."""
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     FigureCanvasAgg(figure)
     axes, size = figure.subplots(), _unit(system, "length")
@@ -281,7 +276,7 @@ def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
 def law_stress(
     material: famjax.materials.AbstractMaterial, strain: famjax.Real, pressure: famjax.Real
 ) -> Float[Array, "pressures strains"]:
-    """Stress [Pa] in a tensile test; of a law without interaction, in either direction."""
+    """Stress [Pa] in a tensile test, or in one direction if the law has no interaction."""
     tensile = getattr(material, "uniaxial_stress", None)
     if tensile is not None:
         return tensile(strain)[None]
@@ -289,7 +284,7 @@ def law_stress(
 
 
 def specimen_table(result: Identification, system: str) -> Table:
-    """The specimen, and the ranges of the readings."""
+    """Return the table of the specimen and the ranges of the readings."""
     data, units = result.data, unit_system(system)
 
     def row(name: str, value: Any) -> tuple[str, ...]:
@@ -302,12 +297,12 @@ def specimen_table(result: Identification, system: str) -> Table:
     for name in ("length", "pressure", "force"):
         ends = (from_si(f(getattr(data, name)), units[name], name) for f in (np.min, np.max))
         rows.append((f"{name}s measured", " to ".join(f"{end:.5g}" for end in ends), units[name]))
-    rows.append(("readings", f"{data.force.size}, of which {data.loaded.sum()} pull", ""))
+    rows.append(("readings", f"{data.force.size}, {data.loaded.sum()} of them pulling", ""))
     return "Specimen and readings", ("entry", "value", "unit"), rows
 
 
 _ALONE = 0.98
-"""Correlation beyond which the data tell two parameters only together."""
+"""Correlation above which the data do not determine two parameters separately."""
 _TAKES_PART = {
     "deadband_pressure": "a deadband", "end_factor": "rounded ends", "end_length": "rounded ends",
     "braid_compliance": "a compliant braid", "series_compliance": "a compliant rig",
@@ -315,23 +310,20 @@ _TAKES_PART = {
 
 
 def described(part: object) -> str:
-    """The documentation of a class up to its attributes, or its name."""
-    found = (
-        inspect.cleandoc(type(part).__doc__ or "").partition("Attributes:")[0].partition(">>>")[0]
-    )
-    own = found and not found.startswith(
-        f"{type(part).__name__}("
-    )  # what a dataclass says by itself
-    return " ".join(found.split()) if own else f"{type(part).__name__}."
+    """Return the docstring of a class up to its attributes, or else its name."""
+    name, text = type(part).__name__, inspect.cleandoc(type(part).__doc__ or "")
+    found = re.split("Attributes:|>>>", text)[0]
+    generated = found.startswith(f"{name}(")  # the default docstring of a dataclass
+    return " ".join(found.split()) if found and not generated else f"{name}."
 
 
 def terms_of(muscle: famjax.AbstractMuscle) -> tuple[famjax.terms.AbstractForceTerm, ...]:
-    """The force terms of a muscle that has terms."""
+    """Return the force terms of a muscle, if it has any."""
     return muscle.terms.terms if isinstance(muscle, famjax.Muscle) else ()
 
 
 def in_words(result: Identification) -> str:
-    """The model of a fit in a line: law, geometry, and what else takes part."""
+    """Describe the model of a fit in one line: law, geometry and extras."""
     muscle = result.muscle
     if isinstance(muscle, famjax.EquilibriumMuscle):
         return f"{result.law.name} law, the shape from mechanics between two end-fittings"
@@ -340,30 +332,29 @@ def in_words(result: Identification) -> str:
     shape = "a cylindrical braid"
     if type(geometry).__module__ != "famjax.geometries":
         shape = described(geometry).partition(":")[0].rstrip(".").lower()
-    plain = {"end_factor": 1.0}
     parts = [
         _TAKES_PART[one.name] for one in result.estimates
-        if one.name in _TAKES_PART and one.value > plain.get(one.name, 0.0)
+        if one.name in _TAKES_PART and one.value > (one.name == "end_factor")  # 1: no effect
     ]  # fmt: skip
     parts += [type(one).__name__ for one in terms if type(one).__module__ != "famjax.terms"]
     return f"{result.law.name} law{order}, {shape}{' with ' * bool(parts)}{', '.join(parts)}"
 
 
 _WITHIN = (
-    "The fit describes the quasi-static force within the measured lengths and pressures, and nothing "
-    "outside them. The braid angle is measured from the circumference."
+    "The fit describes the quasi-static force within the measured lengths and pressures only. "
+    "The braid angle is measured from the circumference."
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class Findings:
-    """A fit with its evidence, choice and verdict, as text in a unit system.
+    """A fit with its evidence, choice and verdict, formatted as text in a unit system.
 
     Attributes:
-        result: what `identify` returned, or the chosen one of a choice.
+        result: result of `identify`, or the chosen fit of a choice.
         evidence: validation and uncertainty.
-        choice: of which the result is the chosen family, where it was chosen.
-        judgement: the verdict; None where the fit alone tells it.
+        choice: choice that the result comes from, if any.
+        judgement: the verdict; None to derive it from the fit.
     """
 
     result: Identification
@@ -380,14 +371,14 @@ class Findings:
         return judge(self.result, (), self.evidence.left_out, question)
 
     def verdict(self, system: str, most: int | None = None) -> str:
-        """Whether the fit may be trusted, with the gravest reasons, and what could not be checked."""
+        """Return the verdict with its most serious reasons, and what could not be checked."""
         told = [f"{self.judged.level.capitalize()}.", *self.judged.reasons[:most]]
         return " ".join(
             sentence_in_units(one, system) for one in (*told, self.judged.unchecked) if one
         )
 
     def summary(self, system: str = "metric") -> list[tuple[str, str]]:
-        """Label and sentence of what a reader must know first."""
+        """Return the summary lines, each a label and a sentence."""
         result, errors = self.result, self.result.errors
         model = in_words(result)
         if self.choice is not None:
@@ -410,7 +401,7 @@ class Findings:
         ]
 
     def _not_separable(self) -> str:
-        """Groups of parameters that the data tell only together."""
+        """Name the groups of parameters that the data determine only together."""
         if not np.isfinite(self.result.certificate.condition):
             return "the parameters: these data do not determine each of them."
         names, matrix = correlations(self.result)
@@ -424,17 +415,17 @@ class Findings:
         return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
 
     def numbers(self, system: str) -> Table:
-        """Five numbers that one asks first of a muscle, each with its standard error."""
+        """Return the table of the five main numbers of a muscle, with standard errors."""
         result, units = self.result, unit_system(system)
         data, rest = result.data, result.data.specimen.rest_length
         levels = np.unique(data.pressures.level[data.loaded])
         lengths = np.linspace(rest, data.length.min(), 200)
         curves = result.predict(lengths, levels[:, None])
 
-        rows: list[tuple[str, float, float, float, str]] = []  # name, pressure, value, error, kind
-        rows.append(
+        # Name, pressure, value, standard error, kind of unit.
+        rows: list[tuple[str, float, float, float, str]] = [
             ("blocked force", levels[-1], curves[-1, 0], self._std(rest, levels[-1]), "force")
-        )
+        ]
         ended = [k for k, curve in enumerate(curves) if curve[0] > 0 > curve[-1]]
         for level, curve in [(levels[k], curves[k]) for k in ended[-1:]]:
             end = int(np.argmax(curve < 0))
@@ -467,19 +458,18 @@ class Findings:
         return title, ("quantity", "pressure", "value", "std. error", "unit"), text
 
     def _std(self, length: float, pressure: float) -> float:
-        """Standard error [N] of a predicted reading; nan where it is not known."""
+        """Standard error [N] of a predicted reading; nan if unknown."""
         known = self.choice or self.evidence.error
         if known is None:
             return math.nan
         return float(known.half_band(np.array([length]), np.array([pressure]))[0]) / 1.96
 
     def next_steps(self, system: str) -> list[str]:
-        """What a reader should do: what each doubt asks for, then the commands that follow."""
-        asked = [
-            sentence_in_units(one, system) for one in (*self.judged.reasons, self.judged.unchecked)
-        ]
+        """Return the recommended next steps: remedies for each doubt, then commands."""
+        doubts = (*self.judged.reasons, self.judged.unchecked)
+        asked = [sentence_in_units(one, system) for one in doubts if one]
         if not self.judged.passed:
-            return [*filter(None, asked)]
+            return asked
         data, units = self.result.data, unit_system(system)
         L, P = (float(np.median(v[data.loaded])) for v in (data.length, data.pressure))
         length, pressure = (
@@ -487,30 +477,29 @@ class Findings:
             for v, kind in ((L, "length"), (P, "pressure"))
         )
         return [
-            *filter(None, asked),
+            *asked,
             f"Predict: famjax predict fit.json --length {length} --pressure {pressure}",
             "Test further: famjax assess fit.json --validate --profile",
         ]
 
     def model(self, system: str) -> list[str]:
-        """What the model is, in sentences: law, geometry, terms, stability, optimum."""
+        """Describe the model in sentences: law, geometry, terms, stability, optimum."""
         result, certificate = self.result, self.result.certificate
         muscle = result.muscle
-        rig = "The rig is taken as rigid."
-        if float(result.mounted.compliance):
-            rig = "The rig is compliant, see series_compliance."
+        compliant = float(result.mounted.compliance) != 0
+        rig = f"The rig is {'compliant, see series_compliance' if compliant else 'assumed rigid'}."
         law = f"Bladder law: {described(muscle.material)}"
         if isinstance(muscle, famjax.EquilibriumMuscle):
             return [
                 law,
                 f"Geometry: {described(muscle)} {rig}",
                 "The shape is stable at every loaded reading (smallest stiffness "
-                f"{certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear in the law: the "
-                "optimum is the best of those that were found, without a certificate.",
+                f"{certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear in the law, so the "
+                "optimum is the best one found and has no certificate.",
                 *([] if result.pictures is None else [result.pictures.summary()]),
                 _WITHIN,
             ]
-        # A margin at rounding level is that of an active constraint.
+        # The margin of an active constraint is zero within rounding.
         stable = certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max())
         margin = Quantity(certificate.stability_margin, "stress", 3).in_units(system)
         terms = [described(one).partition(". ")[0] for one in terms_of(muscle)]
@@ -525,7 +514,7 @@ class Findings:
         ]
 
     def tables(self, system: str = "metric") -> list[Table]:
-        """The tables of a fit."""
+        """Return the tables of a fit."""
         return [
             *([] if self.choice is None else [choice_table(self.choice, system)]),
             _parameter_table(self.result, system),
@@ -534,26 +523,26 @@ class Findings:
         ]
 
     def notes(self, system: str = "metric") -> tuple[str, ...]:
-        """What a reader must know besides the summary: choice, further reasons, warnings, bands."""
+        """Return the notes to the summary: choice, further reasons, warnings, bands."""
         choice, error = self.choice, self.evidence.error
         found = (
             *(() if choice is None else (choice.clear, *choice.dropped)),
             *self.judged.reasons[2:],
             *(one for one in self.result.warnings if one not in self.judged.reasons),
             *evidence_warnings(self.evidence, self.result),
-            *(() if error is None else (f"The 95 % bands of predictions are of {error.covers}.",)),
+            *(() if error is None else (f"The 95 % bands of predictions cover {error.covers}.",)),
         )
         return tuple(sentence_in_units(one, system) for one in found)
 
     def html(self, system: str = "metric") -> str:
-        """Verdict, table and picture for a notebook."""
+        """Return verdict, table and figure as HTML for a notebook."""
         figure = Figure(figsize=(6, 3.6), layout="constrained")
         plot_isobars(self.result, figure.subplots(), system)
         return as_html(self.result.data.specimen.name, self.summary(system), figure)
 
 
 def _with_error(one: Estimate, system: str) -> str:
-    """A parameter with its error, to two digits of it: `braid_diameter 27.335 +- 0.087 mm`."""
+    """Format a parameter with its error to two digits: `braid_diameter 27.335 +- 0.087 mm`."""
     unit = unit_system(system)[one.kind]
     value, error = (from_si(v, unit, one.kind) for v in (one.value, one.stderr))
     if one.fixed or one.at_bound or not (math.isfinite(error) and error > 0):
@@ -609,7 +598,7 @@ def _quality_table(result: Identification, system: str) -> Table:
         optimum = [("smallest stiffness of the shape (stable > 0)", margin)]
     active = "; ".join(sentence_in_units(one, system) for one in result.active_constraints)
     rows = [
-        ("readings", f"{errors.n_points} loaded; {errors.n_slack} slack, which are censored"),
+        ("readings", f"{errors.n_points} loaded; {errors.n_slack} slack (censored)"),
         ("RMSE", force(errors.rmse)),
         ("MAE", force(errors.mae)),
         ("largest error", force(errors.max)),
@@ -626,16 +615,16 @@ def _quality_table(result: Identification, system: str) -> Table:
 
 
 _GRID = 41, 25
-"""Lengths and pressures between which the sliders of a page step."""
+"""Number of lengths and pressures of the sliders on a page."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Live:
-    """What the sliders of a page show: the model's own numbers at every place of them.
+    """Model values at every position of the sliders on a page.
 
     Attributes:
-        json: numbers as `famjax predict` prints them, and the outline, in units.
-        units: of length, pressure and force.
+        json: values as `famjax predict` prints them, and the outline of the muscle.
+        units: units of length, pressure and force.
     """
 
     json: Markup
@@ -643,7 +632,7 @@ class Live:
 
     @classmethod
     def of(cls, result: Identification, system: str) -> "Live":
-        """The states of an identified muscle over its readings."""
+        """Evaluate an identified muscle over the range of its readings."""
         units, data = unit_system(system), result.data
 
         def places(kind: str, low: float, high: float, count: int) -> list[str]:
@@ -699,7 +688,7 @@ def _middle(
 
 
 def _known(values: Array | np.ndarray) -> list[list[float | None]]:
-    """Four digits of each value; None where it is not known."""
+    """Round each value to four digits; None for nan."""
     rows = np.asarray(values, float)
     return [[float(f"{one:.4g}") if math.isfinite(one) else None for one in row] for row in rows]
 
@@ -710,7 +699,7 @@ def html_report(
     figure: Figure | None = None,
     origin: Origin | None = None,
 ) -> str:
-    """The report as one self-contained HTML page; `figure` is that of `plot_fit`, if it is made."""
+    """Return the report as one self-contained HTML page; pass the `figure` of `plot_fit` to reuse it."""
     result = found.result
     drawn = plot_fit(result, system) if figure is None else figure
     profiles = None
@@ -746,14 +735,14 @@ def write_fit(
     """Write `fit.json`, `fit.png` and `report.html`, all or none.
 
     Args:
-        result: what `identify` returned.
-        folder: created if missing; files of an earlier fit are replaced.
-        system: units of picture and report; `fit.json` is in SI.
-        evidence: validation and uncertainty, if there are any.
-        origin: date and command, which file and report then say.
-        choice: of which the result is the chosen family, where it was chosen.
-        judgement: the verdict; found from the fit alone unless given.
-        problem: by which the fit can be repeated, for `famjax assess`.
+        result: result of `identify`.
+        folder: output folder, created if missing; files of an earlier fit are replaced.
+        system: units of figure and report; `fit.json` is in SI.
+        evidence: validation and uncertainty, if available.
+        origin: date and command to record in file and report.
+        choice: choice that the result comes from, if any.
+        judgement: the verdict; default: derived from the fit.
+        problem: problem description from which `famjax assess` repeats the fit.
 
     Returns:
         The paths written.
@@ -765,11 +754,9 @@ def write_fit(
     folder = check_path("folder", folder)
     found = Findings(result, evidence or Evidence(), choice, judgement)
     document = fit_as_dict(result, evidence, origin, choice=choice, judgement=found.judged)
-    figure = plot_fit(result, system)
+    figure, document = plot_fit(result, system), {**document, "problem": problem}
     files = {
-        "fit.json": json.dumps(
-            {**document, "problem": problem}, indent=1, allow_nan=False
-        ).encode(),
+        "fit.json": json.dumps(document, indent=1, allow_nan=False).encode(),
         "fit.png": as_png(figure),
         "report.html": html_report(found, system, figure, origin).encode(),
     }

@@ -1,4 +1,4 @@
-"""`fit.json`: everything about a fit in one self-describing file, and the way back; the card of a fit."""
+"""Write a fit to `fit.json`, load it again, and make a muscle card from it."""
 
 import dataclasses
 import functools
@@ -62,7 +62,7 @@ from .series import Series
 from .verdict import Judgement, judge, judge_series
 
 SCHEMA = "famjax-fit/2"
-_WANTED = "give a fit.json that famjax fit has written"
+_WANTED = "give a fit.json written by famjax fit"
 
 _ERRORS = {
     "rmse": "rmse_N", "mae": "mae_N", "max": "max_error_N", "max_force": "max_force_N",
@@ -76,33 +76,33 @@ _CERTIFICATE = {
     "gradient_residual": "gradient_residual", "condition": "condition", "n_starts": "n_starts",
     "n_agreeing": "n_starts_agreeing", "shape_margin": "shape_margin_N_per_m",
 }  # fmt: skip
-"""Where each figure is in the file."""
+"""Key of each field in the file."""
 _SAID = tuple(
     one.name
     for one in dataclasses.fields(ForceData)
     if one.name not in {*COLUMNS, "specimen", "notes", "assumed"}
 )
-"""Further facts about a map."""
-_KNOWN = "known"  # a geometry that is the muscle's own, such as a measured one
-_MECHANICS = "equilibrium"  # that follows from mechanics
+"""Fields of a map that are saved under their own names."""
+_KNOWN = "known"  # the geometry is given, such as a measured one
+_MECHANICS = "equilibrium"  # the geometry follows from mechanics
 
 
 def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
-    """A saved fit: what `identify` returned, and what was found of it.
+    """Load a saved fit as the result that `identify` returned, with its evidence.
 
-    It opens as the problem that it was where something asks for that, as `validate` and `profile` do.
+    `validate`, `profile` and similar functions rebuild the problem from the file when they need it.
 
     Args:
         path: a `fit.json`.
-        own: modules and classes that are trusted, such as `("my_rubber",)` or `(Gent,)`. A fit that names
-            a class of another module than these is refused: importing it would run its code.
+        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A fit that names a class
+            of any other module is refused, since importing that module would run its code.
 
     Returns:
         The fit. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
 
     Raises:
-        InputError: no such file, not a fit of this program, of a schema it does not know, one that
-            lacks what it must hold, or one with a class that is not trusted.
+        InputError: the file is missing, damaged, not a fit or of an unknown schema, or it names a class
+            that is not trusted.
     """
     path = check_path("a saved fit", path)
     try:
@@ -119,7 +119,7 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
     except NotTrustedError as error:
         raise NotTrustedError(f"{path}: {error}") from None
     except KeyError as error:
-        raise InputError(f"{path} is damaged: it has no entry {error}; {_WANTED}") from None
+        raise InputError(f"{path} is damaged: entry {error} is missing; {_WANTED}") from None
     except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{path} is damaged: {error}; {_WANTED}") from None
 
@@ -177,16 +177,16 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
 
 
 def _opened(document: Mapping[str, Any], own: Own) -> Solved:
-    """The problem of a file, and its optimum, from which one descent starts.
+    """Rebuild the problem from a saved fit; its optimum is the only start.
 
     Raises:
-        InputError: specimens that were identified together, or parts that a file cannot name.
+        InputError: several specimens were identified together, or a part cannot be restored from a file.
     """
     fit, asked = _identification(document, own), document["posed"]
     if asked is None:
         raise InputError(
-            "the file does not hold the problem of this fit: it is one of several specimens, or has a "
-            "geometry that is made by a function or of elastic threads. Identify it again"
+            "this fit cannot be restored from its file: it belongs to several specimens, or its geometry "
+            "is built by a function or has elastic threads. Repeat the identification"
         )
     geometry, terms = asked["geometry"], asked["terms"]
     if geometry is not None and ":" in geometry:
@@ -214,14 +214,14 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
 
 
 def _geometry(fit: Identification, said: str | None) -> Any:
-    """The geometry that a file names, as `pose` takes it."""
+    """Return the geometry named in a file as an argument of `pose`."""
     if said == _MECHANICS:
         return EquilibriumSource.of(fit.data)
     return getattr(fit.muscle, "geometry", None) if said == _KNOWN else said
 
 
 def _said(one: Estimate) -> Parameter:
-    """What was said of a parameter, in SI."""
+    """Return the specification of a parameter in SI."""
     unit = si_unit(one.kind)
     if one.fixed:
         return Parameter(value=one.value, vary=False, unit=unit)
@@ -230,7 +230,7 @@ def _said(one: Estimate) -> Parameter:
 
 
 def _posed(result: Identification) -> dict[str, Any] | None:
-    """What opens the problem again beside the estimates; None where a file cannot say it."""
+    """Return what `_opened` needs in addition to the estimates; None if a file cannot store it."""
     problem = result.problem
     family = problem.parts[result.place].family
     if len(problem.parts) > 1 or not isinstance(family, MuscleFamily):
@@ -254,7 +254,7 @@ def _posed(result: Identification) -> dict[str, Any] | None:
 
 
 def _array(values: Any) -> np.ndarray:
-    """Numbers, nan where there is none."""
+    """Convert a list to floats; null becomes nan."""
     return np.array(values, float)
 
 
@@ -273,18 +273,14 @@ def _data(saved: Mapping[str, Any]) -> ForceData:
     specimen = {name.removesuffix("_m"): value for name, value in saved["specimen"].items()}
     said: dict[str, Any] = {name: saved[name] for name in _SAID}
     said = {name: _array(one) if isinstance(one, list) else one for name, one in said.items()}
-    notes = tuple(map(_sentence, saved["notes"]))
     return ForceData(
-        **columns,
-        **said,
-        specimen=Specimen(**specimen),
-        notes=notes,
-        assumed=tuple(saved["assumed"]),
-    )
+        **columns, **said, specimen=Specimen(**specimen),
+        notes=tuple(map(_sentence, saved["notes"])), assumed=tuple(saved["assumed"]),
+    )  # fmt: skip
 
 
 def _parts(sentence: str) -> Any:
-    """A sentence for JSON, which keeps the quantities in it."""
+    """Convert a sentence to JSON; its quantities are kept."""
     if isinstance(sentence, Sentence):
         return [_parts(one) if isinstance(one, str) else one._asdict() for one in sentence.parts]
     return sentence
@@ -299,7 +295,7 @@ def _sentence(parts: Any) -> str:
 
 
 def _mounted(entry: Mapping[str, Any], own: Own) -> famjax.MountedMuscle:
-    """A muscle in its rig, from its entry."""
+    """Restore a muscle with its rig."""
     exponent = entry.get("series_exponent")
     return famjax.MountedMuscle(
         muscle_from_dict(entry["muscle"], own=own),
@@ -309,10 +305,10 @@ def _mounted(entry: Mapping[str, Any], own: Own) -> famjax.MountedMuscle:
 
 
 def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Own) -> Outlook:
-    """What predictions are made of.
+    """Restore the data for predictions.
 
     Raises:
-        ValueError: directions of a muscle of other numbers.
+        ValueError: the directions do not fit the muscle's parameters.
     """
     averaged, spread = document["averaged_with"], document["spread"]
     weights = [float(one["weight"]) for one in averaged]
@@ -343,7 +339,7 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
 
 
 def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
-    """One estimate in a unit system, ready for JSON."""
+    """Return an estimate in a unit system, ready for JSON."""
     unit = unit_system(system)[estimate.kind]
 
     def scaled(value: float) -> float | None:
@@ -360,7 +356,7 @@ def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
 _NUMBERS = {
     "value": math.nan, "stderr": math.nan, "sandwich_stderr": math.nan, "min": -math.inf, "max": math.inf,
 }  # fmt: skip
-"""Of an estimate, and what stands for null."""
+"""Numbers of an estimate, and the value of null."""
 
 
 def _estimate(name: str, saved: Mapping[str, Any]) -> Estimate:
@@ -378,7 +374,7 @@ def summary_as_dict(
     choice: Choice | None = None,
     judgement: Judgement | None = None,
 ) -> dict[str, Any]:
-    """The figures of a fit as one flat JSON object; parameters in the unit system, the rest SI."""
+    """Return the results of a fit as a flat JSON object: parameters in the unit system, the rest in SI."""
     judged, asked = judge(result) if judgement is None else judgement, _known(result, evidence)
     fixed = result.node_pressures is None
     warnings = (*result.warnings, *evidence_warnings(asked, result))
@@ -410,7 +406,7 @@ def summary_as_dict(
 
 
 def _known(result: Identification, evidence: Evidence | None) -> Evidence:
-    """The evidence, or of a chosen family what its choice found."""
+    """Return the evidence, or else what the choice of the family found."""
     return evidence or Evidence(error=result.outlook.error)
 
 
@@ -418,15 +414,15 @@ _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
 
 
 def versions() -> dict[str, str]:
-    """Versions of the program and of what its numbers depend on."""
+    """Return the versions of famjax, Python and the numerical packages."""
     packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {"famjax": famjax.__version__, "python": platform.python_version(), **packages}
 
 
 def correlations(result: Identification) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
-    """Names and correlations of what the data determine, by linear theory.
+    """Return names and correlations of the identified parameters from linear theory.
 
-    What is held, at a bound or not identifiable has no standard error and is left out.
+    Parameters that are fixed, at a bound or not identifiable have no standard error and are left out.
     """
     names = result.names + result.coefficient_names
     variance = np.diag(result.covariance)
@@ -444,14 +440,14 @@ def fit_as_dict(
     choice: Choice | None = None,
     judgement: Judgement | None = None,
 ) -> dict[str, Any]:
-    """The whole content of `fit.json`, in SI.
+    """Return the content of `fit.json` in SI.
 
     Args:
-        result: what `identify` returned.
-        evidence: validation and uncertainty, if there are any.
-        origin: date and command, if the file is to say them.
-        choice: of which the result is the chosen family, where it was chosen.
-        judgement: the verdict; found from the fit alone unless given.
+        result: result of `identify`.
+        evidence: validation and uncertainty, if available.
+        origin: date and command to record, if any.
+        choice: choice that the result comes from, if any.
+        judgement: the verdict; default: derived from the fit.
     """
     names, matrix = correlations(result)
     data, asked, outlook = result.data, _known(result, evidence), result.outlook
@@ -475,7 +471,7 @@ def fit_as_dict(
         "spread": {
             "band": "linear" if drawn is None else "bootstrap",
             "directions": muscle_spread(result, drawn).tolist(),
-            # To six digits: there may be thousands of numbers in a measured shape.
+            # Six digits: a measured shape may have thousands of numbers.
             "shared_directions": [[float(f"{value:.6g}") for value in row] for row in shared],
         },
         **summary_as_dict(result, evidence=asked, choice=choice, judgement=judgement),
@@ -503,7 +499,7 @@ def _finite(values: Iterable[float]) -> list[float | None]:
 
 
 def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
-    """What the rig is: its exponent is not there where it gives way in proportion to the force."""
+    """Return the entries of a rig; a linear one has no exponent."""
     compliance = {"series_compliance_m_per_N": float(mounted.compliance)}
     exponent = mounted.exponent
     return compliance if exponent is None else {**compliance, "series_exponent": float(exponent)}
@@ -512,16 +508,15 @@ def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
 def _in_rigs(
     muscles: Iterable[famjax.MountedMuscle], **about: Sequence[Any]
 ) -> list[dict[str, Any]]:
-    """Muscles in their rigs, each with what is said about it."""
-    found = []
-    for one, *said in zip(muscles, *about.values(), strict=True):
-        known = dict(zip(about, said, strict=True))
-        found.append({**known, **_rig(one), "muscle": muscle_as_dict(one.muscle)})
-    return found
+    """Return the entries of muscles with their rigs; `about` has one further value per muscle."""
+    return [
+        {**dict(zip(about, said, strict=True)), **_rig(one), "muscle": muscle_as_dict(one.muscle)}
+        for one, *said in zip(muscles, *about.values(), strict=True)
+    ]
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
-    """The `fit.json` of a series: that of its first specimen, and what the others say."""
+    """Return the `fit.json` of a series: the one of its first specimen, with entries for the others."""
     data, others = [one.data for one in series.specimens], [one[0] for one in series.others]
     judged = judge_series(series.specimens, series.left_out)
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
@@ -566,23 +561,24 @@ def card_of(
     fit: Identification, *, name: str | None = None, count: int = 32, seed: int = 0,
     origin: Origin | None = None,
 ) -> MuscleCard:  # fmt: skip
-    """What a fit knows of a muscle, for those who use the muscle.
+    """Make the card of a fitted muscle.
 
-    The pull is what the rig of the fit measures; of a series, the weighted mean of both of its rigs.
+    The card's force is the force measured in the rig of the fit; for a series, the weighted mean over its
+    models.
 
     Args:
-        fit: from `load_fit` or `identify`.
-        name: of the muscle; the specimen's unless given.
-        count: of muscles in the sample; none of a fit that has no standard errors.
-        seed: of the sample.
-        origin: date and command of the card, beside those of the fit.
+        fit: result of `load_fit` or `identify`.
+        name: name of the muscle; default: that of the specimen.
+        count: number of sampled muscles; a fit without standard errors has none.
+        seed: seed of the sample.
+        origin: date and command of the card, in addition to those of the fit.
 
     Raises:
-        InputError: the model is monotone nowhere, or hardly any muscle can be drawn.
+        InputError: the model is nowhere monotone, or too few muscles can be drawn.
     """
     document, outlook = fit.document or fit_as_dict(fit), fit.outlook
     if count < 0:
-        raise InputError(f"the number of muscles in the sample must be >= 0, got {count}")
+        raise InputError(f"count, the number of sampled muscles, must be >= 0, got {count}")
     data = fit.data
     card = MuscleCard(
         name=name or data.specimen.name or "unnamed",
@@ -602,7 +598,7 @@ def card_of(
 
 
 def _covariance(document: Mapping[str, Any]) -> Covariance | None:
-    """Of the parameters that have a standard error, in parts of their values."""
+    """Covariance of the identified parameters, relative to their values."""
     names, matrix = (document["correlations"][key] for key in ("parameters", "matrix"))
     if not names:
         return None
@@ -615,8 +611,8 @@ def _covariance(document: Mapping[str, Any]) -> Covariance | None:
 
 
 _NOT_ITS_VOLUME = (
-    "the geometry is an equivalent cylinder: changes of its volume are the muscle's, the volume "
-    "is not"
+    "the geometry is an equivalent cylinder: its volume changes are those of the muscle, but its "
+    "absolute volume is not"
 )
 
 

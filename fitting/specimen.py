@@ -1,7 +1,4 @@
-"""Prior knowledge about a muscle, and the sizes that muscles have.
-
-A number far from what is plausible has another unit than it says.
-"""
+"""Specimens: what is known about a muscle before the fit, and plausible ranges that reveal unit errors."""
 
 import contextlib
 import contextvars
@@ -18,19 +15,19 @@ from famjax.boundary.units import UNITS, Quantity, Sentence, si_unit, to_si
 from .arguments import is_number, shown
 
 DEFAULT_WALL_THICKNESS = 1.8e-3
-"""Bladder wall [m] assumed where none is given: that of the Festo DMSP (Martens & Boblan 2017)."""
+"""Bladder wall [m] of the Festo DMSP (Martens & Boblan 2017), assumed if none is given."""
 
-_WALL_OF_BORE = 0.18  # at most: that of the DMSP-10, the smallest muscle that is known to have it
+_WALL_OF_BORE = 0.18  # largest ratio of wall to bore, from the DMSP-10, the smallest known DMSP
 _OF_THE_FIT = ("braid_angle", "braid_diameter", "deadband_pressure")
 
 
 class Plausible(NamedTuple):
-    """A kind of quantity, and its plausible range for muscles.
+    """Plausible range of a quantity of a muscle.
 
     Attributes:
-        kind: of unit, one of `UNITS`.
-        low, high: between which it lies, generously [SI].
-        usual: of a common muscle [SI], by which a unit is guessed.
+        kind: kind of unit, a key of `UNITS`.
+        low, high: generous limits [SI].
+        usual: value of a common muscle [SI], used to guess the unit.
     """
 
     kind: str
@@ -52,7 +49,7 @@ PLAUSIBLE = {
     "braid angle": Plausible("angle", 0.1, math.pi / 2, 1.2),
     "compliance": Plausible("compliance", 0.0, 1e-2, 1e-5),
 }
-"""Muscles of 2 to 150 mm and 10 mm to 3 m, to 10 MPa and 100 kN, lie well within."""
+"""Generous ranges for muscles of 2 to 150 mm diameter and 10 mm to 3 m length, up to 10 MPa and 100 kN."""
 
 QUANTITIES = {
     "rest_length": "length",
@@ -70,21 +67,20 @@ QUANTITIES = {
     "force": "force",
     "force_limit": "force",
 }
-"""Entry of `PLAUSIBLE` by the name of a column, a size of a specimen or a parameter."""
+"""Key of `PLAUSIBLE` for each column, specimen field or parameter."""
 
-_MOST_IN = {"cm": 1.0}  # m: who has more of it writes metres, so that 250 cm are 250 mm
-_NARROWEST = 1e-6  # of a value: a prior that says more holds it
-_ALIKE = 0.5  # decades between guesses that are equally good
-
+_MOST_IN = {"cm": 1.0}  # m: longer muscles are given in m, so 250 cm is probably 250 mm
+_NARROWEST = 1e-6  # smallest relative standard deviation of a prior
+_ALIKE = 0.5  # decades within which two guesses are equally good
 
 _ANY_UNITS = contextvars.ContextVar("any consistent units", default=False)
 
 
 @contextlib.contextmanager
 def any_units() -> Iterator[None]:
-    """Within it, maps may be in any consistent set of units, such as inch, psi and lbf.
+    """Allow maps in any consistent set of units, such as inch, psi and lbf.
 
-    Nothing is taken for a slip then. It is a decorator, too: `@any_units()`.
+    Inside the context, plausibility is not checked. Also usable as a decorator, `@any_units()`.
     """
     token = _ANY_UNITS.set(True)
     try:
@@ -94,21 +90,21 @@ def any_units() -> Iterator[None]:
 
 
 def check_plausible(what: str, value: float, quantity: str | None, unit: str = "") -> None:
-    """Refuse an implausible number, and suggest the unit that it looks like.
+    """Refuse an implausible value and suggest its likely unit.
 
     Args:
-        what: it is, the subject of the sentence.
-        value: in SI; of 0, or where it is not finite, nothing is said.
-        quantity: entry of `PLAUSIBLE`; None for one of which nothing is known.
-        unit: in which it was written; that of SI unless given.
+        what: subject of the message.
+        value: value in SI; zero and non-finite values pass.
+        quantity: key of `PLAUSIBLE`; None if no range is known.
+        unit: unit in which the value was given; default: SI.
 
     Raises:
-        InputError: the number is outside the plausible range.
+        InputError: the value is outside the plausible range.
 
     >>> check_plausible("the rest length", 0.27, "length")
     >>> check_plausible("the rest length", 270.0, "length")
     Traceback (most recent call last):
-    famjax.boundary.errors.InputError: the rest length is 270 m, but a length of a muscle lies between \
+    famjax.boundary.errors.InputError: the rest length is 270 m, but a length of a muscle must be between \
 0.005 and 5 m. It looks like mm, not m
     """
     size = abs(value)
@@ -124,15 +120,15 @@ def check_plausible(what: str, value: float, quantity: str | None, unit: str = "
     number, low, most = value / scale, known.low / scale, high / scale
     likely = " or ".join(_guesses(abs(number), known, said))
     guess = f"It looks like {likely}, not {said}" if likely else "Check its unit"
-    longer = ". If it is that long, write it in m" if most < known.high / scale else ""
+    longer = ". If the value is correct, give it in m" if most < known.high / scale else ""
     raise InputError(
-        f"{what} is {number:.6g} {said}, but a {quantity} of a muscle lies between {low:.3g} and "
+        f"{what} is {number:.6g} {said}, but a {quantity} of a muscle must be between {low:.3g} and "
         f"{most:.3g} {said}. {guess}{longer}"
     )
 
 
 def _guesses(number: float, known: Plausible, said: str) -> list[str]:
-    """Units in which a number would be plausible, the likeliest first, two at most."""
+    """Return up to two units in which a number would be plausible, the likeliest first."""
     away = {
         unit: abs(math.log10(number * size / known.usual))
         for unit, size in UNITS[known.kind].items()
@@ -143,37 +139,37 @@ def _guesses(number: float, known: Plausible, said: str) -> list[str]:
 
 
 def quantity_of(name: str, kind: str) -> str | None:
-    """What a parameter is: by its name, or a stress by its kind; None where nothing is known of it."""
+    """Return the key of `PLAUSIBLE` for a parameter, or None."""
     return QUANTITIES.get(name) or ("stress" if kind == "stress" else None)
 
 
 def check_bounds(name: str, kind: str, ends: Iterable[float], unit: str = "") -> None:
-    """Refuse bounds, or a value at which a parameter is held, of which the larger is not plausible.
+    """Refuse bounds (or a fixed value) of implausible magnitude.
 
     Args:
-        name: of the parameter.
-        kind: of its unit.
-        ends: that were given, in SI.
-        unit: in which they were written.
+        name: name of the parameter.
+        kind: kind of its unit.
+        ends: given bounds in SI.
+        unit: unit in which they were given.
 
     Raises:
-        InputError: the bounds are outside what a muscle has.
+        InputError: the larger bound is outside the plausible range.
     """
     most = max((abs(end) for end in ends if math.isfinite(end)), default=0.0)
     check_plausible(f"the bound of {name}", most, quantity_of(name, kind), unit)
 
 
 def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = "") -> None:
-    """Refuse a prior in another unit, and a prior so narrow that it fixes the parameter.
+    """Refuse a prior in the wrong unit, or one so narrow that it fixes the parameter.
 
     Args:
-        name: of the parameter.
-        kind: of its unit.
+        name: name of the parameter.
+        kind: kind of its unit.
         prior: mean and standard deviation in SI.
-        unit: in which they were written.
+        unit: unit in which they were given.
 
     Raises:
-        InputError: the prior is outside what a muscle has, or narrower than a fit can tell.
+        InputError: the prior is outside the plausible range, or too narrow.
     """
     mean, std = prior
     quantity = quantity_of(name, kind)
@@ -185,26 +181,24 @@ def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = ""
         said = unit or si_unit(kind)
         raise InputError(
             f"the prior of {name}, {mean / scale:.6g} +- {std / scale:.3g} {said}, must have a standard "
-            f"deviation of {narrowest / scale:.3g} {said} or more: one that is narrower holds the value. "
-            f"Hold it, by bounds of that value or Parameter({mean / scale:.6g}, vary=False, ...), or "
-            "give the error with which it was measured"
+            f"deviation of {narrowest / scale:.3g} {said} or more, since a narrower one fixes the value. "
+            f"Fix it by bounds or by Parameter({mean / scale:.6g}, vary=False, ...), or give the "
+            "standard error of the measurement"
         )
 
 
 @dataclasses.dataclass(frozen=True)
 class Specimen:
-    """Prior knowledge about the muscle, beyond the force map.
+    """Known properties of the muscle under test.
 
     Attributes:
-        name: for reports.
-        rest_length: active length L0 [m] of zero contraction.
+        name: name for reports.
+        rest_length: active length L0 [m] at zero contraction.
         wall_thickness: bladder wall t0 [m] at rest.
-        nominal_diameter: bore [m] by which the muscle is sold, or None; it bounds the braid
-            diameter of a fit.
-        bladder_diameter: outer diameter [m] of the bladder at rest, or None where it fills the
-            braid.
-        braid_thickness: [m].
-        embedded: True where the threads run inside the rubber (Festo DMSP).
+        nominal_diameter: catalogue bore [m], which bounds the braid diameter in a fit; or None.
+        bladder_diameter: outer diameter [m] of the bladder at rest; None if it fills the braid.
+        braid_thickness: thickness [m] of the braid.
+        embedded: True if the threads run inside the rubber (Festo DMSP).
     """
 
     name: str
@@ -217,18 +211,19 @@ class Specimen:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise InputError(f"the specimen's name must be a text, got {shown(self.name)}")
+            raise InputError(f"the specimen's name must be a string, got {shown(self.name)}")
         if not isinstance(self.embedded, bool | np.bool_):
             raise InputError(
                 f"the specimen's embedded must be True or False, got {shown(self.embedded)}"
             )
         for name in SPECIMEN_LENGTHS:
             size = getattr(self, name)
+            positive = name != "braid_thickness"
             if size is None and name in {"nominal_diameter", "bladder_diameter"}:
                 continue
-            positive = name != "braid_thickness"
-            known = size is not None and is_number(size)
-            if size is None or not (known and 0 <= size < math.inf and (size > 0 or not positive)):
+            if size is None or not (
+                is_number(size) and 0 <= size < math.inf and (size > 0 or not positive)
+            ):
                 must = "a positive length" if positive else "a length >= 0"
                 raise InputError(f"{name} must be {must} in m, got {size!r}")
             check_plausible(name, size, QUANTITIES[name])
@@ -236,14 +231,14 @@ class Specimen:
         widest = self.bladder_diameter or bore + 2 * wall
         if 2 * wall >= widest:
             raise InputError(
-                f"a wall of {wall * 1e3:.4g} mm does not fit twice into a bladder of "
-                f"{widest * 1e3:.4g} mm: one of the two is wrong; check wall_thickness and "
-                "nominal_diameter or bladder_diameter, and their units"
+                f"the wall of {wall * 1e3:.4g} mm must be thinner than half the bladder diameter of "
+                f"{widest * 1e3:.4g} mm: check wall_thickness, nominal_diameter and bladder_diameter, "
+                "and their units"
             )
         if self.embedded and self.bladder_diameter is not None:
             raise InputError(
-                "an embedded braid runs inside the wall, so the bladder has no diameter of its "
-                "own: leave bladder_diameter out, or set embedded = false"
+                "bladder_diameter does not apply to an embedded braid, which runs inside the wall: omit "
+                "bladder_diameter, or set embedded = false"
             )
 
 
@@ -258,7 +253,7 @@ SPECIMEN_LENGTHS = (
 
 
 def said_number(value: str, what: str) -> float:
-    """A number from a line that describes a muscle."""
+    """Convert text from a specimen entry to a number."""
     try:
         return float(value)
     except ValueError:
@@ -267,10 +262,10 @@ def said_number(value: str, what: str) -> float:
 
 
 def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
-    """Fields of `Specimen` in SI, from entries such as `rest_length_mm=296`.
+    """Parse entries such as `rest_length_mm=296` into fields of `Specimen` in SI.
 
     Raises:
-        InputError: an entry that is not of this form, or a field twice.
+        InputError: an entry is malformed, or a field is given twice.
 
     >>> parse_specimen(["rest_length_in=10", "embedded=false"])
     {'rest_length': 0.254, 'embedded': False}
@@ -288,7 +283,7 @@ def parse_specimen(entries: Iterable[str]) -> dict[str, Any]:
 
 
 def _specimen_field(key: str, value: str) -> tuple[str, Any]:
-    """Name and SI value of one field of `Specimen`, from a key with its unit and a text."""
+    """Return name and SI value of one field of `Specimen`."""
     if key == "name":
         return key, value
     if key == "embedded":
@@ -298,31 +293,31 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
     name, _, unit = key.rpartition("_")
     if name in _OF_THE_FIT:
         raise InputError(
-            f"{name} is identified by the fit, and no entry of the specimen: what is known of it is "
-            f"--prior {key}=MEAN+-STD, or held by --bounds {key}={value}"
+            f"{name} is identified by the fit and is not a specimen entry: state prior knowledge with "
+            f"--prior {key}=MEAN+-STD, or fix it with --bounds {key}={value}"
         )
     if name not in (*SPECIMEN_LENGTHS, "force_limit"):
         others = ["force_limit_N", "name", "embedded"]
         known = [*(f"{length}_mm" for length in SPECIMEN_LENGTHS), *others]
         near = [f"{length}_{one}" for length in SPECIMEN_LENGTHS for one in UNITS["length"]]
         raise InputError(
-            f"unknown entry of the specimen {key!r}; known are {', '.join(known)}"
+            f"unknown specimen entry {key!r}; choose from {', '.join(known)}"
             f"{meant(key, [*near, *others])}"
         )
     kind = "force" if name == "force_limit" else "length"
     in_si = to_si(said_number(value, f"the specimen's {key}"), unit, kind)
-    # What is not positive the specimen itself refuses.
+    # `Specimen` itself refuses values that are not positive.
     check_plausible(f"the specimen's {name}", max(in_si, 0.0), QUANTITIES[name], unit)
     return name, in_si
 
 
 class Described(NamedTuple):
-    """A specimen that is not completely described.
+    """A specimen whose missing fields were assumed.
 
     Attributes:
-        specimen: with what had to be assumed.
-        notes: a sentence for each value that was.
-        assumed: their names, as in `ForceData`.
+        specimen: the completed specimen.
+        notes: one sentence for each assumed field.
+        assumed: names of the assumed fields, as in `ForceData`.
     """
 
     specimen: Specimen
@@ -334,7 +329,7 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
     """Complete a specimen with defaults for missing fields.
 
     Args:
-        known: fields of `Specimen` in SI; the name is needed.
+        known: fields of `Specimen` in SI, including the name.
         longest: longest measured length [m]; used as rest length if none is given.
     """
     fields, notes = dict(known), {}
@@ -342,22 +337,19 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
         fields["rest_length"] = longest
         notes["rest_length"] = Sentence(
             "The rest length was not given: the longest length in the file, ",
-            Quantity(longest, "length"),
-            ", is taken (--specimen rest_length_mm=...).",
-        )
+            Quantity(longest, "length"), ", is used (--specimen rest_length_mm=...).",
+        )  # fmt: skip
     if "nominal_diameter" not in fields:
         notes["nominal_diameter"] = Sentence(
-            "The nominal diameter was not given: the braid diameter is sought between ",
-            Quantity(3e-3, "length", 3),
-            " and ",
-            Quantity(80e-3, "length", 3),
-            " (--specimen nominal_diameter_mm=...), and may not be that of a muscle on sale.",
-        )
+            "The nominal diameter was not given: the braid diameter is searched between ",
+            Quantity(3e-3, "length", 3), " and ", Quantity(80e-3, "length", 3),
+            " (--specimen nominal_diameter_mm=...) and may not match a commercial size.",
+        )  # fmt: skip
     if "wall_thickness" not in fields:
         across = fields.get("nominal_diameter") or fields.get("bladder_diameter") or math.inf
         fields["wall_thickness"] = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
         notes["wall_thickness"] = Sentence(
-            "The bladder's wall was not given: ",
+            "The bladder's wall thickness was not given: ",
             Quantity(fields["wall_thickness"], "length"),
             " is assumed (--specimen wall_thickness_mm=...). E_n scales nearly inversely with it; "
             "the force does not change.",
@@ -365,7 +357,7 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True
         notes["bladder_diameter"] = (
-            "The bladder's diameter was not given: the braid is taken to run inside the wall, as "
+            "The bladder's diameter was not given: the braid is assumed to run inside the wall, as "
             "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
         )
     return Described(Specimen(**fields), tuple(notes.values()), tuple(notes))

@@ -1,4 +1,4 @@
-"""From an optimum to an identification: covariance, estimates with errors, certificate."""
+"""Summarise an optimum as an identification: covariance, estimates with errors, certificate."""
 
 import dataclasses
 import math
@@ -18,12 +18,12 @@ from .engine import Point, numbers_of, partial, predict, report_of, solve
 from .parameters import Entry
 from .pictured import PictureFit
 from .posing import Posed, own_names
-from .problem import Part, Problem
+from .problem import Problem
 from .response import Report, unflat
 from .result import Certificate, Errors, Estimate, Identification, Solved
 from .search import End, Margin, Weights, constraint_margin, pseudo_residual, rounding_of
 
-_STEP = 1e-3  # of a path, by which the bend of a modulus is seen
+_STEP = 1e-3  # finite-difference step on a path, for the curvature of the modulus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Optimal:
     """An optimum with its covariance and coefficients.
 
     Attributes:
-        problem: with its stations placed.
-        end: of the best descent.
+        problem: the problem with refined stations.
+        end: end of the best descent.
         order: number of coefficients of one law.
-        spread: covariance of the nonlinear parameters and then the coefficients.
-        at_bound: nonlinear parameters on a bound.
+        spread: covariance of the nonlinear parameters followed by the coefficients.
+        at_bound: True for nonlinear parameters at a bound.
     """
 
     problem: Problem
@@ -51,14 +51,14 @@ class Optimal:
 
     @property
     def coefficients(self) -> Float[np.ndarray, "nodes order"]:
-        """Coefficients [Pa] of every node; one node of none where nothing is linear."""
+        """Coefficients [Pa] of every node; one empty node if no parameter is linear."""
         return self.point.x.reshape(-1 if self.order else 1, self.order)
 
 
 def joint_derivatives(
     point: Point,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k p"], Float[np.ndarray, "m p"]]:
-    """Weighted residual, its Jacobian and that of the constraint rows, in (parameters, x)."""
+    """Weighted residual, its Jacobian and the Jacobian of the constraints, in (parameters, x)."""
     A, G = point.A, point.G
     d_residual, d_slack = partial(point)
     columns = np.zeros((len(d_residual), A.shape[1]))
@@ -71,17 +71,17 @@ def joint_derivatives(
 
 
 def optimal(problem: Problem, end: End, order: int, weights: Weights | None = None) -> Optimal:
-    """The optimum at the end of a descent, with its covariance; `weights` of the objective."""
+    """Return the optimum at the end of a descent, with its covariance; `weights` of the objective."""
     point = end.point
     residual, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
-    # A censored reading that is off says nothing of the noise or the parameters.
+    # An inactive censored reading carries no information on noise or parameters.
     off = np.zeros(residual.size, bool)
     off[: problem.force.size] = (problem.side != 0) & (residual[: problem.force.size] == 0)
     residual, jacobian = residual[~off], jacobian[~off]
     if weights is not None and weights.threshold is not None:
-        # The readings in their own weights again, their residuals as Huber's theory counts them.
+        # Restore the original weights; residuals become Huber's pseudo-residuals.
         own = np.concatenate([1 / weights.factor, np.ones(n_priors)])
         unknowns = int(np.sum(~held)) - len(set(map(tuple, rows)))
         jacobian = own[:, None] * jacobian
@@ -98,20 +98,19 @@ def optimal(problem: Problem, end: End, order: int, weights: Weights | None = No
 def held_and_active(
     problem: Problem, end: End, rows: Float[np.ndarray, "m p"]
 ) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "a p"], Float[np.ndarray, "c p"]]:
-    """Which of all parameters are held or at a bound, and what the active constraints do to the others.
+    """Find parameters that are fixed or at a bound, and the effect of active constraints on the others.
 
-    Active stations that are neighbours stand for the one point at which the law touches the constraint.
-    That point moves with the parameters, so that the constraint bends: of the modulus m(s) with a
-    multiplier l the curvature of the cost is more by l m_s m_s^T / m_ss, m_s its gradient's slope in s.
+    Neighbouring active stations represent one point at which the law touches the constraint. This point
+    moves with the parameters, which adds curvature: for the modulus m(s) with multiplier l the cost gains
+    l m_s m_s^T / m_ss, with m_s the derivative of the modulus gradient in s.
 
     Args:
-        problem: with its stations placed.
+        problem: the problem with refined stations.
         end: the optimum.
-        rows: gradients of all constraints in all parameters.
+        rows: gradients of all constraints with respect to all parameters.
 
     Returns:
-        (held or at a bound; gradients of the active constraints; roots of what they add to the
-        curvature).
+        (fixed or at a bound; gradients of the active constraints; roots of the added curvature).
     """
     point = end.point
     held = np.ones(len(problem.names) + len(problem.linear), bool)
@@ -129,7 +128,7 @@ def held_and_active(
 def _touching(
     problem: Problem, pull: Float[np.ndarray, " m"]
 ) -> tuple[list[Int[np.ndarray, " _"]], int]:
-    """The active rows of each point that is touched on a path, and the number of rows of paths."""
+    """Return the active rows of each touched point on a path, and the number of path rows."""
     found, first = [], 0
     for part, rows_of_part in zip(problem.parts, problem.path_rows, strict=True):
         if not rows_of_part:
@@ -150,7 +149,7 @@ def _bent(
     pull: Float[np.ndarray, " m"],
     touches: Sequence[Int[np.ndarray, " _"]],
 ) -> Float[np.ndarray, "c p"]:
-    """Roots of what the touched points add to the curvature, by differences in their place."""
+    """Roots of the curvature added by the touched points, by finite differences in their position."""
     p = len(problem.names) + len(problem.linear)
     stations = np.concatenate([part.inputs.stations.ravel() for part in problem.parts])
     middles = [pull[rows] @ stations[rows] / pull[rows].sum() for rows in touches]
@@ -174,7 +173,7 @@ def _bent(
     (low, m_low), (high, m_high) = sides
     first_of = [touches[k][0] for k in inner]
     slope = (high - low)[first_of] / (2 * _STEP)
-    # At the point itself the modulus is zero.
+    # The modulus is zero at the point itself.
     bend = (m_low + m_high)[first_of] / _STEP**2
     weight = np.array([pull[touches[k]].sum() for k in inner]) / np.where(bend > 0, bend, np.inf)
     return np.sqrt(weight)[:, None] * slope
@@ -189,7 +188,7 @@ def coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
 
 
 def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
-    """Every nonlinear parameter, then the coefficients of every node."""
+    """Return estimates of all nonlinear parameters, then of the coefficients of every node."""
     names = found.problem.names + found.problem.linear
     values = np.concatenate([found.point.parameters, found.coefficients.ravel()])
     ends = np.array([(table[name].min, table[name].max) for name in names])
@@ -218,7 +217,7 @@ def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...
 def concerning(
     estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, found: Optimal
 ) -> tuple[Estimate, ...]:
-    """The estimates for one specimen, without coefficients of a law with several nodes."""
+    """Return the estimates for one specimen, without the coefficients of a law with several nodes."""
     count = len(found.problem.names)
     mine = own_names(found.problem.names, data.specimen.name)
     geometry = tuple(e for e in estimates[:count] if e.name in mine)
@@ -227,7 +226,7 @@ def concerning(
 
 
 def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Estimate, ...], ...]:
-    """The coefficients of every node."""
+    """Return the coefficient estimates of every node."""
     first, order = len(found.problem.names), found.order
     if not order:
         return ((),)
@@ -235,7 +234,7 @@ def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Est
 
 
 def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...]:
-    """Derived quantities of a specimen, with errors by the delta method."""
+    """Return the derived quantities of a specimen, with errors from the delta method."""
     part = found.problem.parts[place]
     names, values, slopes = part.family.derived_names, reported.derived, reported.d_derived.T
     own = part.at[: len(slopes)]
@@ -251,7 +250,7 @@ def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...
 
 
 _STATIONARY = 1e-6
-_PERFECT = 1e-18  # a cost of this part of the data's own square is zero but for rounding
+_PERFECT = 1e-18  # a smaller cost, relative to the squared data, is rounding
 
 
 def summarise(
@@ -262,20 +261,20 @@ def summarise(
     weights: Weights | None = None,
     pictures: PictureFit | None = None,
 ) -> tuple[Identification, ...]:
-    """The identifications at an optimum, one per force map."""
+    """Return the identifications at an optimum, one per force map."""
     problem, point = found.problem, found.point
     margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
     certificate = _certificate(found, ends, margins)
     feasible = problem.constraint == "none" or certificate.constraint_margin >= -rounding_of(point)
     certified = point.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
-    # A fit without error has only rounding left, and that has no direction.
+    # The gradient of a perfect fit is only rounding.
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
     stationary = certificate.gradient_residual <= _STATIONARY or perfect
     estimated = estimates(found, posed.table)
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
-        nodes, muscle = _nodes_of(found, k), _muscle_of(part, reported.numbers)
+        nodes, muscle = _nodes_of(found, k), cast(Any, unflat(part.family, reported.numbers))
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors = _errors(one, force)
         strain_range, own = float(np.max(reported.largest_strain)), certificate
@@ -318,19 +317,15 @@ def summarise(
 
 
 def muscle_at(problem: Problem, point: Point, place: int) -> famjax.AbstractMuscle:
-    """The muscle of a part at a fit; nothing is compiled for it."""
+    """Return the muscle of a part at a fit; nothing is compiled for it."""
     part = problem.parts[place]
-    return _muscle_of(part, numbers_of(part, point))
-
-
-def _muscle_of(part: Part, numbers: Float[np.ndarray, " l"]) -> Any:
-    return unflat(part.family, numbers)
+    return unflat(part.family, numbers_of(part, point))
 
 
 def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
-    """The part of its own weight with which Huber's objective counts each loaded reading of a specimen.
+    """Relative weight of each loaded reading of a specimen in Huber's objective.
 
-    Those of the mean RMSE are of whole pressures and say nothing of a reading: it is no outlier.
+    Other objectives give 1: the weights of the mean RMSE belong to pressures and mark no outliers.
     """
     if weights is None or weights.threshold is None:
         return np.ones(int((problem.parts[k].side == 0).sum()))
@@ -338,7 +333,7 @@ def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.
 
 
 def _nodes_of(found: Optimal, place: int) -> slice:
-    """Which rows of the coefficients belong to a part: its own, or all."""
+    """Return the rows of the coefficients that belong to a part: its own, or all."""
     part = found.problem.parts[place]
     if not found.order:
         return slice(0, 1)
@@ -374,7 +369,7 @@ def _certificate(
 
 
 def shape_reached(muscle: famjax.EquilibriumMuscle, data: ForceData) -> tuple[float, float]:
-    """Largest strain [-] and smallest stiffness of the shape [N/m] at the loaded readings of a map."""
+    """Return the largest strain [-] and the smallest shape stiffness [N/m] over the loaded readings."""
     at = data.length[data.loaded], data.pressure[data.loaded]
     shape = muscle.profile(*at)
     strains = np.abs([shape.axial_strain, shape.hoop_strain])
@@ -398,7 +393,7 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
 
 
 def _active_sentences(found: Optimal) -> tuple[str, ...]:
-    """One sentence for each active row of the convex fit."""
+    """Describe each active constraint of the convex fit in one sentence."""
     problem, first, sentences = found.problem, 0, []
     active = np.sort(found.point.rows)
     for place, count in enumerate(problem.path_rows):

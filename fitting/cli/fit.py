@@ -39,7 +39,7 @@ Constraint = Literal["none", "positive", "slope", "drucker"]
 Objective = Literal["sum_of_squares", "mean_rmse", "huber", "censored"]
 Ends = Literal["cylinder", "equilibrium"]
 _STANDARD_INPUT = "<stdin>"
-"""What the command line puts in the place of `-`."""
+"""Replacement for `-` on the command line."""
 
 
 def _check_replicates(_: Any, value: int) -> None:
@@ -52,7 +52,7 @@ Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicat
 
 
 def load_fitting() -> ModuleType:
-    """The fitting package, with JAX in float64; compiled programs are kept on disk."""
+    """Import the fitting package with JAX in float64; compiled programs are cached on disk."""
     import fitting
     from famjax.compilation_cache import start_jax
 
@@ -61,12 +61,12 @@ def load_fitting() -> ModuleType:
 
 
 def load_map(data: str, specimen: Mapping[str, Any], column: tuple[str, ...] = ()) -> "ForceData":
-    """A force map: a bundled one by its name, a file, or standard input, whose columns are told.
+    """Load a bundled map, a file or standard input, and print how its columns were interpreted.
 
     Args:
-        data: the name, the path, or `-` for standard input.
+        data: name of a bundled map, path, or `-` for standard input.
         specimen: fields of `Specimen` in SI.
-        column: which column is which quantity, as `--column` has it.
+        column: values of `--column`.
     """
     from fitting import load_bundled, read_csv
     from fitting.data import bundled_map_name, bundled_names
@@ -87,7 +87,7 @@ def load_map(data: str, specimen: Mapping[str, Any], column: tuple[str, ...] = (
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Asked:
-    """The options of `famjax fit` that make its problem, as they were typed.
+    """The options of `famjax fit` that define its problem, as typed.
 
     Parameters
     ----------
@@ -99,39 +99,39 @@ class Asked:
     order
         Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default 3.
     constraint
-        Restrict the law. positive: E_n >= 0; slope: the stress rises over the strain range; drucker: the
-        law is stable along the actuation path.
+        Restrict the law. positive: E_n >= 0; slope: the stress increases over the strain range; drucker:
+        the law is stable along the actuation path.
     free
         Identify another parameter, repeatable: end_factor or end_length (rounded ends), rest_length,
-        braid_compliance (threads stretch), series_compliance (the rig gives way),
-        series_exponent (by a power of the force).
+        braid_compliance (stretching threads), series_compliance (elastic rig), series_exponent (its
+        deflection follows a power of the force).
     geometry
         Wrap the cylinder in a geometry of your own: `--geometry my_ends:ConicalEnds`. Its declared
-        numbers are identified. Without --law the law is polynomial.
+        parameters are identified. The default law is then polynomial.
     term
-        Add a force term of your own, module:Class, repeatable. Its declared numbers are identified.
+        Add a force term of your own, module:Class, repeatable. Its declared parameters are identified.
     shape
         Use the shape from photographs, the `measurements.nc` of `famjax measure`, instead of a
-        cylinder. The turns of the threads are identified; `--bounds turns=1.09` holds them. With
-        `--ends equilibrium`, fit profiles and force together.
+        cylinder. The turns of the threads are identified; `--bounds turns=1.09` fixes them. With
+        `--ends equilibrium`, profiles and force are fitted together.
     ends
-        Take the ends as the cylinder's, or let the shape follow from mechanics (equilibrium). Without --law
-        the shape from mechanics is one more model to choose from; its fit has no certificate.
+        Choose the model of the ends: cylinder, or equilibrium (the shape follows from mechanics). Without
+        --law, equilibrium adds one more model to choose from; its fit has no certificate.
     objective
-        Choose what is minimised. mean_rmse: the mean over pressures of the RMSE, as in the reference work;
-        huber: outliers count little; censored: squares, with slack readings as upper bounds of the
-        force and readings at the load cell's limit as lower bounds.
+        Choose the objective. sum_of_squares; mean_rmse: the mean over pressures of the RMSE, as in the
+        reference work; huber: reduces the weight of outliers; censored: least squares with slack readings
+        as upper bounds of the force and readings at the load cell's limit as lower bounds.
     bounds
         Replace bounds, name_unit=min:max, repeatable: `--bounds braid_diameter_mm=20:23.6`. A single
-        value holds the parameter: `--bounds deadband_pressure_kPa=40`.
+        value fixes the parameter: `--bounds deadband_pressure_kPa=40`.
     prior
-        State what you know of a parameter, name_unit=mean+-std, repeatable:
+        State prior knowledge of a parameter, name_unit=mean+-std, repeatable:
         `--prior rest_length_mm=296+-0.5`.
 
     shared_error
-        State a standard error, name_unit=value, repeatable. noise_N is that of a single force
-        reading; priors are weighed against it. All others are calibration errors that all readings share:
-        rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero
+        State a standard error, name_unit=value, repeatable. noise_N is the noise of a single force
+        reading, which priors are weighted against. All others are calibration errors shared by all
+        readings: rest_length, wall_thickness, bladder_diameter, braid_thickness, pressure_zero, force_zero
         (with a unit); pressure_reading, force_reading, shortening (relative).
     """
 
@@ -150,7 +150,7 @@ class Asked:
 
     @property
     def chosen(self) -> bool:
-        """Whether the law is chosen among several."""
+        """True if the law is chosen among several."""
         named = (self.law, self.order, self.geometry, self.shape)
         given = any(one is not None for one in named) or self.term
         return not given and self.objective != "censored"
@@ -170,11 +170,11 @@ def fit(
 ) -> int:
     """Identify a muscle from a measured force map.
 
-    Without --law or --order, several models are fitted and compared by cross-validation: each predicts
-    pressures and lengths that were left out. The best predictor is kept.
+    Without --law or --order, several models are fitted and compared by cross-validation over pressures and
+    lengths. The model with the smallest held-out error is kept.
 
-    Writes `fit.json` (all results, SI), `fit.png` and `report.html`. The exit code is 1 if nothing was
-    identified. `famjax assess` tests the fit further.
+    Writes `fit.json` (all results in SI), `fit.png` and `report.html`. The exit code is 1 if nothing was
+    identified. Use `famjax assess` for further tests of the fit.
 
     Parameters
     ----------
@@ -187,8 +187,8 @@ def fit(
         rest_length, wall_thickness, nominal_diameter, bladder_diameter, braid_thickness,
         force_limit (of the load cell), embedded (true if the threads run inside the wall), name.
     column
-        Say which column is which quantity, if the names do not: `force="Kraft [N]"`, by name or number,
-        with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
+        Name the column of a quantity that is not recognised: `force="Kraft [N]"`, by name or number, with
+        the unit, repeatable; `pressure=-` ignores a column. Also `decimal=,` and, for absolute
         pressures, `atmosphere=101.3kPa`.
     output
         Write the files to this folder; it is created if missing.
@@ -209,8 +209,7 @@ def fit(
     if len(data) != 1:
         raise fitting.InputError(
             f"famjax fit accepts one force map, got {len(data)}: {', '.join(data)}. For several "
-            "muscles use "
-            "famjax series, for raw ramps of one muscle famjax ramps"
+            "muscles use famjax series, for raw ramps of one muscle famjax ramps"
         )
     if asked.shape is not None:
         asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
@@ -233,33 +232,33 @@ def assess(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Test a fit on held-out readings, and find how well each parameter is known.
+    """Test a fit on held-out readings, and determine how well each parameter is known.
 
     Repeats the fit from the readings and options in its file, then writes the files again with the
-    results of the tests. It prints all tables and notes.
+    results of the tests. Prints all tables and notes.
 
     Parameters
     ----------
     fit_json
         Read this `fit.json` of `famjax fit`.
     validate
-        Leave out each pressure and each length in turn, and predict it. If the model was chosen, it is
+        Cross-validate: leave out each pressure and each length in turn, and predict it. A chosen model is
         chosen again each time.
     profile
-        Compute profile likelihoods: how far the readings let each parameter go.
+        Compute profile likelihoods, which show the range of each parameter that the readings allow.
     bootstrap
         Set the number of bootstrap replicates, for standard errors and prediction bands.
     posterior
-        Draw from the posterior (NUTS), within bounds and priors. `--error noise_N` of the fit
-        sets the noise.
+        Sample the posterior (NUTS) within bounds and priors. `--error noise_N` of the fit sets the
+        noise.
     hysteresis
-        Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, and predict records left out.
+        Fit both branches of raw ramps, the `branches.csv` of `famjax ramps`, and cross-validate the result.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     jobs
         Set the number of processes for --validate.
     output
-        Write the files to this folder; default: that of the fit.
+        Write the files to this folder; default: the folder of the fit.
     units
         Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
@@ -270,7 +269,7 @@ def assess(
 
     if not (validate or profile or bootstrap or posterior or hysteresis):
         raise fitting.InputError(
-            "name a test: --validate, --profile, --bootstrap, --posterior or --hysteresis"
+            "choose a test: --validate, --profile, --bootstrap, --posterior or --hysteresis"
         )
     if posterior:
         fitting.posterior.load_blackjax()
@@ -304,7 +303,7 @@ def _finish(
     pairs: Any = None,
     **wanted: Any,
 ) -> int:
-    """Solve a problem, find the evidence that is wanted, write the files and print the result."""
+    """Solve a problem, gather the requested evidence, write the files and print the result."""
     from famjax.boundary.files import Origin
     from fitting import report, saved
     from fitting.records import fit_hysteresis, leave_out

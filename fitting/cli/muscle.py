@@ -42,7 +42,7 @@ _US = {"in", "psi"}
 
 
 def schema_of(path: Path) -> str:
-    """The schema that a JSON file names; "" of any other file, whose reader says what is wrong."""
+    """Return the schema named in a JSON file; "" for any other file, which its reader will refuse."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -93,19 +93,19 @@ def predict(
         Find the pressure at which the force leaves zero at each length.
     rest_length
         Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
-        `famjax series` knows how specimens differ; a fit of one muscle gives a wide error band.
+        one muscle gives a wide error band; `famjax series` also estimates how specimens differ.
     length_std
         State the standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     history
-        Predict the force on either branch along a CSV file of lengths and pressures in time, such as
-        `time_s,length_mm,pressure_kPa`. The fit needs `famjax assess --hysteresis`.
+        Predict the force, with hysteresis, along a history in a CSV file with columns such as
+        `time_s,length_mm,pressure_kPa`. First run `famjax assess --hysteresis` on the fit.
     column
-        Say which column of the history is which, if the names do not: `length="Weg [mm]"`, repeatable.
+        Name the column of a quantity that is not recognised: `length="Weg [mm]"`, repeatable.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     units
-        Choose the units of the answer: si, metric (mm, kPa, N) or us (in, psi, lbf); default: those of
-        the question in tables, SI in JSON.
+        Choose the units of the output: si, metric (mm, kPa, N) or us (in, psi, lbf); default: the units
+        of the options in tables, SI in JSON.
     json_
         Print one JSON list and nothing else.
     """
@@ -128,23 +128,15 @@ def predict(
               "the pressure for a card or a bundled muscle")  # fmt: skip
         rows, heading = _by_card(muscle, L, P, own, onset=onset)
         if not all(row["inside"] for row in rows):
-            notes.append(
-                "rows that are not inside are continued beyond the region of the card's model"
-            )
+            notes.append("rows that are not inside are extrapolated beyond the region of the card")
     else:
         saved = fitting.load_fit(muscle, own=own)
         warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
         if history is not None:
-            _only(
-                given, ("--history",), "--history gives lengths and pressures itself: leave out {}"
-            )
+            _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
             rows, typed, notes = _along(saved, history, parse_columns(column), units or "metric")
         elif force:
-            _only(
-                given,
-                ("--length", "--force"),
-                "--force asks for a pressure at --length: leave out {}",
-            )
+            _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
             rows, typed = fitting.prediction.pressures_for(saved, L, F), [*length[:1], "", force[0]]
         else:
             rest = None if rest_length is None else parse_quantity(rest_length, "length")
@@ -170,45 +162,47 @@ def predict(
 
 
 def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
-    """Refuse options that do not go with the others."""
+    """Refuse options that cannot be combined with the others."""
     if others := [name for name in given if name not in fit]:
         raise InputError(message.format(", ".join(others)))
 
 
 def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
-    """What a reader must know of the answers: of another rest length, with forces among them."""
+    """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
-        notes.append("force is what the compliant rig measures; muscle force is the muscle's alone")
+        notes.append(
+            "force is measured in the compliant rig; muscle force is that of the muscle alone"
+        )
     if other and saved.outlook.other_lengths:
         names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
         notes.append(
-            f"another rest length is predicted from one specimen, by the mean of all models that its map "
-            f"cannot reject ({names}). The 95 % band holds their disagreement and how specimens differ; "
-            "famjax series knows more"
+            f"another rest length is predicted from one specimen by the mean of all models that fit its "
+            f"map ({names}). The 95 % band includes their disagreement and typical differences between "
+            "specimens; famjax series predicts more accurately"
         )
     elif other and "series" not in document:
         notes.append(
             "another rest length is predicted from one specimen, so there is no error band. Use famjax "
-            "series to learn how specimens differ"
+            "series to estimate how specimens differ"
         )
     elif not other and "series" in document:
         one = document["data"]["specimen"]
         notes.append(
-            f"this is {one['name']}, the first specimen of the series, of rest length "
-            f"{1e3 * one['rest_length_m']:.4g} mm; --rest-length asks for another"
+            f"this is {one['name']}, the first specimen of the series, with rest length "
+            f"{1e3 * one['rest_length_m']:.4g} mm; choose another with --rest-length"
         )
     elif forces and saved.outlook.error is not None and not other:
-        notes.append(f"the 95 % bands are of {saved.outlook.error.covers}")
+        notes.append(f"the 95 % bands cover {saved.outlook.error.covers}")
     elif forces and not (document.get("spread") or {}).get("directions"):
-        notes.append("there is no error band, as the fit has no standard errors")
+        notes.append("there is no error band, since the fit has no standard errors")
     return notes
 
 
 def _along(
     saved: "Identification", path: Path, columns: Mapping[str, str], system: str
 ) -> tuple[list[dict[str, Any]], list[str], list[str]]:
-    """Rows along the history in a CSV file, quantities in its units, and notes."""
+    """Return rows along the history in a CSV file, sample quantities in its units, and notes."""
     from fitting.prediction import hysteresis_error, predict_history
     from fitting.records import read_history
 
@@ -217,13 +211,13 @@ def _along(
     if any(row["force_std_N"] is not None for row in rows):
         error = Quantity(hysteresis_error(saved), "force", 2).in_units(system)
         held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
-        notes = [f"the 95 % band holds the error of the static map and the {held_out} error of the "
+        notes = [f"the 95 % band includes the error of the static map and the {held_out} error of the "
                  f"hysteresis, {error} RMS"]  # fmt: skip
     return rows, [f"1{moves.units[kind]}" for kind in ("length", "pressure")], notes
 
 
 def _is_card(muscle: str) -> bool:
-    """Whether this is a bundled muscle's name or the file of a card."""
+    """True for the name of a bundled muscle or the file of a card."""
     from famjax.muscles import bundled_name
 
     path = Path(muscle)
@@ -235,14 +229,14 @@ def _is_card(muscle: str) -> bool:
 def _by_card(
     muscle: str, lengths: Any, pressures: Any, own: Sequence[str], *, onset: bool
 ) -> tuple[list[dict[str, Any]], str]:
-    """Rows of a card's safe muscle, and whose they are.
+    """Return rows from a card's safe muscle, and the heading with its name.
 
     Args:
-        muscle: a file, or a bundled muscle's name.
-        lengths: [m], shape (l,).
-        pressures: [Pa], shape (p,).
-        own: modules that are trusted.
-        onset: also answer it.
+        muscle: a file, or the name of a bundled muscle.
+        lengths: lengths [m], shape (l,).
+        pressures: pressures [Pa], shape (p,).
+        own: trusted modules.
+        onset: also find the onset pressures.
     """
     import numpy as np
 
@@ -274,7 +268,7 @@ def _by_card(
 
 
 def _outside(safe: "SafeMuscle", length: float, pressure: float) -> tuple[Sentence | None, bool]:
-    """Why a state is not the model's own, or None; and whether a muscle can have that length."""
+    """Return why a state is outside the region of the model, or None; and if its length is possible."""
     lock, straight = map(float, safe.continued.stops)
     for beyond, text, end in (
         (length < lock, "the length is below the braid's lock, ", lock),
@@ -286,20 +280,20 @@ def _outside(safe: "SafeMuscle", length: float, pressure: float) -> tuple[Senten
         low, high = (float(end) for end in getattr(safe.region, kind))
         if not low <= value <= high:
             ends = Quantity(low, kind), " to ", Quantity(high, kind)
-            return Sentence(f"the {kind} is beyond the model's own region, ", *ends), True
+            return Sentence(f"the {kind} is outside the region of the model, ", *ends), True
     return None, True
 
 
 def _answer_units(
     system: str | None, length: str, pressure: str = "", force: str = ""
 ) -> Mapping[str, str]:
-    """Unit of each kind of quantity in the answer.
+    """Return the unit of each quantity in the output.
 
     Args:
-        system: "si", "metric" or "us"; None for the units of the question.
-        length: as it was typed, such as "270mm,250mm"; the others likewise.
-        pressure: "" where there is none.
-        force: "" where there is none.
+        system: "si", "metric" or "us"; None for the units of the options.
+        length: length as typed, such as "270mm,250mm".
+        pressure: pressure as typed, or "".
+        force: force as typed, or "".
 
     >>> _answer_units(None, "10in", "5 bar")
     {'length': 'in', 'pressure': 'bar', 'force': 'N'}
@@ -315,14 +309,14 @@ def _answer_units(
 
 
 def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:
-    """A table of answers, with the model's force where some are slack, and why some are not inside."""
+    """Print a table of predictions, with notes on slack states and states outside the region."""
     slack = any(row.get("slack") for row in rows)
     hidden = ("outside",) if slack else ("outside", "model_force_")
     print_rows(title, [{k: v for k, v in row.items() if not k.startswith(hidden)} for row in rows])
     if slack:
-        print("note: a slack muscle pulls nothing; model force is the model's own value there")
+        print("note: the force of a slack muscle is zero; model force is the unclipped value")
     if not all(row["inside"] for row in rows):
-        print("note: rows that are not inside lie beyond the fitted lengths or pressures:")
+        print("note: rows that are not inside are outside the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
             print(f"- {sentence_in_units(reason, system or 'metric')}")
 
@@ -338,9 +332,9 @@ def card(
 ) -> int:
     """Write the muscle card of a fit: one file for a simulator, a controller or a colleague.
 
-    A card holds the muscle, the range of the data, the fluid volume, the errors, a sample of muscles, the
-    hysteresis if it was fitted, and the origin of all of it. `famjax.cards.read_card` reads it; the
-    muscle of its `safe()` can be used beyond the data.
+    A card contains the muscle, the range of the data, the fluid volume, the errors, a sample of muscles,
+    the hysteresis if fitted, and the origin of the data. Read it with `famjax.cards.read_card`; its
+    `safe()` returns a muscle that can also be used outside the data.
 
     Parameters
     ----------
@@ -351,7 +345,7 @@ def card(
     name
         Name the muscle; default: the name of the specimen.
     sample
-        Draw this number of muscles from the fit's errors; 0 for none.
+        Draw this number of muscles from the error distribution of the fit; 0 for none.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     json_
@@ -394,11 +388,11 @@ def export(
 ) -> int:
     """Write a muscle as C, tables, MATLAB or Python functions, or for a simulator.
 
-    The head of each file names its muscle and its largest difference from the model. Targets:
+    The header of each file names its muscle and its largest deviation from the model. Targets:
 
-    c: C99 of force, stiffness and inverse pressure, for a microcontroller; double or float.
+    c: C99 code for force, stiffness and inverse pressure on a microcontroller; double or float.
 
-    fmu: the muscle with valve or pump, pressure as a state, by FMI 2.0 for Simulink and OpenModelica.
+    fmu: the muscle with valve or pump, pressure as a state, as FMI 2.0 for Simulink and OpenModelica.
 
     csv, mat: tables of force, stiffness and area over length and pressure.
 
@@ -406,7 +400,7 @@ def export(
 
     python: functions that need NumPy alone.
 
-    mujoco: XML of a load that hangs on the muscle, and the actuator's callback.
+    mujoco: XML of a load hanging from the muscle, and the actuator callback.
 
     mjx: the model inside MJX's step, differentiable; runs with famjax.
 
@@ -424,8 +418,8 @@ def export(
     length
         Cut the muscle to this rest length, with its unit, such as 300mm.
     plant
-        Take circuit and friction from this plan of `famjax simulate`. C and MuJoCo then have pressure as
-        a state; without it they are static, and the FMU has the default pneumatic circuit.
+        Use circuit and friction from this plan of `famjax simulate`. C and MuJoCo then have pressure as
+        a state. By default they are static, and the FMU has the default pneumatic circuit.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     """
@@ -450,7 +444,7 @@ def export(
 
 
 def _subject(muscle: str, length: float | None, own: Sequence[str]) -> "Subject":
-    """The muscle of a fit, of a card, or a bundled one."""
+    """Open a fit, a card or a bundled muscle for export."""
     from famjax.boundary.files import Origin
     from famjax.export import Subject, made_of, read_subject
 

@@ -1,4 +1,4 @@
-"""A fit as it was asked for, from options or from a `fit.json`: solved, assessed and judged."""
+"""The problem that the options of `famjax fit` or a `fit.json` describe: solve, assess, judge."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
@@ -34,15 +34,15 @@ from fitting.verdict import Judgement, judge
 from .fit import Asked
 
 Tell = Callable[[str, int, int], None]
-"""Called with what is under way, what is done of it, and what there is to do."""
+"""Progress callback: task, number of steps done, total number of steps."""
 Kinds = Mapping[str, str]
-"""Kind of unit of every parameter by name."""
+"""Kind of unit of each parameter."""
 
 _TURNS = "turns"
 
 
 def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
-    """Kinds of unit of all parameters that a fit may have: of every known law, and of those given."""
+    """Return the kind of unit of every possible parameter, for all known and the given laws."""
     kinds = dict(KINDS)
     for one in (*known_laws(), *laws):
         made = law_named(one, None)
@@ -51,29 +51,28 @@ def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
 
 
 def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, str, str]:
-    """Name, unit and kind of a key such as `braid_diameter_mm`, or `end_factor` without a unit."""
+    """Split a key such as `braid_diameter_mm`, or `end_factor` without a unit, into name, unit and kind."""
     if kinds.get(key) == "number":
         return key, "", "number"
     if key in kinds:
         known = list(UNITS[kinds[key]])
         raise InputError(
-            f"{what} {entry!r}: {key} needs a unit, one of {', '.join(known)}, as in "
-            f"{key}_{known[-1]}=..."
+            f"{what} {entry!r}: {key} needs a unit ({', '.join(known)}), as in {key}_{known[-1]}=..."
         )
-    # The longest name that is known: a unit may hold an underscore no more than a name may end so.
+    # The longest known name wins, since one name may be a prefix of another.
     names = [name for name in kinds if key.startswith(f"{name}_")]
     name = max(names, key=len, default=key.rpartition("_")[0])
     kind = kinds.get(name, "stress" if name.startswith("E_") else None)
     if kind is None:
         listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in kinds.items())
-        raise InputError(f"{what} {entry!r}: unknown parameter; known, with any unit: {listed}")
+        raise InputError(f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)")
     return name, key[len(name) + 1 :], kind
 
 
 def _parsed(
     entries: Iterable[str], what: str, form: str, kinds: Kinds | None, split: str
 ) -> dict[str, tuple[list[float], str, str]]:
-    """Numbers of entries such as `name_unit=1:2` by name, with unit and kind."""
+    """Parse entries such as `name_unit=1:2` into numbers, unit and kind by name."""
     found: dict[str, tuple[list[float], str, str]] = {}
     known = parameter_kinds() if kinds is None else kinds
     for entry in entries:
@@ -82,7 +81,7 @@ def _parsed(
             raise InputError(f"{what} {entry!r} must read {form}")
         name, unit, kind = _name_and_unit(key, entry, what, known)
         if name in found:
-            raise InputError(f"{what} of {name} given twice")
+            raise InputError(f"{what} of {name} given twice: give it once")
         try:
             numbers = [float(one) for one in text.split(split)]
         except ValueError:
@@ -97,12 +96,12 @@ def _parsed(
 def parse_bounds(
     entries: Iterable[str], kinds: Kinds | None = None
 ) -> dict[str, tuple[float, float]]:
-    """Bounds by parameter name in SI, from entries such as `braid_diameter_mm=20:23.6`.
+    """Parse entries such as `braid_diameter_mm=20:23.6` into bounds in SI by parameter name.
 
-    A single value holds the parameter: `deadband_pressure_kPa=40`.
+    A single value fixes the parameter: `deadband_pressure_kPa=40`.
 
     Raises:
-        InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
+        InputError: an entry is malformed, a name or unit is unknown, or a name is given twice.
 
     >>> parse_bounds(["E_1_MPa=0:10", "braid_diameter_mm=21"])
     {'E_1': (0.0, 10000000.0), 'braid_diameter': (0.021, 0.021)}
@@ -115,10 +114,10 @@ def parse_bounds(
 
 
 def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str, Parameter]:
-    """Parameters with a prior, from entries such as `rest_length_mm=296+-0.5`.
+    """Parse entries such as `rest_length_mm=296+-0.5` into parameters with a prior.
 
     Raises:
-        InputError: an entry that is not of this form, or an unknown name or unit.
+        InputError: an entry is malformed, or a name or unit is unknown.
 
     >>> parse_priors(["rest_length_mm=296+-0.5"])["rest_length"].prior
     (296.0, 0.5)
@@ -133,10 +132,10 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
 
 
 def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
-    """Parameters that take part with their standard bounds, from their names.
+    """Return named parameters, to be identified within their standard bounds.
 
     Raises:
-        InputError: an unknown name.
+        InputError: a name is unknown.
     """
     for name in names:
         if name not in kinds:
@@ -145,10 +144,10 @@ def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
 
 
 def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
-    """Standard errors that all readings share, and that of a single force reading [N] or None.
+    """Parse standard errors: calibration errors shared by all readings, and the force noise [N] or None.
 
     Raises:
-        InputError: an entry that is not of this form, an unknown name or unit, or a name twice.
+        InputError: an entry is malformed, a name or unit is unknown, or a name is given twice.
 
     >>> errors, noise = parse_errors(["wall_thickness_mm=0.05", "noise_N=1.5"])
     >>> errors.stated(), noise
@@ -160,26 +159,26 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
             numbers[name] = float(value)
         except ValueError:
             raise InputError(
-                f"error {name}={value}: {value!r} is not a number; the unit belongs to the name, as in "
+                f"error {name}={value}: {value!r} is not a number; put the unit into the name, as in "
                 "wall_thickness_mm=0.05"
             ) from None
-    of_one = [name for name in numbers if name.startswith("noise_")]
-    if len(of_one) > 1:
-        raise InputError("error: the noise of a reading is given twice")
-    noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in of_one]
+    names = [name for name in numbers if name.startswith("noise_")]
+    if len(names) > 1:
+        raise InputError(f"error: the noise of a reading is given twice, {' and '.join(names)}")
+    noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in names]
     return from_entries(SharedErrors, numbers, FORM, where="error: "), next(iter(noise), None)
 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A map and what is asked of it.
+    """A force map and the options of its fit.
 
     Attributes:
-        asked: the options.
-        data: the map that is fitted, with notes on a measured shape.
-        options: of `fitting.identify` and `fitting.choose`.
-        errors: that all readings share.
-        surface: the measured shape, or None.
+        asked: options as typed.
+        data: map to fit, with notes on a measured shape.
+        options: arguments of `fitting.identify` and `fitting.choose`.
+        errors: calibration errors shared by all readings.
+        surface: measured shape, or None.
     """
 
     asked: Asked
@@ -190,14 +189,14 @@ class Problem:
 
     @classmethod
     def of(cls, data: fitting.ForceData, asked: Asked) -> "Problem":
-        """The problem built from a map and the command-line options.
+        """Build the problem from a map and the command-line options.
 
         Raises:
-            InputError: what is wrong with them.
+            InputError: an option is invalid.
         """
         if asked.geometry is not None and asked.shape is not None:
             raise fitting.InputError(
-                "--shape is a geometry already: give either --shape or --geometry, got both"
+                "--shape also sets the geometry: give either --shape or --geometry, got both"
             )
         errors, noise = parse_errors(asked.shared_error)
         parts, declared = own_parts([data], asked.geometry, asked.term)
@@ -225,17 +224,17 @@ class Problem:
 
     @classmethod
     def of_fit(cls, fit: fitting.Identification, own: Own = ()) -> "Problem":
-        """The problem of a fit that `fitting.load_fit` has read; `own` as for that.
+        """Rebuild the problem of a fit loaded by `fitting.load_fit`, with the same `own`.
 
         Raises:
-            InputError: the file does not hold one, a file that it names is not there any
-                more, or a class that it names is not trusted.
+            InputError: the file does not contain a problem, a file named in it is missing, or a class named
+                in it is not trusted.
         """
         held = fit.document.get("problem")
         if held is None:
             raise fitting.InputError(
-                "the file does not hold its problem: assess a fit.json of famjax fit. For a fit of a "
-                "script call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
+                "the file does not contain its problem: give a fit.json written by famjax fit. For the fit "
+                "of a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
             )
         asked: dict[str, Any] = {
             key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
@@ -247,11 +246,11 @@ class Problem:
         return cls.of(fit.data, Asked(**asked))
 
     def as_dict(self) -> dict[str, Any]:
-        """What `fit.json` holds of it beside the data."""
+        """Return the entry of `fit.json` that describes the problem."""
         return {"asked": dataclasses.asdict(self.asked)}
 
     def solve(self, progress: Tell) -> tuple[fitting.Identification, Choice | None]:
-        """The fit, and the choice of its law where none was asked for."""
+        """Return the fit, and the choice of its law if no law was given."""
         asked = self.asked
         if asked.chosen:
             try:
@@ -281,15 +280,15 @@ class Problem:
         executor: AnyExecutor = None,
         **wanted: Any,
     ) -> Evidence:
-        """The evidence that is wanted; a choice is made anew in every fold of a validation.
+        """Gather the requested evidence; the law is chosen again in every fold of a cross-validation.
 
         Args:
             result: the fit.
-            choice: of its law; None where one was asked for.
-            progress: called as it comes.
-            validation: leave out each pressure and each length.
-            executor: what chooses anew.
-            **wanted: what else `fitting.evidence.gather` is to find.
+            choice: choice of its law; None if the law was given.
+            progress: progress callback.
+            validation: cross-validate by pressure and by length.
+            executor: executor for the repeated choices.
+            **wanted: further arguments of `fitting.evidence.gather`.
         """
         found = gather(
             result, validation=validation and choice is None, progress=progress,
@@ -312,7 +311,7 @@ class Problem:
         return dataclasses.replace(found, validations=tuple(anew))
 
     def _moves(self, data: fitting.ForceData) -> dict[str, list[Move]]:
-        """What errors that all readings share move: those that are stated, and that of the shape."""
+        """Return the effects of the stated calibration errors and of the error of the shape."""
         surface = self.surface
         if surface is None:
             return moves_of(data, self.errors)
@@ -323,11 +322,11 @@ class Problem:
 def judged(
     result: fitting.Identification, choice: Choice | None, evidence: Evidence, progress: Tell
 ) -> Judgement:
-    """The verdict; data that are fitted poorly are questioned."""
+    """Return the verdict; after a poor fit, likely errors in the data are tested."""
     suspicions = ()
     if doubtful(result):
         suspicions = suspect(
-            result, progress=lambda done, total: progress("looking for what is wrong", done, total)
+            result, progress=lambda done, total: progress("testing likely errors", done, total)
         )
     question = "" if choice is None else choice.open_question
     return judge(result, suspicions, evidence.left_out, question)
@@ -336,10 +335,10 @@ def judged(
 def _with_shape(
     data: fitting.ForceData, pictures: Path, options: Mapping[str, Any]
 ) -> tuple[fitting.ForceData, dict[str, Any], ShapeSurface]:
-    """The map with notes on the shape, the options of a fit with that geometry, and the shape.
+    """Return the map with notes on the shape, the options of a fit with this geometry, and the shape.
 
-    The turns of the threads are identified unless they are named: the force tells them, and the
-    diameters alone do not.
+    The turns of the threads are identified from the force unless the user sets them, since diameters
+    alone do not determine them.
     """
     surface = fitting.shape_surface(pictures)
     geometry = surface.geometry(data.specimen)
@@ -347,13 +346,14 @@ def _with_shape(
     outside = (data.length < low) | (data.length > high)
     if outside.any():
         raise fitting.InputError(
-            f"{int(outside.sum())} readings of {data.source} lie outside the lengths of the pictures, "
-            f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photograph the whole stroke, or leave them out"
+            f"all lengths must be within those of the pictures, {low * 1e3:.4g} to {high * 1e3:.4g} mm; "
+            f"{int(outside.sum())} readings of {data.source} are outside: photograph the whole stroke, or "
+            "remove these readings"
         )
     named = {*options["bounds"], *options["parameters"]}
     least, most = surface.threads.turns_range()
     free = {} if _TURNS in named else {_TURNS: Parameter(min=least, max=most)}
-    # A saved fit's data have the notes already.
+    # The data of a saved fit already have the notes.
     noted = dataclasses.replace(data, notes=tuple(dict.fromkeys((*data.notes, *surface.summary()))))
     fitted = {**options, "geometry": geometry, "parameters": {**options["parameters"], **free}}
     return noted, fitted, surface

@@ -1,4 +1,4 @@
-"""Many maps or many fits: `famjax sweep`, `compare`, `series` and `ramps`."""
+"""Commands for several maps or several fits: `famjax sweep`, `compare`, `series` and `ramps`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,9 +28,9 @@ from .fit import Constraint, Ends, load_fitting, load_map
 SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
 ]
-"""Orders of the polynomial law that a sweep has."""
+"""Orders of the polynomial law in a sweep."""
 _CURVES = 3
-"""Fits whose force curves are drawn, those with the smallest BIC."""
+"""Number of fits with plotted force curves; those with the smallest BIC are plotted."""
 _SWEPT = {
     "pressure": "dependence", "order": "order", "constraint": "constraint",
     "n coefficients": "n_coefficients", "rmse_N": "rmse", "mae_N": "mae",
@@ -38,7 +38,7 @@ _SWEPT = {
     "aicc": "aicc", "bic": "bic", "left out rmse_N": "cross_validated_rmse",
     "stability margin_Pa": "margin", "condition": "condition", "verdict": "verdict",
 }  # fmt: skip
-"""Columns of the table of a sweep, and where they are in `sweep.json`."""
+"""Columns of the table of a sweep, and their keys in `sweep.json`."""
 
 
 def sweep(
@@ -57,21 +57,21 @@ def sweep(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Fit every permutation of order, pressure dependence and constraint at one geometry.
+    """Fit all combinations of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.json` with all fits in SI, and pictures of errors and force curves. Without a
-    geometry, `famjax fit --law polynomial` provides it.
+    Writes `sweep.json` with all fits in SI, and figures of errors and force curves. By default, the
+    geometry is identified as in `famjax fit --law polynomial`.
 
     Parameters
     ----------
     data
         Read this CSV file or bundled map, as for `famjax fit`.
     braid_diameter
-        Set D0 at rest with its unit, `21.6mm`.
+        Set the braid diameter at rest, D0, with its unit: `21.6mm`.
     braid_angle
-        Set the braid angle at rest from the circumference with its unit, `63deg`.
+        Set the braid angle at rest, measured from the circumference, with its unit: `63deg`.
     deadband
-        Set the pressure before the muscle acts with its unit, `43kPa`.
+        Set the pressure below which the muscle does not act, with its unit: `43kPa`.
     order
         Try these orders of the law, repeatable, 1 to 4.
     dependence
@@ -79,15 +79,15 @@ def sweep(
     constraint
         Try these constraints, repeatable: none, positive, slope, drucker.
     objective
-        Choose what is minimised. mean_rmse: the mean over pressures of the RMSE, as in the reference work.
+        Choose the objective. mean_rmse: the mean over pressures of the RMSE, as in the reference work.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     column
-        Say which column is which quantity, as for `famjax fit`, repeatable.
+        Name the column of a quantity that is not recognised, as for `famjax fit`, repeatable.
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of tables and pictures: si, metric or us.
+        Choose the units of tables and figures: si, metric or us.
     json_
         Print one JSON object, in SI, and nothing else.
     """
@@ -104,7 +104,7 @@ def sweep(
     missing = [name for name, text in given.items() if text is None]
     if 0 < len(missing) < len(given):
         raise fitting.InputError(
-            f"the geometry needs {', '.join(given)} together, or none of them to identify it; missing: "
+            f"give {', '.join(given)} together, or none of them to identify the geometry; missing: "
             f"{', '.join(missing)}"
         )
     with progress("identifying the geometry, sweeping"):
@@ -132,7 +132,7 @@ def sweep(
     if json_:
         print_json({"rows": rows})
         return 0
-    # A verdict of more than two words is printed once, below the table.
+    # Longer verdicts are printed once, below the table.
     long = dict.fromkeys(
         row["verdict"] for row in rows if " " in row["verdict"].removeprefix("not ")
     )
@@ -148,7 +148,7 @@ def sweep(
 
 
 def _finite(value: Any) -> Any:
-    """Lists and mappings with None for what is not finite, as JSON has it."""
+    """Replace non-finite numbers in lists and mappings by None, as in JSON."""
     from famjax.boundary.units import finite_or_none
 
     if isinstance(value, dict):
@@ -159,7 +159,7 @@ def _finite(value: Any) -> Any:
 
 
 _STARTS = 32
-"""Of each nonlinear fit of a comparison."""
+"""Number of starts of each nonlinear fit in a comparison."""
 _COLUMNS = {
     "model": "label",
     "n parameters": "n_parameters",
@@ -169,7 +169,7 @@ _COLUMNS = {
     "lengths out N": "lolo_rmse_N",
     "max error N": "max_error_N",
 }
-"""Of the table, and where they are in `compare.json`; "out" is the RMSE on what was left out."""
+"""Columns of the table, and their keys in `compare.json`; "out" is the held-out RMSE."""
 
 
 def compare(
@@ -183,29 +183,29 @@ def compare(
     jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
-    """Fit every published static force model, and famjax's own, to one force map.
+    """Fit all published static force models, and famjax's own, to one force map.
 
-    Each model is fitted to all loaded readings. Then it is fitted again without each pressure and each
-    length, and predicts it ("pressures out", "lengths out"; inner lengths exclude the longest and the
-    shortest). The table is sorted by the error on inner lengths; a model has none where the other readings
-    do not determine what it predicts. All models take a minute or two.
+    Each model is fitted to all loaded readings, and cross-validated by pressure and by length
+    ("pressures out", "lengths out"; inner lengths exclude the longest and the shortest). The table is
+    sorted by the held-out error on inner lengths, which is missing if the other readings do not
+    determine the model. All models take a minute or two.
 
-    Writes `compare.json` and `compare.png`. Finished rows are kept in `rows.jsonl`, from which a stopped
-    comparison resumes.
+    Writes `compare.json` and `compare.png`. Finished rows are stored in `rows.jsonl`, from which an
+    interrupted comparison resumes.
 
     Parameters
     ----------
     data
         Read this CSV file or bundled map, as for `famjax fit`.
     models
-        Fit only these models, repeatable. An unknown name prints the list.
+        Fit only these models, repeatable. An unknown name prints the list of models.
     own
-        Add a model of your own, module:Class, repeatable: a whole model, or a law, geometry or force
-        term that is identified with the rest of a muscle: `--own my_model:Gent`.
+        Add a model of your own, module:Class, repeatable: `--own my_model:Gent`. It may be a complete
+        model, or a law, geometry or force term, which is identified with the rest of a muscle.
     specimen
         Describe the muscle, key_unit=value, repeatable.
     column
-        Say which column is which quantity, as for `famjax fit`, repeatable.
+        Name the column of a quantity that is not recognised, as for `famjax fit`, repeatable.
     output
         Write the files to this folder; it is created if missing.
     jobs
@@ -260,12 +260,12 @@ def series(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Identify several muscles of a series together, to predict those of other lengths.
+    """Identify several muscles of a series together, to predict muscles of other lengths.
 
-    All share one braid, one bladder and one rig; only the length differs. Each law, with and without a
-    deadband and a compliant rig, is judged by specimens that it predicts from the others. The first
-    law with an error within half of the smallest is kept. Predictions are its mean with up to two more
-    models of its law.
+    All specimens share braid, bladder and rig; only the length differs. Each law, with and without a
+    deadband and a compliant rig, is cross-validated over specimens. The first law with a held-out error
+    at most half above the smallest is kept. Predictions average it with up to two more models with the
+    same law.
 
     Writes `fit.json`, for `famjax predict fit.json --rest-length 132mm`, and prints a verdict. The exit
     code is 1 if nothing was identified.
@@ -273,10 +273,10 @@ def series(
     Parameters
     ----------
     data
-        Read these CSV files, one for each specimen, with the lines `# specimen: name = ...` and
+        Read these CSV files, one per specimen, with the lines `# specimen: name = ...` and
         `# specimen: rest_length_mm = ...`.
     column
-        Say which column is which quantity, as for `famjax fit`, repeatable.
+        Name the column of a quantity that is not recognised, as for `famjax fit`, repeatable.
     law
         Try these laws, repeatable; default: linear, mooney-rivlin and ogden. linear and cubic are
         polynomials; other names, and module:Class, are as for `famjax fit`.
@@ -284,18 +284,18 @@ def series(
         Identify another parameter in all models, repeatable: series_compliance, series_exponent,
         deadband_pressure, end_length, braid_compliance.
     bounds
-        Replace bounds, name_unit=min:max, repeatable. A single value holds the parameter:
+        Replace bounds, name_unit=min:max, repeatable. A single value fixes the parameter:
         `--bounds series_compliance_mm/N=0` for a rigid rig.
     constraint
         Restrict the law: none, positive, slope or drucker, as for `famjax fit`.
     geometry
-        Wrap the cylinder in a geometry of your own, module:Class, as for `famjax fit`. It needs a method
-        cut_to_length.
+        Wrap the cylinder in a geometry of your own, module:Class, as for `famjax fit`. The class must have
+        a method cut_to_length.
     term
         Add a force term of your own, module:Class, repeatable, as for `famjax fit`.
     ends
-        Take the ends as the cylinder's, or also try each law with the shape from mechanics (equilibrium),
-        which takes minutes.
+        Choose the model of the ends: cylinder, or equilibrium to try each law also with the shape from
+        mechanics, which takes minutes.
     output
         Write the file to this folder; it is created if missing.
     units
@@ -347,20 +347,16 @@ def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system
     units, found = unit_system(system), document["series"]
     errors = found["leave_one_specimen_out_N"]
     families = [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()]
-    print_rows(
-        "Models, by the error of specimens predicted from the others", in_units(families, units)
-    )
+    print_rows("Models, by held-out error over specimens", in_units(families, units))
     columns = ("name", "rest_length_m", "max_force_N", "rmse_N", "predicted_rmse_N")
     specimens = [{key: one[key] for key in columns} for one in found["specimens"]]
-    title = (
-        f"Specimens, with {found['family']}; the mean of {found['averaged']} models predicts them"
-    )
+    title = f"Specimens, with {found['family']}; predictions average {found['averaged']} models"
     print_rows(title, in_units(specimens, units))
     shared = [
         {"parameter": name, "value": of["value"], "unit": of["unit"], "std_error": of["stderr"]}
         for name, of in values.items()
     ]
-    print_rows("Parameters, shared", shared)
+    print_rows("Shared parameters", shared)
     told = [document["unchecked"], *document["reasons"][1:], *document["warnings"]]
     for note in filter(None, told):
         print(f"note: {text_in_units(note, system)}")
@@ -368,7 +364,7 @@ def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system
     predicted = Quantity(found["predicted_rmse_N"], "force", 3).in_units(system)
     print_lines([
         ("verdict", f"{document['verdict'].capitalize()}. {reason}".strip()),
-        ("RMSE", f"{predicted} on specimens predicted from the others."),
+        ("RMSE", f"{predicted} on held-out specimens."),
     ])  # fmt: skip
 
 
@@ -397,28 +393,28 @@ def ramps(
         Read these raw records, each with its length: `test8.csv=73.25mm`; or a CSV file with the
         columns `file,length_mm`.
     atmosphere
-        State what the pressure sensor reads at atmosphere, `8.94kPa`, or the interval of each record in
-        which the muscle is vented, `0s:0.5s`.
+        State the pressure reading at atmosphere, `8.94kPa`, or the interval in which the muscle is vented
+        in each record, `0s:0.5s`.
     specimen
-        Describe the muscle, key_unit=value, repeatable; rest_length is needed.
+        Describe the muscle, key_unit=value, repeatable; rest_length is required.
     column
-        Say which column is which quantity, if the names do not: `force="Kraft [N]"`, by name or number,
-        with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
+        Name the column of a quantity that is not recognised: `force="Kraft [N]"`, by name or number, with
+        the unit, repeatable; `pressure=-` ignores a column. Also `decimal=,` and, for absolute
         pressures, `atmosphere=101.3kPa`.
     branches
-        Choose the branch of the map: the mean of both, fill or vent.
+        Choose the branch of the map: both (mean), fill or vent.
     period_s
-        Set the time between valve pulses; default: found in the record.
+        Set the time between valve pulses; default: detected from the record.
     step_kPa
-        Set the step between the pressures of the map.
+        Set the spacing of the pressures of the map.
     slack_below_N
-        Set the force below which the muscle does not pull; default: found from the sensor's clamp.
+        Set the force below which the muscle does not pull; default: derived from noise and sensor clamp.
     length_std_mm
         State the standard deviation of the lengths.
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of summary, picture and map: si, metric or us.
+        Choose the units of summary, figure and map: si, metric or us.
     json_
         Print one JSON object and nothing else.
     """

@@ -1,4 +1,4 @@
-"""Clocks of one test: device ticks to host time, and a machine's clock to the journal's."""
+"""Clock alignment: device ticks to host time, and the machine's clock to the journal's."""
 
 import dataclasses
 import itertools
@@ -11,35 +11,35 @@ from famjax.boundary.errors import InputError
 Series = tuple[np.ndarray, np.ndarray]
 """Times [s] and forces [N] of a record."""
 MAX_RATE = 0.01
-"""Largest relative rate of two clocks that is believed: ten seconds in a quarter of an hour."""
+"""Largest accepted relative rate between two clocks: ten seconds in a quarter of an hour."""
 
 _PASSES = 3
-_WINDOW = 10.0  # s, within which the host's map of a device's clock has one error
+_WINDOW = 10.0  # s, within which the error of a clock map is constant
 _COARSE, _FINE = 0.5, 0.05  # s, grids of the correlations
-_LEAST_AGREEMENT = 0.9  # correlation below which two loads are not of the same test
-_LEAST_OVERLAP = 0.5  # of the shorter record
-_WINDOWS, _REACH = 10, 30.0  # windows of the local lags, and how far each may lie from the best [s]
-_CORRELATED = 0.05  # of the readings: the longest lag at which residuals may be correlated
-_CUBIC = 3 / 128  # of a fourth difference: the error of a cubic half-way between two of four rows
-_STEPS = 30  # of Gauss-Newton, at most
-_SETTLED = 1e-4  # of the log's interval: a smaller step of the offset is the last
-_TO_AND_FRO = 0.2  # of the offset's standard error
-_BRIDGE = 5  # usual intervals over which a recording is interpolated; a longer gap is left out
-_FEWEST = 50  # readings of a load that two clocks are aligned by
+_LEAST_AGREEMENT = 0.9  # smallest correlation between the loads of the same test
+_LEAST_OVERLAP = 0.5  # smallest overlap, relative to the shorter record
+_WINDOWS, _REACH = 10, 30.0  # number of windows for local lags, and their largest distance [s]
+_CORRELATED = 0.05  # longest correlation of residuals, relative to the record
+_CUBIC = 3 / 128  # interpolation error of a cubic at mid-interval, per fourth difference
+_STEPS = 30  # largest number of Gauss-Newton steps
+_SETTLED = 1e-4  # convergence tolerance of the offset, relative to the log's interval
+_TO_AND_FRO = 0.2  # accepted oscillation of the offset, relative to its standard error
+_BRIDGE = 5  # longest gap that is interpolated, in usual intervals
+_FEWEST = 50  # fewest load readings for an alignment
 
 
 @dataclasses.dataclass(frozen=True)
 class ClockMap:
-    """Host time of device time, neglecting the shortest latency and what drifts within a window.
+    """Map from device time to host time; neglects the shortest latency and drift within a window.
 
-    host = offset + rate device + s(device), with s piecewise linear: the crystal's wobble.
+    host = offset + rate device + s(device), with s piecewise linear for the drift of the oscillator.
 
     Attributes:
-        offset: host time [s] of device time zero on the line.
-        rate: host seconds in a second of the device.
-        knots: device times [s] at which s is known, shape (n,), increasing.
-        residuals: s there [s], shape (n,). Beyond the ends s keeps its last value.
-        error: standard deviation [s] of s between the knots, from leaving each one out.
+        offset: host time [s] at device time zero.
+        rate: host seconds per device second.
+        knots: device times [s] of the knots of s, shape (n,), increasing.
+        residuals: values of s at the knots [s], shape (n,); constant beyond the ends.
+        error: standard deviation [s] of s between the knots, from leaving out each knot.
     """
 
     offset: float
@@ -55,22 +55,22 @@ class ClockMap:
 
 
 def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) -> ClockMap:
-    """The map from device to host time as the lower envelope of arrivals, neglecting early ones.
+    """Fit the map from device to host time as the lower envelope of arrival times.
 
-    A record never arrives before it is made, so in every window the arrival that is earliest
-    against the device's clock has the shortest latency. The line is the mean drift; what is left of
-    the earliest arrivals is interpolated, which follows a wobbling resonator.
+    A record cannot arrive before it is created, so the earliest arrival in each window has the shortest
+    latency. The line is the mean drift. The remaining deviations of the earliest arrivals are
+    interpolated, which follows an unsteady oscillator.
 
     Args:
-        device: device times [s] of records, shape (n,), n >= 2, any order.
-        host: their times of arrival [s], shape (n,).
-        window: length [s] of a window; a wobble slower than four windows is followed.
+        device: device times [s] of records, shape (n,), n >= 2, in any order.
+        host: their arrival times [s], shape (n,).
+        window: length [s] of a window; variations slower than four windows are followed.
 
     Returns:
-        The map; it puts a record's host time at its creation plus the shortest latency.
+        The map, which returns the creation time of a record plus the shortest latency.
 
     Raises:
-        InputError: fewer than two distinct device times, shapes that differ, or values that are not
+        InputError: there are fewer than two distinct device times, shapes differ, or values are not
             finite.
 
     References:
@@ -84,10 +84,10 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
     t, arrival = np.asarray(device, np.float64), np.asarray(host, np.float64)
     if t.ndim != 1 or t.shape != arrival.shape:
         raise InputError(
-            f"device and host times must have one shape (n,), got {t.shape} and {arrival.shape}"
+            f"device and host times must have the same shape (n,), got {t.shape} and {arrival.shape}"
         )
     if not (np.isfinite(t).all() and np.isfinite(arrival).all()):
-        raise InputError("device and host times must be finite; leave out records with no time")
+        raise InputError("device and host times must be finite: leave out records without a time")
     if t.size < 2 or np.ptp(t) == 0:
         raise InputError("a clock needs records of two device times at least; record for longer")
     order = np.argsort(t, kind="stable")
@@ -100,7 +100,7 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
     cell = np.minimum(((t - t[0]) / np.ptp(t) * windows).astype(np.int64), windows - 1)
     knots = residuals = np.empty(0)
     trend = np.zeros_like(t)
-    for _ in range(_PASSES):  # the trend within a window shifts its earliest arrival
+    for _ in range(_PASSES):  # a trend within a window shifts its earliest arrival
         first = _earliest(cell, late - trend)
         knots, residuals = t[first], late[first]
         trend = np.interp(t, knots, residuals)
@@ -110,7 +110,7 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
             residuals[2:] - residuals[:-2]
         )
         error = float(np.sqrt(np.mean((residuals[1:-1] - guess) ** 2) / 1.5))
-    if knots.size > 1:  # the outer segments' lines go on to the ends of the record
+    if knots.size > 1:  # extend the outer segments to the ends of the record
         slopes = np.diff(residuals) / np.diff(knots)
         before = residuals[0] + slopes[0] * (t[0] - knots[0])
         after = residuals[-1] + slopes[-1] * (t[-1] - knots[-1])
@@ -121,7 +121,7 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
 
 
 def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
-    """Slope of the line under all arrivals that passes closest to them."""
+    """Slope of the closest line below all arrivals."""
     late = arrival - t
     hull: list[int] = []
     cell = np.floor((t - t[0]) / np.ptp(t) * 256).astype(np.int64)
@@ -129,7 +129,7 @@ def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
         while len(hull) > 1:
             a, b = hull[-2:]
             if (late[b] - late[a]) * (t[c] - t[a]) < (late[c] - late[a]) * (t[b] - t[a]):
-                break  # b lies below the line from a to c
+                break  # b is below the line from a to c
             hull.pop()
         hull.append(c)
     middle = (t[0] + t[-1]) / 2
@@ -139,25 +139,25 @@ def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
 
 
 def _earliest(cell: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """Index of the smallest lateness in each cell, in the order of the cells."""
+    """Index of the smallest delay in each cell, in the order of the cells."""
     order = np.lexsort((late, cell))
     return order[np.flatnonzero(np.diff(cell[order], prepend=-1))]
 
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
-    """How a machine's clock reads against the journal's.
+    """Alignment of the machine's clock with the journal's.
 
     t_journal = t + offset + rate (t - reference),  t the machine's time
 
     Attributes:
-        offset: [s], at the reference.
-        rate: by which the journal's clock gains on the machine's [-].
-        reference: the machine's time [s] at which the offset is best known.
-        offset_error: standard error [s].
-        rate_error: standard error [-]; infinite where one pulse is all there was.
-        residual: root mean square of what is left: [N] by load, [s] by pulses.
-        n: readings, or edges of pulses, that were used.
+        offset: offset at the reference [s].
+        rate: relative rate of the journal's clock against the machine's [-].
+        reference: machine time [s] at which the offset is most accurate.
+        offset_error: standard error of the offset [s].
+        rate_error: standard error of the rate [-]; infinite for a single pulse.
+        residual: root mean square residual, [N] for loads, [s] for pulses.
+        n: number of readings or pulse edges used.
         method: "load" or "pulses".
     """
 
@@ -180,12 +180,12 @@ class Alignment:
         )
 
     def journal_time(self, time: ArrayLike | float) -> np.ndarray:
-        """The journal's time [s] of the machine's times [s], any shape."""
+        """Convert machine times [s], any shape, to journal times [s]."""
         machine = np.asarray(time, float)
         return np.asarray(machine + self.offset + self.rate * (machine - self.reference))
 
     def error(self, time: ArrayLike | float) -> np.ndarray:
-        """Standard error [s] of `journal_time`, of the shape of the machine's times [s]."""
+        """Standard error [s] of `journal_time` at machine times [s], same shape."""
         away = np.abs(np.asarray(time, float) - self.reference)
         with np.errstate(invalid="ignore"):
             drift = np.where(away > 0, self.rate_error * away, 0.0)
@@ -195,20 +195,20 @@ class Alignment:
 def align_by_pulses(
     journal_pulses: np.ndarray, log_pulses: np.ndarray, *, resolution: float = 0.01
 ) -> Alignment:
-    """The alignment under which pulses that both have recorded coincide.
+    """Align two clocks by pulses that both have recorded.
 
-    Either list may lack pulses or have some of its own. One pulse gives an offset and no rate.
+    Either list may have missing or extra pulses. A single pulse determines the offset but not the rate.
 
     Args:
-        journal_pulses: times of the edges [s], rising, shape (n,).
-        log_pulses: times of the edges on the machine's clock [s], rising, shape (m,).
-        resolution: standard deviation of the time of an edge [s]: half a log's interval or so.
+        journal_pulses: edge times on the journal's clock [s], increasing, shape (n,).
+        log_pulses: edge times on the machine's clock [s], increasing, shape (m,).
+        resolution: standard deviation of an edge time [s], about half the log's interval.
 
     Returns:
         The alignment.
 
     Raises:
-        InputError: a list is empty, or the pulses match in more than one way, or hardly at all.
+        InputError: a list is empty, or the pulses match in several ways or in none.
     """
     journal, log = np.asarray(journal_pulses, float), np.asarray(log_pulses, float)
     if not (journal.size and log.size):
@@ -217,7 +217,7 @@ def align_by_pulses(
         )
     for name, times in (("journal", journal), ("log", log)):
         if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-            raise InputError(f"the pulses of the {name} must be finite and rise, got {times}")
+            raise InputError(f"the pulses of the {name} must be finite and increasing, got {times}")
     i, j = _matched(journal, log, resolution)
     n, reference = len(i), float(log[j].mean())
     away, lags = log[j] - reference, journal[i] - log[j]
@@ -228,7 +228,7 @@ def align_by_pulses(
     rate = float(away @ lags) / square
     left = lags - offset - rate * away
     spread = np.sqrt(left @ left / (n - 2)) if n > 2 else 0.0
-    spread = max(float(spread), resolution)  # a chance agreement of few pulses is no precision
+    spread = max(float(spread), resolution)  # few pulses may agree by chance
     errors = spread / n**0.5, spread / square**0.5
     residual = float(np.sqrt(left @ left / n))
     return Alignment(offset, rate, reference, *errors, residual, n, "pulses")
@@ -237,7 +237,7 @@ def align_by_pulses(
 def _matched(
     journal: np.ndarray, log: np.ndarray, resolution: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices in journal and log of the pairs of the one hypothesis under which most pulses coincide."""
+    """Return the indices in journal and log for the unique match with the most coinciding pulses."""
     found: set[tuple[tuple[int, int], ...]] = set()
     for i, j in np.ndindex(journal.size, log.size):
         at = journal[i] + log - log[j]
@@ -266,21 +266,21 @@ def align_by_load(
     near: tuple[float, float] | None = None,
     time_error: float = 0.0,
 ) -> Alignment:
-    """The alignment under which the two load channels agree, gain and zero of either being free.
+    """Align two clocks by the load that both have recorded; gain and zero are free.
 
-    Least squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b, from the offset of the
-    best correlation. The standard errors hold for residuals that are correlated within a twentieth of
-    the record, and that as much where the load changes as elsewhere. Neglected: a delay of either
-    channel, which is an error of the offset.
+    Minimises the squares of F_journal(t) - a F_log(t) - b over offset, rate, a and b, starting from the
+    offset with the best correlation. The standard errors are valid for residuals that are correlated over
+    less than a twentieth of the record, equally during load changes and elsewhere. A delay of either
+    channel is neglected and becomes an error of the offset.
 
     Args:
-        journal_time: [s], rising, shape (n,).
-        journal_force: [N], shape (n,).
-        log_time: of the machine's clock [s], rising, shape (m,).
-        log_force: [N], shape (m,), of the journal's sign.
-        near: offset [s] and how far it may be off [s], where it is known roughly.
-        time_error: standard deviation [s] of the journal's times, such as `ClockMap.error`; it is one
-            error within 10 s and another beyond.
+        journal_time: journal times [s], increasing, shape (n,).
+        journal_force: journal forces [N], shape (n,).
+        log_time: times on the machine's clock [s], increasing, shape (m,).
+        log_force: forces in the log [N], shape (m,), with the journal's sign.
+        near: approximate offset [s] and its largest error [s], if known.
+        time_error: standard deviation [s] of the journal's times, such as `ClockMap.error`; constant
+            within 10 s and independent beyond.
 
     Returns:
         The alignment.
@@ -298,8 +298,8 @@ def align_by_load(
         start = float(offset), float(rate), float(times.mean())
     if abs(start[1]) > MAX_RATE:
         raise InputError(
-            f"the clocks would differ by {start[1] * 1e6:.0f} ppm, more than {MAX_RATE * 1e6:.0f}: "
-            "are journal and log of the same test?"
+            f"the clock rates must agree within {MAX_RATE * 1e6:.0f} ppm, got {start[1] * 1e6:.0f} ppm: "
+            "check that journal and log are of the same test"
         )
     return _refined(journal, log, *start, time_error)
 
@@ -308,27 +308,27 @@ def _series(name: str, time: np.ndarray, force: np.ndarray) -> Series:
     time, force = np.asarray(time, float), np.asarray(force, float)
     if time.ndim != 1 or time.shape != force.shape or time.size < _FEWEST:
         raise InputError(
-            f"time and force of the {name} must be equally long, one-dimensional, and at least "
+            f"time and force of the {name} must be one-dimensional, equally long, and have at least "
             f"{_FEWEST} readings, got shapes {time.shape} and {force.shape}"
         )
     if not (np.all(np.isfinite(time)) and np.all(np.isfinite(force)) and np.all(np.diff(time) > 0)):
-        raise InputError(f"time and force of the {name} must be finite, and time must rise")
+        raise InputError(f"time and force of the {name} must be finite, and time must increase")
     return time, force
 
 
 def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) -> float:
-    """Lag [s] to add to the log's time, to half a second, by normalised correlation."""
+    """Lag [s] of the log, to half a second, from the normalised correlation."""
     correlation, lags, share = _correlation(journal, log, _COARSE, _LEAST_OVERLAP)
     if near is not None:
         correlation = np.where(np.abs(lags - near[0]) <= near[1], correlation, -1.0)
-    # How much of the shorter record's variance the other explains: part of a record may fit anywhere.
+    # Explained variance of the shorter record: a mere part of a record may fit anywhere.
     explained = correlation * np.abs(correlation) * share
     k = int(np.argmax(explained))
     if not correlation[k] >= _LEAST_AGREEMENT:
         raise InputError(
-            f"the loads of journal and log do not match anywhere: their best correlation is "
-            f"{correlation[k]:.2f}, {_LEAST_AGREEMENT} is needed. Do they come from the same "
-            "test, with the same sign?"
+            f"the loads of journal and log do not match: their best correlation must be at least "
+            f"{_LEAST_AGREEMENT}, got {correlation[k]:.2f}. Check that both are of the same test and have "
+            "the same sign"
         )
     peak = explained[1:-1] >= np.maximum(explained[:-2], explained[2:])
     peaks = 1 + np.flatnonzero(peak & (np.abs(lags[1:-1] - lags[k]) > 10 * _COARSE))
@@ -336,16 +336,17 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     rivals = peaks[(left[peaks] < 3 * left[k] + 1e-4) & (explained[peaks] > 0.8 * explained[k])]
     if rivals.size:
         raise InputError(
-            f"the loads agree at more than one offset, {lags[k]:.1f} s and {lags[rivals[0]]:.1f} s "
-            "among them: equal strokes cannot be told apart. Give near=(offset, within), or pulses"
+            f"the loads agree at more than one offset, such as {lags[k]:.1f} s and "
+            f"{lags[rivals[0]]:.1f} s: equal strokes cannot be distinguished. Give "
+            "near=(offset, within), or use pulses"
         )
     return float(lags[k])
 
 
 def _local_lags(journal: Series, log: Series, lag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the log [s] and the lag [s] around each, from windows whose load varies.
+    """Return log times [s] and local lags [s] from windows with varying load.
 
-    Only those that lie on one line: the median of all slopes between pairs decides.
+    Outliers from a line are removed; its slope is the median over all pairs (Theil-Sen).
     """
     (tj, fj), (tm, fm), found = journal, log, []
     reach = min(_REACH, (tm[-1] - tm[0]) / 4)
@@ -376,11 +377,11 @@ def _local_lags(journal: Series, log: Series, lag: float) -> tuple[np.ndarray, n
 def _correlation(
     journal: Series, log: Series, step: float, overlap: float | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Correlation of the overlap at lags `step` apart, the lags [s], and the variance in the overlap.
+    """Return the correlation at lags spaced by `step`, the lags [s], and the variance in the overlap.
 
-    The correlation is -1 where the overlap is shorter than a part of the shorter record (four fifths
-    of the log unless given) or does not vary. The variance is that of the shorter record, as part of
-    its largest.
+    The correlation is -1 if the overlap is constant or too short: below the fraction `overlap` of the
+    shorter record, or four fifths of the log. The variance is that of the shorter record, relative to its
+    largest value.
     """
     from scipy.signal import correlate  # noqa: PLC0415 -- 0.2 s
 
@@ -406,7 +407,7 @@ def _correlation(
 def _sampled(
     t: np.ndarray, f: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means in bins of an even grid, less their mean, and 1 where a bin holds readings."""
+    """Return bin centres, centred bin means, and 1 for bins with readings, else 0."""
     index = np.floor((t - t[0]) / step).astype(int)
     n = np.bincount(index)
     held = n > 0
@@ -419,12 +420,11 @@ def _sampled(
 def _refined(
     journal: Series, log: Series, offset: float, rate: float, reference: float, time_error: float
 ) -> Alignment:
-    """Offset, rate and their errors by Gauss-Newton on F_j - a F_m - b.
+    """Determine offset, rate and their errors by Gauss-Newton on F_j - a F_m - b.
 
-    Between two rows the log is a cubic through them with the slopes of central differences: a
-    straight line lies on one side of every bend, and most of what fixes the offset is in the few
-    rows of a change of pressure. A reading counts the less the more the cubic may be wrong there: a
-    slow log knows a fast change badly, and its strokes well.
+    The log is interpolated by a cubic with slopes from central differences. Straight lines would be
+    biased at bends, and the few rows of a pressure change determine most of the offset. Readings are
+    weighted by the interpolation error, since a slow log resolves slow strokes but not fast changes.
     """
     from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 -- 0.2 s
 
@@ -437,13 +437,13 @@ def _refined(
     wrong = _CUBIC * np.abs(fourth)
 
     def linearised(offset: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The log's times of the readings, their weighted residuals, and the derivatives of these."""
+        """Return the log times of the readings, the weighted residuals, and their derivatives."""
         at = (tj - offset + rate * reference) / (1 + rate)
         right = np.clip(np.searchsorted(tm, at), 1, tm.size - 1)
         bridged = tm[right] - tm[right - 1] <= _BRIDGE * interval
         use = (at >= tm[0]) & (at <= tm[-1]) & bridged
         if use.sum() < _FEWEST:
-            raise InputError("journal and log hardly overlap in time: no alignment by load")
+            raise InputError("journal and log must overlap in time for an alignment by load")
         at, y, right = at[use], fj[use], right[use]
         x, v = spline(at), np.interp(at, tm, slope)
         gain, zero = np.polyfit(x, y, 1)
@@ -459,25 +459,25 @@ def _refined(
         at, left, J = linearised(offset, rate)
         scale = np.sqrt((J**2).sum(axis=0))
         if scale[0] == 0:
-            raise InputError("the load does not change: it cannot align two clocks")
+            raise InputError("the load must vary for an alignment by load, got a constant load")
         step = np.linalg.lstsq(J / scale, left, rcond=None)[0] / scale
-        step *= 1.0 if done < _STEPS // 3 else 0.5  # where whole steps go to and fro
+        step *= 1.0 if done < _STEPS // 3 else 0.5  # damp oscillations
         offset, rate = offset + float(step[0]), rate + float(step[1])
         done += 1
         if abs(step[0]) < _SETTLED * interval or done == _STEPS:
             break
     inverse = np.linalg.pinv((J / scale).T @ (J / scale))
     scores = _covariance_of_scores(left, J / scale)
-    # A later time has the effect of a larger offset, which is the first column.
+    # A time error acts like an offset, which is the first column.
     edges = np.flatnonzero(np.diff(at // _WINDOW)) + 1
     each = np.add.reduceat(J / scale * J[:, :1], np.concatenate([[0], edges]))
     scores += time_error**2 * each.T @ each
     errors = np.sqrt(np.diag(inverse @ scores @ inverse)) / scale
-    # Between two rows of a slow log it may go to and fro, by less than it is known.
+    # The offset may oscillate between two rows of a slow log, by less than its standard error.
     if not abs(step[0]) < max(_SETTLED * interval, _TO_AND_FRO * errors[0]):
         raise InputError(
             f"the load alignment does not converge: after {_STEPS} steps it still shifts by "
-            f"{abs(step[0]):.2g} s. Do both channels record the same load?"
+            f"{abs(step[0]):.2g} s. Check that both channels record the same load"
         )
     residual = float(np.sqrt(np.mean(left**2)))
     offset_error, rate_error = float(errors[0]), float(errors[1])
@@ -485,12 +485,12 @@ def _refined(
 
 
 def _covariance_of_scores(left: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """Covariance of J^T e for errors e as correlated as the residuals are, shape (4, 4).
+    """Covariance of J^T e for errors e with the autocorrelation of the residuals, shape (4, 4).
 
-    S = sum over lags k of w_k g_k sum over i of J_i J_{i+k}^T, g the autocovariance of all residuals
-    and w a triangle to zero at `_CORRELATED` of the record. What fixes the offset are a few changes
-    of pressure, to which the fit bends: their own residuals are smaller than the errors there, and
-    the covariance of a sandwich, J^T e e^T J of each part of the record, is too small.
+    S = sum over lags k of w_k g_k sum over i of J_i J_{i+k}^T, with g the autocovariance of all residuals
+    and w a triangle that vanishes at `_CORRELATED` of the record. A sandwich covariance, J^T e e^T J over
+    parts of the record, would be too small: the few pressure changes that determine the offset pull the
+    fit, so their residuals are smaller than their errors.
 
     References:
         Newey & West 1987, Econometrica 55: the weights of the lags.

@@ -1,4 +1,4 @@
-"""The static force map of raw ramps: means of fill and vent branches, hysteresis, files and a picture."""
+"""Static force maps from raw ramps: mean of fill and vent branches, hysteresis, output files."""
 
 import contextlib
 import csv
@@ -17,6 +17,7 @@ from famjax.boundary.files import as_png
 from famjax.boundary.units import (
     UNITS,
     factor,
+    finite_or_none,
     from_si,
     parse_quantity,
     sentence_in_units,
@@ -34,16 +35,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Branches = Literal["both", "fill", "vent"]
-"""Whose force a map shows: the mean of both branches, or one of them."""
+"""Branch of a force map, or the mean of both."""
 
-_SHOWN = {
-    "both": "the mean of fill and vent branches",
-    "fill": "that of the fill branch",
-    "vent": "that of the vent branch",
-}
-_MERGE = 0.01  # of the pressure range: points closer than this are one
-_LEAST_RANGE = 0.2  # of the highest pressure: what a ramp goes over
-_LEAST_STD = 1e-9  # of the largest force: a standard deviation below is rounding
+_SHOWN = {"both": "mean of fill and vent branches", "fill": "fill branch", "vent": "vent branch"}
+_MERGE = 0.01  # points closer than this fraction of the pressure range are averaged
+_LEAST_RANGE = 0.2  # smallest pressure range of a ramp, relative to its highest pressure
+_LEAST_STD = 1e-9  # a smaller standard deviation, relative to the largest force, is rounding
 _PAIRS = ("record", "rest_length_m", "length_m", "pressure_Pa", "half_difference_N",
           "turn_pressure_Pa")  # fmt: skip
 
@@ -52,7 +49,7 @@ Pulls = Bool[np.ndarray, " levels"]
 Grid = Float[np.ndarray, "records levels"]
 GridMask = Bool[np.ndarray, "records levels"]
 Curves = tuple[Float[np.ndarray, "2 records levels"], Bool[np.ndarray, "2 records levels"]]
-"""Fill and vent force of records at common pressures, nan where not measured, and where it pulls."""
+"""Fill and vent forces at common pressures (nan if not measured), and a mask of pulling states."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,24 +59,23 @@ class StaticMap:
     Attributes:
         length: L [m], shape (rows,).
         pressure: gauge pressure P [Pa], shape (rows,).
-        force: F [N], shape (rows,): the mean over records.
-        half_width: hysteresis (vent - fill)/2 [N], the mean over records, shape (rows,); nan where
-            no record has both branches.
-        n_records: records in the mean, shape (rows,).
-        slack: no record pulls there, shape (rows,): the force is no static force of the muscle.
-        force_std: standard error of the force [N], shape (rows,): that of the points, and the
-            repeatability of the length (of all lengths where it has no repeats) over the root of
-            the number of records.
-        branches: whose force it is.
-        lengths: what the records at each length show, in SI by name, the longest first: the `length`;
-            how many records there are (`n_records`), lack the branches shown (`n_unused`), points
-            on either branch (`n_fill`, `n_vent`) or marked (`n_clamped` and the like), repeated
-            time stamps and glitches of the valve state; root mean square over the points of the
-            `noise` of their readings and of their `stderr`; mean, RMS and largest magnitude of the
-            hysteresis (`half_width_mean` and the like); and the `repeatability`, the standard
-            deviation between records pooled over pressures, of the map's force and of either branch.
-            Forces are those where the muscle pulls, nan where there are none.
-        points: what the map was made from.
+        force: mean force F [N] over records, shape (rows,).
+        half_width: mean hysteresis (vent - fill)/2 [N] over records, shape (rows,); nan if no record
+            has both branches.
+        n_records: number of records in the mean, shape (rows,).
+        slack: True if no record pulls, shape (rows,); the force is then not a static muscle force.
+        force_std: standard error of the force [N], shape (rows,). It combines the error of the points with
+            the repeatability at the length (pooled over lengths if there are no repeats), both divided
+            by the square root of the number of records.
+        branches: branch that the force belongs to.
+        lengths: summary of each length in SI, longest first. `length`; the number of records
+            (`n_records`), of records without the branches shown (`n_unused`), of points on each
+            branch (`n_fill`, `n_vent`), of marked points (`n_clamped` etc.), of repeated time stamps and
+            of valve glitches; RMS of the reading `noise` and of the points' `stderr`; mean, RMS and
+            largest magnitude of the hysteresis (`half_width_mean` etc.); and the `repeatability`, the
+            standard deviation between records pooled over pressures, for the map and for each branch.
+            Forces refer to pulling states; nan if there are none.
+        points: quasi-static points of the map.
     """
 
     length: Column
@@ -94,40 +90,39 @@ class StaticMap:
     points: QuasiStatic
 
     def force_data(self, specimen: Specimen, *, length_std: float | None = None) -> ForceData:
-        """The map as data of an identification, without its slack rows.
+        """Return the map without its slack rows as data for an identification.
 
         Args:
             specimen: the muscle.
-            length_std: standard deviation of the lengths [m], where it is known.
+            length_std: standard deviation of the lengths [m], if known.
 
         Raises:
-            InputError: no row pulls, or what `ForceData` refuses.
+            InputError: no row pulls, or `ForceData` refuses the map.
         """
         kept = ~self.slack
         if not kept.any():
             raise InputError(
-                f"all {self.slack.size} rows of the map are slack, under "
-                f"{self.points.slack_below:.4g} N: check the force column, or lower slack_below"
+                f"all {self.slack.size} rows of the map are slack (below "
+                f"{self.points.slack_below:.4g} N): check the force column, or lower slack_below"
             )
         std = self.force_std[kept]
         noisy = bool((std > _LEAST_STD * self.force.max()).all())
         zeros = self.points.atmosphere
         notes = [
-            f"Forces are quasi-static, {_SHOWN[self.branches]} of {len(self.points.records)} records; "
-            f"the pressure sensor's reading at atmosphere, {min(zeros) / 1e3:.4g} to "
+            f"Forces are quasi-static ({_SHOWN[self.branches]} of {len(self.points.records)} records). "
+            f"The pressure reading at atmosphere, {min(zeros) / 1e3:.4g} to "
             f"{max(zeros) / 1e3:.4g} kPa, is subtracted.",
-            f"{int((~kept).sum())} of {self.slack.size} rows are slack (under "
+            f"{int((~kept).sum())} of {self.slack.size} rows are slack (below "
             f"{self.points.slack_below:.4g} N) and left out.",
         ]
         if unused := sum(one["n_unused"] for one in self.lengths):
-            notes.append(f"{unused} records lack the branches shown, and are not used.")
+            notes.append(f"{unused} records lack the selected branches and are not used.")
         if not noisy:
             notes.append("The readings show no noise: forces have no standard deviation.")
         elif any(math.isnan(one["repeatability"]) for one in self.lengths):
             notes.append(
-                "Not every length has records that repeat a pressure: there, the standard deviation "
-                "of the force takes the repeatability of the other lengths, or is that of the noise "
-                "alone where none has."
+                "Some lengths have no repeated pressures. Their standard deviation of the force uses the "
+                "repeatability of the other lengths, or the noise alone if there is none."
             )
         return ForceData(
             force=self.force[kept],
@@ -144,28 +139,28 @@ class StaticMap:
 def static_map(
     points: QuasiStatic, *, step: float = 25e3, branches: Branches = "both"
 ) -> StaticMap:
-    """The mean curve of fill and vent branches at common pressures, with hysteresis and errors.
+    """Average fill and vent branches at common pressures, with hysteresis and standard errors.
 
-    Each branch of each record becomes a shape-preserving cubic through its settled points; those
-    closer than 1 % of the pressure range are averaged, and the hold before a turn belongs to both
-    branches. Where the muscle turns slack between two points the force has a kink: the curve of the
-    pulling points above is drawn on straight to the slack point, as long as it pulls, and what is
-    below is slack. (A single pulling point is joined to the slack one by the cubic.) Beyond the
-    points nothing is extrapolated.
-    The mean is taken first over the branches of a record, then over the records that pull at the
-    pressure, so that differences between records do not enter the hysteresis.
+    Each branch of each record is interpolated by a shape-preserving cubic through its settled points.
+    Points closer than 1 % of the pressure range are averaged first; the hold before a turn belongs to
+    both branches. The force has a kink where the muscle becomes slack between two points: the curve
+    of the pulling points is extended linearly towards the slack point while it pulls, and lower
+    pressures are slack. (The cubic joins a single pulling point to the slack one.) Nothing is
+    extrapolated beyond the points.
+
+    The mean is computed first over the branches of a record, then over the records that pull, so
+    differences between records do not affect the hysteresis.
 
     Args:
-        points: of records at one length or several.
-        step: of the common pressures [Pa], its multiples from zero up.
-        branches: "both", or "fill" or "vent" where the other branch was not recorded.
+        points: points of records at one or more lengths.
+        step: spacing of the common pressures [Pa], which start at zero.
+        branches: "both", or "fill" or "vent" if the other branch was not recorded.
 
     Returns:
         The map.
 
     Raises:
-        InputError: a step that is not > 0, or a length at which no record has the branches
-            asked for at any of the pressures.
+        InputError: the step is not positive, or no record at some length has the requested branches.
     """
     if branches not in _SHOWN:
         raise InputError(f'branches must be "both", "fill" or "vent", got {branches!r}')
@@ -175,12 +170,10 @@ def static_map(
     summaries = tuple(summary for _, summary in parts)
     columns = (np.concatenate(column) for column in zip(*(rows for rows, _ in parts), strict=True))
     length, pressure, force, half_width, count, slack = columns
-    # A length without repeats has the repeatability pooled over the others.
-    between, within = (
-        np.array([s[name] for s in summaries]) for name in ("repeatability", "stderr")
-    )
+    between, within = (np.array([s[k] for s in summaries]) for k in ("repeatability", "stderr"))
+    # Lengths without repeats use the repeatability pooled over the others.
     known = between[np.isfinite(between)]
-    pooled = float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+    pooled = _rms(known) if known.size else 0.0
     within = within / np.sqrt(2 if branches == "both" else 1)
     single = np.hypot(within, np.where(np.isfinite(between), between, pooled))
     force_std = single[[lengths.index(one) for one in length.tolist()]] / np.sqrt(count)
@@ -190,7 +183,7 @@ def static_map(
 
 
 def _common_pressures(points: QuasiStatic, step: float) -> Levels:
-    """The multiples of a step [Pa] from zero to the highest pressure of the points."""
+    """Return the multiples of a step [Pa] from zero to the highest pressure of the points."""
     if not step > 0:
         raise InputError(f"step must be > 0, got {step} Pa")
     return step * np.arange(int(points.pressure.max() / step) + 1)
@@ -199,7 +192,7 @@ def _common_pressures(points: QuasiStatic, step: float) -> Levels:
 def _at_length(
     points: QuasiStatic, length: float, pressures: Levels, branches: Branches
 ) -> tuple[tuple[np.ndarray, ...], dict[str, Any]]:
-    """The map's columns at a length, and what its records show."""
+    """Return the columns of the map at a length, and the summary of its records."""
     records = [i for i, record in enumerate(points.records) if record.length == length]
     forces, pulls = _curves(points, records, pressures)
     if branches == "both":
@@ -209,13 +202,9 @@ def _at_length(
         force, pull = forces[side], pulls[side]
     known = np.isfinite(force).any(axis=0)
     if not known.any():
-        there = [
-            side
-            for side, curves in zip(("fill", "vent"), forces, strict=True)
-            if np.isfinite(curves).any()
-        ]
+        there = [side for k, side in enumerate(("fill", "vent")) if np.isfinite(forces[k]).any()]
         lacking = "both branches" if branches == "both" else f"a {branches} branch"
-        other = f"show the {there[0]} branch (--branches {there[0]}), or " if there else ""
+        other = f"use the {there[0]} branch (--branches {there[0]}), or " if there else ""
         raise InputError(
             f"no record at {length * 1e3:.6g} mm has {lacking} at a common pressure: record it, {other}use "
             "smaller steps (--step-kPa)"
@@ -237,7 +226,7 @@ def _at_length(
 def _length_summary(
     points: QuasiStatic, records: list[int], curves: Curves, shown: tuple[Grid, GridMask]
 ) -> dict[str, Any]:
-    """What the records of a length show, by the names that `StaticMap.lengths` explains."""
+    """Summarise the records of a length; `StaticMap.lengths` explains the keys."""
     (fill, vent), (fills, vents) = curves
     mine = np.isin(points.record, records)
     pulling = mine & ~points.slack & points.settled
@@ -277,26 +266,20 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _mean(values: Grid, used: GridMask) -> Levels:
-    """Mean over the records used; nan where there is none."""
-    count = used.sum(axis=0)
-    total = np.where(used, values, 0.0).sum(axis=0)
+    """Mean over the used records; nan if there are none."""
+    total, count = np.where(used, values, 0.0).sum(axis=0), used.sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _repeatability(force: Grid, pulls: GridMask) -> float:
-    """Standard deviation between records, pooled over the pressures that two or more share."""
+    """Standard deviation between records, pooled over the pressures that several records share."""
     square = np.where(pulls, (force - _mean(force, pulls)) ** 2, 0.0).sum()
     freedom = int(np.maximum(pulls.sum(axis=0) - 1, 0).sum())
     return float(np.sqrt(square / freedom)) if freedom else math.nan
 
 
-def _curves(points: QuasiStatic, records: Iterable[int], pressures: Levels) -> Curves:
-    """The branches of these records."""
-    numbers = list(records)
-    found = [
-        [_curve(points, i, pressures, filling=filling) for i in numbers]
-        for filling in (True, False)
-    ]
+def _curves(points: QuasiStatic, records: Sequence[int], pressures: Levels) -> Curves:
+    found = [[_curve(points, i, pressures, filling=f) for i in records] for f in (True, False)]
     force, pulls = (np.array([[one[k] for one in side] for side in found]) for k in (0, 1))
     return force, pulls
 
@@ -304,7 +287,7 @@ def _curves(points: QuasiStatic, records: Iterable[int], pressures: Levels) -> C
 def _curve(
     points: QuasiStatic, record: int, pressures: Levels, *, filling: bool
 ) -> tuple[Levels, Pulls]:
-    """Force of one branch of one record at the pressures, and where it pulls."""
+    """Force of one branch of a record at the given pressures, and a mask of pulling states."""
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415 -- 0.2 s
 
     mine = points.record == record
@@ -333,59 +316,56 @@ def _curve(
 
 
 def _merged(P: Column, F: Column, slack: Mask, width: float) -> tuple[np.ndarray, ...]:
-    """Points in the order of pressure, those within the width of a first one averaged with it."""
+    """Sort points by pressure and average those within a width of the first of their group."""
     groups: list[list[int]] = []
     for i in np.argsort(P, kind="stable").tolist():
-        if groups and P[i] - P[groups[-1][0]] <= width:
-            groups[-1].append(i)
-        else:
-            groups.append([i])
+        if not groups or P[i] - P[groups[-1][0]] > width:
+            groups.append([])
+        groups[-1].append(i)
     pressure, force = (np.array([x[group].mean() for group in groups]) for x in (P, F))
     return pressure, force, np.array([slack[group].any() for group in groups])
 
 
 def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -> BranchPairs:
-    """The branches of every record at common pressures, where both branches pull.
+    """Return both branches of every record at the common pressures where both pull.
 
     Args:
-        points: of records at one length or several; the curves through them are those of
-            `static_map`.
-        rest_length: L0 [m] of the muscle.
-        step: of the pressures [Pa], its multiples from zero up.
+        points: points of records at one or more lengths, interpolated as in `static_map`.
+        rest_length: rest length L0 [m] of the muscle.
+        step: spacing of the common pressures [Pa], which start at zero.
 
     Returns:
-        The pairs, a record for each that has any.
+        The pairs of all records that have any.
 
     Raises:
-        InputError: a step that is not > 0, or no record with both branches.
+        InputError: the step is not positive, or no record has both branches.
     """
     pressures = _common_pressures(points, step)
     (fill, vent), pulls = _curves(points, range(len(points.records)), pressures)
     parts = []
     for k, record in enumerate(points.records):
         turn = float(points.pressure[points.record == k].max())
-        if points.kinds[k] == "ramp":  # a few readings are passed over, which may be spikes
+        if points.kinds[k] == "ramp":  # skip the highest readings, which may be spikes
             highest = np.sort(record.pressure)[-LEAST_READINGS] - points.atmosphere[k]
             turn = max(turn, float(highest))
         both = pulls[:, k].all(axis=0) & (pressures <= turn)
         if both.any():
-            half, ends = (vent[k] - fill[k])[both] / 2, {"turn_pressure": turn}
             parts.append(
                 BranchPairs.ramp(
-                    record.length, pressures[both], half, **ends, rest_length=rest_length,
-                    name=record.source,
+                    record.length, pressures[both], (vent[k] - fill[k])[both] / 2,
+                    turn_pressure=turn, rest_length=rest_length, name=record.source,
                 )
             )  # fmt: skip
     if not parts:
         raise InputError(
-            "no record has both branches where the muscle pulls: hysteresis needs records that are "
-            "filled and vented"
+            "no record has both branches where the muscle pulls: hysteresis requires records of "
+            "filling and venting"
         )
     return BranchPairs.joined(parts)
 
 
 def branches_csv(pairs: BranchPairs) -> str:
-    """The branches of ramps as CSV in SI, a row for each point; `read_branches` reads it."""
+    """Return the branches of ramps as CSV text in SI, one row per point, for `read_branches`."""
     columns = (pairs.length, pairs.pressure, pairs.half_difference, pairs.turn_pressure)
     lines = [",".join(_PAIRS)]
     for number, *values in zip(pairs.record, *columns, strict=True):
@@ -396,10 +376,10 @@ def branches_csv(pairs: BranchPairs) -> str:
 
 
 def read_branches(path: Path) -> BranchPairs:
-    """The branches of ramps from the `branches.csv` of `famjax ramps`.
+    """Read the branches of ramps from the `branches.csv` that `famjax ramps` writes.
 
     Raises:
-        InputError: no such file, or what is wrong with it.
+        InputError: the file is missing or invalid.
     """
     header, *rows = text_lines(path) or [""]
     cells = [row.split(",") for row in rows]
@@ -408,7 +388,7 @@ def read_branches(path: Path) -> BranchPairs:
     except ValueError:
         numbers = np.empty(0)
     if header != ",".join(_PAIRS) or not numbers.size:
-        raise InputError(f"{path} is not the branches.csv that famjax ramps writes")
+        raise InputError(f"{path} must be a branches.csv that famjax ramps has written")
     names = np.array([row[0] for row in cells])
     parts = []
     for name in dict.fromkeys(names.tolist()):
@@ -424,15 +404,15 @@ def read_branches(path: Path) -> BranchPairs:
 def read_ramps(
     entries: Iterable[str], *, columns: Mapping[str, str] | None = None
 ) -> list[RampRecord]:
-    """The records that entries such as `test8.csv=73.25mm` name.
+    """Read the records named by entries such as `test8.csv=73.25mm`.
 
     Args:
-        entries: `FILE=LENGTH` with the length's unit; or a list of files, a CSV file with the
-            columns `file` and `length_mm` (or another unit), names relative to its folder.
-        columns: which column of the records is which quantity, see `read_ramp`.
+        entries: `FILE=LENGTH` with the unit of the length; or a list, which is a CSV file with the columns
+            `file` (relative to the list's folder) and `length_mm` (or another unit).
+        columns: column name of each quantity in the records, see `read_ramp`.
 
     Raises:
-        InputError: no entry, one that cannot be read, or a file twice.
+        InputError: there is no entry, an entry cannot be read, or a file is named twice.
     """
     named: list[tuple[Path, float]] = []
     for entry in entries:
@@ -443,18 +423,18 @@ def read_ramps(
             named += _listed(Path(entry))
     if not named:
         raise InputError(
-            "no records: name them with their lengths, as in test8.csv=73.25mm, or give a list, a "
-            "CSV file with the columns file and length_mm"
+            "no records: give each with its length, as in test8.csv=73.25mm, or give a list (a CSV file "
+            "with the columns file and length_mm)"
         )
     paths = [path for path, _ in named]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
-        raise InputError(f"{twice} is named twice: each record counts once")
+        raise InputError(f"{twice} is named twice: give each record once")
     return [read_ramp(path, length=length, columns=columns) for path, length in named]
 
 
 def _listed(path: Path) -> list[tuple[Path, float]]:
-    """Files and lengths [m] of a list."""
+    """Return the files and lengths [m] in a list."""
     rows = list(csv.DictReader(text_lines(path)))
     units = [unit for unit in UNITS["length"] if rows and f"length_{unit}" in rows[0]]
     if not rows or "file" not in rows[0] or len(units) != 1:
@@ -462,15 +442,15 @@ def _listed(path: Path) -> list[tuple[Path, float]]:
             f"{path} is not a list of records with the columns file and length_mm (or another unit). "
             f"A single record needs its length: write {path}=73.25mm"
         )
-    named = []
-    for row in rows:
-        length = parse_quantity(f"{row[f'length_{units[0]}']}{units[0]}", "length")
-        named.append((path.parent / row["file"].strip(), length))
-    return named
+    key, unit = f"length_{units[0]}", units[0]
+    return [
+        (path.parent / row["file"].strip(), parse_quantity(f"{row[key]}{unit}", "length"))
+        for row in rows
+    ]
 
 
 def parse_atmosphere(text: str) -> float | tuple[float, float]:
-    """The reading at atmosphere [Pa] from `8.94kPa`, or the vented interval [s] from `0s:0.5s`.
+    """Parse the reading at atmosphere [Pa], `8.94kPa`, or the vented interval [s], `0s:0.5s`.
 
     >>> parse_atmosphere("8.94kPa"), parse_atmosphere("0s:0.5s")
     (8940.0, (0.0, 0.5))
@@ -501,34 +481,33 @@ def ramps_command(
     system: str = "metric",
     tell: Callable[[str], object] = str,
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """The static force map of raw records: a summary, and the files to write.
+    """Convert raw records to a static force map; return a summary and the files to write.
 
     Args:
         entries: see `read_ramps`.
-        atmosphere: what the pressure sensor reads at atmosphere [Pa], or the vented interval [s].
-        columns: which column of the records is which quantity, see `read_ramp`.
-        specimen: fields of `Specimen` in SI. The rest length must be among them.
-        period: between valve pulses [s]; None finds it.
-        step: of the map's pressures [Pa].
-        slack_below: force [N] under which a muscle does not pull; None finds it.
+        atmosphere: pressure reading at atmosphere [Pa], or the vented interval [s].
+        columns: column name of each quantity in the records, see `read_ramp`.
+        specimen: fields of `Specimen` in SI, including the rest length.
+        period: time between valve pulses [s]; None to detect it.
+        step: spacing of the pressures of the map [Pa].
+        slack_below: force [N] below which a muscle does not pull; None to detect it.
         branches: "both", "fill" or "vent".
-        length_std: standard deviation of the lengths [m], where it is known.
-        system: units of summary, picture and map: "si", "metric" or "us".
-        tell: called once with what the columns of the records were taken as.
+        length_std: standard deviation of the lengths [m], if known.
+        system: units of summary, figure and map: "si", "metric" or "us".
+        tell: function called with a description of the columns of the records.
 
     Returns:
-        The summary, JSON-ready, with the unit in each key, null where there is no value; and the
-        contents of `map.csv`, `ramps.png`, `ramps.json` and, where records have both branches,
-        `branches.csv`.
+        The JSON-ready summary, with units in the keys and null for missing values; and the contents of
+        `map.csv`, `ramps.png`, `ramps.json` and, if records have both branches, `branches.csv`.
 
     Raises:
-        InputError: what is wrong with entries, records or options.
+        InputError: an entry, record or option is invalid.
     """
     unit_system(system)
     if not specimen or "rest_length" not in specimen:
         raise InputError(
-            "the rest length of the muscle must be given (--specimen rest_length_mm=...): the "
-            "longest record need not be at it"
+            "the rest length of the muscle must be given (--specimen rest_length_mm=...), since the "
+            "longest record may differ from it"
         )
     muscle = describe({"name": "ramps", **specimen}, specimen["rest_length"])
     records = read_ramps(entries, columns=columns)
@@ -555,31 +534,29 @@ def ramps_command(
 
 
 def _check_ranges(records: Iterable[RampRecord]) -> None:
-    """Refuse records whose pressure is held: a ramp goes over a range of it."""
+    """Refuse records at constant pressure."""
     for record in records:
         low, high = np.quantile(record.pressure, [0.01, 0.99]).tolist()
         if high - low < _LEAST_RANGE * abs(high):
             raise InputError(
-                f"{record.source}: the pressure only goes from {low / 1e3:.4g} to {high / 1e3:.4g} kPa, "
-                "and a ramp goes over a range of it at one length: check its column (--column pressure=); "
-                "strokes at held pressures are turned into a map by famjax rig characterise"
+                f"{record.source}: the pressure must sweep a range at constant length, got only "
+                f"{low / 1e3:.4g} to {high / 1e3:.4g} kPa: check the column (--column pressure=). For "
+                "strokes at constant pressure, use famjax rig characterise"
             )
 
 
 def _summary(static: StaticMap, system: str) -> dict[str, Any]:
-    """What the records show, JSON-ready: totals, then a row for each record and each length."""
+    """Return the JSON-ready summary: totals, then one row per record and per length."""
     points, units = static.points, unit_system(system)
 
     def entry(name: str, number: float | None, kind: str) -> dict[str, float | None]:
-        shown = None
-        if number is not None and math.isfinite(number):
-            shown = from_si(number, units[kind], kind)
-        return {f"{name}_{units[kind]}": shown}
+        value = math.nan if number is None else number
+        return {f"{name}_{units[kind]}": finite_or_none(from_si(value, units[kind], kind))}
 
     lengths = []
     for one in static.lengths:
         row: dict[str, Any] = {}
-        for key, number in one.items():  # what is no count is the length or a force
+        for key, number in one.items():  # floats are lengths or forces, the rest are counts
             kind = "length" if key == "length" else "force"
             row |= entry(key, number, kind) if isinstance(number, float) else {key: number}
         lengths.append(row)
@@ -608,14 +585,14 @@ def _summary(static: StaticMap, system: str) -> dict[str, Any]:
 
 
 def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
-    """Points and map over the pressure, and beside them the hysteresis; a colour for each length.
+    """Plot points and map against pressure, and the hysteresis next to them, one colour per length.
 
     Args:
-        static: what `static_map` returned.
+        static: result of `static_map`.
         system: "si", "metric" or "us".
 
     Returns:
-        A figure, not shown; save it with `savefig`.
+        The figure, not shown; save it with `savefig`.
     """
     import matplotlib as mpl  # noqa: PLC0415 -- 0.3 s
     from matplotlib.figure import Figure  # noqa: PLC0415
@@ -625,7 +602,7 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     figure.suptitle(
         f"{len(points.records)} records, {points.force.size} quasi-static points, "
-        f"{int(points.slack.sum())} of them slack",
+        f"{int(points.slack.sum())} slack",
         fontsize=11,
     )
     left, right = figure.subplots(1, 2)
@@ -643,7 +620,7 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
     slack = points.pressure[points.slack] / pressure, points.force[points.slack] / force
     left.plot(*slack, "x", color="0.7", ms=3)
     left.legend(frameon=False, fontsize=8)
-    left.set_title("triangles: fill up, vent down; crosses: slack; line: map", fontsize=9)
+    left.set_title("up: fill; down: vent; crosses: slack; line: map", fontsize=9)
     left.set_ylabel(f"force, {units['force']}")
     right.axhline(0, color="0.7", lw=0.8)
     right.set_title("hysteresis half-width; bars: standard error of the map", fontsize=9)

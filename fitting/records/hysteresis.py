@@ -1,4 +1,4 @@
-"""Both branches of ramps and strokes by Maxwell-slip elements: `BranchPairs` in, strengths out."""
+"""Hysteresis of ramps and strokes, fitted by Maxwell-slip elements."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -27,31 +27,31 @@ from ..convex import Status, solve_qp
 from .record import Column, check_positive, set_columns
 
 MODULUS = 1e6
-"""E [Pa] of the coordinates, the order of rubber's: see `famjax.slip.MaxwellSlip`."""
+"""Modulus E [Pa] of the coordinates, of the order of rubber: see `famjax.slip.MaxwellSlip`."""
 SHRINKAGE = 1e-3
-"""Weight of the sum of squared strengths, in parts of the largest column's square."""
+"""Weight of the sum of squared strengths, relative to the largest squared column norm."""
 PREDICTS = 0.6
-"""Error on what was left out, in parts of what was measured, above which a reader is warned."""
+"""Largest held-out error, relative to the measured half-difference, without a warning."""
 
 _ELEMENTS = 8  # thresholds on each coordinate
-_OCTAVES = 7  # from the highest to the lowest of them
+_OCTAVES = 7  # between the lowest and the highest threshold
 _COLUMNS = ("length", "pressure", "half_difference", "start_length", "start_pressure",
             "turn_length", "turn_pressure")  # fmt: skip
 _GROUPS = {"record": "", "length": "_m", "pressure": "_Pa"}
 
 Thresholds = tuple[Float[np.ndarray, " k"], Float[np.ndarray, " m"]]
-"""Of the elements on the wall's coordinate and of those on the braid's."""
+"""Thresholds of the elements on the wall coordinate and on the braid coordinate."""
 
 
 @dataclasses.dataclass(frozen=True)
 class History:
-    """Lengths and pressures in the order in which they came.
+    """Lengths and pressures in chronological order.
 
     Attributes:
         length: active length L [m], shape (n,).
         pressure: gauge pressure P [Pa], shape (n,).
-        time: [s], shape (n,), or None.
-        units: those of the columns, by quantity, in which answers are given; not of the values here.
+        time: times [s], shape (n,), or None.
+        units: unit of each column in the file, used for output; the values here are in SI.
     """
 
     length: Column
@@ -65,25 +65,25 @@ class History:
         set_columns(self, "length", "pressure", "time", least=1)
         if (self.length <= 0).any() or (self.pressure < 0).any():
             raise InputError(
-                f"lengths must be > 0 and gauge pressures >= 0, got {self.length.min():.6g} m and "
-                f"{self.pressure.min():.6g} Pa at the least"
+                f"lengths must be > 0 and gauge pressures >= 0, got a smallest length of "
+                f"{self.length.min():.6g} m and a smallest pressure of {self.pressure.min():.6g} Pa"
             )
 
 
 def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> History:
-    """The history in a file.
+    """Read a history from a file.
 
     Args:
-        path: with the columns length and pressure and, where they are known, times; each with its unit,
-            as in `time_s,length_mm,pressure_kPa`, see `famjax.tables.read_table`. Without times the rows
-            are in order.
-        columns: which column is which quantity, where the names do not say it.
+        path: file with columns for length, pressure and optionally time, each with its unit, as in
+            `time_s,length_mm,pressure_kPa`, see `famjax.tables.read_table`. Rows are in chronological
+            order.
+        columns: column name of each quantity that cannot be recognised.
 
     Returns:
         The history in SI.
 
     Raises:
-        InputError: what is wrong with the file, with the number of the row.
+        InputError: the file is invalid; the message names the row.
     """
     table = read_table(
         path, ("length", "pressure"), optional=("time",), columns=columns, strict=True
@@ -96,21 +96,22 @@ def read_history(path: str | Path, columns: Mapping[str, str] | None = None) -> 
 
 @dataclasses.dataclass(frozen=True)
 class BranchPairs:
-    """Half the difference of the branches of cycles that go from a start to a turn and back.
+    """Half-differences between the two branches of cycles from a start to a turning point and back.
 
-    A cycle is a ramp (pressure up and down at one length) or a stroke (shorter and longer at one
-    pressure). Between start and turn it must move one way.
+    A cycle is a ramp (pressure up and down at constant length) or a stroke (shortening and lengthening at
+    constant pressure). It must be monotonic between start and turning point.
 
     Attributes:
-        length: L [m] of the point, shape (n,).
+        length: length L [m] of each point, shape (n,).
         pressure: gauge pressure P [Pa], shape (n,).
-        half_difference: (force on the way back - force on the way there) / 2 [N], shape (n,).
-        start_length, start_pressure: where the cycle of the point begins, shape (n,).
-        turn_length, turn_pressure: where it turns round, shape (n,).
-        cycled: the same cycle went before; otherwise all is relaxed at the start, shape (n,).
-        record: number of the record in `names`, shape (n,).
-        names: of the records.
-        rest_length: L0 [m] of the muscle.
+        half_difference: (force on the way back - force on the way out) / 2 [N], shape (n,).
+        start_length, start_pressure: start of the point's cycle, shape (n,).
+        turn_length, turn_pressure: turning point of the cycle, shape (n,).
+        cycled: True if the same cycle preceded, shape (n,); otherwise all elements are relaxed at the
+            start.
+        record: index of the record in `names`, shape (n,).
+        names: names of the records.
+        rest_length: rest length L0 [m] of the muscle.
     """
 
     length: Column
@@ -128,8 +129,8 @@ class BranchPairs:
     def __post_init__(self) -> None:
         if not np.size(self.length):
             raise InputError(
-                "hysteresis needs points at which both branches pull, and there is none: record "
-                "both, filling and venting or shortening and lengthening"
+                "hysteresis requires points at which both branches pull, got none: record both filling "
+                "and venting, or both shortening and lengthening"
             )
         set_columns(self, *_COLUMNS, least=1)
         check_positive(rest_length=self.rest_length)
@@ -142,8 +143,8 @@ class BranchPairs:
             if outside.size:
                 k = outside[0]
                 raise InputError(
-                    f"the points of a cycle lie between its start and its turn, {start[k]:.6g} and "
-                    f"{turn[k]:.6g} {unit}, got {at[k]:.6g} {unit}"
+                    f"the points of a cycle must be between its start and its turning point, "
+                    f"{start[k]:.6g} and {turn[k]:.6g} {unit}, got {at[k]:.6g} {unit}"
                 )
 
     @classmethod
@@ -160,15 +161,15 @@ class BranchPairs:
         """Branch pairs of one record at constant length that starts vented.
 
         Args:
-            length: L [m].
+            length: constant length L [m].
             pressure: gauge pressures [Pa] of the points, shape (n,).
-            half_difference: (vent - fill)/2 [N] there, shape (n,).
+            half_difference: (vent - fill)/2 [N] at the points, shape (n,).
             turn_pressure: highest gauge pressure [Pa] of the record.
-            rest_length: L0 [m].
-            name: of the record.
+            rest_length: rest length L0 [m].
+            name: name of the record.
 
         Raises:
-            InputError: no points, or one that is beyond the turn.
+            InputError: there are no points, or a point is beyond the turning point.
         """
         ends = (length, 0.0), (length, turn_pressure)
         return cls._cycle(length, pressure, half_difference, *ends, False, name, rest_length)
@@ -189,17 +190,17 @@ class BranchPairs:
         """Branch pairs of strokes at one nominal pressure, such as an `Isobar` holds.
 
         Args:
-            length: L [m] of the points, shape (n,).
+            length: length L [m] of each point, shape (n,).
             pressure: gauge pressure [Pa], shape (n,).
             half_difference: (lengthening - shortening)/2 [N], shape (n,).
             longest: length [m] at which the stroke starts.
-            shortest: length [m] at which it turns.
-            rest_length: L0 [m].
-            cycled: other strokes went before, as where a curve is the mean of several.
-            name: of the record.
+            shortest: length [m] at the turning point.
+            rest_length: rest length L0 [m].
+            cycled: True if other strokes preceded, as in a mean over several strokes.
+            name: name of the record.
 
         Raises:
-            InputError: no points, or one that is beyond the ends.
+            InputError: there are no points, or a point is beyond the ends.
         """
         ends = (longest, pressure), (shortest, pressure)
         return cls._cycle(length, pressure, half_difference, *ends, cycled, name, rest_length)
@@ -219,14 +220,14 @@ class BranchPairs:
 
     @classmethod
     def joined(cls, parts: Sequence["BranchPairs"]) -> "BranchPairs":
-        """All of several records of one muscle.
+        """Join the records of one muscle.
 
         Raises:
-            InputError: no records, or of muscles with different rest lengths.
+            InputError: there are no records, or their rest lengths differ.
         """
         if len({one.rest_length for one in parts}) != 1:
             raise InputError(
-                f"records of one muscle have one rest length, got {len(parts)} records with "
+                f"records of one muscle must have the same rest length, got {len(parts)} records with "
                 f"{sorted({one.rest_length for one in parts})} m"
             )
         first = np.cumsum([0, *(len(one.names) for one in parts)])
@@ -239,13 +240,13 @@ class BranchPairs:
         )  # fmt: skip
 
     def at(self, rows: Bool[np.ndarray, " n"]) -> "BranchPairs":
-        """The points of a mask."""
+        """Return the selected points."""
         kept = (*_COLUMNS, "cycled", "record")
         return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in kept})
 
     @property
     def is_ramp(self) -> Bool[np.ndarray, " n"]:
-        """The point is of a ramp, not of a stroke, shape (n,)."""
+        """True for points of ramps, False for points of strokes, shape (n,)."""
         return self.start_length == self.turn_length
 
     @property
@@ -259,14 +260,14 @@ def _rms(values: Column) -> float:
 
 
 def threshold_grid(pairs: BranchPairs, modulus: float = MODULUS) -> Thresholds:
-    """Eight thresholds on each coordinate, each twice the one before.
+    """Return eight thresholds on each coordinate, each twice the previous one.
 
-    The highest is half the largest range of a record: only below it an element slides both ways.
-    A coordinate that no record moves has none.
+    The highest is half the largest range of a record, since only elements below it slide both ways. A
+    coordinate that does not change in any record has no thresholds.
 
     Args:
         pairs: the records.
-        modulus: E [Pa].
+        modulus: modulus E [Pa] of the coordinates.
     """
     start, turn = (_coordinates(pairs, place, modulus) for place in ("start_", "turn_"))
     ranges = [float(np.abs(b - a).max()) for a, b in zip(start, turn, strict=True)]
@@ -278,7 +279,7 @@ def threshold_grid(pairs: BranchPairs, modulus: float = MODULUS) -> Thresholds:
 def half_difference_columns(
     pairs: BranchPairs, thresholds: Thresholds, modulus: float
 ) -> Float[np.ndarray, "n elements"]:
-    """Half-difference [N] of each element per strength, in the order of the thresholds."""
+    """Half-difference [N] of each element per unit strength, in the order of the thresholds."""
     start, at, turn = (_coordinates(pairs, place, modulus) for place in ("start_", "", "turn_"))
     shares = slip_shares(pairs.pressure, modulus)
     columns = []
@@ -290,7 +291,7 @@ def half_difference_columns(
 
 
 def _coordinates(pairs: BranchPairs, place: str, modulus: float) -> tuple[Column, Column]:
-    """Of wall and braid at the start, at the turn or at the point."""
+    """Wall and braid coordinates at the start ("start_"), turning point ("turn_") or point ("")."""
     L, P = (getattr(pairs, f"{place}{name}") for name in ("length", "pressure"))
     wall, braid = slip_coordinates(L, P, pairs.rest_length, modulus)
     return np.asarray(wall), np.asarray(braid)
@@ -298,13 +299,13 @@ def _coordinates(pairs: BranchPairs, place: str, modulus: float) -> tuple[Column
 
 @dataclasses.dataclass(frozen=True)
 class HysteresisLeftOut:
-    """Half-differences predicted for points whose group was left out of the fit.
+    """Half-differences predicted for held-out groups.
 
     Attributes:
-        groups: what was left out at a time: record, length or pressure.
-        values: of the groups: number of the record, length [m] or pressure [Pa], shape (groups,).
-        predicted: half-difference [N], shape (n,).
-        measured: the same as measured, shape (n,).
+        groups: kind of group: record, length or pressure.
+        values: record number, length [m] or pressure [Pa] of each group, shape (groups,).
+        predicted: predicted half-difference [N], shape (n,).
+        measured: measured half-difference [N], shape (n,).
         group_rms: root mean square error [N] of each group, shape (groups,).
     """
 
@@ -321,7 +322,7 @@ class HysteresisLeftOut:
 
     @property
     def ratio(self) -> float:
-        """That error in parts of the root mean square of what was measured."""
+        """That error relative to the root mean square of the measured values."""
         return self.rms / _rms(self.measured)
 
 
@@ -330,13 +331,12 @@ class HysteresisFit:
     """Hysteresis identified from pairs of branches.
 
     Attributes:
-        centred: the elements, about the middle of the records' cycles.
-        pairs: what it was fitted to.
+        centred: elements, centred on the middle of the records' cycles.
+        pairs: fitted data.
         predicted: half-difference [N] of the fit, shape (n,).
         kkt_residual: largest violation of the optimality conditions, relative to the data.
-        duality_gap: relative to the objective.
-        left_out: predictions of what was left out of the fit; none before
-            `leave_out`.
+        duality_gap: duality gap relative to the objective.
+        left_out: held-out predictions; empty before `leave_out`.
     """
 
     centred: CentredSlip
@@ -348,7 +348,7 @@ class HysteresisFit:
 
     @property
     def slip(self) -> MaxwellSlip:
-        """The elements alone."""
+        """Elements without the reference cycle."""
         return self.centred.slip
 
     @property
@@ -357,17 +357,18 @@ class HysteresisFit:
         return _rms(self.predicted - self.pairs.half_difference)
 
     def half_difference(self, pairs: BranchPairs) -> Column:
-        """Half-difference [N] that the fit predicts for other points, shape (n,)."""
+        """Predict the half-difference [N] at other points, shape (n,)."""
         sides = (self.slip.wall, self.slip.braid)
         wall, braid = (np.asarray(one.threshold, float) for one in sides)
-        strength = np.concatenate([np.asarray(one.strength, float) for one in sides])
-        return half_difference_columns(pairs, (wall, braid), float(self.slip.modulus)) @ strength
+        return half_difference_columns(pairs, (wall, braid), float(self.slip.modulus)) @ _strengths(
+            self
+        )
 
     def heat(self, record: int) -> float:
-        """Energy [J] that a closed cycle of a record loses by the fit, from start to turn and back.
+        """Energy [J] lost in a closed cycle of a record according to the fit.
 
-        It comes from the fluid in a ramp and from the machine in a stroke. Of a cycled record it is
-        that of the cycle which repeats itself.
+        The fluid supplies it in a ramp, the machine in a stroke. For a cycled record, the value is that
+        of the repeating cycle.
         """
         at = int(np.flatnonzero(self.pairs.record == record)[0])
         start, turn = (
@@ -389,27 +390,27 @@ def fit_hysteresis(
     modulus: float = MODULUS,
     shrinkage: float = SHRINKAGE,
 ) -> HysteresisFit:
-    """The non-negative strengths whose half-differences are nearest to those measured.
+    """Fit the non-negative strengths of slip elements to measured half-differences.
 
         minimise 1/2 |A S - h|^2 + 1/2 r |a|^2 |S|^2   subject to   S >= 0
 
-    At fixed thresholds the force is linear in the strengths S, so that the optimum is that of a
-    convex programme and global. The second term, a the largest column of A, chooses among strengths
-    that the records cannot tell apart, and leaves at zero those of elements that no record moves.
+    At fixed thresholds the force is linear in the strengths S, so the programme is convex and its optimum
+    is global. The second term, with a the largest column of A, selects among strengths that the records do
+    not determine, and keeps elements that never move at zero.
 
     Args:
-        pairs: of ramps, strokes or both.
-        thresholds: of the elements on wall and braid; None for `threshold_grid`.
-        cycle: whose middle the static map is; None for that of the records, if they are of one kind.
-        modulus: E [Pa] of the coordinates.
-        shrinkage: r [-], > 0 unless the records tell all elements apart.
+        pairs: branches of ramps, strokes or both.
+        thresholds: thresholds of the elements on wall and braid; None for `threshold_grid`.
+        cycle: cycle whose mean the static map is; None to derive it from records of one kind.
+        modulus: modulus E [Pa] of the coordinates.
+        shrinkage: weight r [-]; may be 0 only if the records determine all elements.
 
     Returns:
         The fit.
 
     Raises:
-        InputError: thresholds or a modulus that are not positive, ramps and strokes without a
-            `cycle`, or elements that the records cannot tell apart and no shrinkage.
+        InputError: thresholds or modulus are not positive, `cycle` is missing for a mixture of ramps and
+            strokes, or the records do not determine all elements and there is no shrinkage.
     """
     if not (np.isfinite(modulus) and modulus > 0 and shrinkage >= 0):
         raise InputError(
@@ -428,11 +429,10 @@ def fit_hysteresis(
     optimum = quick_jit(solve_qp)(A, b, G, h)
     if int(optimum.status) != Status.OPTIMAL:
         raise InputError(
-            f"the records do not tell {n} elements apart: give a shrinkage, or fewer thresholds "
-            "than turning points reach"
+            f"the records do not determine {n} elements: use a shrinkage > 0, or fewer thresholds"
         )
     strength = np.maximum(np.asarray(optimum.x), 0.0)
-    strength[np.asarray(optimum.active)] = 0.0  # active: what is left is rounding
+    strength[np.asarray(optimum.active)] = 0.0  # remove rounding at active constraints
     model = MaxwellSlip(
         SlipElements(wall, strength[: wall.size]),
         SlipElements(braid, strength[wall.size :]),
@@ -449,12 +449,12 @@ def fit_hysteresis(
 
 
 def _cycle_of(pairs: BranchPairs) -> ReferenceCycle:
-    """The cycle of records of one kind, its ends the median of theirs."""
+    """Return the median cycle of records of one kind."""
     kinds = np.unique(pairs.is_ramp)
     if kinds.size > 1:
         raise InputError(
-            "of ramps and strokes together it is not known which the static map is the mean of: "
-            "give the cycle"
+            "ramps and strokes together do not determine the cycle of the static map: give the argument "
+            "cycle"
         )
     quantity = "pressure" if kinds[0] else "length"
     start, turn = (
@@ -466,13 +466,12 @@ def _cycle_of(pairs: BranchPairs) -> ReferenceCycle:
 
 
 def leave_out(fit: HysteresisFit) -> HysteresisFit:
-    """The fit with what it predicts of each record, length and pressure that is left out of it.
+    """Cross-validate a fit: leave out each record, each length (of ramps) and each pressure (of strokes).
 
-    Thresholds are chosen anew from what is left. Whatever there is only one of cannot be left out;
-    the pressures are those of strokes.
+    Thresholds are chosen again from the remaining records. Groups with a single member are skipped.
 
     Args:
-        fit: of `fit_hysteresis`.
+        fit: result of `fit_hysteresis`.
 
     Returns:
         The same fit with `left_out`.
@@ -512,7 +511,7 @@ def _left_out(fit: HysteresisFit, kind: str, group: Column) -> HysteresisLeftOut
 
 
 def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
-    """The fit as JSON-ready data in SI; `famjax.cards.slip_from_dict` reads its elements."""
+    """Return the fit as JSON-ready data in SI; `famjax.cards.slip_from_dict` reads its elements."""
     pairs = fit.pairs
     records = np.unique(pairs.record).tolist()
     return {
@@ -539,7 +538,7 @@ def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
 def hysteresis_table(
     fit: HysteresisFit, system: str
 ) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
-    """The fit as a table of text in a unit system: title, header, rows."""
+    """Return the fit as a table of text in a unit system: title, header, rows."""
     unit, measured = unit_system(system)["force"], fit.pairs.measured_rms
 
     def row(name: str, value: float) -> tuple[str, str, str]:
@@ -547,43 +546,38 @@ def hysteresis_table(
         return name, f"{from_si(value, unit, 'force'):.4g}", share
 
     lost = [1e3 * fit.heat(k) for k in np.unique(fit.pairs.record).tolist()]
-    n = sum(
-        int(np.sum(np.asarray(getattr(fit.slip, name).strength) > 0)) for name in ("wall", "braid")
-    )
     rows = [
         row("measured", measured),
         row("error of the fit", fit.rms),
-        *(row(f"error with one {one.groups} left out", one.rms) for one in fit.left_out),
-        ("elements with a strength", str(n), ""),
+        *(row(f"held-out error, one {one.groups} left out", one.rms) for one in fit.left_out),
+        ("elements with a strength", str((_strengths(fit) > 0).sum()), ""),
         ("energy lost per cycle, mJ", f"{min(lost):.3g} to {max(lost):.3g}", ""),
         ("KKT residual", f"{fit.kkt_residual:.1e}", ""),
         ("duality gap", f"{fit.duality_gap:.1e}", ""),
     ]
-    title = (
-        f"Hysteresis: half the difference of the branches, RMS over {fit.pairs.record.size} points"
-    )
+    title = f"Hysteresis: half-difference of the branches, RMS over {fit.pairs.record.size} points"
     return title, ("", unit, "of measured"), rows
 
 
+def _strengths(fit: HysteresisFit) -> np.ndarray:
+    sides = (fit.slip.wall, fit.slip.braid)
+    return np.concatenate([np.asarray(one.strength, float) for one in sides])
+
+
 def hysteresis_warnings(fit: HysteresisFit) -> tuple[str, ...]:
-    """Where the hysteresis is not to be relied on."""
+    """Return warnings about the reliability of the hysteresis."""
     found = []
-    strength = np.concatenate(
-        [np.asarray(getattr(fit.slip, name).strength) for name in ("wall", "braid")]
-    )
-    if not (strength > 0).any():
+    if not (_strengths(fit) > 0).any():
         found.append(
-            "No element of the hysteresis has a strength: the branches lie the other way round, or "
-            "at rest length alone, where the model has no loop."
+            "No element of the hysteresis has a strength: the branches are interchanged, or all are at "
+            "the rest length, where the model has no loop."
         )
     found += [
-        f"The hysteresis does not predict a {one.groups} that was left out: its error is "
-        f"{one.ratio:.0%} of the half-difference measured."
+        f"The hysteresis does not predict a held-out {one.groups}: its error is {one.ratio:.0%} of the "
+        "measured half-difference."
         for one in fit.left_out
         if not one.ratio <= PREDICTS
     ]
     if not fit.left_out:
-        found.append(
-            "There is one record at one length: the hysteresis could not be tested on another."
-        )
+        found.append("The hysteresis could not be cross-validated: there is only one record.")
     return tuple(found)

@@ -1,10 +1,11 @@
-"""Tests at constant pressures: machine log and journal to strokes, curves, figures and a force map."""
+"""Tests at constant pressure: strokes, curves, key figures and a force map from machine log and journal."""
 
 import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -15,23 +16,23 @@ from .clock import Alignment
 from .record import MachineLog, check_positive, set_columns, split_branches
 
 GRID = 100
-"""Lengths at which the branches are compared."""
+"""Number of lengths at which the branches are compared."""
 TURN = 0.03
-"""Part of a stroke after a turn that is left out of a force map: friction turns round there, so that the
-mean of both branches is not the muscle's own force."""
+"""Fraction of a stroke next to each turn that a force map omits. Friction reverses there, so the mean of
+both branches differs from the static force."""
 
-_BRIDGE = 5  # usual intervals: where the journal is silent for longer, there is no pressure
-_MISSING = 5  # usual intervals: rows that are further apart have others missing between them
-_STROKE = 0.3  # of the range of lengths at a pressure: a smaller motion is no stroke
-_END = 0.003  # of that range: what counts as being at an end
-_SHORT = 0.02  # of that range, by which a stroke may end short of where it began
-_AT_REST = 1e-3  # of the rest length: nearer than that the muscle is held at it
-_STILL = 2e-5  # of the rest length: within that of the median it does not move
+_BRIDGE = 5  # longest gap of the journal, in usual intervals, that is bridged
+_MISSING = 5  # spacing of rows, in usual intervals, from which rows are missing
+_STROKE = 0.3  # smallest stroke, relative to the range of lengths at a pressure
+_END = 0.003  # width of the ends, relative to that range
+_SHORT = 0.02  # how far a stroke may end before its starting point, relative to that range
+_AT_REST = 1e-3  # tolerance of the rest length, relative
+_STILL = 2e-5  # motion of a muscle at rest, relative to the rest length
 _SHORTEST_HOLD = 0.5  # s
-_LONGEST_HOLD = 2.0  # s, of which the force is averaged
-_BEND = 5  # degree of the polynomial about which local lines are fitted
-_POINTS = 30  # lengths of a force map
-_ALIKE = 1e-3  # of a pressure: differences of branches below that are noise
+_LONGEST_HOLD = 2.0  # s, over which the force is averaged
+_BEND = 5  # degree of the polynomial that is removed before local lines are fitted
+_POINTS = 30  # number of lengths in a force map
+_ALIKE = 1e-3  # smaller pressure differences between branches are noise, relative
 _FIGURES = {
     "set_pressure": "Pa", "pressure": "Pa", "pressure_std": "Pa", "largest_pressure_error": "Pa",
     "cycles": "", "blocked_force": "N", "blocked_force_std": "N", "moving_blocked_force": "N",
@@ -42,16 +43,16 @@ _FIGURES = {
 
 @dataclasses.dataclass(frozen=True)
 class IsobaricRecord:
-    """A test in SI, one row per row of the machine's log that has a pressure.
+    """A test in SI, one row per row of the machine log that has a pressure.
 
     Attributes:
-        time: by the journal's clock [s], rising, shape (n,).
+        time: time on the journal's clock [s], increasing, shape (n,).
         length: active length L [m], shape (n,).
         force: F [N], positive when the muscle pulls, shape (n,).
-        pressure: measured, gauge [Pa], shape (n,).
-        set_pressure: in force at that time, gauge [Pa], nan where there was none, shape (n,).
-        rest_length: L0 [m].
-        notes: what was left out.
+        pressure: measured gauge pressure [Pa], shape (n,).
+        set_pressure: current set point, gauge [Pa], shape (n,); nan if there is none.
+        rest_length: rest length L0 [m].
+        notes: remarks on omitted data.
     """
 
     time: np.ndarray
@@ -66,14 +67,17 @@ class IsobaricRecord:
         set_columns(self, "time", "length", "force", "pressure")
         check_positive(rest_length=self.rest_length)
         if np.shape(self.set_pressure) != self.time.shape:
-            raise InputError(f"{self.time.size} rows need as many set pressures")
+            raise InputError(
+                f"set_pressure must have the shape of time, {self.time.shape}, got "
+                f"{np.shape(self.set_pressure)}"
+            )
         if np.any(np.diff(self.time) <= 0):
-            raise InputError("the time of a record must rise")
+            raise InputError("the time of a record must increase from row to row")
         if np.any(self.length <= 0):
             raise InputError(
-                f"active lengths must be positive, but they would be {self.length.min():.5g} to "
+                f"active lengths must be positive, got {self.length.min():.5g} to "
                 f"{self.length.max():.5g} m with a rest length of {self.rest_length:.5g} m: check "
-                "the unit of the displacement, its sign, and rest_length"
+                "the unit and sign of the displacement, and rest_length"
             )
 
 
@@ -89,22 +93,23 @@ def combine(
     zero_displacement: float = 0.0,
     pushing_positive: bool = False,
 ) -> IsobaricRecord:
-    """A record of a test from the machine's log and the journal.
+    """Combine the machine log and the journal of a test into one record.
 
-    L = L0 + (displacement - zero). Each row takes the journal's nearest reading of the pressure, not
-    a mean, so that its scatter stays what was measured. Rows at which the journal is silent, or
-    before the first set point, are left out.
+    L = L0 + (displacement - zero). Each row gets the nearest pressure reading of the journal, not a mean,
+    which preserves the measured scatter. Rows in gaps of the journal and before the first set point are
+    left out.
 
     Args:
-        log: of the machine.
-        alignment: of its clock to the journal's.
-        journal_time: [s], rising, shape (n,).
-        journal_pressure: gauge [Pa], shape (n,).
-        set_points: time of the journal [s] and set pressure [Pa] from then on, in order; nan ends one.
-        rest_length: L0 [m].
-        shortening_positive: the machine's displacement grows as the muscle shortens.
-        zero_displacement: what the machine shows at L0 [m].
-        pushing_positive: the machine's force is positive in compression.
+        log: log of the machine.
+        alignment: alignment of its clock with the journal's.
+        journal_time: times [s], increasing, shape (n,).
+        journal_pressure: gauge pressures [Pa], shape (n,).
+        set_points: journal time [s] and set pressure [Pa] that starts there, in order; nan ends a set
+            point.
+        rest_length: rest length L0 [m].
+        shortening_positive: True if the machine's displacement grows as the muscle shortens.
+        zero_displacement: displacement reading at L0 [m].
+        pushing_positive: True if the machine's force is positive in compression.
 
     Returns:
         The record.
@@ -114,11 +119,11 @@ def combine(
     """
     if np.shape(journal_time) != np.shape(journal_pressure) or np.size(journal_time) < 2:
         raise InputError(
-            "time and pressure of the journal must be equally long, got "
+            "time and pressure of the journal must be equally long, got shapes "
             f"{np.shape(journal_time)} and {np.shape(journal_pressure)}"
         )
     if not set_points:
-        raise InputError("the journal has no set point: nothing was held at a pressure")
+        raise InputError("the journal must have at least one set point, got none")
     time = alignment.journal_time(log.time)
     place = np.interp(time, journal_time, np.arange(len(journal_time)))
     nearest = np.floor(place + 0.5).astype(int)
@@ -129,13 +134,13 @@ def combine(
     use = heard & (order >= 0)
     if use.sum() < 2:
         raise InputError(
-            "no row of the machine's log has a pressure in the journal: are they of one test?"
+            "no row of the machine log has a pressure in the journal: check that both are of the same test"
         )
     notes = []
     if not heard.all():
-        notes.append(f"{(~heard).sum()} rows of the machine's log have no pressure in the journal.")
+        notes.append(f"{(~heard).sum()} rows of the machine log have no pressure in the journal.")
     if log.gaps:
-        notes.append(f"The machine's log lacks {log.missing_rows} rows in {len(log.gaps)} gaps.")
+        notes.append(f"The machine log lacks {log.missing_rows} rows in {len(log.gaps)} gaps.")
     towards = -1.0 if shortening_positive else 1.0
     return IsobaricRecord(
         time=time[use],
@@ -149,14 +154,14 @@ def combine(
 
 
 Stroke = tuple[slice, slice]
-"""Rows of the concentric and of the eccentric branch of one stroke there and back."""
+"""Rows of the concentric and the eccentric branch of one stroke."""
 
 
 def strokes(record: IsobaricRecord) -> tuple[dict[float, list[Stroke]], list[str]]:
-    """Every complete stroke of a record by set pressure [Pa], and a sentence for each motion that is none.
+    """Return all complete strokes by set pressure [Pa], and a note on each incomplete motion.
 
-    A stroke goes from the longest length to the shortest and back, by three tenths at least of the
-    range of lengths at its set pressure.
+    A stroke goes from the longest to the shortest length and back. It covers at least 30 % of the range
+    of lengths at its set pressure.
     """
     found: dict[float, list[Stroke]] = {}
     notes: list[str] = []
@@ -178,7 +183,7 @@ def strokes(record: IsobaricRecord) -> tuple[dict[float, list[Stroke]], list[str
             else:
                 notes.append(
                     f"At {pressure:.6g} Pa a motion from {length[there.start]:.5g} m to "
-                    f"{length[there.stop - 1]:.5g} m is no complete stroke and was left out."
+                    f"{length[there.stop - 1]:.5g} m is not a complete stroke and was left out."
                 )
         found[pressure] = found.get(pressure, []) + complete
         if not complete and span > 0.01 * record.rest_length:
@@ -188,33 +193,32 @@ def strokes(record: IsobaricRecord) -> tuple[dict[float, list[Stroke]], list[str
 
 @dataclasses.dataclass(frozen=True)
 class Isobar:
-    """What was measured at one set pressure, in SI; nan where it was not.
+    """Measurements at one set pressure in SI; nan for missing values.
 
     Attributes:
-        set_pressure: gauge [Pa].
+        set_pressure: set pressure, gauge [Pa].
         pressure: mean of the measured pressure during the strokes [Pa].
         pressure_std: its standard deviation [Pa] (Chambers 2021, tables 3.3 and 3.4).
         largest_pressure_error: largest deviation from the set pressure [Pa].
-        cycles: strokes that the curves are means of.
-        length: active lengths [m], falling from near the longest, shape (n,).
-        shortening: F [N] of the concentric branch, shape (n,).
-        lengthening: F [N] of the eccentric branch, shape (n,).
-        shortening_pressure, lengthening_pressure: measured there [Pa], shape (n,): the pressure dips
-            at a turn and rises at the other, so that no branch is at one pressure.
-        bin_pressure_std: scatter of the readings of the pressure about it, within a step of the grid
-            [Pa], shape (n,).
-        force_std: scatter of the mean of both branches from stroke to stroke [N], shape (n,); nan
-            for one stroke.
-        blocked_force: mean F [N] while the muscle was held at rest before its first stroke, for half a
-            second at least; it keeps the friction of what came before.
-        blocked_force_std: scatter of F [N] while it was held.
-        moving_blocked_force: F [N] of the mean curve at the rest length, which a dip of the pressure
-            at the turn lowers.
-        free_contraction: (L0 - L)/L0 at which the shortening muscle has no force left.
-        free_contraction_std: its scatter from stroke to stroke.
-        mean_free_contraction: the same of the mean curve, nan where the machine turned before.
+        cycles: number of averaged strokes.
+        length: active lengths [m], decreasing from near the longest, shape (n,).
+        shortening: F [N] on the concentric branch, shape (n,).
+        lengthening: F [N] on the eccentric branch, shape (n,).
+        shortening_pressure, lengthening_pressure: measured pressures on the branches [Pa], shape (n,). They
+            are not constant, since the pressure dips at one turn and rises at the other.
+        bin_pressure_std: scatter of the pressure readings within a step of the grid [Pa], shape (n,).
+        force_std: scatter of the mean of both branches between strokes [N], shape (n,); nan for a
+            single stroke.
+        blocked_force: mean F [N] while the muscle was held at the rest length before its first stroke, for
+            at least half a second. It includes friction from the preceding motion.
+        blocked_force_std: scatter of F [N] during that hold.
+        moving_blocked_force: F [N] of the mean curve at the rest length, reduced by the dip of the
+            pressure at the turn.
+        free_contraction: (L0 - L)/L0 at which the force of the shortening muscle vanishes.
+        free_contraction_std: its scatter between strokes.
+        mean_free_contraction: free contraction of the mean curve; nan if the machine turned earlier.
         hysteresis: work lost in a stroke [J], the area between the branches.
-        hysteresis_ratio: that area over the one under the mean curve.
+        hysteresis_ratio: that area divided by the area under the mean curve.
     """
 
     set_pressure: float
@@ -249,9 +253,9 @@ class Characterisation:
     """A muscle at several constant pressures.
 
     Attributes:
-        isobars: by rising set pressure.
-        rest_length: L0 [m].
-        notes: what was left out.
+        isobars: isobars in order of set pressure.
+        rest_length: rest length L0 [m].
+        notes: remarks on omitted data.
     """
 
     isobars: tuple[Isobar, ...]
@@ -259,7 +263,7 @@ class Characterisation:
     notes: tuple[str, ...] = ()
 
     def rows(self) -> list[dict[str, float]]:
-        """The figures of every isobar, with the unit in each key."""
+        """Return the key figures of every isobar, with the unit in each key."""
         return [
             {f"{name}_{unit}".rstrip("_"): getattr(bar, name) for name, unit in _FIGURES.items()}
             for bar in self.isobars
@@ -269,18 +273,18 @@ class Characterisation:
 def characterise(
     record: IsobaricRecord, *, skip_cycles: int = 0, grid: int = GRID
 ) -> Characterisation:
-    """Curves and figures at every set pressure of a record, neglecting the strokes' finite rate.
+    """Compute curves and key figures at every set pressure; rate effects are neglected.
 
-    Branches are local straight lines on a grid of lengths that every stroke at that pressure covers,
-    each over two steps of the grid; strokes are averaged there.
+    Branches are evaluated on a grid of lengths that every stroke at that pressure covers, by local
+    straight lines over two grid steps. Strokes are then averaged.
 
     Args:
-        record: of the test.
-        skip_cycles: first strokes at each pressure that are left out.
+        record: record of the test.
+        skip_cycles: number of first strokes at each pressure to leave out.
         grid: number of lengths.
 
     Returns:
-        The characterisation, by rising set pressure.
+        The characterisation, in order of set pressure.
 
     Raises:
         InputError: there is no complete stroke.
@@ -289,7 +293,7 @@ def characterise(
         Chambers 2021, sections 3.3 and 4.3, tables 3.3 and 3.4.
     """
     if grid < 10 or skip_cycles < 0:
-        raise InputError(f"grid >= 10 and skip_cycles >= 0 must hold, got {grid} and {skip_cycles}")
+        raise InputError(f"grid must be >= 10 and skip_cycles >= 0, got {grid} and {skip_cycles}")
     found, notes = strokes(record)
     isobars = []
     for pressure in sorted(found):
@@ -306,28 +310,28 @@ def characterise(
         try:
             isobars += [_isobar(record, pressure, whole, grid)] if whole else []
         except InputError as error:
-            # A muscle that is slack soon turns soon: a short stroke has few rows.
+            # A muscle that becomes slack early has short strokes with few rows.
             notes.append(f"The strokes at {pressure:.6g} Pa were left out: {error}")
     if not isobars:
         raise InputError(
             f"no complete stroke in {record.time.size} rows over {np.ptp(record.time):.5g} s, lengths "
             f"{record.length.min():.5g} to {record.length.max():.5g} m, skipping {skip_cycles} cycles: "
-            "check that journal and log are of one test, and whole (famjax rig check). "
+            "check that journal and log are of the same test and complete (famjax rig check). "
             + " ".join(notes)
         )
     return Characterisation(tuple(isobars), record.rest_length, (*record.notes, *notes))
 
 
 def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float, float]:
-    """Root mean square difference of two characterisations' forces, by set pressure.
+    """Return the RMS difference between the forces of two characterisations, by set pressure.
 
-    sqrt(mean (F_1 - F_2)^2) over both branches, at the lengths that both cover.
+    sqrt(mean (F_1 - F_2)^2) over both branches, at the common lengths.
 
     Returns:
-        Set pressure [Pa] -> difference [N], for the pressures that both hold.
+        Set pressure [Pa] -> difference [N], for the common pressures.
 
     Raises:
-        InputError: no set pressure is common, or no length at one.
+        InputError: there is no common set pressure, or no common length.
 
     References:
         Chambers 2021, equation 3.8 and table 3.5.
@@ -336,7 +340,7 @@ def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float,
     pairs = [(bar, others[bar.set_pressure]) for bar in one.isobars if bar.set_pressure in others]
     if not pairs:
         raise InputError(
-            "no set pressure is common: "
+            "the characterisations must share a set pressure, got "
             f"{', '.join(f'{bar.set_pressure:.6g}' for bar in one.isobars)} Pa and "
             f"{', '.join(f'{P:.6g}' for P in others)} Pa"
         )
@@ -344,7 +348,7 @@ def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float,
     for a, b in pairs:
         low, high = max(a.length[-1], b.length[-1]), min(a.length[0], b.length[0])
         if low >= high:
-            raise InputError(f"at {a.set_pressure:.6g} Pa the lengths have nothing in common")
+            raise InputError(f"at {a.set_pressure:.6g} Pa the ranges of lengths must overlap")
         at = np.linspace(low, high, GRID)
         left = [
             np.interp(at, a.length[::-1], getattr(a, branch)[::-1])
@@ -356,7 +360,7 @@ def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float,
 
 
 def _hole(record: IsobaricRecord, rows: slice, grid: int) -> float:
-    """How long [s] rows are missing while the length moves on by more than a step of the grid; or 0."""
+    """Duration [s] of the longest gap in which the length changes by more than a grid step, or 0."""
     apart, moved = np.diff(record.time[rows]), np.abs(np.diff(record.length[rows]))
     step = float(np.ptp(record.length[rows])) / (grid - 1)
     missing = (apart > _MISSING * np.median(apart)) & (moved > step)
@@ -416,13 +420,13 @@ def _scatter(values: np.ndarray) -> np.ndarray:
 def _curve(
     record: IsobaricRecord, of: str, rows: slice, at: np.ndarray, width: float
 ) -> np.ndarray:
-    """A column on the grid by local straight lines through the rows within `width` of each length."""
+    """Evaluate a column on the grid by local straight lines through rows within `width` of each length."""
     values, count = _local_lines(record.length[rows], getattr(record, of)[rows], at, width)
     thin = count < 3
     if thin.any():
         raise InputError(
-            f"the machine's log has {int(count[thin][0])} rows within {width:.3g} m of the length "
-            f"{at[thin][0]:.5g} m: log faster, or take a coarser grid"
+            f"the machine log must have at least 3 rows within {width:.3g} m of the length "
+            f"{at[thin][0]:.5g} m, got {int(count[thin][0])}: log faster, or use a coarser grid"
         )
     return values
 
@@ -430,11 +434,10 @@ def _curve(
 def _local_lines(
     x: np.ndarray, y: np.ndarray, at: np.ndarray, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values at places by straight lines through the points within `width`, and how many those are.
+    """Return values from straight lines through the points within `width`, and the number of points.
 
-    The lines are those of what a polynomial through all points leaves: a line through a bend would
-    lie beside it, and near an end there are points on one side only. Where the points within reach
-    lie at one place, their mean is taken.
+    A global polynomial is subtracted first, since a line is biased on a curved stretch and near the
+    ends. If all points within reach coincide, their mean is used.
     """
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
@@ -453,21 +456,21 @@ def _local_lines(
 
 
 def _local_mean(x: np.ndarray, y: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
-    """Mean of the values within `width` of each place."""
+    """Mean of the values within `width` of each position."""
     order = np.argsort(x, kind="stable")
     total, n = _window_sums(np.stack([y[order], np.ones_like(x)]), x[order], at, width)
     return total / n
 
 
 def _window_sums(columns: np.ndarray, x: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
-    """Sums of columns over the rows whose x, rising, lies within `width` of each place."""
+    """Sums of columns over the rows whose x (increasing) is within `width` of each position."""
     sums = np.concatenate([np.zeros((len(columns), 1)), np.cumsum(columns, axis=1)], axis=1)
     low, high = (np.searchsorted(x, at + side * 1.0001 * width) for side in (-1, 1))
     return sums[:, high] - sums[:, low]
 
 
 def _force_at_rest(rest_length: float, at: np.ndarray, curve: np.ndarray) -> float:
-    """Force at the rest length, nan where the strokes begin more than a step of the grid from it."""
+    """Force at the rest length; nan if the strokes start more than a grid step from it."""
     if at[-1] <= rest_length <= at[0]:
         return float(np.interp(rest_length, at[::-1], curve[::-1]))
     if abs(at[0] - rest_length) > abs(at[1] - at[0]):
@@ -476,7 +479,7 @@ def _force_at_rest(rest_length: float, at: np.ndarray, curve: np.ndarray) -> flo
 
 
 def _free_contraction(record: IsobaricRecord, rows: slice, grid: int) -> float:
-    """Contraction at which one shortening muscle has no force left, over all of its own lengths."""
+    """Contraction at which the force vanishes on one shortening branch, over all its lengths."""
     length = record.length[rows]
     at, step = np.linspace(length.max(), length.min(), grid, retstep=True)
     curve = _curve(record, "force", rows, at, abs(float(step)))
@@ -484,7 +487,7 @@ def _free_contraction(record: IsobaricRecord, rows: slice, grid: int) -> float:
 
 
 def _contraction_at_zero(rest_length: float, at: np.ndarray, curve: np.ndarray) -> float:
-    """Contraction at which a curve falls to zero, within a step of the grid's end; else nan."""
+    """Contraction at which a curve falls to zero, at most a grid step beyond its end; else nan."""
     fallen = np.flatnonzero(curve <= 0)
     k = int(fallen[0]) if fallen.size else curve.size - 1
     if k == 0:
@@ -495,13 +498,13 @@ def _contraction_at_zero(rest_length: float, at: np.ndarray, curve: np.ndarray) 
 
 
 def _held_force(record: IsobaricRecord, set_pressure: float, start: int) -> np.ndarray:
-    """Forces in the second half of the rest before a stroke's start, two seconds of it at most."""
+    """Forces in the second half of the hold before a stroke, at most two seconds of it."""
     stop = start + 1
     length = record.length[:stop]
     near = np.abs(length - record.rest_length) <= _AT_REST * record.rest_length
     same = near & (record.set_pressure[:stop] == set_pressure)
     while stop > 0 and not same[stop - 1] and length[stop - 1] >= length[-1]:
-        stop -= 1  # the stroke has left the rest length by more than what counts as being there
+        stop -= 1  # the stroke has already left the rest length
     others = np.flatnonzero(~same[:stop])
     start = int(others[-1]) + 1 if others.size else 0
     if stop - start < 3:
@@ -518,23 +521,22 @@ def _held_force(record: IsobaricRecord, set_pressure: float, start: int) -> np.n
 def write_dataset(
     found: Characterisation, path: str | Path, *, specimen: Mapping[str, object] | None = None
 ) -> Path:
-    """Write a table of pressure, length and force in SI, with the specimen in comment lines.
+    """Write pressure, length and force in SI as a force map, with the specimen as comments.
 
-    The forces are those of the mean of both branches, at 30 lengths that are common to all isobars, and
-    each has the pressure that was measured there, which dips and rises as the machine turns, with the
-    scatter of its readings. The part `TURN` of the stroke at either end is left out. Forces that are
-    not positive stay in: they say where the muscle is slack.
+    The map holds the mean force of both branches at 30 lengths common to all isobars, with the pressure
+    measured there and its scatter. The fraction `TURN` at either end of the stroke is left out. Forces
+    <= 0 are kept, since they show where the muscle is slack.
 
     Args:
         found: the characterisation.
-        path: of the file, which `fitting.read_csv` reads; one that is there is replaced.
-        specimen: further entries, unit in the key, such as {"wall_thickness_mm": 1.6}.
+        path: the file, for `fitting.read_csv`; an existing one is replaced.
+        specimen: further specimen entries with units in the keys, such as {"wall_thickness_mm": 1.6}.
 
     Returns:
         The path.
 
     Raises:
-        InputError: a bad entry of the specimen, or the file cannot be written.
+        InputError: a specimen entry is invalid, or the file cannot be written.
     """
     turn = TURN * max(float(np.ptp(bar.length)) for bar in found.isobars)
     bars = [_between_turns(bar, turn) for bar in found.isobars]
@@ -548,8 +550,8 @@ def write_dataset(
         text = str(value).lower() if isinstance(value, bool) else str(value)
         if key.startswith("rest_length") or "\n" in f"{key}{text}":
             raise InputError(
-                f"the specimen's {key} = {text!r} holds a line end, or stands beside the record's own "
-                "rest length: give it once"
+                f"the specimen's {key} = {text!r} must fit on one line and must not repeat the rest "
+                "length, which the record already has"
             )
         lines.append(f"# specimen: {key} = {text}")
     tolerance = _tolerance([rows[:, 0] for rows in readings])
@@ -566,25 +568,22 @@ def write_dataset(
 
 
 def _between_turns(bar: Isobar, turn: float) -> Isobar:
-    """An isobar without the lengths within `turn` [m] of where the machine turned."""
+    """Remove the lengths within `turn` [m] of a turning point from an isobar."""
     margin = min(turn, float(np.ptp(bar.length)) / 4)
     use = (bar.length <= bar.length[0] - margin) & (bar.length >= bar.length[-1] + margin)
-    curves = [
-        field.name
-        for field in dataclasses.fields(bar)
-        if isinstance(getattr(bar, field.name), np.ndarray)
-    ]
-    return dataclasses.replace(bar, **{name: getattr(bar, name)[use] for name in curves})
+    curves: dict[str, Any] = {
+        name: value[use] for name, value in vars(bar).items() if isinstance(value, np.ndarray)
+    }
+    return dataclasses.replace(bar, **curves)
 
 
 def _readings(bar: Isobar, common: np.ndarray, friction: float) -> np.ndarray:
-    """Pressure, length, force and scatter of the pressure at the common lengths, shape (n, 4).
+    """Return pressure, length, force and pressure scatter at the common lengths, shape (n, 4).
 
-    Each is of a line through the isobar's own values within half a step of the common lengths, so
-    that readings of short strokes are as precise as those of long ones. Where friction takes the part
-    f of the force, F = D (P - P_d) gives
-    ((1 - f) F(P_s) + (1 + f) F(P_l))/2 = F(((1 - f) P_s + (1 + f) P_l)/2):
-    that is the pressure to which the mean of both branches belongs.
+    Each value comes from a line through the isobar's points within half a step of the common length, so
+    short strokes are as precise as long ones. With a friction share f of the force, F = D (P - P_d) gives
+    ((1 - f) F(P_s) + (1 + f) F(P_l))/2 = F(((1 - f) P_s + (1 + f) P_l)/2),
+    which defines the pressure that belongs to the mean of both branches.
     """
     low, high = bar.shortening_pressure, bar.lengthening_pressure
     pressure = ((1 - friction) * low + (1 + friction) * high) / 2
@@ -598,10 +597,10 @@ def _readings(bar: Isobar, common: np.ndarray, friction: float) -> np.ndarray:
 
 
 def _friction(bars: Sequence[Isobar]) -> float:
-    """Part f of the force that friction takes on either branch, of all isobars together.
+    """Return the friction share f of the force, averaged over all isobars.
 
-    The branches of one isobar differ by 2 f F and by what their pressures differ. An isobar tells f
-    the better, the less its pressures differ in parts of its own: by the square of that it is weighed.
+    The branches of an isobar differ by 2 f F and by the effect of their pressure difference. The smaller
+    the relative pressure difference, the better an isobar determines f; weights are its inverse square.
     """
     shares, weights = [], []
     for bar in bars:
@@ -616,7 +615,7 @@ def _friction(bars: Sequence[Isobar]) -> float:
 
 
 def _tolerance(pressures: list[np.ndarray]) -> float | None:
-    """What divides the isobars' own pressures [Pa] from one another; None where nothing does."""
+    """Return the tolerance [Pa] that separates the pressures of the isobars, or None."""
     inside = sorted((np.sort(values) for values in pressures), key=lambda values: values[0])
     within = max(float(np.diff(values).max()) for values in inside)
     wide = max(float(np.ptp(values)) for values in inside)

@@ -1,4 +1,4 @@
-"""The camera's clock against the test machine's, from the motion that both have seen."""
+"""Synchronise the camera's clock with the test machine's by the motion that both have recorded."""
 
 from dataclasses import dataclass
 
@@ -8,28 +8,28 @@ from famjax.boundary.errors import InputError
 
 from .record import MachineLog
 
-_FEWEST = 6  # pictures for three unknowns and their scatter
-_EXPLAINED = 0.9  # of the variance of length: below it the two do not show the same motion
-_BLUR = 0.02  # of the stroke: largest error of displacement that the error of the clock may cause
-_RIVAL = 4.0  # another offset whose squares are less than this many times the best is as good
-_PICTURES, _STEPS = 500, 4000  # at most, in the coarse search, for its cost
-_VALLEYS = 4  # of the coarse search that are refined
-_DRIFT = 0.02  # largest, of one clock against the other; crystals keep to 1e-4
-_HILL = 0.1  # of the variance, that parts two valleys
+_FEWEST = 6  # fewest pictures, for three unknowns and their scatter
+_EXPLAINED = 0.9  # smallest explained variance of the lengths in the same motion
+_BLUR = 0.02  # largest displacement error due to the clock error, relative to the stroke
+_RIVAL = 4.0  # ratio of squares below which another offset fits equally well
+_PICTURES, _STEPS = 500, 4000  # limits of the coarse search
+_VALLEYS = 4  # number of refined minima
+_DRIFT = 0.02  # largest relative drift between the clocks; crystals achieve 1e-4
+_HILL = 0.1  # smallest rise between two minima, relative to the variance
 
 
 class SyncError(InputError):
-    """Clocks that the motion cannot bring together; it names the log."""
+    """The motion does not determine the clock offset; the message names the log."""
 
     def __init__(self, message: str, *, path: str) -> None:
         super().__init__(f"{path}: {message}")
 
 
 class OtherMotion(SyncError):  # noqa: N818 - says what was found
-    """The lengths do not follow the displacement: they are of two tests, or a unit is wrong.
+    """The lengths do not follow the displacement: they are from different tests, or a unit is wrong.
 
     Attributes:
-        explained: part of the lengths' variance that the displacement explains.
+        explained: fraction of the variance of the lengths that the displacement explains.
     """
 
     def __init__(self, message: str, *, path: str, explained: float) -> None:
@@ -39,17 +39,17 @@ class OtherMotion(SyncError):  # noqa: N818 - says what was found
 
 @dataclass(frozen=True)
 class Synchronisation:
-    """The machine's time of pictures, log_time = t + offset + (rate - 1)(t - reference).
+    """Machine time of pictures, log_time = t + offset + (rate - 1)(t - reference).
 
     Args:
-        offset: of the machine's clock against the camera's, at the picture time `reference` [s].
+        offset: offset of the machine's clock from the camera's at the camera time `reference` [s].
         rate: machine seconds per camera second.
-        reference: mean time of the pictures used, by the camera [s].
-        covariance: of offset and rate, shape (2, 2).
-        sense: of the displacement; -1 where the machine counts shortening, 1 where lengthening.
-        length_at_zero: of the muscle where the machine reads zero [m].
-        rms: of length minus the fitted one [m].
-        largest: the largest of these in magnitude [m].
+        reference: mean camera time of the pictures used [s].
+        covariance: covariance of offset and rate, shape (2, 2).
+        sense: sign of the displacement; -1 if shortening is positive, 1 if lengthening is.
+        length_at_zero: length of the muscle at zero displacement [m].
+        rms: root mean square of the length residuals [m].
+        largest: largest magnitude of these residuals [m].
         n_pictures: number of pictures used.
     """
 
@@ -79,7 +79,7 @@ class Synchronisation:
         return time + self.offset + (self.rate - 1) * (time - self.reference)
 
     def log_time_stderr(self, time: np.ndarray) -> np.ndarray:
-        """Standard error of the machine time [s], that of offset and rate together."""
+        """Standard error of the machine time [s], from offset and rate together."""
         lever = np.stack([np.ones_like(time, float), np.asarray(time, float) - self.reference])
         return np.sqrt(np.einsum("it,ij,jt->t", lever, self.covariance, lever))
 
@@ -101,7 +101,7 @@ class _Motion:
         return float(np.sum((self.y - self.y.mean()) ** 2))
 
     def at(self, offset: float, drift: float = 0.0) -> np.ndarray:
-        """The machine's time of each picture."""
+        """Machine time of each picture."""
         return self.t + offset + drift * (self.t - self.t.mean())
 
     def moved(self, at: np.ndarray) -> np.ndarray:
@@ -109,9 +109,9 @@ class _Motion:
         return np.interp(at, self.log.time, self.log.displacement)
 
     def known(self, at: np.ndarray) -> np.ndarray:
-        """At which times it is known where the machine was: in the log, or outside where it stood still.
+        """True at times with a known position: within the log, or outside it if the machine stood still.
 
-        It stands still before or after the log if it does over the first or the last hundredth of it.
+        The machine is at rest before (after) the log if it is over the first (last) hundredth of it.
         """
         first, last = self.log.time[0], self.log.time[-1]
         little = 0.01 * (last - first)
@@ -122,7 +122,7 @@ class _Motion:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Parameters of the model with the squares that they leave."""
+    """Parameters of the model and the sum of squared residuals."""
 
     squares: float
     offset: float
@@ -140,30 +140,30 @@ def synchronise(
     window: float | None = None,
     guess: float = 0.0,
 ) -> Synchronisation:
-    """Offset and rate of the camera's clock against the machine's, the rig taken as stiff.
+    """Fit offset and rate of the machine's clock against the camera's, for a stiff rig.
 
-    Least squares of length_i = a -+ x(t_i + offset + (rate - 1)(t_i - reference)) over offset, rate
-    and a, where x is the logged displacement, held before and after the log if the machine stood
-    still there; the sense that fits better is taken. All offsets at which half of the pictures (or
-    half of the log) overlap are tried, and rates within 2 %. Errors are those of independent
-    residuals, of their scatter or of `length_stderr` if that is larger. A rig that gives way by 1 %
-    makes a triangular stroke look like a rate that is wrong by 1 %.
+    Fits length_i = a -+ x(t_i + offset + (rate - 1)(t_i - reference)) by least squares over offset, rate
+    and a, where x is the logged displacement, constant before and after the log if the machine was at
+    rest. The better of both signs is used. The search covers all offsets with an overlap of half the
+    pictures (or half the log), and rates within 2 %. Standard errors assume independent residuals with
+    their scatter, or `length_stderr` if larger. A rig that deflects by 1 % makes a triangular stroke
+    look like a rate error of 1 %.
 
     Args:
-        time: of the pictures by the camera's clock, shape (n,) [s]; pictures with nan are left out.
-        length: measured, shape (n,) [m]; pictures with nan are left out.
-        log: of the machine.
-        length_stderr: standard error of a length, that part of it included that all share [m].
-        window: largest distance of the offset from `guess` [s]; no limit if None.
-        guess: of the offset [s], of use only with a window.
+        time: camera times of the pictures [s], shape (n,); pictures with nan are left out.
+        length: measured lengths [m], shape (n,); pictures with nan are left out.
+        log: log of the machine.
+        length_stderr: standard error of a length [m], including errors common to all lengths.
+        window: largest distance of the offset from `guess` [s]; None for no limit.
+        guess: approximate offset [s], used only with a window.
 
     Returns:
-        The fitted clock, with its errors.
+        The fitted clock, with its standard errors.
 
     Raises:
-        SyncError: too few pictures, no overlap, no motion, motion that does not fix the offset (a
-            single straight ramp), several offsets that fit equally, or lengths that do not follow
-            the displacement.
+        SyncError: there are too few pictures, no overlap or no motion; the motion does not determine the
+            offset (a single straight ramp) or determines several; or the lengths do not follow the
+            displacement.
     """
     time, length = np.asarray(time, float), np.asarray(length, float)
     used = np.isfinite(time) & np.isfinite(length)
@@ -198,7 +198,7 @@ def synchronise(
 
 
 def _offsets(seen: _Motion, window: float | None, guess: float) -> np.ndarray:
-    """The offsets to try, a quarter of the spacing of the pictures apart, if those are not too many."""
+    """Return the trial offsets, spaced by a quarter of the picture spacing if their number permits."""
     t, (first, last) = seen.t, seen.log.time[[0, -1]]
     half = min(last - first, np.ptp(t)) / 2
     low, high = first - t.max() + half, last - t.min() - half
@@ -216,7 +216,7 @@ def _offsets(seen: _Motion, window: float | None, guess: float) -> np.ndarray:
 
 
 def _search(offsets: np.ndarray, seen: _Motion) -> list[_Fit]:
-    """The best fits, each from a valley of its own of the coarse search, the best first."""
+    """Return the fits from separate minima of the coarse search, the best first."""
     starts = []
     for sense in (-1, 1):
         scores = _scores(offsets, seen, sense)
@@ -227,7 +227,7 @@ def _search(offsets: np.ndarray, seen: _Motion) -> list[_Fit]:
 
 
 def _scores(offsets: np.ndarray, seen: _Motion, sense: int) -> np.ndarray:
-    """Squares that each offset leaves, with the best a; a picture outside the log is not explained."""
+    """Sum of squares at each offset, with the best a; pictures outside the log count in full."""
     n = len(seen.t)
     few = np.unique(np.linspace(0, n - 1, min(n, _PICTURES)).round().astype(int))
     at, y = offsets[:, None] + seen.t[few], seen.y[few]
@@ -239,7 +239,7 @@ def _scores(offsets: np.ndarray, seen: _Motion, sense: int) -> np.ndarray:
 
 
 def _valleys(scores: np.ndarray, total: float) -> list[int]:
-    """The lowest points of the deepest valleys."""
+    """Return the positions of the deepest separate minima."""
     padded = np.pad(scores, 1, constant_values=np.inf)
     low = np.flatnonzero((scores <= padded[:-2]) & (scores <= padded[2:]))
     chosen: list[int] = []
@@ -251,7 +251,7 @@ def _valleys(scores: np.ndarray, total: float) -> list[int]:
 
 
 def _fitted(start: float, sense: int, seen: _Motion) -> _Fit:
-    """Least squares over offset, drift and a, from a coarse offset."""
+    """Refine offset, drift and a by least squares from a coarse offset."""
     from scipy.optimize import least_squares  # noqa: PLC0415 -- 0.2 s
 
     size = np.sqrt(seen.variation / len(seen.t))
@@ -275,7 +275,7 @@ def _fitted(start: float, sense: int, seen: _Motion) -> _Fit:
 
 
 def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
-    """The fit with its errors, if it may be trusted."""
+    """Check a fit and return it with its standard errors."""
     log, reference = seen.log, float(seen.t.mean())
     at = seen.at(fit.offset, fit.drift)
     covered = seen.known(at)
@@ -294,9 +294,8 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
             path=log.source,
             explained=max(explained, 0.0),
         )
-    step = max(
-        float(np.median(np.diff(np.sort(t)))) / 2, 1e-9
-    )  # the speed is over a picture's spacing
+    # The speed is averaged over the spacing of the pictures.
+    step = max(float(np.median(np.diff(np.sort(t)))) / 2, 1e-9)
     speed = (seen.moved(at + step) - seen.moved(at - step)) / (2 * step)
     J = fit.sense * np.stack([speed, speed * lever, np.full_like(x, fit.sense)], axis=1)
     size = np.linalg.norm(J, axis=0)

@@ -1,4 +1,4 @@
-"""Raw isometric records: pressure goes up and down at one length, and each hold gives a static force."""
+"""Raw isometric ramps: static force at each pressure hold or bin, at constant length."""
 
 import dataclasses
 import itertools
@@ -15,48 +15,48 @@ from famjax.tables import check_time, read_table
 from .record import Column, check_positive, noise_of, set_columns, split_branches
 
 FILL, VENT = 1, 2
-"""Values of the valve state; 0 is closed, and any other value is a glitch."""
+"""Values of the valve state; 0 is closed, any other value is a glitch."""
 LEAST_READINGS = 5
-"""Of a hold's part, and on either side of a bin's middle."""
+"""Fewest readings in the used part of a hold, and on either side of the centre of a bin."""
 
 Mask = Bool[np.ndarray, " n"]
 Rows = Int[np.ndarray, " _"]
 Holds = Float[np.ndarray, " holds"]
 Kind = Literal["staircase", "ramp"]
-"""Pulses of a valve with holds between them, or a pressure that moves all the time."""
+"""Valve pulses with holds between them, or a continuously changing pressure."""
 Points = list[tuple[Rows, dict[str, Any]]]
-"""Rows of the readings used, and columns of `QuasiStatic`, of each point."""
+"""Rows and `QuasiStatic` columns of each point."""
 
-_JUMP = 0.01  # least jump over two readings, as a fraction of the record's pressure range
-_JUMP_NOISE = 8.0  # and in standard deviations of the pressure noise
-_CALM = 0.25  # of a period without a jump before a pulse: longer than the air rings
+_JUMP = 0.01  # smallest jump over two readings, relative to the pressure range
+_JUMP_NOISE = 8.0  # the same in standard deviations of the pressure noise
+_CALM = 0.25  # periods without a jump before a pulse, longer than the air oscillates
 _LEAST_PULSES = 4
 _LEAST_CORRELATION = 0.3
-_FULL = 0.95  # least part of a period that the first or the last hold must have
-_TOLERANCE = 0.15  # of a period by which a regular pulse may be early or late
-_MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median over that of a mean, normal noise
-_CLAMP_READINGS = 20  # at the exact minimum: noise without a clamp thins out long before it
-_CLAMP_SPAN = 0.02  # of the pressure range: a muscle's force would rise over it
-_CLAMPED = 0.1  # part of a point's readings at the clamp from which the point counts as clamped
-_SLACK_NOISE = 6.0  # standard deviations of the noise above zero under which a point is slack
-_FLAT = 0.02  # of the pressure range: the most by which a vented interval's readings may spread
-_STANDS = 0.9  # of the readings: the most that may share the time stamp of the one before
-_VACUUM = 0.05  # of the pressure range: the most by which a record may lie below atmosphere
+_FULL = 0.95  # smallest length of the first and last hold, in periods
+_TOLERANCE = 0.15  # largest deviation of a regular pulse, in periods
+_MEDIAN = np.sqrt(np.pi / 2)  # standard error of a median relative to a mean, normal noise
+_CLAMP_READINGS = 20  # readings at the exact minimum that indicate a clamped sensor
+_CLAMP_SPAN = 0.02  # smallest pressure range of clamped readings, relative
+_CLAMPED = 0.1  # fraction of clamped readings from which a point is clamped
+_SLACK_NOISE = 6.0  # force below which a point is slack, in standard deviations of the noise
+_FLAT = 0.02  # largest spread of a vented interval, relative to the pressure range
+_STANDS = 0.9  # largest fraction of repeated time stamps
+_VACUUM = 0.05  # deepest reading below atmosphere, relative to the pressure range
 
 
 @dataclasses.dataclass(frozen=True)
 class RampRecord:
-    """The record of a muscle held at one length while it is filled and vented, in order of time.
+    """Record of a muscle filled and vented at constant length, in chronological order.
 
     Attributes:
-        force: F [N], shape (n,), positive when the muscle pulls, as the sensor reads it.
-        pressure: [Pa], shape (n,), as the sensor reads it: its zero is not yet subtracted.
-        time: [s], shape (n,); stamps may repeat, but not run backwards.
-        length: active length L [m], constant.
-        valve_state: shape (n,), or None: 0 closed, 1 fill, 2 vent. Any other value is a glitch; it
-            is counted and not used.
-        source: where the numbers come from.
-        taken: what the columns of a file were taken as, for the command that read it.
+        force: measured force F [N], shape (n,), positive when the muscle pulls.
+        pressure: raw sensor reading [Pa], shape (n,), without zero correction.
+        time: times [s], shape (n,); they may repeat but not decrease.
+        length: constant active length L [m].
+        valve_state: valve state, shape (n,), or None: 0 closed, 1 fill, 2 vent. Other values are
+            glitches, which are counted but not used.
+        source: origin of the data.
+        taken: how the columns of the file were interpreted, for the command that read it.
     """
 
     force: Column
@@ -73,26 +73,26 @@ class RampRecord:
         for name in ("time", "pressure"):
             if np.ptp(getattr(self, name)) == 0:
                 raise InputError(
-                    f"the {name} in a record must vary, but it is constant: check the column"
+                    f"the {name} of a record must vary, got a constant column: check the column"
                 )
 
 
 def read_ramp(
     path: str | Path, *, length: float, columns: Mapping[str, str] | None = None
 ) -> RampRecord:
-    """The record in a file; nothing is subtracted, left out or smoothed.
+    """Read a record from a file without any correction or smoothing.
 
     Args:
         path: the file, see `famjax.tables.read_table`.
         length: active length L [m] at which the muscle was held.
-        columns: which column is which quantity, `{"force": "Kraft [N]"}`, where the names do not say it or
-            there are none, `{"force": "1 [N]"}`.
+        columns: column name of each quantity that cannot be recognised, `{"force": "Kraft [N]"}`, or its
+            number, `{"force": "1 [N]"}`.
 
     Returns:
-        The record in SI, pressure as the sensor reads it.
+        The record in SI, with raw pressure readings.
 
     Raises:
-        InputError: what is wrong with the file, with the number of the row.
+        InputError: the file is invalid; the message names the row.
     """
     table = read_table(
         path, ("force", "pressure", "time"), optional=("valve_state",), columns=columns, strict=True,
@@ -107,11 +107,11 @@ def read_ramp(
 
 @dataclasses.dataclass(frozen=True)
 class Staircase:
-    """When the pressure of a record is held.
+    """Pressure holds of a record.
 
     Attributes:
-        period: between pulses of the valve [s].
-        start, stop: of every hold [s], shape (holds,), from one pulse to the next.
+        period: time between valve pulses [s].
+        start, stop: start and end of each hold [s], shape (holds,), from one pulse to the next.
     """
 
     period: float
@@ -119,7 +119,7 @@ class Staircase:
     stop: Holds
 
     def rows(self, time: Column, part: tuple[float, float]) -> list[Rows]:
-        """Rows of each hold's part, given as fractions of the hold."""
+        """Return the rows of a part of each hold, given as fractions of the hold."""
         width = self.stop - self.start
         low, high = (np.searchsorted(time, self.start + end * width) for end in part)
         return [np.arange(i, j) for i, j in zip(low, high, strict=True)]
@@ -128,29 +128,29 @@ class Staircase:
 def find_staircase(
     pressure: Column, time: Column, *, period: float | None = None
 ) -> Staircase | None:
-    """The holds of a record, or None where its pressure does not move in regular pulses.
+    """Find the holds of a record; None if the pressure does not change in regular pulses.
 
-    A reading moves where the pressure changes by more than 1 % of its range, and by more than the
-    noise explains, over two readings. The period is the lag of the highest peak of the moving
-    readings' autocorrelation. A pulse is the first moving reading after a calm quarter of it. The
-    time between two pulses is one hold, or several equal ones where pulses moved nothing.
+    The pressure moves at a reading if it changes over two readings by more than 1 % of its range and by
+    more than noise explains. The period is the lag of the highest autocorrelation peak of moving
+    readings. A pulse is the first moving reading after a quarter period without motion. The time
+    between two pulses is one hold, or several equal ones if a pulse had no effect.
 
     Args:
-        pressure: [Pa], shape (n,).
-        time: [s], shape (n,).
-        period: [s] where it is known; None finds it.
+        pressure: pressures [Pa], shape (n,).
+        time: times [s], shape (n,).
+        period: known period [s]; None to detect it.
 
     Returns:
-        The holds, or None: fewer than four pulses, or no period.
+        The holds, or None if there are fewer than four pulses or no period.
 
     Raises:
-        InputError: a period that is not between two readings and half the record.
+        InputError: the period is not between two readings and half the record.
     """
     t = time - time[0]
     if period is not None and not 2 * t[-1] / t.size < period < t[-1] / 2:
         raise InputError(
-            f"the period must lie between two readings and half the record, {t[-1] / 2:.4g} s, got "
-            f"{period} s"
+            f"the period must be longer than two readings and shorter than half the record, "
+            f"{t[-1] / 2:.4g} s, got {period} s"
         )
     jump = max(_JUMP * float(np.ptp(pressure)), _JUMP_NOISE * noise_of(pressure))
     moving = t[1:-1][np.abs(pressure[2:] - pressure[:-2]) > jump]
@@ -177,7 +177,7 @@ def find_staircase(
 
 
 def _period(moving: Float[np.ndarray, " m"], time: Column) -> float | None:
-    """Lag [s] of the highest peak in the autocorrelation of the moving readings; None if low."""
+    """Lag [s] of the highest autocorrelation peak of moving readings; None if it is low."""
     from scipy.signal import correlate  # noqa: PLC0415 -- 0.2 s
 
     n = time.size
@@ -195,11 +195,11 @@ def _period(moving: Float[np.ndarray, " m"], time: Column) -> float | None:
 
 @dataclasses.dataclass(frozen=True)
 class QuasiStatic:
-    """The quasi-static points of a set of records, in the order of records and time.
+    """Quasi-static points of several records, ordered by record and time.
 
     Attributes:
-        record: number of the record in `records`, shape (n,).
-        time: middle of the readings used [s], shape (n,); nan in a continuous ramp.
+        record: index of the record in `records`, shape (n,).
+        time: mean time of the readings used [s], shape (n,); nan for a continuous ramp.
         length: active length L [m], shape (n,).
         pressure: gauge pressure P [Pa], shape (n,).
         force: F [N], shape (n,).
@@ -207,19 +207,19 @@ class QuasiStatic:
         noise: standard deviation of the force readings used [N], shape (n,).
         stderr: standard error of the force for independent readings [N], shape (n,).
         pressure_noise: standard deviation of the pressure readings used [Pa], shape (n,).
-        force_drift, pressure_drift: change over the readings used [N], [Pa], by a straight line,
-            shape (n,); nan in a continuous ramp.
-        clamped: more than a tenth of the readings stand at the clamp, shape (n,).
-        slack: clamped, or the force is under `slack_below`, shape (n,).
-        settled: the pressure drifts by no more than was allowed, shape (n,).
-        mislabelled: most valve states contradict the branch, shape (n,).
+        force_drift, pressure_drift: linear change over the readings used [N], [Pa], shape (n,); nan for
+            a continuous ramp.
+        clamped: True if more than a tenth of the readings are at the clamp, shape (n,).
+        slack: True if clamped, or if the force is below `slack_below`, shape (n,).
+        settled: True if the pressure drift is within the limit, shape (n,).
+        mislabelled: True if most valve states contradict the branch, shape (n,).
         records: the records.
-        atmosphere: reading of the pressure sensor at atmosphere [Pa], one for each record.
-        kinds: "staircase" or "ramp", one for each record.
-        periods: between valve pulses [s], one for each record; nan for a ramp.
-        n_short: holds with too few readings for a point, one for each record.
-        clamp: least force [N] the sensor can show, or None where none shows.
-        slack_below: force [N] under which a point is slack.
+        atmosphere: pressure reading at atmosphere [Pa] of each record.
+        kinds: "staircase" or "ramp" for each record.
+        periods: time between valve pulses [s] of each record; nan for a ramp.
+        n_short: number of holds with too few readings in each record.
+        clamp: smallest force [N] that the sensor can show, or None if it is not clamped.
+        slack_below: force [N] below which a point is slack.
     """
 
     record: Int[np.ndarray, " n"]
@@ -258,45 +258,46 @@ def quasi_static(
     slack_below: float | None = None,
     max_drift: float = 2e3,
 ) -> QuasiStatic:
-    """The static force at each hold or pressure bin, noise and branch with it.
+    """Compute the static force at each hold or pressure bin, with its noise and branch.
 
-    A hold of a staircase gives the medians of force and pressure over a part of it, resolved within
-    the sensor's step as for grouped readings. A continuous ramp is cut into pressure bins on each
-    branch; the force at a bin's middle is that of the straight line through its readings, which
-    leaves out F'' w^2 / 24 for curvature; it is not corrected for the lag of sensors and rubber.
-    A branch is where the pressure moves one way; the hold before a turn, and any within 2 % of the
-    range of it, belongs to the branch before. The valve state is compared with it, not used.
+    For a staircase, force and pressure are medians over a part of each hold, interpolated within the
+    resolution of the sensor as for grouped data. A continuous ramp is divided into pressure bins on each
+    branch. The force at the centre of a bin comes from a straight line through its readings; the
+    curvature error F'' w^2 / 24 and the lag of sensors and rubber are neglected.
 
-    Points that are clamped, slack or unsettled are marked, not dropped; holds with fewer than five
-    readings in the part give no point and are counted.
+    Pressure is monotonic on a branch. The hold before a turning point, and any hold within 2 % of its
+    pressure, belongs to the preceding branch. The valve state only serves as a check.
+
+    Points that are clamped, slack or unsettled are marked, not dropped. Holds with fewer than five readings
+    in the selected part give no point and are counted.
 
     Args:
-        records: of one sensor, each at one length.
-        atmosphere: what the pressure sensor reads at atmosphere [Pa], which is subtracted; or the
-            interval (start, stop) [s] of every record in which the muscle is vented.
-        kind: of the records; None finds out.
-        period: between valve pulses [s]; None finds it from the pressure.
-        part: of each hold that is used, as fractions of it.
-        bin_width: w [Pa], of a ramp.
-        clamp: least force [N] the sensor can show. None takes the least reading of all records, if
-            it occurs 20 times or more and over more than 2 % of the pressure range: noise without a
-            clamp thins out, and a force rises with the pressure.
-        slack_below: force [N] under which a muscle does not pull; None takes six standard
-            deviations of the noise above zero or above the clamp, whichever is higher.
-        max_drift: pressure drift [Pa] up to which a hold is settled.
+        records: records from one sensor, each at constant length.
+        atmosphere: pressure reading at atmosphere [Pa], which is subtracted; or the interval
+            (start, stop) [s] of every record in which the muscle is vented.
+        kind: kind of the records; None to detect it.
+        period: time between valve pulses [s]; None to detect it.
+        part: part of each hold to use, as fractions.
+        bin_width: bin width w [Pa] of a ramp.
+        clamp: smallest force [N] that the sensor can show. None uses the smallest reading if it
+            occurs at least 20 times over more than 2 % of the pressure range: unclamped noise rarely
+            repeats its minimum, and a force rises with pressure.
+        slack_below: force [N] below which a muscle does not pull; None uses six standard deviations of
+            the noise above zero or above the clamp, whichever is higher.
+        max_drift: largest pressure drift [Pa] of a settled hold.
 
     Returns:
         The points of all records.
 
     Raises:
-        InputError: no records, a vented interval in which the pressure moves, holds with too few
-            readings, no points, or an option outside its range.
+        InputError: there are no records or no points, the pressure changes in the vented interval, holds
+            have too few readings, or an option is out of range.
     """
     records = (records,) if isinstance(records, RampRecord) else tuple(records)
     if not records:
         raise InputError("quasi_static needs at least one record, got none")
     if not 0 <= part[0] < part[1] <= 1:
-        raise InputError(f"part is (start, stop) with 0 <= start < stop <= 1, got {part}")
+        raise InputError(f"part must be (start, stop) with 0 <= start < stop <= 1, got {part}")
     if not bin_width > 0 or not max_drift > 0:
         raise InputError(
             f"bin_width and max_drift must be > 0, got {bin_width} Pa and {max_drift} Pa"
@@ -339,19 +340,19 @@ def quasi_static(
 
 
 def _holds(record: RampRecord, zero: float, stair: Staircase, part: tuple[float, float]) -> Points:
-    """A point for every hold that has readings enough."""
+    """Return a point for every hold with enough readings."""
     holds = [rows for rows in stair.rows(record.time, part) if rows.size >= LEAST_READINGS]
     if not holds:
         raise InputError(
             f"{record.source} has fewer than {LEAST_READINGS} readings in the part {part} of its "
-            f"holds of {stair.period:.4g} s: widen the part, or record faster"
+            f"{stair.period:.4g} s holds: use a larger part, or record faster"
         )
     step = _resolution(record.force)
     pressure, force = (_medians(values, holds) for values in (record.pressure, record.force))
     points: Points = []
     for rows, P, F, filling in zip(holds, pressure, force, _directions(pressure), strict=True):
         noise = float(np.std(record.force[rows], ddof=1))
-        # Noise that does not reach the next step leaves the rounding of a reading in the median.
+        # Noise smaller than a step does not average out the rounding of readings.
         rounding = step / np.sqrt(12) if noise < step / 2 else 0.0
         time = record.time[rows]
         points.append((rows, {
@@ -369,12 +370,12 @@ def _holds(record: RampRecord, zero: float, stair: Staircase, part: tuple[float,
 
 
 def _resolution(values: Column) -> float:
-    """The sensor's step: the least difference between two readings."""
+    """Resolution of the sensor: the smallest difference between two readings."""
     return float(np.diff(np.unique(values)).min(initial=np.inf)) if np.ptp(values) > 0 else 0.0
 
 
 def _medians(values: Column, holds: Sequence[Rows]) -> Holds:
-    """The median of each hold; readings at the middle are spread over the sensor's step."""
+    """Median of each hold, interpolated within the resolution of the sensor."""
     step = _resolution(values)
     medians = []
     for rows in holds:
@@ -386,24 +387,24 @@ def _medians(values: Column, holds: Sequence[Rows]) -> Holds:
 
 
 def _drift(t: Column, values: Column) -> float:
-    """Change of the values over the time, by a straight line."""
+    """Linear change of the values over the time span."""
     late = t - t.mean()
     return float(late @ values / (late @ late) * np.ptp(t)) if np.ptp(t) > 0 else 0.0
 
 
 def _directions(pressure: Column) -> list[bool]:
-    """Whether each of the held pressures was reached by filling."""
+    """Return, for each held pressure, True if it was reached by filling."""
     branches = split_branches(pressure) if pressure.size >= 3 else ()
     if not branches:
         return [bool(pressure[-1] >= pressure[0])] * pressure.size
     filling = np.full(pressure.size, branches[0].rising)
     for branch in branches:
-        filling[branch.start + 1 :] = branch.rising  # its first row is the last of the hold before
+        filling[branch.start + 1 :] = branch.rising  # the first row belongs to the previous branch
     return filling.tolist()
 
 
 def _bins(record: RampRecord, zero: float, width: float) -> Points:
-    """A point for every pressure bin of every branch, in the order of time."""
+    """Return a point for every pressure bin of every branch, in chronological order."""
     P = record.pressure - zero
     noise_of_pressure = noise_of(P)
     points: Points = []
@@ -435,7 +436,7 @@ def _bins(record: RampRecord, zero: float, width: float) -> Points:
             }))  # fmt: skip
     if not points:
         raise InputError(
-            f"{record.source} gives no pressure bin of {width:.6g} Pa: its pressure must rise or "
+            f"{record.source} has no complete pressure bin of {width:.6g} Pa: the pressure must rise or "
             f"fall over several bins, with {2 * LEAST_READINGS} readings in each"
         )
     return points
@@ -448,15 +449,14 @@ def _mislabelled(record: RampRecord, rows: Rows, *, filling: bool) -> bool:
 
 
 def _atmosphere(record: RampRecord, given: float | tuple[float, float]) -> float:
-    """What the sensor of a record reads at atmosphere [Pa]."""
+    """Return the pressure reading of a record at atmosphere [Pa]."""
     if isinstance(given, tuple):
         start, stop = given
         vented = record.pressure[(record.time >= start) & (record.time <= stop)]
         if vented.size < LEAST_READINGS:
             raise InputError(
-                f"{record.source} has {vented.size} readings from {start} to {stop} s, and at least "
-                f"{LEAST_READINGS} are needed for the reading at atmosphere: widen the interval, or "
-                "give the reading in Pa"
+                f"the vented interval must have at least {LEAST_READINGS} readings; {record.source} has "
+                f"{vented.size} from {start} to {stop} s: widen the interval, or give the reading in Pa"
             )
         if np.ptp(vented) > _FLAT * np.ptp(record.pressure):
             raise InputError(
@@ -467,18 +467,18 @@ def _atmosphere(record: RampRecord, given: float | tuple[float, float]) -> float
         given = float(np.mean(vented))
     if not np.isfinite(given):
         raise InputError(f"the reading at atmosphere must be finite, got {given} Pa")
-    low = float(np.sort(record.pressure)[:LEAST_READINGS].max())  # one alone may be a glitch
+    low = float(np.sort(record.pressure)[:LEAST_READINGS].max())  # ignore single glitches
     if low < given - _VACUUM * np.ptp(record.pressure):
         raise InputError(
-            f"{record.source} reads down to {low / 1e3:.4g} kPa, far below the {given / 1e3:.4g} kPa "
-            "that its sensor is said to read at atmosphere: give its reading with the muscle "
-            "vented: 0kPa for a gauge that was zeroed"
+            f"{record.source} reads down to {low / 1e3:.4g} kPa, far below the stated reading at "
+            f"atmosphere, {given / 1e3:.4g} kPa: give the reading of the vented muscle (0kPa for a zeroed "
+            "gauge)"
         )
     return float(given)
 
 
 def _find_clamp(records: Sequence[RampRecord]) -> float | None:
-    """The least reading of all records where it must be a clamp, else None."""
+    """Return the smallest reading of all records if it is a clamp, else None."""
     force = np.concatenate([record.force for record in records])
     pressure = np.concatenate([record.pressure for record in records])
     least = force == force.min()
@@ -495,7 +495,7 @@ def _staircase(record: RampRecord, kind: Kind | None, period: float | None) -> S
     if found is None and (kind == "staircase" or period is not None):
         known = "" if period is None else f" of {period:.4g} s"
         raise InputError(
-            f"{record.source} shows no regular valve pulses{known}: give the period, or read it "
-            "as a continuous ramp"
+            f"{record.source} has no regular valve pulses{known}: give the period, or treat it as a "
+            "continuous ramp"
         )
     return found

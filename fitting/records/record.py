@@ -1,4 +1,4 @@
-"""What records share: checked columns, a test machine's log, the branches between turning points."""
+"""Common parts of records: column checks, machine logs, and branches between turning points."""
 
 import dataclasses
 import itertools
@@ -18,22 +18,21 @@ Column = Float[np.ndarray, " n"]
 
 _CHANNELS = ("time", "displacement", "force", "pressure")
 
-_HOLD_WIDTH = 6.0  # standard deviations of the noise within which a hold lies
-_LATE = 1.5  # of the usual interval: a longer one is a gap
+_HOLD_WIDTH = 6.0  # width of a hold, in standard deviations of the noise
+_LATE = 1.5  # shortest gap, in usual intervals
 
 
 def checked_columns(
     columns: Mapping[str, ArrayLike | None], *, least: int = 3
 ) -> dict[str, Column | None]:
-    """The columns of a record as float arrays of one length, those that are None left so.
+    """Return the columns of a record as float arrays of equal length; None stays None.
 
     Args:
-        columns: by name; `time` must not run backwards.
-        least: number of readings.
+        columns: columns by name; `time` must not decrease.
+        least: smallest number of readings.
 
     Raises:
-        InputError: another shape, too few readings, a value that is not finite, or a time that runs
-            backwards.
+        InputError: shapes differ, there are too few readings, a value is not finite, or time decreases.
     """
     arrays = {
         name: None if values is None else np.asarray(values, float)
@@ -60,24 +59,24 @@ def checked_columns(
     back = np.flatnonzero(np.diff(known.get("time", np.empty(0))) < 0)
     if back.size:
         raise InputError(
-            f"time must not run backwards, and does at reading {back[0] + 2}: sort the record, or "
+            f"time must not run backwards, but it does at reading {back[0] + 2}: sort the record, or "
             "split it there"
         )
     return arrays
 
 
 def set_columns(record: Any, *names: str, least: int = 3) -> None:
-    """Check these columns of a frozen record, and keep them as float arrays."""
+    """Check columns of a frozen record and convert them to float arrays."""
     columns = {name: getattr(record, name) for name in names}
     for name, values in checked_columns(columns, least=least).items():
         object.__setattr__(record, name, values)
 
 
 def check_positive(**values: float | int) -> None:
-    """Refuse sizes that are not > 0 and finite.
+    """Refuse values that are not positive and finite.
 
     Raises:
-        InputError: the first that is not, by its name.
+        InputError: a value is invalid; the message names it.
     """
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
@@ -86,22 +85,22 @@ def check_positive(**values: float | int) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class MachineLog:
-    """What a test machine recorded, in SI and on its own clock.
+    """Log of a test machine in SI, on the machine's clock.
 
     Attributes:
-        time: [s], rising, shape (n,).
-        displacement: [m], with the machine's own sign and zero, shape (n,).
-        force: [N], with the machine's own sign, shape (n,); None where the log has none.
-        pressure: gauge [Pa], shape (n,); None where the log has none, or where it was not asked for.
-        others: every other column of numbers, as printed, by its name.
-        interval: the usual time between two rows [s].
-        gaps: rows that are missing, as time [s] of the last row before and number of rows by the usual
-            interval; nothing is filled in.
-        unread: line numbers between the first and the last row whose cells are not numbers.
-        repeated: line numbers whose time is that of the row before, which are left out.
-        source: the file.
-        sha256: of the file.
-        taken: what its columns were taken as, for the command that read it.
+        time: times [s], increasing, shape (n,).
+        displacement: displacements [m] with the machine's sign and zero, shape (n,).
+        force: forces [N] with the machine's sign, shape (n,), or None.
+        pressure: gauge pressures [Pa], shape (n,), or None.
+        others: other numeric columns by name, unconverted.
+        interval: usual time between two rows [s].
+        gaps: gaps, each as the time [s] of the last row before it and the number of missing rows; they
+            are not filled.
+        unread: line numbers of rows with cells that are not numbers.
+        repeated: line numbers of rows that repeat the previous time; they are left out.
+        source: name of the file.
+        sha256: hash of the file.
+        taken: how the columns were interpreted, for the command that read the file.
     """
 
     time: np.ndarray
@@ -127,11 +126,11 @@ class MachineLog:
 
     @property
     def missing_rows(self) -> int:
-        """How many rows are missing in all gaps."""
+        """Total number of missing rows."""
         return sum(rows for _, rows in self.gaps)
 
     def channel(self, name: str) -> np.ndarray:
-        """A channel [SI] by its name.
+        """Return a channel in SI.
 
         Raises:
             InputError: the log has no such channel.
@@ -144,14 +143,14 @@ class MachineLog:
     def at(
         self, name: str, time: np.ndarray, time_stderr: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A channel at given times by straight lines between the rows, with what that may be off.
+        """Interpolate a channel linearly at given times, with the standard error of the interpolation.
 
         stderr^2 = (F' time_stderr)^2 + (F'' (t - t_k)(t_{k+1} - t)/2)^2, both derivatives from
-        divided differences of the rows about t. The sensor's own noise is not in it.
+        divided differences of the rows around t. Sensor noise is not included.
 
         Args:
             name: "displacement", "force" or "pressure".
-            time: by the machine's clock, shape (m,) [s].
+            time: times on the machine's clock [s], shape (m,).
             time_stderr: standard error of `time` [s].
 
         Returns:
@@ -180,20 +179,20 @@ def read_machine_log(
     needed: Collection[str] = ("time", "displacement", "force"),
     welcome: Collection[str] = (),
 ) -> MachineLog:
-    """The log of a test machine, from a text or workbook of any maker and country.
+    """Read the log of a test machine from a text file or workbook in any usual format.
 
     Args:
         path: the file, see `famjax.tables.read_table`.
-        columns: which column is which of "time", "displacement", "force" and "pressure", where the log's
-            own names do not tell, `{"force": "Load 2 [N]"}`; also `decimal` and `atmosphere`.
-        needed: quantities that the log must hold.
-        welcome: those that it may hold, "pressure" (gauge) among them.
+        columns: column name of each quantity ("time", "displacement", "force", "pressure") that cannot be
+            recognised, `{"force": "Load 2 [N]"}`; also `decimal` and `atmosphere`.
+        needed: required quantities.
+        welcome: optional quantities, such as "pressure" (gauge).
 
     Returns:
-        The log in SI, with the rows that it lacks.
+        The log in SI, with a list of its gaps.
 
     Raises:
-        InputError: what is wrong with the file, with the number of the line.
+        InputError: the file is invalid; the message names the line.
     """
     table = read_table(path, tuple(needed), optional=welcome, columns=columns, fewest=3)
     try:
@@ -221,11 +220,11 @@ def read_machine_log(
 
 @dataclasses.dataclass(frozen=True)
 class Branch:
-    """A stretch of a record in which the position moves one way.
+    """Part of a record in which the position changes monotonically.
 
     Attributes:
         start, stop: first row, and the row after the last.
-        rising: the position grows.
+        rising: True if the position increases.
     """
 
     start: int
@@ -234,35 +233,37 @@ class Branch:
 
     @property
     def rows(self) -> slice:
-        """The branch's rows of any column."""
+        """Rows of the branch as a slice."""
         return slice(self.start, self.stop)
 
 
 def split_branches(
     position: ArrayLike, *, min_travel: float = 0.5, hold: float | None = None
 ) -> tuple[Branch, ...]:
-    """The branches of a record, found by its turning points; noise and holds do not count as such.
+    """Split a record into branches at its turning points; noise and holds are ignored.
 
-    A turning point is an extreme from which the position comes back by at least `min_travel`.
-    Readings at either end of a branch that are within a hold of the extreme are left out.
+    A turning point is an extreme from which the position returns by at least `min_travel`. Readings
+    within a hold of the extremes are left out at both ends of a branch.
 
     Args:
-        position: displacement, length or pressure in the order of time, shape (n,).
-        min_travel: least travel of a branch, as a fraction of the record's range, in (0, 1).
-        hold: how far the position may move in a hold; None for six standard deviations of its noise
-            (from second differences), but no more than 2 % of the range.
+        position: displacement, length or pressure in chronological order, shape (n,).
+        min_travel: smallest travel of a branch, as a fraction of the range, in (0, 1).
+        hold: largest change of position in a hold; None for six standard deviations of the noise (from
+            second differences), at most 2 % of the range.
 
     Returns:
-        The branches in order, rising and falling in turn; none where nothing moves.
+        The branches in order, alternately rising and falling; empty if nothing moves.
 
     Raises:
-        InputError: `min_travel` outside (0, 1), or a bad column.
+        InputError: `min_travel` is outside (0, 1), or the column is invalid.
 
     >>> [(b.start, b.stop, b.rising) for b in split_branches([0, 0, 1, 2, 3, 3, 3, 2, 1, 0])]
     [(1, 5, True), (6, 10, False)]
     """
     if not 0 < min_travel < 1:
-        raise InputError(f"min_travel is a fraction of the range in (0, 1), got {min_travel}")
+        raise InputError(
+            f"min_travel, a fraction of the range, must be in (0, 1), got {min_travel}"
+        )
     x = checked_columns({"position": position})["position"]
     assert x is not None
     travel = float(np.ptp(x))
@@ -283,7 +284,7 @@ def noise_of(values: Column) -> float:
 
 
 def _turning_points(x: Column, travel: float) -> list[int]:
-    """Rows of alternating extremes between which x changes by `travel` or more, the outermost included."""
+    """Return the rows of alternating extremes that differ by at least `travel`."""
     turns: list[int] = []
     low = high = best = direction = 0
     for i, value in enumerate(x.tolist() if travel > 0 else ()):

@@ -1,4 +1,4 @@
-"""The modulus of threads in the muscle, from its diameters while it is held at its resting length."""
+"""In-situ modulus of braid threads, from diameters of a muscle held at its rest length."""
 
 import dataclasses
 from typing import Any
@@ -13,14 +13,14 @@ from .record import Column, check_positive, checked_columns
 
 @dataclasses.dataclass(frozen=True)
 class ModulusFit:
-    """A line through stress against strain.
+    """Straight-line fit of stress against strain.
 
     Attributes:
-        modulus: its slope E_b [Pa].
-        modulus_stderr: [Pa]; infinite where the points are as many as the numbers fitted.
-        intercept: stress [Pa] at zero strain; zero where the line is constrained through the origin.
-        intercept_stderr: [Pa]; zero where the line is constrained through the origin.
-        count: points fitted.
+        modulus: slope E_b [Pa].
+        modulus_stderr: standard error of the slope [Pa]; infinite without degrees of freedom.
+        intercept: stress [Pa] at zero strain; zero for a line through the origin.
+        intercept_stderr: standard error of the intercept [Pa]; zero for a line through the origin.
+        count: number of points.
     """
 
     modulus: float
@@ -32,7 +32,7 @@ class ModulusFit:
 
 @dataclasses.dataclass(frozen=True)
 class InSitu:
-    """State of the threads at each reading, and the moduli that follow.
+    """State of the threads at each reading, and the fitted moduli.
 
     Attributes:
         thread_length: B [m], shape (n,).
@@ -41,10 +41,10 @@ class InSitu:
         tension: T [N] of one thread, shape (n,).
         stress: T / A_b [Pa], shape (n,).
         rest_thread_length: B0 [m].
-        linear: line through all points.
-        proportional: line through all points and the origin, the law of `LinearThread`. An error
-            of B0 enters it whole: all strains shift alike. The slopes of the others do not notice.
-        high_pressure: line through the points at high pressure, beyond the toe region.
+        linear: line fitted to all points.
+        proportional: line through the origin, the law of `LinearThread`. Unlike the other slopes, it is
+            sensitive to an error of B0, which shifts all strains.
+        high_pressure: line fitted to the points at high pressure, beyond the toe region.
     """
 
     thread_length: Column
@@ -70,28 +70,28 @@ def thread_in_situ(
     rest_thread_length: float | None = None,
     high_pressure: float | None = None,
 ) -> InSitu:
-    """Strain, stress and modulus of the threads while they hold a muscle at its resting length.
+    """Compute strain, stress and modulus of the threads of a muscle at its rest length.
 
     B = sqrt(L^2 + (pi N D)^2),  T = (F + P pi R^2) / (n sin(theta)),  sin(theta) = L / B
 
-    The ends, where the muscle is narrower than its diameter, are neglected.
+    The narrower ends of the muscle are neglected.
 
     Args:
         diameter: braid diameter D [m] at each reading, shape (n,), > 0.
         force: pull F [N], shape (n,).
         pressure: gauge pressure P [Pa], shape (n,), >= 0.
         length: active length L [m], the same at every reading.
-        turns: N [-].
-        n_threads: n [-], threads of both families.
-        area: A_b [m2], section of the fibres of one thread.
+        turns: turns N of one thread [-].
+        n_threads: number of threads n of both families [-].
+        area: fibre cross-section A_b of one thread [m2].
         rest_thread_length: B0 [m]; if None, the mean of B at the readings with P = 0.
-        high_pressure: least pressure [Pa] of the high-pressure line; if None, half the largest.
+        high_pressure: lowest pressure [Pa] of the high-pressure line; if None, half the largest.
 
     Returns:
         The states and the moduli, each with its standard error.
 
     Raises:
-        InputError: what is wrong with the readings.
+        InputError: the readings are invalid.
 
     References:
         Chambers 2021, section 5.1.
@@ -103,16 +103,16 @@ def thread_in_situ(
     assert P is not None
     if D.min() <= 0 or P.min() < 0:
         raise InputError(
-            f"diameters must be > 0 and gauge pressures >= 0, got {D.min():.6g} m and {P.min():.6g} "
-            "Pa at the least"
+            f"diameters must be > 0 and gauge pressures >= 0, got a smallest diameter of "
+            f"{D.min():.6g} m and a smallest pressure of {P.min():.6g} Pa"
         )
     check_positive(length=length, turns=turns, n_threads=n_threads, area=area)
     B = np.hypot(length, np.pi * turns * D)
     if rest_thread_length is None:
         if not (P == 0).any():
             raise InputError(
-                "strain is counted from the unpressurised thread: give a reading at zero pressure, "
-                "or rest_thread_length in m"
+                "strain requires the unpressurised thread length: give a reading at zero pressure, or "
+                "rest_thread_length in m"
             )
         rest_thread_length = float(B[P == 0].mean())
     check_positive(rest_thread_length=rest_thread_length)
@@ -138,16 +138,16 @@ def thread_in_situ(
 
 
 def _line(x: Column, y: Column, where: str) -> ModulusFit:
-    """The least-squares line y = E x + c."""
+    """Fit the line y = E x + c by least squares."""
     if np.unique(x).size < 2:
         raise InputError(
-            f"a modulus needs readings at two different strains; {where} there are "
-            f"{np.unique(x).size}: give more pressures, or another high_pressure"
+            f"a modulus requires readings at two different strains, got {np.unique(x).size} {where}: give "
+            "more pressures, or another high_pressure"
         )
     from scipy.stats import linregress  # noqa: PLC0415 -- SciPy's statistics take 0.5 s
 
     found: Any = linregress(x, y)
     slope, intercept = float(found.slope), float(found.intercept)
-    if x.size == 2:  # which leave nothing to tell an error by
+    if x.size == 2:  # no degrees of freedom for an error
         return ModulusFit(slope, np.inf, intercept, np.inf, 2)
     return ModulusFit(slope, float(found.stderr), intercept, float(found.intercept_stderr), x.size)

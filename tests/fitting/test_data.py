@@ -36,7 +36,7 @@ def test_units_are_converted_and_order_does_not_matter(tmp_path):
     np.testing.assert_allclose(data.pressure, [137895.1458633, 137895.1458633, 68947.57293168])
     assert data.specimen.rest_length == pytest.approx(0.254)
     assert any("rest length was not given" in note for note in data.notes)
-    assert any("wall was not given" in note for note in data.notes)
+    assert any("wall thickness was not given" in note for note in data.notes)
 
 
 @pytest.mark.parametrize(("bore", "wall"), [("20", 1.8e-3), ("10", 1.8e-3), ("5", 0.9e-3)])
@@ -76,8 +76,8 @@ def test_specimen_lines_and_overrides(map_file):
         ("100,300,", f"100,{'x' * 900},", "row 2: length is 'x{40}[.]{3}', not a number$"),
         ("length_mm", "x" * 900, "no column for length; the table has pressure_kPa, x{40}[.]{3}, force_N"),
         ("length_mm", "contraction_mm", "unit 'mm': a contraction is .L0 - L./L0"),
-        ("length_mm", "contraction", "contractions need the rest length"),
-        ("pressure", "# specimen: rest_lenght_mm = 3\npressure", "unknown entry.*'rest_lenght_mm'"),
+        ("length_mm", "contraction", "contractions require the rest length"),
+        ("pressure", "# specimen: rest_lenght_mm = 3\npressure", "unknown specimen entry.*'rest_lenght_mm'"),
         ("pressure", "# specimen: rest_length_mm = x\npressure", "not a number"),
         ("pressure", "# specimen: rest_length_mm = 3,5\npressure", "write a decimal point"),
         ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
@@ -110,12 +110,12 @@ def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
         assert np.unique(found.lengths.level).size == 4
         assert read_csv(path, {"rest_length": 0.6}).length[0] == pytest.approx(0.6)
     path.write_text("force_N,pressure_kPa,contraction,contraction_std_%\n10,100,0.1,1\n")
-    with pytest.raises(InputError, match="contractions need the rest length"):
+    with pytest.raises(InputError, match="contractions require the rest length"):
         read_csv(path)
     one = read_csv(path, {"rest_length": 0.3})
     assert one.length_std == pytest.approx(0.003)
     path.write_text("force_N,pressure_kPa,contraction\n10,100,100\n")
-    with pytest.raises(InputError, match=r"contraction is 100; .* lies below 1: write percent"):
+    with pytest.raises(InputError, match=r"got 100: put percent"):
         read_csv(path, {"rest_length": 0.3})
     path.write_text("force_N,pressure_kPa,contraction,length_mm\n10,100,0.1,1\n")
     with pytest.raises(InputError, match="'length' and 'contraction' say the same"):
@@ -178,7 +178,7 @@ def test_noise_about_zero_is_slack(dmsp10):
     noise = np.random.default_rng(1).normal(0, 0.5, dmsp10.force.size)
     noisy = dataclasses.replace(dmsp10, force=dmsp10.force + noise, slack_below=None, count=None)
     np.testing.assert_array_equal(noisy.slack, dmsp10.slack)
-    assert "count as slack: readings below zero show that much noise" in noisy.notes[-1]
+    assert "count as slack: readings below zero show noise of this size" in noisy.notes[-1]
     pushing = dataclasses.replace(
         dmsp10, force=np.where(dmsp10.slack, -30.0, dmsp10.force), slack_below=None, count=None
     )
@@ -201,7 +201,7 @@ def test_readings_about_nominal_pressures_find_their_level(seed, times, std):
     found = levels_of(measured(nominal, times, std, seed), "pressure")
     expected = np.tile(np.arange(nominal.size)[np.argsort(np.argsort(nominal))], times)
     np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected)
-    assert "found from the gaps" in found.note
+    assert "derived from the gaps" in found.note
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -210,7 +210,7 @@ def test_no_levels_are_seen_where_there_are_none(seed):
     found = levels_of(values, "pressure")
     np.testing.assert_array_equal(found.level, values)
     assert found.tolerance == 0
-    assert "no gaps divide them" in found.note
+    assert "gaps do not separate them" in found.note
 
 
 def gauge_of_1_kpa(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -226,7 +226,7 @@ def test_values_that_a_gauge_rounds_are_on_the_level_that_was_set(seed):
     found = ForceData(np.arange(1.0, 57.0), pressure, length, SPECIMEN).pressures
     expected = np.round(pressure / 70e3)
     np.testing.assert_array_equal(np.unique(found.level, return_inverse=True)[1], expected - 1)
-    assert "found from the gaps" in found.note
+    assert "derived from the gaps" in found.note
 
 
 def test_neighbours_that_were_set_at_one_length_are_two_levels():
@@ -316,7 +316,7 @@ def test_a_table_of_pandas_is_a_map_and_back(dmsp20):
     foreign = frame.rename(columns={"force_N": "Kanal 3"}).assign(counter=range(len(frame)))
     named = fitting.read_csv(foreign, known, {"force": "Kanal 3 [N]"})
     np.testing.assert_array_equal(named.force, data.force)
-    assert "Columns left aside: counter." in named.notes
+    assert "Ignored columns: counter." in named.notes
 
 
 def test_a_data_set_of_xarray_is_a_map_and_back(dmsp10):

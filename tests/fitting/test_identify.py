@@ -140,7 +140,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"starts": 0}, "whole number >= 1"),
         ({"bounds": {"spam": (0.0, 1.0)}}, "unknown parameter 'spam'"),
         ({"bounds": {"E_1": (2e6, 1e6)}}, "the lower one, 2e.06, must not exceed the upper one"),
-        ({"bounds": {"braid_angle": (1.0, 1.6)}}, "lies between 0.1 and 1.57 rad"),
+        ({"bounds": {"braid_angle": (1.0, 1.6)}}, "must be between 0.1 and 1.57 rad"),
         ({"bounds": {"braid_diameter": (0.02, math.inf)}}, "needs finite bounds"),
         ({"bounds": {"E_1": (-2e6, -1e6)}, "constraint": "positive"}, "no coefficients satisfy"),
         ({"order": 7}, "needs loaded readings at 7 or more lengths away from the rest length"),

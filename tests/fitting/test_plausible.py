@@ -66,7 +66,7 @@ SLIPS = {
     "parameters in a list": (lambda: identify(loads(), parameters=[1]), "must be a mapping"),
     "texts as forces": (lambda: loads(force=["a", "b"]), "force must hold numbers"),
     "a dictionary as specimen": (lambda: loads(specimen={}), "must be a fitting.Specimen"),
-    "a number to read": (lambda: fitting.read_csv(3), "from a path or an open text"),
+    "a number to read": (lambda: fitting.read_csv(3), "needs a path or an open text"),
     "no file": (lambda: fitting.read_csv("none.csv"), "no such file"),
     "a folder": (lambda: fitting.read_csv("/"), "Is a directory"),
     "a number to load": (lambda: fitting.load_fit(3), "must be a path"),

@@ -241,7 +241,7 @@ def test_a_length_left_out_lies_in_its_band(
 @pytest.mark.slow
 def test_a_band_grows_with_the_distance_and_says_what_it_covers(without_a_length, tmp_path, said):
     told = said("fit", without_a_length, "--law", "ogden", "--output", tmp_path, "--verbose")
-    assert "The 95 % bands of predictions are of single readings" in told
+    assert "The 95 % bands of predictions cover single readings" in told
     states = "--length", "280mm,225mm,340mm,100mm", "--pressure", "500kPa,900kPa"
     found = json.loads(said("predict", tmp_path / "fit.json", *states, "--json"))
     rows = {(row["length_m"], row["pressure_Pa"]): row for row in found}

@@ -56,7 +56,7 @@ def test_the_report_is_one_page_that_says_where_it_comes_from_and_what_was_measu
     for needed in (
         "braid_diameter", "Drucker-stable", "at the bound", "sigma = sum over n of E_n sign(eps)",
         fitted20.data.sha256, ORIGIN.date, ORIGIN.command, f"seed {fitted20.seed}",
-        "rest length</td><td>11.654</td><td>in", "126, of which 60 pull", "embedded",
+        "rest length</td><td>11.654</td><td>in", "126, 60 of them pulling", "embedded",
     ):  # fmt: skip
         assert needed in text
     captions = re.findall(r'<p class="caption">(.*?)</p>', page)
@@ -74,12 +74,12 @@ def test_the_report_is_one_page_that_says_where_it_comes_from_and_what_was_measu
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda fit: fit.pop("muscle"), "no entry 'muscle'"),
+        (lambda fit: fit.pop("muscle"), "entry 'muscle' is missing"),
         (lambda fit: fit.update(muscle=3), ""),
         (lambda fit: fit["spread"].update(directions=[[1.0, 2.0]]), "cannot reshape"),
         (lambda fit: fit["spread"].update(directions=[[1.0], [1.0, 2.0]]), "inhomogeneous"),
         (lambda fit: fit.update(spread=3), "not subscriptable"),
-        (lambda fit: fit.pop("data"), "no entry 'data'"),
+        (lambda fit: fit.pop("data"), "entry 'data' is missing"),
         (lambda fit: fit["data"]["readings"].update(pressure_Pa=[]), "equally long"),
         (lambda fit: fit.update(series_compliance_m_per_N=[1.0]), "float"),
     ],

@@ -284,14 +284,14 @@ def replaced(path: Path, old: str, new: str) -> None:
 @pytest.mark.parametrize(
     ("name", "old", "new", "said"),
     [
-        (LOG, "(mm),(N)", "(in),(N)", "check the unit of the displacement"),
+        (LOG, "(mm),(N)", "(in),(N)", "check the unit and sign of the displacement"),
         (LOG, "(mm),(N)", "(mm),(lbf)", "ratio of lbf and N"),
         (LOG, "(mm),(N)", "(mm),(kN)", "by a factor of 0.001"),
         (LOG, "(s),(mm)", "(s),(um)", "ratio of m and mm"),
         (LOG, "Extension,Load", "Load,Extension", "column 'Extension' has the unknown unit 'N'"),
         (SHEET, "[records]", "[records]\npushing_positive = true", "pushing_positive must be false"),
         (SHEET, "[records]", "[records]\nshortening_positive = true", "shortening_positive must be f"),
-        (SHEET, "thickness_in = 0.0625", "thickness_in = 1.5875", "does not fit twice"),
+        (SHEET, "thickness_in = 0.0625", "thickness_in = 1.5875", "must be thinner than half"),
         (SHEET, "rest_length_in", "rest_length_mm", "with a rest length of 0.0092812 m"),
     ],
 )  # fmt: skip

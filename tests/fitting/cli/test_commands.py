@@ -65,7 +65,7 @@ def test_numbers_of_notes_and_verdict_follow_the_units(fit, dmsp10):
     code, told, _, folder = fit(bare, *QUICK, "--units", "us", "--verbose")
     assert code == 0
     page = (folder / "report.html").read_text()
-    assert "the longest length in the file, 9.843 in, is taken" in told
+    assert "the longest length in the file, 9.843 in, is used" in told
     told = told[told.index("note:") :].replace("rest_length_mm=", "").replace("_mm=...", "")
     for text in (told, page[page.index('<p class="verdict') : page.index("<figure")]):
         assert " lbf" in text

@@ -49,7 +49,7 @@ def test_drift_and_wobble_are_followed_to_a_millisecond(drift, period):
 @pytest.mark.parametrize(
     ("device", "host", "match"),
     [
-        ([1.0, 2.0], [1.0], "one shape"),
+        ([1.0, 2.0], [1.0], "the same shape"),
         ([1.0, 1.0], [1.0, 2.0], "two device times"),
         ([1.0, np.nan], [1.0, 2.0], "finite"),
     ],

@@ -87,7 +87,7 @@ def test_an_incomplete_stroke_is_named_and_left_out():
     whole = record(pressures=(2e5,))
     found = characterise(part_of(whole, np.arange(whole.time.size - round((5.0 + 30.0) / DT))))
     assert found.isobars[0].cycles == 2
-    assert any("is no complete stroke" in note for note in found.notes)
+    assert any("is not a complete stroke" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("second", [150.0, 200.0])  # as it shortens, as it lengthens
@@ -120,7 +120,7 @@ def test_the_dataset_is_one_that_a_fit_reads(tmp_path):
     assert np.abs(data.force - exact).max() < 2 * GRID_ERROR  # the turns are left out
     assert data.pressure_std is not None
     assert np.median(data.pressure_std) == pytest.approx(500, rel=0.1)
-    with pytest.raises(InputError, match="give it once"):
+    with pytest.raises(InputError, match="must not repeat the rest length"):
         write_dataset(found, path, specimen={"rest_length_mm": 240})
     with pytest.raises(InputError, match="cannot write"):
         write_dataset(found, tmp_path / "none" / "set.csv")
@@ -161,7 +161,7 @@ def test_signs_and_zero_of_the_machine_are_honoured():
     )  # fmt: skip
     assert np.allclose(found.length, truth.length)
     assert np.allclose(found.force, truth.force)
-    with pytest.raises(InputError, match="check the unit of the displacement, its sign"):
+    with pytest.raises(InputError, match="check the unit and sign of the displacement"):
         combine(
             log, AHEAD, t, np.full(t.size, 1e5), [(-1.0, 1e5)], rest_length=0.05,
             shortening_positive=True,
@@ -179,7 +179,7 @@ def test_where_the_journal_is_silent_there_is_no_row():
     assert truth.time.size - found.time.size == pytest.approx(missing.sum(), abs=6)
     assert any("have no pressure" in note for note in found.notes)
     assert any("lacks 3 rows in 1 gaps" in note for note in found.notes)
-    with pytest.raises(InputError, match="no row of the machine's log has a pressure"):
+    with pytest.raises(InputError, match="no row of the machine log has a pressure"):
         combine(log_of(truth), AHEAD, t + 1e6, np.full(t.size, 1e5), [(0.0, 1e5)], rest_length=L0)
-    with pytest.raises(InputError, match="no set point"):
+    with pytest.raises(InputError, match="at least one set point"):
         combine(log_of(truth), AHEAD, t, np.full(t.size, 1e5), [], rest_length=L0)

@@ -204,16 +204,16 @@ def test_unsettled_holds_are_marked_and_not_used():
 
 
 BAD: list[tuple[Callable[[], object], str]] = [
-    (lambda: _points(part=(0.9, 0.5)), "part is"),
+    (lambda: _points(part=(0.9, 0.5)), "part must be"),
     (lambda: _points(bin_width=0.0), "bin_width and max_drift"),
     (lambda: _points(atmosphere=np.nan), "must be finite"),
-    (lambda: _points(atmosphere=(0.0, 1e-4)), "readings from 0.0 to 0.0001 s"),
+    (lambda: _points(atmosphere=(0.0, 1e-4)), "has 3 from 0.0 to 0.0001 s"),
     (lambda: _points(atmosphere=(0.0, 5.0)), "so it is not vented there"),
-    (lambda: _points(atmosphere=101e3), "far below the 101 kPa that its sensor is said to read"),
+    (lambda: _points(atmosphere=101e3), "far below the stated reading at atmosphere, 101 kPa"),
     (lambda: _points(period=0.33), "no regular valve pulses of 0.33 s"),
-    (lambda: _points(period=30.0), "period must lie between"),
+    (lambda: _points(period=30.0), "period must be longer than"),
     (lambda: _points(part=(0.511, 0.512)), "fewer than 5 readings in the part"),
-    (lambda: _points(kind="ramp", bin_width=5e6), "gives no pressure bin"),
+    (lambda: _points(kind="ramp", bin_width=5e6), "has no complete pressure bin"),
     (lambda: quasi_static([], atmosphere=ZERO), "at least one record"),
     (lambda: quasi_static(_ramp(0.3), atmosphere=ZERO, kind="staircase"), "no regular valve pul"),
     (lambda: static_map(_points(), step=0.0), "step must be > 0"),
@@ -223,8 +223,8 @@ BAD: list[tuple[Callable[[], object], str]] = [
         "rows of the map are slack",
     ),
     (lambda: dataclasses.replace(_ramp(0.3), length=0.0), "length must be > 0"),
-    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure in a record must"),
-    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time in a record must vary"),
+    (lambda: dataclasses.replace(_ramp(0.3), pressure=np.ones(21000)), "pressure of a record must"),
+    (lambda: dataclasses.replace(_ramp(0.3), time=np.ones(21000)), "time of a record must vary"),
 ]
 
 
@@ -295,7 +295,7 @@ def test_the_command(points, tmp_path):
     assert summary["records"][0]["atmosphere_kPa"] == pytest.approx(9)
     # What was not said is assumed as of any force map, is told, and is not said by the map either.
     told = " ".join(summary["notes"])
-    assert "wall was not given: 1.8 mm" in told
+    assert "wall thickness was not given: 1.8 mm" in told
     assert "bladder's diameter was not given" in told
     read = read_csv(tmp_path / "map.csv")
     assert read.assumed == ("nominal_diameter", "wall_thickness", "bladder_diameter")

@@ -45,7 +45,7 @@ def test_branches_of_a_known_record(noise, hold):
         ({"a": [[1, 2, 3]]}, "one-dimensional"),
         ({"a": [1, np.nan, 3]}, "a of reading 2 is nan"),
         ({"a": [1, 2]}, "at least 3 readings"),
-        ({"a": [1, 2, 3], "time": [0, 2, 1]}, "run backwards, and does at reading 3"),
+        ({"a": [1, 2, 3], "time": [0, 2, 1]}, "run backwards, but it does at reading 3"),
     ],
 )
 def test_bad_columns_are_named(columns, match):
