@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 CONDITION_LIMIT = 1e10
-"""Beyond this condition number of the scaled Jacobian no standard error is given."""
+"""No standard errors are given if the condition number of the scaled Jacobian exceeds this limit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,9 +16,9 @@ class Covariance:
     """Covariance of all parameters.
 
     Attributes:
-        matrix: shape (p, p); rows of parameters that cannot move are nan.
-        sandwich: the same without the belief that all readings are equally noisy (Huber-White).
-        condition: condition number of the scaled Jacobian on the free directions.
+        matrix: shape (p, p); rows and columns of parameters that cannot move are nan.
+        sandwich: Huber-White estimate, valid for unequal noise; same shape.
+        condition: condition number of the scaled Jacobian in the free directions.
         degrees_of_freedom: readings and priors minus free directions.
     """
 
@@ -31,19 +31,20 @@ class Covariance:
     def stderr(self) -> Float[np.ndarray, " p"]:
         """Standard errors; nan for a parameter that is held, at a bound, or not identifiable.
 
-        The larger of the two: one is too small where the noise is not equal, the other where the
-        readings are few (Angrist & Pischke 2009, Mostly Harmless Econometrics, section 8.1).
+        Each is the larger of the plain and the sandwich estimate. The plain one is too small if the
+        noise is unequal, the sandwich if there are few readings (Angrist & Pischke 2009, Mostly
+        Harmless Econometrics, section 8.1).
         """
         return np.fmax(self.plain_stderr, self.sandwich_stderr)
 
     @property
     def plain_stderr(self) -> Float[np.ndarray, " p"]:
-        """Standard errors if all readings are equally noisy."""
+        """Standard errors under the assumption of equal noise in all readings."""
         return np.sqrt(np.diag(self.matrix))
 
     @property
     def sandwich_stderr(self) -> Float[np.ndarray, " p"]:
-        """Standard errors of the sandwich; nan where the others are."""
+        """Standard errors from the sandwich estimate; nan where the plain ones are nan."""
         return np.sqrt(np.diag(self.sandwich))
 
 
@@ -59,22 +60,23 @@ def covariance(
 ) -> Covariance:
     """Gauss-Newton covariance s^2 Z (Z^T J^T J Z)^-1 Z^T of a constrained least-squares optimum.
 
-    Z spans the directions in which the held parameters and the active constraints stay as they
-    are, so these contribute no variance: their own entries are nan, never zero.
+    Z spans the directions in which the held parameters and the active constraints do not change.
+    Held parameters therefore contribute no variance; their own entries are nan, never zero.
 
     Args:
-        jacobian: of the weighted residual in all parameters.
+        jacobian: Jacobian of the weighted residual in all parameters.
         residual: weighted residual at the optimum.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
-        bent: roots of what active constraints add to the curvature; they tell nothing of the noise.
-        n_priors: rows at the end of the residual that are priors.
-        noise: standard deviation of a reading against which these were weighed. With priors the
-            noise is at least this, or they would count for more than was said of them.
+        bent: square-root factors of the curvature that active constraints add. They do not enter
+            the noise estimate.
+        n_priors: number of priors, the last rows of the residual.
+        noise: standard deviation of a reading that the prior weights assume. With priors, the noise
+            estimate is at least this; otherwise the priors would be given too much weight.
 
     Returns:
-        The covariances. Not valid where the model is wrong or a constraint is active only by
-        chance; profile likelihood and bootstrap are the remedies.
+        The covariances. They are not valid if the model is wrong or a constraint is active only by
+        chance; use profile likelihood or the bootstrap instead.
     """
     p = jacobian.shape[1]
     scale = np.linalg.norm(jacobian, axis=0)
@@ -88,11 +90,11 @@ def covariance(
     variance = residual @ residual / freedom
     if n_priors:
         variance = max(variance, noise**2)
-        # A prior that is met exactly is no proof that it is exact.
+        # A prior that is met exactly is not thereby exact.
         residual = np.concatenate([residual[:-n_priors], np.full(n_priors, noise)])
     moves = root @ (root.T @ jacobian.T)
     matrix = (root @ root.T if bent is None or not len(bent) else moves @ moves.T) * variance
-    # Each reading's own residual in place of one noise, with MacKinnon & White's small-sample factor.
+    # Use each reading's own residual, with the small-sample factor of MacKinnon & White.
     influence = moves * residual
     sandwich = influence @ influence.T * (residual.size / freedom)
     stuck = np.sqrt(np.diag(matrix)) * scale <= 1e-9 * np.sqrt(variance)
@@ -102,12 +104,12 @@ def covariance(
 
 
 class FreeRoot(NamedTuple):
-    """A root of (Z^T J^T J Z)^-1 in all parameters.
+    """Square-root factor of Z (Z^T J^T J Z)^-1 Z^T.
 
     Attributes:
         root: R with R R^T = Z (Z^T J^T J Z)^-1 Z^T, shape (p, directions).
-        directions: number of directions that stay free.
-        condition: condition number of the scaled Jacobian on them; nan where there is none.
+        directions: number of free directions.
+        condition: condition number of the scaled Jacobian in these directions; nan if there are none.
     """
 
     root: Float[np.ndarray, "p directions"]
@@ -120,17 +122,19 @@ def free_root(
     active: Float[np.ndarray, "a p"],
     held: Bool[np.ndarray, " p"],
 ) -> FreeRoot:
-    """The root on the directions Z in which held parameters and active constraints stay.
+    """Return the square-root factor in the directions Z that held parameters and constraints leave free.
 
     Args:
-        jacobian: of the weighted residual in all parameters.
+        jacobian: Jacobian of the weighted residual in all parameters.
         active: gradients of the active constraints.
         held: True for parameters at a bound or fixed.
     """
     p = jacobian.shape[1]
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
-    fixed_rows = np.concatenate([np.eye(p)[held], _unit(active / scale)])
+    active = active / scale
+    size = np.linalg.norm(active, axis=1, keepdims=True)
+    fixed_rows = np.concatenate([np.eye(p)[held], active / np.where(size > 0, size, 1.0)])
     _, singular, directions = np.linalg.svd(fixed_rows, full_matrices=True)
     rank = int(np.sum(singular > 1e-10))
     Z = directions[rank:].T
@@ -140,8 +144,3 @@ def free_root(
     if not s[-1] > 0:
         return FreeRoot(np.zeros((p, 0)), Z.shape[1], math.inf)
     return FreeRoot(Z @ (Vt.T / s) / scale[:, None], Z.shape[1], float(s[0] / s[-1]))
-
-
-def _unit(rows: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(rows, axis=1, keepdims=True)
-    return rows / np.where(size > 0, size, 1.0)

@@ -1,9 +1,8 @@
-"""Families of muscles: a law, a source of the geometry, and the muscle that their numbers make.
+"""Families of muscles: a bladder law and a geometry source, with their free parameters.
 
-A law may be any material whose class declares its numbers.
-
-Of the declared numbers those in which the force is affine are the coefficients, which every fit
-solves for in one convex programme; the others give the law its shape and are searched.
+A law can be any material whose class declares its parameters. Declared parameters in which the
+force is affine are the coefficients; a convex programme solves for them. All others are shape
+parameters, which the fit searches.
 """
 
 import abc
@@ -28,7 +27,7 @@ _MAX_ORDER = 8
 
 
 class Law(eqx.Module):
-    """A material as a family of laws in its declared numbers.
+    """A family of laws, parametrised by the declared parameters of a material.
 
     Attributes:
         material: any member of the family.
@@ -38,12 +37,12 @@ class Law(eqx.Module):
 
     @property
     def coefficients(self) -> dict[str, Entry]:
-        """The numbers in which the stress is linear, by name."""
+        """Parameters in which the stress is linear, by name."""
         return {n: _entry(d) for n, d in self.material.declared().items() if d.linear}
 
     @property
     def shape(self) -> dict[str, Entry]:
-        """The numbers in which it is not, by name."""
+        """Parameters in which the stress is nonlinear, by name."""
         return {n: _entry(d) for n, d in self.material.declared().items() if not d.linear}
 
     @property
@@ -53,11 +52,11 @@ class Law(eqx.Module):
 
     @property
     def name(self) -> str:
-        """What the command line calls it: a known name, or `module:Class`."""
+        """Name on the command line: a built-in name or `module:Class`."""
         return type(self.material).law_name or class_path(type(self.material))
 
     def with_values(self, values: Mapping[str, famjax.Real]) -> famjax.materials.AbstractMaterial:
-        """The material of these values [SI], which hold at least those of the law."""
+        """Return the material with these values [SI]; values of other parameters are ignored."""
         return self.material.with_parameters({n: values[n] for n in self.material.declared()})
 
 
@@ -66,7 +65,7 @@ def _entry(declared: famjax.parameters.Declared) -> Entry:
 
 
 def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
-    """The laws of famjax that can be identified, by name."""
+    """Return the built-in laws that can be identified, by name."""
     laws = (
         famjax.PolynomialMaterial,
         famjax.materials.OgdenMaterial,
@@ -80,15 +79,15 @@ def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
 
 
 LawGiven = str | Law | type[famjax.materials.AbstractMaterial] | famjax.materials.AbstractMaterial
-"""What a law may be given as."""
+"""Accepted types for a law."""
 
 
 def law_named(law: LawGiven, order: int | None) -> Law:
-    """The law of that name, class or material; `order` is for the polynomial alone.
+    """Return the law for a name, class or material; `order` applies only to the polynomial.
 
     Raises:
-        InputError: an unknown name, an order for a law that has none, or a class that declares
-            nothing to identify.
+        InputError: an unknown name, an order for another law, or a class that declares no
+            parameters.
     """
     if isinstance(law, Law):
         return law
@@ -99,7 +98,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
         laws = known_laws()
         if law not in laws:
             raise InputError(
-                f"the law must be one of {', '.join(laws)}, or module:Class for one of your own; "
+                f"the law must be one of {', '.join(laws)}, or module:Class for your own law; "
                 f"got {law!r}"
             )
         law = laws[law]
@@ -109,7 +108,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
     if order is not None:
         raise InputError(
             f"only the polynomial law has an order, got {order} for {given}: leave the order out, or "
-            "name the law polynomial"
+            "choose law='polynomial'"
         )
     try:
         material = law.template() if isinstance(law, type) else law
@@ -117,7 +116,7 @@ def law_named(law: LawGiven, order: int | None) -> Law:
         raise InputError(f"{given} cannot be identified by its class alone: {error}") from None
     if not isinstance(material, famjax.materials.AbstractMaterial):
         raise InputError(
-            f"a law is a name, a famjax.materials.AbstractMaterial or its class, got {given}"
+            f"a law must be a name, a famjax.materials.AbstractMaterial or its class, got {given}"
         )
     if not material.declared():
         raise InputError(
@@ -128,10 +127,10 @@ def law_named(law: LawGiven, order: int | None) -> Law:
 
 
 class SpecimenNumbers(eqx.Module):
-    """The numbers of a specimen as arrays: another specimen is another input of one program.
+    """Dimensions of a specimen as arrays, so that all specimens share one compiled program.
 
     Attributes:
-        rest_length, wall_thickness, bladder_diameter, braid_thickness, embedded: of `Specimen`.
+        rest_length, wall_thickness, bladder_diameter, braid_thickness, embedded: see `Specimen`.
     """
 
     rest_length: Float[np.ndarray, ""]
@@ -142,18 +141,18 @@ class SpecimenNumbers(eqx.Module):
 
     @classmethod
     def of(cls, specimen: Specimen) -> "SpecimenNumbers":
-        """The numbers of a specimen."""
+        """Convert the dimensions of a specimen."""
         *sizes, embedded = (getattr(specimen, one.name) for one in dataclasses.fields(cls))
         arrays: Any = (None if one is None else np.asarray(one, float) for one in sizes)
         return cls(*arrays, embedded=embedded)
 
 
 class AbstractGeometrySource(eqx.Module):
-    """Makes a geometry of a specimen's parameters."""
+    """Builds a geometry from parameter values."""
 
     @abc.abstractmethod
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
-        """The geometry built from these parameters [SI]; parameters it does not use are ignored."""
+        """Build the geometry from these parameters [SI]; unused parameters are ignored."""
 
     @property
     def stretches(self) -> bool:
@@ -162,7 +161,7 @@ class AbstractGeometrySource(eqx.Module):
 
     @property
     def declared(self) -> dict[str, famjax.parameters.Declared]:
-        """What can be identified of it besides the parameters of every fit, by name."""
+        """Further parameters that can be identified, by name."""
         return {}
 
     def muscle(
@@ -171,25 +170,25 @@ class AbstractGeometrySource(eqx.Module):
         material: famjax.materials.AbstractMaterial,
         further: famjax.terms.SumOfTerms | None,
     ) -> famjax.AbstractMuscle:
-        """The muscle of these parameters, with that law and further terms besides those of every muscle."""
+        """Build the muscle from these parameters, the law and any further force terms."""
         return assembled(self.geometry(values), material, values["deadband_pressure"], further)
 
     def as_arrays(self) -> "AbstractGeometrySource":
-        """The same source, its numbers arrays, so that another specimen is no other program."""
+        """Return this source with array dimensions, so that specimens share a compiled program."""
         return self
 
 
 class EstimatedSource(AbstractGeometrySource):
-    """A cylinder in a braid that follows from D0 and theta0: both estimated geometries.
+    """Cylinder in a braid estimated from D0 and theta0, with inextensible or elastic threads.
 
-    It reads `braid_diameter` and `braid_angle`, both of the unloaded threads, and where they are
-    given `rest_length`, `braid_compliance`, and `end_factor` k or the dead length l of rounded
-    ends, `end_length`, which is the same in muscles of any length: k = L0/(L0 - l).
+    The parameters are `braid_diameter` and `braid_angle` of the unloaded braid. Optional ones are
+    `rest_length`, `braid_compliance`, and for rounded ends either `end_factor` k or the dead length
+    `end_length` l, with k = L0/(L0 - l). The dead length does not depend on the muscle's length.
 
     Attributes:
-        specimen: rest length, wall and place of the bladder.
-        n_threads: n [-] of an elastic braid; None for an inextensible one.
-        thread: law of one thread; None for inextensible ones.
+        specimen: rest length, wall thickness and bladder position.
+        n_threads: number of threads n [-] of an elastic braid; None if inextensible.
+        thread: law of one thread; None if inextensible.
     """
 
     specimen: Specimen | SpecimenNumbers
@@ -200,12 +199,12 @@ class EstimatedSource(AbstractGeometrySource):
         if (self.n_threads is None) != (self.thread is None):
             raise ValueError(
                 "an elastic braid needs both the number of threads and the law of one thread; "
-                "give neither for inextensible threads"
+                "omit both for inextensible threads"
             )
 
     @property
     def stretches(self) -> bool:
-        """Whether the threads are elastic."""
+        """True if the threads are elastic."""
         return self.thread is not None
 
     def as_arrays(self) -> "EstimatedSource":
@@ -214,7 +213,7 @@ class EstimatedSource(AbstractGeometrySource):
         return EstimatedSource(SpecimenNumbers.of(self.specimen), self.n_threads, self.thread)
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
-        """The cylinder with that braid, behind its end effect if there is one."""
+        """Build the cylinder, with its end effect if there is one."""
         specimen, diameter = self.specimen, values["braid_diameter"]
         rest_length = values.get("rest_length", specimen.rest_length)
         inset = 0.0 if specimen.embedded else 2 * specimen.braid_thickness
@@ -251,11 +250,11 @@ class EstimatedSource(AbstractGeometrySource):
 
 
 class KnownSource(AbstractGeometrySource):
-    """A geometry that is known, such as a measured one, but for what is named of its parameters.
+    """A known geometry, such as a measured one, of which some parameters may be identified.
 
     Attributes:
-        known: what every parameter gives.
-        identified: names of its declared parameters that are not known.
+        known: the geometry.
+        identified: names of its declared parameters to identify.
     """
 
     known: famjax.geometries.AbstractGeometry
@@ -263,11 +262,11 @@ class KnownSource(AbstractGeometrySource):
 
     @property
     def declared(self) -> dict[str, famjax.parameters.Declared]:
-        """What the geometry declares."""
+        """Parameters that the geometry declares."""
         return self.known.declared()
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
-        """The known geometry, with what is identified of it."""
+        """Return the known geometry with the identified values."""
         if not self.identified:
             return self.known
         return self.known.with_parameters({name: values[name] for name in self.identified})
@@ -277,9 +276,9 @@ class WrappedSource(AbstractGeometrySource):
     """A user's geometry around the estimated one.
 
     Attributes:
-        inner: makes the estimated geometry.
-        wrap: from that to the other geometry.
-        identified: names of its declared parameters that take part.
+        inner: source of the estimated geometry.
+        wrap: function or class that maps the estimated geometry to the outer one.
+        identified: names of the outer geometry's declared parameters to identify.
     """
 
     inner: AbstractGeometrySource
@@ -290,7 +289,7 @@ class WrappedSource(AbstractGeometrySource):
 
     @property
     def declared(self) -> dict[str, famjax.parameters.Declared]:
-        """What the outer geometry declares and the estimated one does not."""
+        """Parameters that only the outer geometry declares."""
         inner = self.inner.geometry({"braid_diameter": 0.02, "braid_angle": 1.1})
         return {
             n: d for n, d in self._around(inner).declared().items() if n not in inner.declared()
@@ -299,10 +298,10 @@ class WrappedSource(AbstractGeometrySource):
     def _around(
         self, inner: famjax.geometries.AbstractGeometry
     ) -> famjax.geometries.AbstractGeometry:
-        """The outer geometry; of a class, with the middle of the range of what has no default.
+        """Wrap a geometry; fields of a class without default start at the middle of their range.
 
         Raises:
-            InputError: the class has fields that cannot be told, or what is made is no geometry.
+            InputError: the class has fields without a known value, or the result is not a geometry.
         """
         wrap: Any = self.wrap
         try:
@@ -317,11 +316,11 @@ class WrappedSource(AbstractGeometrySource):
         except (TypeError, ValueError) as error:
             name = getattr(wrap, "__name__", type(wrap).__name__)
             raise InputError(
-                f"the geometry {name} cannot be made of the estimated one alone: {error}"
+                f"the geometry {name} cannot be built from the estimated geometry alone: {error}"
             ) from None
         if not isinstance(made, famjax.geometries.AbstractGeometry):
             raise InputError(
-                "what makes a geometry must return one, derived from "
+                "the geometry function must return a subclass instance of "
                 f"famjax.geometries.AbstractGeometry; got a {type(made).__name__}"
             )
         return made
@@ -331,7 +330,7 @@ class WrappedSource(AbstractGeometrySource):
         return WrappedSource(self.inner.as_arrays(), self.wrap, self.identified)
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
-        """The outer geometry of these parameters."""
+        """Build the outer geometry from these parameters."""
         outer = self._around(self.inner.geometry(values))
         return outer.with_parameters({name: values[name] for name in self.identified})
 
@@ -342,18 +341,18 @@ def assembled(
     deadband: famjax.Real,
     further: famjax.terms.SumOfTerms | None,
 ) -> famjax.Muscle:
-    """A muscle with force terms besides those that every muscle has.
+    """Assemble a muscle with further force terms.
 
     Args:
-        geometry: of the muscle.
-        material: of its bladder.
-        deadband: P_d [Pa]; of no account where further terms have one of their own.
-        further: the terms, or None.
+        geometry: muscle geometry.
+        material: bladder material.
+        deadband: P_d [Pa]; ignored if the further terms have their own deadband.
+        further: further terms, or None.
     """
     if further is None:
         return famjax.Muscle(geometry, material, deadband)
     wall = famjax.terms.BladderWall(material)
-    if "deadband_pressure" in further.declared():  # they have a pressure term of their own
+    if "deadband_pressure" in further.declared():  # it replaces the standard pressure term
         return famjax.Muscle(geometry, wall + further)
     return famjax.Muscle(geometry, wall + famjax.terms.PressurisedBraid(deadband) + further)
 
@@ -362,12 +361,12 @@ class MuscleFamily(AbstractFamily):
     """Muscles of a specimen.
 
     Attributes:
-        nonlinear: names of the parameters that are searched.
-        source: makes the geometry, its numbers arrays.
-        law: of the bladder.
-        rest: L0 [m] of the specimen.
+        nonlinear: names of the searched parameters.
+        source: geometry source with array dimensions.
+        law: bladder law.
+        rest: rest length L0 [m] of the specimen.
         terms: further force terms, or None.
-        nodes: two pressures [Pa] between which the coefficients are linear, or None: they are fixed.
+        nodes: two pressures [Pa] between which the coefficients vary linearly; None if constant.
     """
 
     nonlinear: tuple[str, ...] = eqx.field(static=True)
@@ -391,7 +390,7 @@ class MuscleFamily(AbstractFamily):
         return self.source.stretches or "braid_compliance" in self.nonlinear
 
     def build(self, values: Values) -> famjax.AbstractMuscle:
-        """The muscle of these values."""
+        """Build the muscle from these values."""
         if self.nodes is None:
             material = self.law.with_values(values)
         else:
@@ -406,16 +405,16 @@ class MuscleFamily(AbstractFamily):
         return self.source.muscle(values, material, further)
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
-        """L0 [m] at which every path starts."""
+        """Rest length L0 [m], where every path starts."""
         return jnp.asarray(values.get("rest_length", self.rest))
 
     @property
     def derived_names(self) -> tuple[str, ...]:
-        """Thread length and turns, where the braid is estimated."""
+        """Names of the derived quantities; empty unless the braid is estimated."""
         return ("thread_length", "turns") if isinstance(self.source, EstimatedSource) else ()
 
     def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
-        """Thread length [m] and turns of a braid that is estimated."""
+        """Thread length [m] and turns of an estimated braid."""
         if not isinstance(self.source, EstimatedSource):
             return ()
         geometry = self.source.geometry(values)

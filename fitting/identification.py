@@ -1,4 +1,4 @@
-"""Identification of muscles from force maps: geometry outside, a certified convex fit inside."""
+"""Identification of muscles from force maps: geometry search around a certified convex fit."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -42,60 +42,58 @@ def identify(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Identification:
-    """The muscle that fits a force map best, among those that satisfy the constraint.
+    """Find the muscle that fits a force map best and satisfies the constraint.
 
-    The force is linear in the coefficients of the law: for every geometry they are the certified
-    optimum of a convex programme. The nonlinear parameters (braid diameter, braid angle, deadband,
-    and those that `parameters` names) are sought from many starts by Gauss-Newton with derivatives
-    through that programme (variable projection).
+    The force is linear in the coefficients of the law, so at each geometry a convex programme gives
+    their certified optimum. Gauss-Newton from many starts optimises the nonlinear parameters: braid
+    diameter, braid angle, deadband, and those named in `parameters`. Its derivatives go through the
+    convex programme (variable projection).
 
     Args:
         data: the force map; slack readings are censored.
         law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
-            "yeoh"; or a class of your own, derived from `famjax.materials.AbstractMaterial`, whose numbers
-            are declared by `famjax.parameter`, as a class, an instance, or "module:Class".
-        order: of the polynomial law, 1 to 8; 3 unless given.
-        constraint: "none", "positive" (every coefficient >= 0), "slope" (rising stress on the
+            "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial` with parameters
+            declared by `famjax.parameter`, given as a class, an instance, or "module:Class".
+        order: order of the polynomial law, 1 to 8; default 3.
+        constraint: "none", "positive" (every coefficient >= 0), "slope" (stress increases over the
             strain range) or "drucker" (positive second-order work along the actuation path). It
-            holds between the stations as well.
-        dependence: of the polynomial's coefficients on pressure: "fixed" (none) or "linear".
-        bounds: intervals (min, max) in SI by parameter name, which replace those of `standard_table`; an
-            interval of one value holds the parameter there.
-        parameters: the same with units, held values and priors. Naming one of these makes it take
-            part: `rest_length`, `end_factor` (k of Tondu & Lopez) or `end_length` (dead length
-            L0 (1 - 1/k)), `braid_compliance` (of all threads), `series_compliance` (of the rig), with
-            it `series_exponent` (of a rig that gives way by a power of the force, see
-            `famjax.muscle.give_way`).
-        noise: standard deviation of one reading [N], against which priors are weighed; needed
-            with priors where the data have no `force_std`.
-        objective: "sum_of_squares"; "huber", which counts residuals beyond 1.345 standard
-            deviations of the noise, as the median of the residuals shows it, by their size and
-            not their square; or "mean_rmse", the mean over pressures of the RMSE (Chambers 2021, equation
-            7.6). Validation and uncertainty keep the weights found. Readings of a region weigh more by
-            a smaller `force_std`.
-        geometry: what the muscle's dimensions follow from. None: a cylinder in an inextensible
-            braid. `EstimatedSource(specimen, n_threads, thread)`: in an elastic one. A geometry,
-            such as a `famjax.MeasuredGeometry`: as it is, and of it only what `bounds` or
-            `parameters` name is identified. A function, or class, that makes a geometry of the
-            estimated one: its declared parameters take part where they are named.
-        terms: further force terms, such as `famjax.terms.Spring`; their declared parameters take part
-            where they are named. A term with a `deadband_pressure` takes the place of Gaylord's.
-        ends: "cylinder", or "equilibrium": the shape follows from mechanics between end-fittings whose
-            diameter is identified, `famjax.EquilibriumMuscle`. The force is not linear in the law then,
-            so that the fit has a local optimum and no certificate, and no constraint is placed.
-        pictures: photographs whose profiles are fitted together with the force, a `measurements.nc` with
-            pressures or its table; for ends="equilibrium".
-        censored: whether slack readings count where the model pulls at them, and saturated ones
-            where it pulls less than the load cell's limit, as one-sided squares; the fit stays convex.
-        starts: number of starts, Latin hypercube over the box.
-        seed: of the starts.
-        progress: called with (starts done, starts) as the descents end.
+            also holds between the stations.
+        dependence: pressure dependence of the polynomial coefficients, "fixed" (none) or "linear".
+        bounds: intervals (min, max) in SI by parameter name, in place of those in `standard_table`.
+            Equal bounds fix the parameter.
+        parameters: bounds with units, fixed values and priors. Optional parameters are fitted only if
+            named here: `rest_length`, `end_factor` (k of Tondu & Lopez) or `end_length` (dead length
+            L0 (1 - 1/k)), `braid_compliance` (of all threads), `series_compliance` (of the rig) and
+            `series_exponent` (rig deflection as a power of the force, see `famjax.muscle.give_way`).
+        noise: standard deviation of one reading [N], used to weight priors. Required with priors if
+            the data have no `force_std`.
+        objective: "sum_of_squares"; "huber", which counts residuals beyond 1.345 standard deviations
+            linearly, with the noise estimated from the median residual; or "mean_rmse", the mean
+            over pressures of the RMSE (Chambers 2021, equation 7.6). Validation and uncertainty keep
+            the final weights. To weight a region more, give its readings a smaller `force_std`.
+        geometry: source of the muscle's dimensions. None: a cylinder in an inextensible braid.
+            `EstimatedSource(specimen, n_threads, thread)`: a cylinder in an elastic braid. A geometry,
+            such as `famjax.MeasuredGeometry`: used as given, except for parameters named in `bounds`
+            or `parameters`. A function or class that wraps the estimated geometry: its declared
+            parameters are fitted if named.
+        terms: further force terms, such as `famjax.terms.Spring`; their declared parameters are fitted
+            if named. A term with a `deadband_pressure` replaces Gaylord's.
+        ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
+            with an identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in
+            the law, so the optimum is local and has no certificate, and no constraint applies.
+        pictures: photographed profiles to fit together with the force, as a `measurements.nc` with
+            pressures or its table; only with ends="equilibrium".
+        censored: True to penalise, as one-sided squares, a model that pulls at slack readings or
+            pulls less than the load cell's limit at saturated ones. The fit stays convex.
+        starts: number of starts, drawn as a Latin hypercube over the box.
+        seed: random seed for the starts.
+        progress: callback with (starts done, starts), called as descents finish.
 
     Returns:
-        The identified muscle with errors, certificate and warnings.
+        The identified muscle with standard errors, certificate and warnings.
 
     Raises:
-        InputError: the data cannot support the fit, with the reason.
+        InputError: the data cannot support the fit; the message gives the reason.
         RuntimeError: float64 is off.
 
     References:
@@ -111,12 +109,12 @@ def identify(
         asked = equilibrium_options((data,), law, order, bounds, parameters, seed)
     elif pictures is not None:
         raise InputError(
-            "pictures are fitted together with the force only for ends='equilibrium'. To use the measured "
-            "shape instead, give geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
+            "pictures can be fitted together with the force only if ends='equilibrium'. To use the "
+            "measured shape, pass geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
         )
     shapes = None if pictures is None else read_pictures(pictures)
     if shapes is not None and objective != "sum_of_squares":
-        raise InputError(f"with pictures the objective is sum_of_squares, got {objective!r}")
+        raise InputError(f"with pictures, the objective must be sum_of_squares, got {objective!r}")
     posed = pose((data,), noise=noise, censored=censored, **asked)
     (found,) = solve(
         posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress,
@@ -144,32 +142,32 @@ def identify_together(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Identification, ...]:
-    """Several specimens identified at once, with shared and own parameters.
+    """Identify several specimens in one fit, with shared and individual parameters.
 
     Args:
-        data: one force map for each specimen, with different names.
-        own: parameters that each specimen has for itself; all others are shared.
-        own_law: whether each specimen has its own coefficients of the law.
-        law: as in `identify`, and all that follows.
-        order: of the polynomial law.
-        constraint: on the coefficients.
-        parameters: bounds, held values and priors, the same for every specimen.
+        data: one force map per specimen, with distinct names.
+        own: parameters with a separate value for each specimen; all others are shared.
+        own_law: True to fit separate law coefficients for each specimen.
+        law: bladder law, see `identify`.
+        order: order of the polynomial law.
+        constraint: constraint on the coefficients.
+        parameters: bounds, fixed values and priors, the same for every specimen.
         noise: standard deviation of one reading [N].
-        objective: as in `identify`.
-        geometry: a class or function of the estimated geometry of each specimen.
+        objective: see `identify`.
+        geometry: a class or function that wraps the estimated geometry of each specimen.
         terms: further force terms, the same for every specimen; see `identify`.
-        ends: as in `identify`; with "equilibrium" all share one law.
-        censored: as in `identify`.
+        ends: see `identify`; with "equilibrium" all specimens share one law.
+        censored: see `identify`.
         starts: number of starts.
-        seed: of the starts.
-        progress: called with (starts done, starts).
+        seed: random seed for the starts.
+        progress: callback with (starts done, starts).
 
     Returns:
-        One identification for each specimen. Shared parameters, certificate and starts are the
-        same in all; an own parameter is called `name[specimen]`.
+        One identification per specimen. Shared parameters, certificate and starts are identical in
+        all; an individual parameter is named `name[specimen]`.
 
     Raises:
-        InputError: the data cannot support the fit, with the reason.
+        InputError: the data cannot support the fit; the message gives the reason.
         RuntimeError: float64 is off.
     """
     check_whole("starts", starts, 1)
@@ -196,19 +194,19 @@ def solve(
     pictures: Pictures | None = None,
     noise: float | None = None,
 ) -> tuple[Identification, ...]:
-    """The identifications for a posed problem, one per force map.
+    """Solve a posed problem and return one identification per force map.
 
     Args:
         posed: the problem.
-        starts: points of the unit box of the free parameters.
-        objective: as in `identify`.
-        seed: of the starts, which the identification knows.
-        progress: called with (starts done, starts).
-        pictures: fitted together with the force of the one map.
-        noise: standard deviation of a force reading by which they are weighed; None if not stated.
+        starts: starting points in the unit box of the free parameters.
+        objective: see `identify`.
+        seed: random seed of the starts, stored in the identification.
+        progress: callback with (starts done, starts).
+        pictures: profiles to fit together with the force of a single map.
+        noise: standard deviation of a force reading, used to weight the pictures; None if unknown.
 
     Raises:
-        InputError: no start ends at a force for every reading.
+        InputError: no start leads to a finite force at every reading.
     """
     problem, weights, shapes = posed.problem, None, None
     if objective != "sum_of_squares":
@@ -220,6 +218,6 @@ def solve(
     if pictures is not None:
         best, problem, shapes = join(problem, best, pictures, noise)
     best, problem = refine(problem, best, EXCHANGES)
-    best = best_of([best])  # a rig that gives way may have a force there only by way of the descent
+    best = best_of([best])  # with a compliant rig, the refined point may have no finite force
     found = optimal(problem, best, posed.law.order, weights)
     return summarise(posed, found, ends, seed, weights, shapes)

@@ -1,4 +1,4 @@
-"""The shape from mechanics as a family: braid, bladder and law between two fittings, nothing linear."""
+"""Family of muscles with the shape from mechanics; the force is nonlinear in all parameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,51 +19,50 @@ from .response import Values
 from .search import best_of, descend_all
 
 ENDS = ("cylinder", "equilibrium")
-"""What the ends of a muscle may be taken as."""
-_FARTHEST = 5.0  # times the largest coefficient of the cylinder's fit, either way
+"""Available models of the muscle ends."""
+_FARTHEST = 5.0  # bound on coefficients, relative to the largest one of the cylinder fit
 _STARTS = 4
 _LAW = "ogden"
-_FITTING = (0.6, 1.4)  # of the braid at the end-fittings, in parts of the bore
+_FITTING = (0.6, 1.4)  # bounds of the braid diameter at the end-fittings, relative to the bore
 
 
 def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
-    """The ends, refused where they are not known or do not go with what else is asked for.
+    """Return `ends` if it is valid and compatible with the other options.
 
     Raises:
-        InputError: what is wrong.
+        InputError: unknown ends, or an option that cannot be combined with them.
     """
     if ends not in ENDS:
         raise InputError(f"ends must be one of {', '.join(ENDS)}, got {ends!r}")
-    others = [name for name in ("geometry", "terms") if asked.get(name) is not None]
-    others += ["dependence"] if asked.get("dependence", "fixed") != "fixed" else []
-    others += ["own_law"] if asked.get("own_law") else []
+    defaults = {"geometry": None, "terms": None, "dependence": "fixed", "own_law": False}
+    others = [name for name, default in defaults.items() if asked.get(name, default) != default]
     if ends == "equilibrium" and others:
         raise InputError(
-            f"the shape from mechanics cannot be combined with {others[0]}: leave out {others[0]} or ends"
+            f"ends='equilibrium' cannot be combined with {others[0]}: omit one of them"
         )
     return ends
 
 
 class EquilibriumSource(EstimatedSource):
-    """Threads and bladder of an estimated geometry, between two end-fittings of one diameter.
+    """Braid and bladder of an estimated geometry, between two end-fittings with equal diameters.
 
-    It reads what `EstimatedSource` does but for the ends, and `end_diameter`.
+    The parameters are those of `EstimatedSource` without its end effects, plus `end_diameter`.
     """
 
     bore: tuple[float, float] = eqx.field(static=True, default=_FITTING)
 
     @classmethod
     def of(cls, data: ForceData) -> "EquilibriumSource":
-        """Of a map's specimen.
+        """Create the source for the specimen of a map.
 
         Raises:
-            InputError: no nominal diameter, which places that of the fittings.
+            InputError: the specimen has no nominal diameter to set the bounds of `end_diameter`.
         """
         bore = data.specimen.nominal_diameter
         if bore is None:
             raise InputError(
-                "the shape from mechanics needs the diameter at the end-fittings: give "
-                "nominal_diameter of the specimen, or bounds of end_diameter"
+                "bounds for the diameter at the end-fittings follow from the nominal diameter, which is "
+                "missing: set the specimen's nominal_diameter"
             )
         return cls(data.specimen, bore=(_FITTING[0] * bore, _FITTING[1] * bore))
 
@@ -76,7 +75,7 @@ class EquilibriumSource(EstimatedSource):
         }
 
     def as_arrays(self) -> "EquilibriumSource":
-        """The same source with the specimen's numbers as arrays."""
+        """Return this source with the specimen's numbers as arrays."""
         plain = super().as_arrays()
         return EquilibriumSource(plain.specimen, plain.n_threads, plain.thread, self.bore)
 
@@ -86,7 +85,7 @@ class EquilibriumSource(EstimatedSource):
         material: famjax.materials.AbstractMaterial,
         further: famjax.terms.SumOfTerms | None,
     ) -> famjax.AbstractMuscle:
-        """The muscle of these values; it has no further terms."""
+        """Build the muscle from these values; further terms are not supported."""
         del further
         cylinder = self.geometry(values)
         assert isinstance(cylinder, famjax.EstimatedGeometry)
@@ -97,7 +96,7 @@ class EquilibriumSource(EstimatedSource):
 
 
 class SearchedLaw(Law):
-    """A law whose coefficients are searched as its other numbers are: the force is not affine in them.
+    """Law with all its parameters searched, since the force is not affine in the coefficients.
 
     Attributes:
         limits: bounds [Pa] of the coefficients, by name.
@@ -107,12 +106,12 @@ class SearchedLaw(Law):
 
     @property
     def coefficients(self) -> dict[str, Entry]:
-        """None."""
+        """Empty: no coefficient is linear."""
         return {}
 
     @property
     def shape(self) -> dict[str, Entry]:
-        """All numbers of the law, by name."""
+        """All parameters of the law, by name."""
         found = {name: Entry(low, high, "stress") for name, low, high in self.limits}
         return {**super().shape, **found}
 
@@ -126,27 +125,28 @@ def equilibrium_options(
     seed: int = 0,
     own: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """What `pose` is given to fit the shape from mechanics: law, geometry, parameters and constraint.
+    """Return the options with which `pose` sets up a fit of the shape from mechanics.
 
-    The search starts at the cylinder of the same law that fits the maps best, with ends as wide as it is.
+    The search starts from the best cylinder with the same law; the initial end diameter is that of
+    the cylinder.
 
     Args:
         data: the maps.
-        law: as in `identify`, and all that follows.
-        order: of the polynomial law.
+        law: bladder law, see `identify`.
+        order: order of the polynomial law.
         bounds: intervals in SI by name.
-        parameters: bounds, held values and priors.
-        seed: of the starts of the cylinder's fit.
-        own: parameters that each specimen has for itself.
+        parameters: bounds, fixed values and priors.
+        seed: random seed for the starts of the cylinder fit.
+        own: parameters with a separate value for each specimen.
 
     Raises:
-        InputError: what `identify` refuses of the cylinder, or no diameter of the end-fittings.
+        InputError: the cylinder fit is not possible, or the end diameter has no bounds.
     """
     own = check_names("own", own)
-    of_fittings, said = {"end_diameter"}, {**(bounds or {}), **(parameters or {})}
-    plain = {k: v for k, v in (bounds or {}).items() if k not in of_fittings}
-    more = {k: v for k, v in (parameters or {}).items() if k not in of_fittings}
-    cylinders = [name for name in own if name not in of_fittings]
+    bounds, parameters, end = dict(bounds or {}), dict(parameters or {}), "end_diameter"
+    plain = {k: v for k, v in bounds.items() if k != end}
+    more = {k: v for k, v in parameters.items() if k != end}
+    cylinders = [name for name in own if name != end]
     posed = pose(data, law=law, order=order, bounds=plain, parameters=more, own=cylinders)
     point = best_of(descend_all(posed.problem, posed.starts(_STARTS, seed))).point
     near = dict(zip(posed.problem.names, point.parameters.tolist(), strict=True))
@@ -156,17 +156,13 @@ def equilibrium_options(
         (name, max(one.min, -most), min(one.max, most))
         for name, one in posed.law.coefficients.items()
     )
-    fittings = {name: Parameter() for name in of_fittings if name not in said}
-    as_wide = {
-        name.replace("braid", "end"): value
-        for name, value in near.items()
-        if "braid_diameter" in name
-    }
+    if end not in bounds:
+        parameters.setdefault(end, Parameter())
+    near |= {k.replace("braid", "end"): v for k, v in near.items() if "braid_diameter" in k}
     return {
         "law": SearchedLaw(posed.law.material, limits),
         "geometry": {one.specimen.name: EquilibriumSource.of(one) for one in data},
-        "constraint": "none", "bounds": bounds, "parameters": {**(parameters or {}), **fittings},
-        "near": near | as_wide, "own": own,
+        "constraint": "none", "bounds": bounds, "parameters": parameters, "near": near, "own": own,
     }  # fmt: skip
 
 
@@ -176,16 +172,18 @@ def equilibrium_candidate(
     parameters: Mapping[str, Parameter] | None = None,
     seed: int = 0,
 ) -> Candidate:
-    """Ogden's law with the shape from mechanics, with the priors of the ladder; last of the families.
+    """Return the candidate with Ogden's law, the shape from mechanics and the ladder's priors.
+
+    It ranks last among the families.
 
     Args:
         data: the map.
-        bounds: as a user gave them.
-        parameters: likewise.
-        seed: of the starts of the cylinder's fit.
+        bounds: the user's bounds.
+        parameters: the user's parameters.
+        seed: random seed for the starts of the cylinder fit.
 
     Raises:
-        InputError: as `equilibrium_options`.
+        InputError: see `equilibrium_options`.
     """
     known = {**believed(_LAW, data), "rest_length": rest_length_prior(data)}
     known = {name: one for name, one in known.items() if name not in (bounds or {})}

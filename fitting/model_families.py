@@ -1,7 +1,7 @@
-"""Any model with declared parameters as a family that the engine fits, and the published ones.
+"""Families built from any model with declared parameters, including the published models.
 
-The bounds of the published models are wide, so that each is shown at its best: a braid's diameter and
-angle are parameters here and need not be those of a buildable muscle.
+The bounds of the published models are wide, so that each model fits as well as it can. Braid
+diameter and angle are free parameters and need not describe a muscle that can be built.
 """
 
 import functools
@@ -23,25 +23,25 @@ from .data import ForceData, Specimen
 from .families import EstimatedSource
 from .response import AbstractFamily, Values
 
-_LONGEST = 1.002  # at least, of thread length over the longest reading
+_LONGEST = 1.002  # minimum ratio of thread length to longest reading
 _DEADBAND = Declared("Pa", "deadband_pressure", low=-200e3, high=200e3)
-"""Below zero where the rest length was taken too long: the two lie on one ridge."""
-_CONTRACTION = 0.25  # scale of contraction of models that leave it free
+"""Negative values allow for an overestimated rest length, which has almost the same effect."""
+_CONTRACTION = 0.25  # contraction scale for models in which it is redundant
 _OF_SCALE = f"the contraction scale is held at {_CONTRACTION}; other constants absorb it"
 
 Translate = Callable[[Any, dict[str, Any]], Mapping[str, Any]]
-"""From a model and the values of a family to values of the model's own parameters."""
+"""Function that converts a family's parameter values to those of the model."""
 
 
 class ModelFamily(AbstractFamily):
-    """A model, and which numbers of it are free; no constraint follows it along a path.
+    """A model and its free parameters, without a constraint along the actuation path.
 
     Attributes:
-        model: which has all other numbers.
-        declared: the free numbers, with bounds; infinite ones only where linear.
-        translate: makes numbers of the model from those that are declared, where they are not the same.
+        model: model that provides all fixed values.
+        declared: free parameters with bounds; only linear ones may be unbounded.
+        translate: converts the declared parameters to those of the model; None if they are the same.
         label: authors and variant, for tables.
-        note: what a reader of the table should know.
+        note: remark for readers of the table.
     """
 
     model: Any
@@ -52,12 +52,12 @@ class ModelFamily(AbstractFamily):
     nonlinear: tuple[str, ...] = eqx.field(static=True, init=False)
 
     def __post_init__(self) -> None:
-        """Sort the names by what the engine does with them."""
+        """Collect the names of the nonlinear parameters."""
         self.nonlinear = tuple(str(d.name) for d in self.declared if not d.linear)
 
     @property
     def linear(self) -> tuple[str, ...]:
-        """Names of the numbers in which the force is affine."""
+        """Names of the parameters in which the force is affine."""
         return tuple(str(d.name) for d in self.declared if d.linear)
 
     @classmethod
@@ -67,20 +67,20 @@ class ModelFamily(AbstractFamily):
         label: str = "",
         bounds: Mapping[str, tuple[float, float]] | None = None,
     ) -> "ModelFamily":
-        """Any model with declared parameters.
+        """Create a family from any model with declared parameters.
 
         Args:
-            model: one of the family, such as `MyModel.template(rest_length=0.3)`.
-            label: for tables; the name of the class unless given.
-            bounds: (low, high) in SI by name, in place of the declared ranges; one value holds a
+            model: instance of the model, such as `MyModel.template(rest_length=0.3)`.
+            label: label for tables; defaults to the class name.
+            bounds: (low, high) in SI by name, in place of the declared ranges. Equal bounds fix a
                 parameter.
 
         Returns:
             The family.
 
         Raises:
-            InputError: nothing is declared, an unknown name, or no finite range for a parameter in
-                which the force is not linear.
+            InputError: the model declares no parameters, a name is unknown, or a nonlinear parameter
+                has no finite range.
         """
         if isinstance(model, type):
             raise InputError(
@@ -106,14 +106,14 @@ class ModelFamily(AbstractFamily):
         return cls(model.with_parameters(held) if held else model, free, label=label)
 
     def build(self, values: Values) -> Any:
-        """The model of these values."""
+        """Build the model from these values."""
         given = dict(values)
         return self.model.with_parameters(
             given if self.translate is None else self.translate(self.model, given)
         )
 
     def rest_length(self, values: Values) -> Float[Array, ""]:
-        """L0 [m] of the model; zero of one that knows none, as nothing follows its path."""
+        """Rest length L0 [m] of the model; zero if it has none, since no path is evaluated."""
         del values
         try:
             return jnp.asarray(self.model.rest_length)
@@ -122,17 +122,17 @@ class ModelFamily(AbstractFamily):
 
 
 def bounded(declared: Declared, low: float, high: float) -> Declared:
-    """A declaration with other ends of its range."""
+    """Return the declaration with a different range."""
     unit = declared.unit if isinstance(declared.unit, str) else ""
     return Declared(unit, declared.name, low=low, high=high, linear=declared.linear)
 
 
 def peer_families(data: ForceData) -> dict[str, ModelFamily]:
-    """Every published model with the parameters and bounds that it has for a force map, by name.
+    """Return all published models as families with bounds for a force map, by name.
 
     Args:
-        data: its specimen and ranges place the bounds. Maps of one specimen and range share what is
-            compiled.
+        data: force map; its specimen and ranges set the bounds. Maps with the same specimen and range
+            share compiled programs.
     """
     pressure, length = data.pressure[data.loaded], data.length[data.loaded]
     ends = float(pressure.min()), float(pressure.max())
@@ -140,7 +140,7 @@ def peer_families(data: ForceData) -> dict[str, ModelFamily]:
 
 
 def _braid_at_rest(specimen: Specimen, longest: float) -> tuple[Declared, Declared]:
-    """Braid diameter and angle at rest, with threads longer than the longest reading [m]."""
+    """Bounds of braid diameter and angle at rest; the threads exceed the longest reading [m]."""
     rest, nominal = specimen.rest_length, specimen.nominal_diameter
     low, high = (0.2 * nominal, 3 * nominal) if nominal else (3e-3, 80e-3)
     flattest = math.radians(40)
@@ -235,12 +235,7 @@ def _peers(
 
 
 def _without_braid(rest: float, force: float) -> list[tuple]:
-    """Formulas of length and pressure alone.
-
-    Args:
-        rest: L0 [m].
-        force: largest force [N].
-    """
+    """Models that depend only on length and pressure."""
     rows: list[tuple] = []
     numbers = dict.fromkeys(("a1", "a2", "a4", "a5", "a6"), 0.0)
     for names, a1, translate in (
@@ -269,7 +264,7 @@ def _without_braid(rest: float, force: float) -> list[tuple]:
 
 
 def _relaxed(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
-    """Sarosi's model of four numbers: no force at rest without pressure."""
+    """Sarosi's model with four parameters: no force at rest length and zero pressure."""
     del model
     return {**given, "a6": -given["a2"]}
 
@@ -281,7 +276,6 @@ def _family(
     translate: Translate | None = None,
     note: str = "",
 ) -> ModelFamily:
-    """A family of a model; what it declares itself is free by its name."""
     known = model.declared()
     chosen = tuple(known[one] if isinstance(one, str) else one for one in free)
     return ModelFamily(model, chosen, translate, label, note)

@@ -24,28 +24,28 @@ KINDS = {
     "series_compliance": "compliance",
     "series_exponent": "number",
 }
-"""Kind of unit of the parameters that do not belong to the law."""
+"""Kind of unit for each parameter outside the law."""
 
 _POSITIVE = {
     "braid_diameter", "braid_angle", "rest_length", "end_factor", "strain_scale", "series_exponent",
 }  # fmt: skip
 _NOT_NEGATIVE = {"end_length", "deadband_pressure", "braid_compliance", "series_compliance"}
-"""What the lower bound of a parameter must be; nothing pushes back harder than it is pulled."""
+"""Parameters whose lower bound must not be negative."""
 
 _WALL_ALLOWANCE = 3.6e-3
-"""The braid lies between the bore and the outside of two 1.8 mm walls [m]."""
+"""Upper limit of braid diameter minus bore [m]: two walls of 1.8 mm."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """What a user says of one parameter; whatever is None stays as the standard table has it.
+    """User settings for one parameter; None keeps the standard value.
 
     Attributes:
-        value: where the parameter is held; only with `vary=False`.
+        value: fixed value; only with `vary=False`.
         min, max: bounds.
-        vary: whether it is identified.
-        prior: (mean, standard deviation) of what is known of it besides the data.
-        unit: of all of these, such as "mm"; "" only for numbers without one.
+        vary: True to identify the parameter.
+        prior: (mean, standard deviation) of prior knowledge.
+        unit: unit of all these numbers, such as "mm"; "" only for dimensionless parameters.
     """
 
     value: float | None = None
@@ -58,7 +58,7 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One parameter in SI as the fit uses it; one with min = max is held.
+    """One parameter as used in the fit, in SI; min = max fixes it.
 
     Attributes:
         min, max: bounds.
@@ -73,25 +73,25 @@ class Entry:
 
     @property
     def fixed(self) -> bool:
-        """Whether the interval is one value."""
+        """True if the bounds are equal."""
         return self.min == self.max
 
 
 def base_name(name: str) -> str:
-    """The name without its specimen: `braid_angle` of `braid_angle[10cm]`."""
+    """Return the name without its specimen: `braid_angle` for `braid_angle[10cm]`."""
     return name.partition("[")[0]
 
 
 def standard_table(specimen: Specimen) -> dict[str, Entry]:
-    """The three parameters of every fit, in bounds of a muscle that can be built.
+    """Return the three parameters of every fit, with bounds that suit muscles in practice.
 
     Args:
-        specimen: its nominal diameter places the braid diameter.
+        specimen: the specimen; its nominal diameter sets the bounds of the braid diameter.
 
     Returns:
         Entries in SI by name: braid diameter from the bore to 3.6 mm above it, braid angle 60 to 70
-        deg, deadband to 1 bar. Without a nominal diameter the braid diameter is bounded by what
-        muscles are made in, 3 to 80 mm.
+        deg, deadband 0 to 1 bar. Without a nominal diameter, the braid diameter is between 3 and
+        80 mm.
     """
     bore = specimen.nominal_diameter
     diameter = (bore, bore + _WALL_ALLOWANCE) if bore else (3e-3, 80e-3)
@@ -103,7 +103,7 @@ def standard_table(specimen: Specimen) -> dict[str, Entry]:
 
 
 def optional_table(specimen: Specimen) -> dict[str, Entry]:
-    """The parameters that take part only where a user names them, with their standard bounds."""
+    """Return the optional parameters, fitted only if the user names them, with standard bounds."""
     rest = specimen.rest_length
     return {
         "rest_length": Entry(0.97 * rest, 1.03 * rest, "length"),
@@ -116,16 +116,16 @@ def optional_table(specimen: Specimen) -> dict[str, Entry]:
 
 
 def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
-    """What a user said of a parameter, put over its standard entry, in SI.
+    """Apply the user's settings for a parameter to its standard entry, in SI.
 
     Raises:
-        InputError: a missing or unknown unit, bounds or a value that contradict one another, or a
-            prior without spread.
+        InputError: a missing or unknown unit, contradictory bounds or value, or a prior with no
+            positive standard deviation.
     """
     if not isinstance(given, Parameter):
         raise InputError(
-            f"what is said of {name} must be a fitting.Parameter, got {shown(given)}: "
-            "bounds={...} takes intervals"
+            f"parameters[{name!r}] must be a fitting.Parameter, got {shown(given)}; "
+            "pass intervals as bounds={...}"
         )
     ends, told = (given.min, given.max), given.prior
     said = [one for one in (given.value, *ends) if one is not None]
@@ -133,15 +133,15 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
         raise InputError(f"value, min and max of {name} must be numbers, got {shown(said)}")
     if given.vary == (given.value is not None) or (not given.vary and (*ends, told) != (None,) * 3):
         raise InputError(
-            f"{name}: vary=False goes with the value at which it is held, without bounds and prior; one "
-            "that varies has no value, as the search makes its own starts within the bounds"
+            f"{name}: vary=False needs a value and allows no bounds or prior; vary=True allows no value, "
+            "because the starting points are drawn within the bounds"
         )
     if told is not None:
         told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
     if standard.kind != "number" and not given.unit and (said or told):
         units = list(UNITS[standard.kind])
         raise InputError(
-            f"{name} is a {standard.kind} and needs a unit, one of {', '.join(units)}, as in "
+            f"{name} is a {standard.kind} and needs a unit: one of {', '.join(units)}. Example: "
             f"Parameter(..., unit={units[-1]!r})"
         )
 
@@ -155,7 +155,7 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
         told = si(told[0]), si(told[1])
         if not (np.isfinite(told).all() and told[1] > 0):
             raise InputError(
-                f"the prior of {name} is a mean and a standard deviation > 0, got {given.prior}"
+                f"the prior of {name} must be a mean and a standard deviation > 0, got {given.prior}"
             )
         check_prior(name, standard.kind, told, given.unit)
     low, high = (
@@ -166,10 +166,10 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
 
 
 def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
-    """The entry with these bounds [SI].
+    """Return the entry with these bounds [SI].
 
     Raises:
-        InputError: the bounds contradict each other, or hold a parameter that has a prior.
+        InputError: the bounds are not in order, or they fix a parameter that has a prior.
     """
     if math.isnan(low) or math.isnan(high) or low > high:
         raise InputError(
@@ -178,8 +178,8 @@ def bounded(name: str, low: float, high: float, entry: Entry) -> Entry:
         )
     if low == high and entry.prior is not None:
         raise InputError(
-            f"{name} is held at {low:.6g} (SI) by its bounds, so a prior has no effect: give its "
-            "prior or the value at which it is held, not both"
+            f"the bounds of {name} fix it at {low:.6g} (SI), so its prior has no effect: give a prior "
+            "or a fixed value, not both"
         )
     return dataclasses.replace(entry, min=float(low), max=float(high))
 
@@ -191,23 +191,23 @@ def complete_table(
     parameters: Mapping[str, Parameter],
     further: Mapping[str, Entry] | None = None,
 ) -> dict[str, Entry]:
-    """The table of one specimen: the standard bounds, the law, and what the user says of either.
+    """Combine standard bounds, law parameters and user settings into the table of one specimen.
 
     Args:
-        specimen: of the fit.
+        specimen: the specimen to fit.
         law: shape parameters and coefficients of the law.
         bounds: intervals in SI by name.
-        parameters: the same and more, with units, by name.
-        further: what a geometry or terms of one's own declare; each takes part where it is named.
+        parameters: bounds, fixed values and priors with units, by name.
+        further: parameters declared by a custom geometry or terms, fitted only if named.
 
     Returns:
         Entries in SI by name, the coefficients last.
 
     Raises:
-        InputError: an unknown name, or a contradiction.
+        InputError: an unknown name or contradictory settings.
     """
-    table, changed = standard_table(specimen), {}
-    known = {**optional_table(specimen), **(further or {}), **table, **law}
+    standard, changed = standard_table(specimen), {}
+    known = {**optional_table(specimen), **(further or {}), **standard, **law}
     for name in (*bounds, *parameters):
         if name not in known:
             raise InputError(f"unknown parameter {name!r}; this fit has {', '.join(known)}")
@@ -222,28 +222,25 @@ def complete_table(
             entry = bounded(name, *ends, entry)
         changed[name] = entry
     extras = {name: changed[name] for name in known if name in changed and name not in law}
-    table = {**table, **extras, **law, **changed}
+    table = {**standard, **extras, **law, **changed}
     _check_physics(table, law)
     return table
 
 
 def _check_physics(table: Mapping[str, Entry], law: Mapping[str, Entry]) -> None:
-    """Bounds must be finite where a search needs them, and possible where nature sets limits."""
+    """Check that searched parameters have finite bounds and that all bounds are physical."""
     for name, entry in table.items():
-        if name in law and entry.kind == "stress":
-            continue
-        if not (math.isfinite(entry.min) and math.isfinite(entry.max)):
-            raise InputError(
-                f"{name} needs finite bounds, got {entry.min:.6g} to {entry.max:.6g} (SI)"
-            )
-    for name, entry in table.items():
-        low = entry.min
+        low, high = entry.min, entry.max
+        if not (name in law and entry.kind == "stress") and not np.isfinite([low, high]).all():
+            raise InputError(f"{name} needs finite bounds, got {low:.6g} to {high:.6g} (SI)")
         if (name in _POSITIVE and not low > 0) or (name in _NOT_NEGATIVE and low < 0):
             must = "> 0" if name in _POSITIVE else ">= 0"
             raise InputError(f"the lower bound of {name} must be {must}, got {low:.6g} (SI)")
     if table["braid_angle"].max >= math.pi / 2:
-        raise InputError("braid_angle lies between 0 and 90 deg, measured from the circumference")
+        raise InputError(
+            "braid_angle must be between 0 and 90 deg, measured from the circumference"
+        )
     if "end_factor" in table and "end_length" in table:
-        raise InputError("end_factor and end_length describe the same quantity: name one of them")
+        raise InputError("end_factor and end_length describe the same quantity: name only one")
     if "series_exponent" in table and "series_compliance" not in table:
-        raise InputError("series_exponent needs series_compliance: name that as well")
+        raise InputError("series_exponent needs series_compliance: name both")

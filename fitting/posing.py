@@ -1,4 +1,4 @@
-"""From what a user asks to the problem that is searched: table of parameters, checks, program."""
+"""Set up a fit from the user's options: parameter table, checks and problem."""
 
 import dataclasses
 import math
@@ -47,20 +47,20 @@ Geometry = (
     | str
     | Mapping[str, AbstractGeometrySource]
 )
-"""What a geometry may be given as; several by the names of their specimens."""
+"""Accepted types for a geometry; a mapping gives one per specimen name."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Posed:
-    """A problem that is ready to be searched.
+    """A fit that is ready to be solved.
 
     Attributes:
-        data: one force map for each specimen.
-        problem: what is searched.
+        data: one force map per specimen.
+        problem: optimisation problem.
         table: all parameters by name, SI.
-        law: family of the law.
-        constraint, dependence: as asked for.
-        near: values [SI] by name about which the search starts; None for all over the box.
+        law: bladder law.
+        constraint, dependence: as in `identify`.
+        near: values [SI] by name around which the starts are drawn; None to use the whole box.
     """
 
     data: tuple[ForceData, ...]
@@ -72,7 +72,7 @@ class Posed:
     near: Mapping[str, float] | None = None
 
     def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
-        """Points of the unit box of the free parameters, from which to descend."""
+        """Draw starting points in the unit box of the free parameters."""
         free, cube = self.problem.free, latin_hypercube(len(self.problem.free), count, seed)
         if self.near is None:
             return cube
@@ -83,9 +83,9 @@ class Posed:
         return np.clip(about, 0.0, 1.0)
 
 
-_SCATTER = 0.1  # of the box, about values that are near
+_SCATTER = 0.1  # width of the starts around `near`, relative to the box
 EXCHANGES = 8
-"""Spare stations, filled with the points between the others where the constraint is violated."""
+"""Spare stations, filled with points between the others at which the constraint is violated."""
 
 
 def pose(
@@ -106,12 +106,12 @@ def pose(
     program: Callable[[Problem], Problem] = lambda problem: problem,
     near: Mapping[str, float] | None = None,
 ) -> Posed:
-    """The problem of `identify` or `identify_together` with these arguments, which say what they are.
+    """Set up the fit for the arguments of `identify` or `identify_together`.
 
-    `program` puts it into another compiled program than its own, see `Within`; `near` is of `Posed`.
+    `program` embeds the problem in a shared compiled program, see `Within`; for `near`, see `Posed`.
 
     Raises:
-        InputError: the data cannot support the fit, with the reason.
+        InputError: the data cannot support the fit; the message gives the reason.
         RuntimeError: float64 is off.
     """
     if not jax.config.read("jax_enable_x64"):
@@ -177,13 +177,12 @@ def pose(
         )
     )  # fmt: skip
     check_affine(problem)
-    if linear:  # of others the middle of the box may be no muscle
+    if linear:  # otherwise the middle of the box may not be a valid muscle
         check_solvable(problem)
     return Posed(data, problem, table, family, cast(Any, constraint), dependence, near)
 
 
 def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:
-    """Terms besides those that every muscle has."""
     try:
         return None if terms is None else famjax.terms.SumOfTerms((terms,))
     except ValueError as error:
@@ -198,7 +197,6 @@ def _table(
     bounds: Mapping[str, tuple[float, float]],
     parameters: Mapping[str, Parameter],
 ) -> dict[str, Entry]:
-    """All parameters that the fit of a specimen may have."""
     if isinstance(source, KnownSource):
         bounds = {**bounds, **known_bounds(data, source.known, {**bounds, **parameters})}
     of_terms = {} if further is None else further.declared()
@@ -217,7 +215,7 @@ def _table(
 def source_of(
     data: ForceData, geometry: Geometry | None, named: tuple[str, ...]
 ) -> AbstractGeometrySource:
-    """What the dimensions follow from, with those of its parameters that are named."""
+    """Return the geometry source, with the named parameters free."""
     if geometry is None:
         return EstimatedSource(data.specimen)
     if isinstance(geometry, str):
@@ -241,7 +239,7 @@ def source_of(
 
 
 def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
-    """A parameter that all specimens share, within the bounds of all of them."""
+    """Intersect the bounds of a shared parameter."""
     low, high = max(one.min for one in of_each), min(one.max for one in of_each)
     if low > high:
         raise InputError(
@@ -252,7 +250,7 @@ def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
 
 
 def _interval(name: str, entry: Entry) -> tuple[float, float]:
-    """Bounds, finite: where there are none, four standard deviations of the prior."""
+    """Return finite bounds; an infinite one becomes four standard deviations of the prior."""
     mean, std = entry.prior or (0.0, math.inf)
     low = entry.min if math.isfinite(entry.min) else mean - 4 * std
     high = entry.max if math.isfinite(entry.max) else mean + 4 * std
@@ -281,11 +279,11 @@ def _part(
     *,
     censored: bool,
 ) -> Part:
-    """One force map as a part of the problem, with the coefficients of a law among all.
+    """Build the part of the problem for one force map.
 
-    The actuation path at a pressure runs from rest to the longest length at which the muscle is
-    slack there, so that it includes the free contraction; where no reading is slack, to the
-    shortest length. A law fixed in pressure has one path, to the shortest length in the map.
+    At each pressure, the actuation path runs from rest to the longest slack length and so includes
+    the free contraction. If no reading is slack, it ends at the shortest length. A law independent
+    of pressure has one path, which ends at the shortest length in the map.
     """
     mine = own_names(names, data.specimen.name)
     levels = np.unique(data.pressures.level[data.loaded])
@@ -295,7 +293,7 @@ def _part(
     family = MuscleFamily(searched, source.as_arrays(), law, rest, terms, nodes)
     path_pressure = levels
     if nodes is None and not law.material.depends_on_pressure:
-        # Where threads stretch the strains depend on pressure too, and that monotonically.
+        # With elastic threads, the strains also depend on pressure, monotonically.
         path_pressure = levels[[0, -1]] if family.stretches else levels[-1:]
     path_end = np.full(path_pressure.shape, data.length.min())
     if nodes is not None:
@@ -325,7 +323,7 @@ def _part(
 
 
 def own_names(names: Sequence[str], specimen: str) -> tuple[str, ...]:
-    """The parameters that concern a specimen: the shared ones and its own."""
+    """Return the shared parameters and those of this specimen."""
     return tuple(n for n in names if "[" not in n or n.endswith(f"[{specimen}]"))
 
 
@@ -340,19 +338,19 @@ def path_end_at(data: ForceData, level: float) -> float:
 def own_parts(
     data: Sequence[ForceData], geometry: str | type | None, terms: Sequence[str | type]
 ) -> tuple[dict[str, Any], dict[str, Declared]]:
-    """The options of `identify` that these classes are, and the numbers that they declare.
+    """Convert custom classes to options of `identify`, with the parameters they declare.
 
     Args:
-        data: the maps, which have one set of parts.
-        geometry: a geometry around the estimated one, its class or module:Class, or None.
-        terms: each force term, its class or module:Class.
+        data: force maps that share these parts.
+        geometry: class that wraps the estimated geometry, or module:Class, or None.
+        terms: classes of force terms, or module:Class.
 
     Returns:
         (options, declarations by name).
 
     Raises:
-        InputError: a class that is not found or is something else, or a term that needs a number
-            which it does not declare.
+        InputError: a class is missing or has the wrong type, or a term needs a value that it does
+            not declare.
     """
     options: dict[str, Any] = {}
     declared: dict[str, Declared] = {}
@@ -372,7 +370,7 @@ def own_parts(
             ) from None
         options["terms"] = options["terms"] + term if "terms" in options else term
     if terms:
-        # Of two numbers of one name the later one has a longer one in the sum.
+        # If two parameters share a name, the sum of terms renames the later one.
         declared |= options["terms"].declared()
     return options, declared
 
@@ -380,5 +378,5 @@ def own_parts(
 def taking_part(
     declared: Mapping[str, Declared], named: Mapping[str, object]
 ) -> dict[str, Parameter]:
-    """All numbers of a user's own parts that are not named otherwise, in their declared ranges."""
+    """Free the declared parameters that the user has not named, in their declared ranges."""
     return {name: Parameter() for name in declared if name not in named}

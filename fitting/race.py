@@ -1,4 +1,4 @@
-"""Families of a map, each fitted to all of it and judged by what it predicts of readings left out."""
+"""Comparison of candidate families: fit each to the whole map, rank them by held-out error."""
 
 import dataclasses
 import math
@@ -19,14 +19,14 @@ from .summary import muscle_at
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
 _STEPS, _TOLERANCE = 60, 1e-6
-_PROMISE = 1e-7  # of the cost: the table of families is that of full descents to five digits
+_PROMISE = 1e-7  # relative to the cost: keeps five digits of the full descents
 
 
 def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
-    """The problem of a family.
+    """Pose the fit of a candidate family.
 
     Raises:
-        InputError: the map cannot carry it.
+        InputError: the map does not support this family.
     """
     return pose(
         (data,), bounds=candidate.bounds, parameters=candidate.parameters,
@@ -35,10 +35,10 @@ def posed_of(data: ForceData, candidate: Candidate, constraint: str) -> Posed:
 
 
 def descended(posed: Posed, starts: int, seed: int) -> End:
-    """The best end of a few descents, as near to an optimum as a comparison needs.
+    """Return the best result of a few descents, with a tolerance sufficient for comparison.
 
     Raises:
-        InputError: no start ends at a force for every reading.
+        InputError: no start leads to a finite force at every reading.
     """
     return best_of(_descents([posed.problem], [posed.starts(starts, seed)]))
 
@@ -48,7 +48,6 @@ def _descents(
     starts: Sequence[Float[np.ndarray, "_ _"]],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
-    """The ends of the descents of each problem, one problem after another."""
     return descend_many(
         [problem for problem, own in zip(problems, starts, strict=True) for _ in own],
         [start for own in starts for start in own],
@@ -63,9 +62,9 @@ class Fitted:
     Attributes:
         candidate: the family.
         posed: its problem.
-        ends: of its descents in its unit box, the best first.
+        ends: end points of its descents in the unit box, best first.
         mounted: the muscle in its rig.
-        residuals: model less reading [N], in sample.
+        residuals: model minus reading [N], in sample.
     """
 
     candidate: Candidate
@@ -76,7 +75,7 @@ class Fitted:
 
     @property
     def rmse(self) -> float:
-        """In sample [N]."""
+        """RMSE in sample [N]."""
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
@@ -88,15 +87,18 @@ def fitted(
     candidates: Sequence[Candidate],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Fitted | str]:
-    """Families fitted to all readings, all in step; in words why the map cannot carry one, where it cannot.
+    """Fit all candidate families to all readings, in one batch.
 
     Args:
         data: the map.
-        constraint: on the coefficients.
-        starts: of each.
-        seed: of the starts.
+        constraint: constraint on the coefficients.
+        starts: number of starts per family.
+        seed: random seed for the starts.
         candidates: the families.
-        progress: called with (descents done, descents).
+        progress: callback with (descents done, descents).
+
+    Returns:
+        One item per candidate: the fit, or the reason why the map does not support the family.
     """
     posed: list[Posed | str] = []
     for one in candidates:
@@ -116,7 +118,6 @@ def fitted(
 
 
 def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str:
-    """A family of the ends of its descents."""
     try:
         end = best_of(ends)
     except InputError as error:
@@ -135,10 +136,11 @@ def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str
 def left_out_of(
     families: Sequence[Fitted], seed: int, progress: Callable[[int, int], None] | None = None
 ) -> list[dict[str, LeftOut] | None]:
-    """Errors of families without each length and without groups of neighbouring pressures.
+    """Cross-validate families by leaving out single lengths and groups of neighbouring pressures.
 
-    None of one that has no force at some of what was left out, and of a rig that gives way on a map of
-    too few lengths to leave one out: nothing else tells it from a soft bladder.
+    The result is None for a family with no finite force at a held-out reading. It is also None for a
+    compliant rig if the map has too few lengths to leave one out, since only a held-out length
+    distinguishes it from a soft bladder.
     """
     told = [
         one for one in families
@@ -147,51 +149,52 @@ def left_out_of(
     if not told:
         return [None] * len(families)
     problem = told[0].posed.problem
-    # Without some pressures the optimum stays where it was; without a length it may not.
+    # Leaving out pressures hardly moves the optimum; leaving out a length may.
     kinds = {
         kind: (groups_of(problem, kind), 1 if kind == "pressure" else 2) for kind in _kinds(problem)
     }
     fits = [(one.posed.problem, one.ends[0]) for one in told]
     errors = leave_out_each(fits, kinds, seed=seed, progress=progress)
     found = {
-        id(one): of if all(np.isfinite(part.error).all() for part in of.values()) else None
+        id(one): of
         for one, of in zip(told, errors, strict=True)
+        if all(np.isfinite(part.error).all() for part in of.values())
     }
     return [found.get(id(one)) for one in families]
 
 
 def _kinds(problem: Problem) -> Sequence[str]:
-    """What is left out: a length only if three others are left."""
+    """Kinds of readings to leave out; lengths only if at least three others remain."""
     lengths = np.unique(problem.levels("length")).size
     return ("pressure", "length") if lengths >= FEWEST_LENGTHS else ("pressure",)
 
 
 def _rig_of_the_bounds(problem: Problem, end: End) -> bool:
-    """Whether the rig that gives way by a power of the force is of the bounds and not of the readings."""
+    """Whether bounds, not readings, determine a rig that deflects by a power of the force."""
     at = {problem.names[place]: u for place, u in zip(problem.free, end.u, strict=True)}
     exponent, compliance = at.get("series_exponent", 1.0), at.get("series_compliance", 1.0)
     return bool("series_exponent" in at and (exponent == 0 or compliance in (0.0, 1.0)))
 
 
 ALIKE = 1.5
-"""Families fit alike whose RMSE in sample is within this factor of the smallest."""
+"""Families whose RMSE in sample is within this factor of the smallest fit equally well."""
 NEAR = 1.1
-"""Held-out errors within this factor are not told apart, which is said."""
+"""Held-out errors within this factor count as indistinguishable, and the output notes it."""
 LITTLE_MORE = 2.0
-"""Factor of the held-out error up to which a family with a certified optimum is taken instead."""
-_NOISE = 1e-3  # of the largest force: smaller errors are not told apart
+"""A family with a certified optimum is preferred up to this factor in held-out error."""
+_NOISE = 1e-3  # relative to the largest force; smaller errors count as equal
 
 
 @dataclasses.dataclass(frozen=True)
 class Tried:
-    """One family that was tried.
+    """Result for one candidate family.
 
     Attributes:
         candidate: the family.
-        rmse: in sample [N].
-        left_out: errors by kind of what was left out, "pressure", "length" or "specimen".
-        held_out: the held-out error [N] by which families are ordered, see `held_out_error`.
-        alike: whether its RMSE in sample is within `ALIKE` of the smallest of all.
+        rmse: RMSE in sample [N].
+        left_out: cross-validation errors by held-out kind, "pressure", "length" or "specimen".
+        held_out: held-out error [N] used for ranking, see `held_out_error`.
+        alike: True if the RMSE in sample is within a factor `ALIKE` of the smallest.
     """
 
     candidate: Candidate
@@ -202,17 +205,17 @@ class Tried:
 
     @property
     def columns(self) -> dict[str, float]:
-        """RMSE [N] on each kind of readings left out, see `columns_of`."""
+        """RMSE [N] on each kind of held-out readings, see `columns_of`."""
         return columns_of(self.left_out)
 
 
 def held_out_error(left_out: Mapping[str, LeftOut], rmse: float, max_force: float) -> float:
-    """Geometric mean of the columns of `columns_of` [N], or the RMSE in sample where there are none.
+    """Geometric mean [N] of the errors in `columns_of`, or the RMSE in sample if there are none.
 
     Args:
-        left_out: errors by kind.
-        rmse: in sample [N].
-        max_force: largest force measured [N], of which errors below 0.1 % are not told apart.
+        left_out: cross-validation errors by kind.
+        rmse: RMSE in sample [N].
+        max_force: largest measured force [N]; errors below 0.1 % of it count as equal.
     """
     errors = list(columns_of(left_out).values()) or [rmse]
     return float(np.exp(np.mean(np.log(np.hypot(errors, _NOISE * max_force)))))
@@ -221,12 +224,12 @@ def held_out_error(left_out: Mapping[str, LeftOut], rmse: float, max_force: floa
 def ranked(
     families: Sequence[tuple[Candidate, float, Mapping[str, LeftOut] | None]], max_force: float
 ) -> tuple[Tried, ...]:
-    """The families with their held-out errors, in the order in which they are given.
+    """Compute the held-out error of each family and keep the given order.
 
     Args:
-        families: each with its error in sample [N] and its errors on what was left out; None where
-            nothing was left out of it.
-        max_force: largest force measured [N].
+        families: tuples of the family, its RMSE in sample [N], and its cross-validation errors, or
+            None if it was not cross-validated.
+        max_force: largest measured force [N].
     """
     least = max(min(rmse for _, rmse, _ in families), _NOISE * max_force)
     return tuple(
@@ -240,10 +243,11 @@ def ranked(
 
 
 def preferred(tried: Sequence[Tried]) -> list[int]:
-    """Places of the families, the one to believe first in front.
+    """Return the indices of the families, best first.
 
-    The smallest held-out error comes first. Pressures, or a few specimens, hardly tell the laws apart: if
-    no lengths could be left out, those within `ALIKE` of the smallest come in the order of the ladder.
+    The smallest held-out error ranks first. Held-out pressures or a few specimens hardly distinguish
+    the laws. If no lengths could be left out, families within a factor `ALIKE` of the smallest error
+    keep the order of the ladder.
     """
     least = min(one.held_out for one in tried)
     factor = 1.0 if any("length" in one.left_out for one in tried) else ALIKE
