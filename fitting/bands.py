@@ -1,16 +1,16 @@
-"""Error bands of predictions, from held-out readings and from the parameter errors.
+"""Compute error bands of predictions from held-out readings and parameter errors.
 
-What a law does not know of a muscle is a smooth function of length (and of pressure), zero to within
-the noise where it was measured. Between and beyond the measured lengths its variance is that of the
-natural cubic spline's error (kriging with the generalised covariance |h|^3 and a linear drift), times
-one number (`model_error`). The lengths that were left out tell it, and before them a prior that is the
-same for every muscle: three or four lengths say little of how far a law may be off, and fewer nothing.
-Readings of one length are off together, so there are as many independent errors as lengths, and the
-interval is Student's. What models that fit the readings alike disagree about (`disagreement`) is added.
+The unknown model error is treated as a smooth function of length (and of pressure) that is zero, to
+within the noise, at measured levels. Elsewhere its variance is the error variance of a natural cubic
+spline (kriging with the generalised covariance |h|^3 and a linear drift) times one scale (`model_error`).
+The scale is estimated from held-out levels, combined with a prior common to all muscles because three or
+four levels provide little information. Readings at one length share their error, so lengths are counted as
+independent, and the interval is Student's. The disagreement of models that fit equally well is added
+(`disagreement`).
 
-The parameters' own part is linear theory (delta method): with J the derivatives of the muscle's numbers
-in the identified parameters and C their covariance, J C J^T is that of the numbers (`muscle_spread`). It
-is kept as the columns of a root of it: independent directions of one standard deviation each.
+Parameter errors follow linear theory (delta method). With J the derivatives of the muscle's numbers in the
+identified parameters and C their covariance, J C J^T is the covariance of the numbers (`muscle_spread`). It
+is stored as the columns of a root: independent directions, each one standard deviation long.
 
 References:
     Cressie 1993, Statistics for Spatial Data, section 5.4 (splines as kriging).
@@ -19,7 +19,7 @@ References:
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -38,22 +38,22 @@ from .ladder import in_shared_program
 from .result import Identification
 from .validation import Bootstrap, LeftOut
 
+Column: TypeAlias = Float[np.ndarray, " n"]
+"""Values of any number of states."""
+
 PRIOR_SCALE = 0.08
-"""Prior of what lengths add, in parts of the largest force: a law that fits a muscle to 1 % misses
-the lengths beyond its map by a few per cent of the largest force."""
+"""Prior scale of the error along the length, relative to the largest force. A law that fits to 1 %
+typically misses lengths outside its map by a few per cent."""
 
 PRIOR_FREEDOM = 1.5
-"""Number of lengths left out that the prior counts as."""
+"""Number of held-out lengths to which the prior is equivalent."""
 
 DISAGREEMENT = 1.75
-"""Times the root mean square difference to the models that fit alike: half the width of what they add to
-the band. Two of them may be off to the same side."""
+"""Half-width that disagreement adds to the band, per root mean square difference to models that fit
+equally well. Two of these may be off to the same side."""
 
 FLOOR = 0.002
-"""Of the largest force: what every band holds on either side, whatever the readings say."""
-
-_WIENER = 12  # |h|^3 is so many times the covariance of white noise that is integrated twice
-_NEAR = 1e-6  # variance of the spline one hundredth of the range from what is known
+"""Smallest half-width of a band, relative to the largest force."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,33 +61,33 @@ class Along:
     """Contribution of one coordinate, length or pressure, to the error.
 
     Attributes:
-        levels: measured [m or Pa], ascending.
+        levels: measured levels [m or Pa], ascending.
         scale: standard deviation [N] where the spline's is 1.
-        freedom: of the scale: levels that were left out, and how many the prior stands for.
+        freedom: degrees of freedom of the scale: held-out levels plus those of the prior.
     """
 
     levels: Float[np.ndarray, " levels"]
     scale: float
     freedom: float
 
-    def variance(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def variance(self, at: Column) -> Column:
         """Variance [N^2] at lengths or pressures."""
         return self.scale**2 * spline_variance(self.levels, np.asarray(at, float))
 
     def as_dict(self, kind: str) -> dict[str, Any]:
-        """JSON-ready, SI; of "length" or "pressure"."""
+        """JSON-ready, in SI, for "length" or "pressure"."""
         levels = {f"levels_{si_unit(kind)}": self.levels.tolist()}
         return levels | {"scale_N": self.scale, "freedom": self.freedom}
 
 
 @dataclasses.dataclass(frozen=True)
 class ModelError:
-    """Prediction errors of single readings.
+    """Prediction error of single readings.
 
     Attributes:
-        noise: standard deviation [N] at what was measured.
-        length, pressure: what they add.
-        floor: half the width of the narrowest band [N], see `FLOOR`.
+        noise: standard deviation [N] at measured states.
+        length, pressure: contributions of the two coordinates.
+        floor: smallest half-width of a band [N], see `FLOOR`.
     """
 
     noise: float
@@ -95,49 +95,43 @@ class ModelError:
     pressure: Along
     floor: float
 
-    def std(
-        self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " n"]:
-        """Standard deviation [N] of a reading about its prediction, disagreement of models apart."""
+    def std(self, length: Column, pressure: Column) -> Column:
+        """Standard deviation [N] of a reading about its prediction, without disagreement of models."""
         added = self.length.variance(length) + self.pressure.variance(pressure)
         return np.sqrt(self.noise**2 + added)
 
     def factor(self) -> float:
-        """Standard deviations on either side of an interval of 95 %, by Student."""
+        """Half-width of a 95 % Student interval, in standard deviations."""
         from scipy.special import stdtrit  # noqa: PLC0415 -- SciPy takes 0.2 s to import
 
         return float(stdtrit(min(self.length.freedom, self.pressure.freedom), 0.975))
 
     def half_band(
-        self,
-        length: Float[np.ndarray, " n"],
-        pressure: Float[np.ndarray, " n"],
-        disagreement: Float[np.ndarray, " n"] | float = 0.0,
-    ) -> Float[np.ndarray, " n"]:
-        """Half the width [N] of the 95 % band of single readings.
+        self, length: Column, pressure: Column, disagreement: Column | float = 0.0
+    ) -> Column:
+        """Half-width [N] of the 95 % band of single readings.
 
         Args:
-            length: [m].
-            pressure: gauge [Pa].
-            disagreement: root mean square difference [N] to the models that fit alike.
+            length: active lengths [m].
+            pressure: gauge pressures [Pa].
+            disagreement: root mean square difference [N] to models that fit equally well.
         """
         own = self.factor() * self.std(length, pressure)
         return np.hypot(own, DISAGREEMENT * np.asarray(disagreement) + self.floor)
 
     @property
     def narrowest(self) -> float:
-        """Half the width [N] of the 95 % band where the model is known best, at what was measured."""
+        """Half-width [N] of the 95 % band at measured states, where the model is known best."""
         return math.hypot(self.factor() * self.noise, self.floor)
 
     @property
     def covers(self) -> str:
-        """One sentence about what the interval covers."""
+        """Description of what the interval covers."""
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
-        seen = "assumed from other muscles"
-        if judged:
-            seen = f"seen on {' and '.join(judged)} left out"
-        few = ". With too few lengths to leave one out, the error in length is assumed from other muscles"
+        assumed = "assumed from other muscles"
+        seen = f"seen on {' and '.join(judged)} left out" if judged else assumed
+        few = f". With too few lengths to leave one out, the error in length is {assumed}"
         return (
             f"single readings. They include the noise of the readings, the model error {seen} (it grows "
             "with the distance from the measured states), and the disagreement of models that fit "
@@ -145,7 +139,7 @@ class ModelError:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, SI."""
+        """JSON-ready, in SI."""
         return {
             "noise_N": self.noise,
             "floor_N": self.floor,
@@ -157,14 +151,10 @@ class ModelError:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "ModelError":
-        """Back from `as_dict`."""
+        """Inverse of `as_dict`."""
         length, pressure = (
-            Along(
-                np.array(document[name][f"levels_{si_unit(name)}"]),
-                document[name]["scale_N"],
-                document[name]["freedom"],
-            )
-            for name in ("length", "pressure")
+            Along(np.array(one[f"levels_{si_unit(name)}"]), one["scale_N"], one["freedom"])
+            for name, one in ((name, document[name]) for name in ("length", "pressure"))
         )
         return cls(document["noise_N"], length, pressure, document["floor_N"])
 
@@ -175,36 +165,31 @@ def model_error(
     left_out: Mapping[str, LeftOut],
     unknowns: int,
 ) -> ModelError:
-    """Prediction error model, from the errors on held-out readings.
+    """Estimate the prediction error from held-out readings.
 
     Args:
         data: the map.
-        residual: prediction less reading [N] at the loaded readings, in sample.
-        left_out: errors by "length" and "pressure", where there are any.
-        unknowns: numbers that the readings determined.
+        residual: prediction minus reading [N] at the loaded readings, in sample.
+        left_out: held-out errors by "length" and "pressure", if available.
+        unknowns: number of fitted parameters.
     """
     freedom = max(residual.size - unknowns, 1)
     noise = math.sqrt(float(residual @ residual) / freedom)
-    lengths, pressures = (
-        np.unique(levels.level[data.loaded]) for levels in (data.lengths, data.pressures)
-    )
     scale = PRIOR_SCALE * data.max_force
-    return ModelError(
-        noise,
-        _along(lengths, left_out.get("length"), noise, scale),
-        _along(pressures, left_out.get("pressure"), noise, scale),
-        FLOOR * data.max_force,
+    length, pressure = (
+        _along(np.unique(data.levels(kind)[data.loaded]), left_out.get(kind), noise, scale)
+        for kind in ("length", "pressure")
     )
+    return ModelError(noise, length, pressure, FLOOR * data.max_force)
 
 
 def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: float) -> Along:
-    """The scale at which the spline's variance gives the errors of the groups left out.
+    """Estimate the scale at which the spline's variance matches the errors of held-out groups.
 
-    A level beside another tells next to nothing of it: of what is left of its error without the noise,
-    chance is more than its share where the prior would have it below the noise, and it counts as one
-    where the two are equal.
+    A level close to another carries little information. Where the expected error is below the noise, the
+    excess is mostly chance, so the expected variance is bounded below by the noise.
     """
-    ratios, least = [], max(_NEAR, (noise / prior) ** 2)
+    ratios, least = [], max(1e-6, (noise / prior) ** 2)
     if left_out is None:
         return Along(levels, prior, PRIOR_FREEDOM)
     for group in np.unique(left_out.group):
@@ -218,40 +203,38 @@ def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: fl
     return Along(levels, math.sqrt((PRIOR_FREEDOM * prior**2 + sum(ratios)) / freedom), freedom)
 
 
-def spline_variance(
-    known: Float[np.ndarray, " levels"], at: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
-    """Variance of a natural cubic spline's error, of covariance |h|^3 in parts of the range.
+def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
+    """Error variance of a natural cubic spline with covariance |h|^3, relative to the range.
 
     Args:
-        known: where the function is known, ascending.
-        at: where it is wanted.
+        known: levels at which the function is known, ascending.
+        at: levels at which the variance is evaluated.
 
     Returns:
-        Zero at what is known, growing between and, more, beyond.
+        Zero at known levels; larger between them and largest beyond.
     """
     span = float(np.ptp(known)) or float(known[0]) or 1.0
     x, t = (known - known[0]) / span, (np.asarray(at, float) - known[0]) / span
-    if x.size == 1:  # one level tells no drift: the function is as uncertain as it is far
+    if x.size == 1:  # one level does not determine a drift
         return np.abs(t - x[0]) ** 3
     gap = np.diff(x)
     own, shared = _slopes(gap)
     i = np.clip(np.searchsorted(x, t, side="right") - 1, 0, gap.size - 1)
     beyond = np.maximum(np.maximum(x[0] - t, t - x[-1]), 0.0)
     h, u = gap[i], np.clip((t - x[i]) / gap[i], 0.0, 1.0)
-    left, right = h * u * (1 - u) ** 2, -h * u**2 * (1 - u)  # of the slopes, as Hermite has them
+    left, right = h * u * (1 - u) ** 2, -h * u**2 * (1 - u)  # Hermite weights of the slopes
     between = left**2 * own[i] + 2 * left * right * shared[i] + right**2 * own[i + 1]
     pinned = (h * u * (1 - u)) ** 3 / 3
     ends = beyond**2 * np.where(t < x[0], own[0], own[-1]) + beyond**3 / 3
-    return _WIENER * (between + pinned + ends)
+    return 12 * (between + pinned + ends)  # |h|^3 is 12 times twice integrated white noise
 
 
 def _slopes(gap: Float[np.ndarray, " gaps"]) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the slope at each level, and covariance of the slopes at neighbours.
+    """Variance of the slope at each level, and covariance of neighbouring slopes.
 
-    A function whose second derivative is white noise is, between two levels, Hermite's cubic of values
-    and slopes and a noise of its own. So the slopes have a tridiagonal precision, that of the cubic's
-    bending energy, and a sweep from either end gives what is wanted of its inverse.
+    Between two levels, a function whose second derivative is white noise is a Hermite cubic plus
+    independent noise. The slopes therefore have the tridiagonal precision of the cubic's bending energy;
+    one sweep from each end gives the required elements of its inverse.
     """
     diagonal = 4 * (np.append(1 / gap, 0.0) + np.append(0.0, 1 / gap))
     beside = 2 / gap
@@ -264,7 +247,7 @@ def _slopes(gap: Float[np.ndarray, " gaps"]) -> tuple[np.ndarray, np.ndarray]:
 
 
 ROWS = 512
-"""Rows that one call computes; fewer are filled up, more computed in parts."""
+"""Rows per call; fewer are padded, more are split."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -272,20 +255,18 @@ class Pull:
     """Forces at lengths and pressures.
 
     Attributes:
-        force: what the rig measures [N].
-        muscle_force: of the muscle alone, were it of that length itself [N].
-        std: standard deviation of `force` [N], from the parameters and from the lengths.
+        force: force measured by the rig [N].
+        muscle_force: force of the muscle alone at the same length [N].
+        std: standard deviation of `force` [N] from the parameters and lengths.
     """
 
-    force: Float[np.ndarray, " n"]
-    muscle_force: Float[np.ndarray, " n"]
-    std: Float[np.ndarray, " n"]
+    force: Column
+    muscle_force: Column
+    std: Column
 
 
-def _in_rows(
-    function: Callable[..., Any], length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
-) -> list[np.ndarray]:
-    """What a compiled function of `ROWS` lengths and pressures returns for any number of them."""
+def _in_rows(function: Callable[..., Any], length: Column, pressure: Column) -> list[np.ndarray]:
+    """Evaluate a function compiled for `ROWS` lengths and pressures at any number of them."""
     parts = []
     for start in range(0, len(length), ROWS):
         rows = [values[start : start + ROWS] for values in (length, pressure)]
@@ -298,8 +279,8 @@ def _in_rows(
 def pull(
     mounted: famjax.MountedMuscle,
     spread: Float[np.ndarray, "directions numbers"] | None,
-    length: Float[np.ndarray, " n"],
-    pressure: Float[np.ndarray, " n"],
+    length: Column,
+    pressure: Column,
     *,
     rest_length: float | None = None,
     length_std: float = 0.0,
@@ -308,14 +289,14 @@ def pull(
 
     Args:
         mounted: the identified muscle in its rig.
-        spread: from `muscle_spread`; None where nothing is known of the errors.
-        length: active lengths [m] as the rig measures them.
+        spread: from `muscle_spread`; None if the errors are unknown.
+        length: active lengths [m] as measured by the rig.
         pressure: gauge pressures [Pa].
-        rest_length: L0 [m] of another muscle, which `famjax.cut_to_length` makes of it.
+        rest_length: L0 [m] of another muscle, see `famjax.cut_to_length`.
         length_std: standard deviation of the lengths [m].
 
     Returns:
-        The forces, nan where the muscle has none.
+        The forces; nan where the muscle has none.
 
     Raises:
         ValueError: the muscle cannot be cut to another length.
@@ -329,12 +310,8 @@ def pull(
     return Pull(*_in_rows(lambda L, P: _pull(arrays, of, spread, std, L, P, rig), length, pressure))
 
 
-def force_of(
-    mounted: famjax.MountedMuscle,
-    length: Float[np.ndarray, " n"],
-    pressure: Float[np.ndarray, " n"],
-) -> Float[np.ndarray, " n"]:
-    """What the rig measures [N] at lengths [m] and pressures [Pa]; nan where there is no force."""
+def force_of(mounted: famjax.MountedMuscle, length: Column, pressure: Column) -> Column:
+    """Force measured by the rig [N] at lengths [m] and pressures [Pa]; nan where there is none."""
     whole = in_shared_program(mounted)
     rigid = whole is mounted and not np.asarray(mounted.compliance).any()
     muscle = as_arrays(mounted.muscle if rigid else whole)
@@ -369,14 +346,13 @@ def _pull(
     def force(flat: Array, length: Array) -> Array:
         changed = unflat(flat)
         one = alone(changed)
-        if rig == "gives way":
-            return changed.with_muscle(one).force(length, pressure)
-        return one.force(length, pressure)
+        whole = changed.with_muscle(one) if rig == "gives way" else one
+        return whole.force(length, pressure)
 
     def along(direction: Array, lengths: Array) -> tuple[Array, Array]:
         return jax.jvp(force, (flat, jnp.asarray(length)), (direction, lengths))
 
-    # One direction more: all lengths together by their standard deviation.
+    # The last direction shifts all lengths by their standard deviation.
     directions = jnp.concatenate([spread, jnp.zeros((1, flat.size))])
     last = jnp.broadcast_to(length_std, (1, len(length)))
     lengths = jnp.concatenate([jnp.zeros((len(spread), len(length))), last])
@@ -386,21 +362,18 @@ def _pull(
     return found, muscle_force, std
 
 
-_NEGLIGIBLE = 1e-12  # of the largest variance of independent directions: rounding
-
-
 def muscle_spread(
     result: Identification, drawn: Bootstrap | None = None
 ) -> Float[np.ndarray, "directions numbers"]:
-    """Directions in which the numbers of the mounted muscle vary, one standard deviation each.
+    """Directions in which the numbers of the mounted muscle vary, each one standard deviation long.
 
     Args:
-        result: an identification. What is held or at a bound does not vary.
-        drawn: its bootstrap, whose covariance then takes the place of that of linear theory.
+        result: an identification. Parameters that are held or at a bound do not vary.
+        drawn: its bootstrap, whose covariance then replaces that of linear theory.
 
     Returns:
-        One row for each independent direction, of the arrays of `result.mounted` one after another; no
-        rows where there are no standard errors.
+        One row for each independent direction, over the concatenated arrays of `result.mounted`; no rows
+        if there are no standard errors.
     """
     covariance = result.covariance
     if drawn is not None:
@@ -412,12 +385,12 @@ def muscle_spread(
 
 
 def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers p"]:
-    """Derivatives of the mounted muscle's numbers, the rig's last, in parameters and coefficients."""
+    """Derivatives of the mounted muscle's numbers (the rig's last) in parameters and coefficients."""
     problem, point = result.problem, result.end.point
     part, q = problem.parts[result.place], len(problem.names)
     slope = report_of(part, point, result.place).d_numbers
     own = len(slope)
-    # A rigid rig has a compliance too, which does not vary.
+    # A rigid rig has a fixed compliance.
     slopes = np.zeros((own + max(len(part.rig), 1), q + point.x.size))
     np.add.at(slopes[:own].T, part.at, slope[:, : part.at.size].T)
     slopes[:own, q + part.coefficients] = slope[:, part.at.size :]
@@ -427,38 +400,34 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
 
 
 def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p directions"]:
-    """R with R R^T = C; rows of what has no variance are zero."""
+    """R with R R^T = C; rows without variance are zero."""
     std = np.sqrt(np.diag(covariance))
     std = np.where(std > 0, std, 0.0)
     scale = np.outer(std, std)
     correlation = np.where(scale > 0, covariance / np.where(scale > 0, scale, 1.0), 0.0)
     variance, directions = np.linalg.eigh(correlation)
-    kept = variance > _NEGLIGIBLE * max(variance.max(initial=0.0), _NEGLIGIBLE)
+    kept = variance > 1e-12 * max(variance.max(initial=0.0), 1e-12)
     return std[:, None] * directions[:, kept] * np.sqrt(variance[kept])
 
 
 TELLING = 0.03
-"""Of the largest force: a disagreement of so much is worth a reading that settles it."""
-_STATES = 9  # in each gap between lengths
+"""Disagreement, relative to the largest force, above which another reading is worthwhile."""
 
 
 def disagreement(
-    force: Float[np.ndarray, " n"],
-    alike: Collection[famjax.MountedMuscle],
-    length: Float[np.ndarray, " n"],
-    pressure: Float[np.ndarray, " n"],
-) -> Float[np.ndarray, " n"]:
-    """Root mean square difference [N] of muscles from a force; 0 where there are none.
+    force: Column, alike: Collection[famjax.MountedMuscle], length: Column, pressure: Column
+) -> Column:
+    """Root mean square difference [N] between muscles and a force; 0 without muscles.
 
     Args:
-        force: of the model that predicts [N].
-        alike: muscles, in their rigs, that fit the readings as well.
-        length: [m].
-        pressure: gauge [Pa].
+        force: force of the predicting model [N].
+        alike: mounted muscles that fit the readings equally well.
+        length: active lengths [m].
+        pressure: gauge pressures [Pa].
     """
     if not alike:
         return np.zeros_like(force)
-    # A muscle that has no force at a state says nothing of it.
+    # Muscles without a force at a state are ignored there.
     others = np.stack([force_of(one, length, pressure) for one in alike])
     squares = np.where(np.isfinite(others), (others - force) ** 2, 0.0)
     return np.sqrt(squares.sum(axis=0) / np.maximum(np.isfinite(others).sum(axis=0), 1))
@@ -467,21 +436,20 @@ def disagreement(
 def where_they_differ(
     data: ForceData, chosen: famjax.MountedMuscle, alike: Collection[famjax.MountedMuscle]
 ) -> Sentence | str:
-    """Where models that fit equally well differ most between the measured lengths, if they differ much.
+    """Find where models that fit equally well differ most between the measured lengths.
 
     Args:
         data: the map.
-        chosen: the model that predicts.
+        chosen: the predicting model.
         alike: see `disagreement`.
 
     Returns:
-        A sentence that names the readings that would settle it; "" where they agree to 3 % of the
-        largest force.
+        A sentence with the reading that would settle it; "" if they agree to 3 % of the largest force.
     """
     lengths = np.unique(data.lengths.level[data.loaded])
     if not alike or lengths.size < 2:
         return ""
-    part = np.arange(1, _STATES) / _STATES
+    part = np.arange(1, 9) / 9
     L = (lengths[:-1, None] + part * np.diff(lengths)[:, None]).ravel()
     P = np.full(L.size, data.pressure[data.loaded].max())
     force = force_of(chosen, L, P)
@@ -490,15 +458,11 @@ def where_they_differ(
     if not differ[worst] > TELLING * data.max_force:
         return ""
     gap = worst // part.size
-    low, high = lengths[gap], lengths[gap + 1]
     return Sentence(
-        "Models that fit the readings alike differ by ",
-        Quantity(float(differ[worst]), "force", 2),
+        *("Models that fit equally well differ by ", Quantity(float(differ[worst]), "force", 2)),
         f" ({100 * differ[worst] / data.max_force:.2g} % of the largest force) between the lengths ",
-        Quantity(float(low), "length"),
-        " and ",
-        Quantity(float(high), "length"),
-        ", most at ",
+        *(Quantity(float(lengths[gap]), "length"), " and "),
+        *(Quantity(float(lengths[gap + 1]), "length"), ", most at "),
         Quantity(float(L[worst]), "length", 4),
-        ": readings at one more length there would settle it; until then trust the band, not the curve.",
+        ": readings at one more length there would settle it; until then rely on the band, not the curve.",
     )

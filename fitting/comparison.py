@@ -1,6 +1,6 @@
-"""Published static models and famjax's own on one force map: fits, cross-validation, a league table.
+"""Compare published static models and famjax's own on one force map.
 
-A peer is a family as any other: it is searched, and refitted without readings, as muscles are.
+Every model, published or not, is a family of parameters and is fitted, refitted and predicted alike.
 """
 
 import dataclasses
@@ -42,23 +42,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KINDS = ("pressure", "length")
-"""What is left out of a map in turn."""
+"""Kinds of levels that are left out in turn."""
 
-_RIDGE = 1e-9  # of columns of unit length: far below any reading's weight
-_DEPENDENT = 1e-7  # of columns of unit length: smaller singular values are rounding
-_UNTOLD = 1e-6  # part of the derivatives at some readings that those at the others do not span
-_FOLD_STARTS = 8  # of the refits; the first is the fit to the whole map
-_AT_BOUND = 1e-9  # parts of the interval, or of the largest value, within which a bound is reached
-_STARTS = 4  # of each refit of famjax's own models, as `validate` has them
-_PRESSURE_GROUPS = 8  # that the choice is made anew without, as it judges its families
-_ANGLE = math.radians(90 - 28.6)  # from the circumference: the nominal one of Festo muscles
+_RIDGE = 1e-9  # for columns of unit length: far below the weight of any reading
+_STARTS = 4  # for each refit of famjax's own models, as in `validate`
 
 OwnModel: TypeAlias = (
     tuple[str, Mapping[str, Any]] | ModelFamily | famjax.AbstractMuscle | type | str
 )
-"""A model of one's own: (name, options of `identify`), such as `("gent", {"law": Gent})`; or a model with
-declared parameters, or the family of one; or the class, or `module:Class`, of a whole model, a law, a
-geometry or a force term."""
+"""A user's own model: (name, options of `identify`), such as `("gent", {"law": Gent})`; a model with
+declared parameters, or its family; or the class, or `module:Class`, of a model, law, geometry or term."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,8 +60,8 @@ class PeerFit:
 
     Attributes:
         family: parameters with units and bounds.
-        problem: as it was posed.
-        end: of the best descent.
+        problem: the problem solved.
+        end: end of the best descent.
     """
 
     family: ModelFamily
@@ -82,7 +75,7 @@ class PeerFit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters [SI] by name."""
+        """Parameters by name [SI]."""
         numbers = (*self.end.point.parameters.tolist(), *self.end.point.x.tolist())
         return dict(zip(self.problem.names + self.problem.linear, numbers, strict=True))
 
@@ -93,25 +86,26 @@ class PeerFit:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Names of the parameters that ended on a bound."""
+        """Names of the parameters at a bound."""
         problem, x = self.problem, self.end.point.x
         low, high = problem.coefficient_min, problem.coefficient_max
-        margin = _AT_BOUND * np.abs(x).max(initial=0.0)
+        margin = 1e-9 * np.abs(x).max(initial=0.0)
         reached = np.concatenate([
-            np.minimum(self.end.u, 1 - self.end.u) <= _AT_BOUND, np.minimum(x - low, high - x) <= margin
+            np.minimum(self.end.u, 1 - self.end.u) <= 1e-9, np.minimum(x - low, high - x) <= margin
         ])  # fmt: skip
         return tuple(np.array(problem.names + problem.linear)[reached].tolist())
 
     def determines(self, kept: Bool[np.ndarray, " points"]) -> bool:
-        """Whether some readings determine the model's predictions of the others."""
+        """True if these readings determine the predictions of the others."""
         _, jacobian, _ = joint_derivatives(self.end.point)
         columns = jacobian[: kept.size]
         size = np.linalg.norm(columns[kept], axis=0)
         columns = columns / np.where(size > 0, size, 1.0)
         _, values, directions = np.linalg.svd(columns[kept], full_matrices=False)
-        told, others = directions[values > _DEPENDENT * values[0]], columns[~kept]
-        missed = np.linalg.norm(others - others @ told.T @ told)
-        return bool(missed <= _UNTOLD * np.linalg.norm(others))
+        # Smaller singular values of unit columns are rounding.
+        known, others = directions[values > 1e-7 * values[0]], columns[~kept]
+        missed = np.linalg.norm(others - others @ known.T @ known)
+        return bool(missed <= 1e-6 * np.linalg.norm(others))
 
 
 def fit_peer(
@@ -121,30 +115,26 @@ def fit_peer(
 
     Args:
         name: one of `peer_families(data)`, or a family of your own.
-        data: the force map. Readings count with 1/std, if given.
+        data: the force map. Readings are weighted by 1/std, if given.
         starts: number of starts.
-        seed: of the starts.
+        seed: seed of the starts.
 
     Raises:
-        InputError: an unknown name, no starts, too few readings, or a model that has no force at
-            a reading.
+        InputError: an unknown name, no starts, too few readings, or a model without force at a reading.
         RuntimeError: float64 is off.
     """
     if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError(
-            "fits need float64, and JAX computes in float32 by default. Put this line before any "
-            'other use of JAX: jax.config.update("jax_enable_x64", True)'
-        )
+        raise RuntimeError('fits need float64: jax.config.update("jax_enable_x64", True)')
     check_whole("starts", starts, 1)
     known = peer_families(data)
     if isinstance(name, str) and name not in known:
-        raise InputError(f"unknown peer {name!r}; known for this map: {', '.join(known)}")
+        raise InputError(f"unknown peer {name!r}; available for this map: {', '.join(known)}")
     family = known[name] if isinstance(name, str) else name
     points, needed = int(data.loaded.sum()), len(family.declared)
     if points < needed:
         raise InputError(
-            f"{family.label} has {needed} parameters and the map {points} loaded "
-            "readings: give more readings or choose a peer with fewer parameters"
+            f"{family.label} has {needed} parameters, but the map has {points} loaded readings: "
+            "give more readings, or choose a peer with fewer parameters"
         )
     problem, searched = _posed(family, data), len(family.nonlinear)
     begin = latin_hypercube(searched, starts if searched else 1, seed)
@@ -152,17 +142,17 @@ def fit_peer(
     costs = np.array([one.cost for one in ends])
     if not np.isfinite(costs).any():
         raise InputError(
-            f"{family.label} has no finite force at some reading, wherever it was started: its "
-            "form may not hold for a muscle longer than at rest; check lengths and rest length"
+            f"{family.label} has no finite force at some reading from any start: it may not hold for a "
+            "muscle longer than its rest length; check lengths and rest length"
         )
     return PeerFit(family, problem, ends[int(np.nanargmin(costs))])
 
 
 def _posed(family: ModelFamily, data: ForceData) -> Problem:
-    """The problem of fitting a model to the loaded readings of a map.
+    """Pose the fit of a model to the loaded readings of a map.
 
     Raises:
-        InputError: the force is not affine in what is said to be linear.
+        InputError: the force is not affine in the parameters declared linear.
     """
     at, nothing = data.loaded, np.zeros(1)
     count = int(at.sum())
@@ -190,12 +180,12 @@ def _posed(family: ModelFamily, data: ForceData) -> Problem:
 
 @dataclasses.dataclass(frozen=True)
 class _Fit:
-    """A model fitted to a map, with the figures of its table row.
+    """A fitted model with the entries of its table row.
 
     Attributes:
-        n_parameters, at_bound, notes: as in `ComparisonRow`.
-        error: prediction less reading [N] at the loaded readings.
-        left_out: from "pressure" or "length" to the errors while each was left out.
+        n_parameters, at_bound, notes: see `ComparisonRow`.
+        error: prediction minus reading [N] at the loaded readings.
+        left_out: returns the held-out errors of "pressure" or "length".
     """
 
     n_parameters: int
@@ -206,20 +196,20 @@ class _Fit:
 
 
 def _chosen(data: ForceData, starts: int, seed: int) -> _Fit:
-    """The result of `choose`, repeated without each length and each group of pressures."""
-    choice, most = choose(data, starts=starts, seed=seed), {"pressure": _PRESSURE_GROUPS}
+    """The automatic choice, repeated without each length and each of eight groups of pressures."""
+    choice = choose(data, starts=starts, seed=seed)
     result = choice.chosen
     return _Fit(
         result.n_parameters, result.residuals,
         lambda kind: validate_choice(
-            choice, kind, most=most.get(kind, MOST), starts=_STARTS, seed=seed
+            choice, kind, most=8 if kind == "pressure" else MOST, starts=_STARTS, seed=seed
         ),
         result.stopped, (f"it chose: {choice.name}",),
     )  # fmt: skip
 
 
 def _identified(data: ForceData, starts: int, seed: int, options: Mapping[str, Any]) -> _Fit:
-    """A muscle that `identify` fits."""
+    """A muscle fitted by `identify`."""
     result = identify(data, starts=starts, seed=seed, **options)
     notes = () if result.converged else ("the fit did not converge",)
     if not np.isfinite(result.errors.rmse):
@@ -231,21 +221,21 @@ def _identified(data: ForceData, starts: int, seed: int, options: Mapping[str, A
 
 
 def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> _Fit:
-    """A published model; a model without free parameters predicts with its own constants."""
+    """A published model; without free parameters it predicts with its own constants."""
     if not family.declared:
         problem = _posed(family, data)
         at = problem.parts[0].inputs
         force = predict(problem, 0, np.zeros(0), np.zeros(0), at.length, at.pressure)
         error = force - data.force[data.loaded]
 
-        def as_it_is(kind: str) -> LeftOut:
+        def fixed(kind: str) -> LeftOut:
             level = data.left_out_as(kind)[data.loaded]
             return LeftOut(kind, level, np.unique(level, return_inverse=True)[1], error)
 
-        return _Fit(0, error, as_it_is)
+        return _Fit(0, error, fixed)
     fit = fit_peer(family, data, starts=starts, seed=seed)
     notes = () if fit.end.converged else ("the best descent did not converge",)
-    count = _FOLD_STARTS if family.nonlinear else 1
+    count = 8 if family.nonlinear else 1
 
     def left_out(kind: str) -> LeftOut:
         level = data.left_out_as(kind)[data.loaded]
@@ -258,24 +248,19 @@ def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> 
     return _Fit(len(family.declared), error, left_out, fit.at_bound, notes)
 
 
-_Maker: TypeAlias = Callable[[ForceData, int, int], _Fit]
-_Model: TypeAlias = tuple[str, str, _Maker]
-"""Label, note, and what fits it."""
+_Model: TypeAlias = tuple[str, str, Callable[[ForceData, int, int], _Fit]]
+"""Label, note, and the function that fits the model."""
 
 
 def _models(data: ForceData) -> dict[str, _Model]:
-    """All models that can be compared on a map by name, fitted ones first."""
-    found: dict[str, _Model] = {
+    """All models available for a map by name, fitted ones first."""
+    own = {
         "famjax_choice": ("famjax, its own choice (nested)", "", _chosen),
-        **{
-            f"famjax_{name}": (f"famjax, {what}", "", functools.partial(_identified, options=options))
-            for name, what, options in (
-                ("cubic", "odd cubic", {"order": 3}), ("ogden", "Ogden", {"law": "ogden"}),
-            )
-        },
+        "famjax_cubic": ("famjax, odd cubic", "", functools.partial(_identified, options={"order": 3})),
+        "famjax_ogden": ("famjax, Ogden", "", functools.partial(_identified, options={"law": "ogden"})),
     }  # fmt: skip
-    found |= {name: _as_model(family) for name, family in peer_families(data).items()}
-    return found | {name: _as_model(family) for name, family in _published(data).items()}
+    families = peer_families(data) | _published(data)
+    return own | {name: _as_model(family) for name, family in families.items()}
 
 
 def _as_model(family: ModelFamily) -> _Model:
@@ -283,13 +268,13 @@ def _as_model(family: ModelFamily) -> _Model:
 
 
 def _published(data: ForceData) -> dict[str, ModelFamily]:
-    """Models with published or nominal constants for a muscle of this size; nothing is free."""
-    bore, rest, name = (
-        data.specimen.nominal_diameter, data.specimen.rest_length, data.specimen.name,
-    )  # fmt: skip
+    """Models with published or nominal constants for a muscle of this size; nothing is fitted."""
+    bore, rest = data.specimen.nominal_diameter, data.specimen.rest_length
     if bore is None:
         return {}
-    braid = famjax.Braid.from_rest(diameter=bore, braid_angle=_ANGLE, length=rest)
+    # Festo muscles have a nominal angle of 28.6 deg to the axis.
+    angle = math.radians(90 - 28.6)
+    braid = famjax.Braid.from_rest(diameter=bore, braid_angle=angle, length=rest)
     found: dict[str, tuple[str, Any]] = {
         "gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(braid))
     }
@@ -299,31 +284,31 @@ def _published(data: ForceData) -> dict[str, ModelFamily]:
                 f"Sarosi 2012, constants of {muscle}",
                 peers.Sarosi.published(muscle, rest_length=rest),
             )
-    if name in {"DMSP-10-250", "DMSP-20-300"}:
-        model = peers.Martens.published(name)
+    if data.specimen.name in {"DMSP-10-250", "DMSP-20-300"}:
+        model = peers.Martens.published(data.specimen.name)
         found["martens_published"] = "Martens & Boblan 2017, their constants", model
     return {key: ModelFamily(model, (), label=label) for key, (label, model) in found.items()}
 
 
 def comparable_models(data: ForceData) -> tuple[str, ...]:
-    """The names of all models that can be compared on a map, fitted ones first."""
+    """Names of all models available for a map, fitted ones first."""
     return tuple(_models(data))
 
 
 @dataclasses.dataclass(frozen=True)
 class ComparisonRow:
-    """One model in the table. Errors are of loaded readings [N]; nan where there is none.
+    """One model in the table. Errors are at loaded readings [N]; nan if unavailable.
 
     Attributes:
-        name: of the model.
+        name: name of the model.
         label: authors and variant.
-        n_parameters: fitted to the map; 0 for published constants.
-        rmse, mae, max_error: in sample.
-        lopo_rmse: with each pressure in turn left out and predicted.
-        lolo_interior_rmse: with each length left out, the shortest and the longest not counted.
-        lolo_rmse: with each length left out, all counted.
-        at_bound: parameters that ended on a bound.
-        note: what else to know.
+        n_parameters: number of fitted parameters; 0 for published constants.
+        rmse, mae, max_error: errors in sample.
+        lopo_rmse: error with each pressure left out in turn.
+        lolo_interior_rmse: error with each length left out, without the shortest and longest.
+        lolo_rmse: error with each length left out.
+        at_bound: parameters at a bound.
+        note: remarks.
     """
 
     name: str
@@ -339,7 +324,7 @@ class ComparisonRow:
     note: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """The row for JSON: no nan, lists for tuples."""
+        """JSON-ready row: null for nan, lists for tuples, and units in the keys."""
         return {
             f"{key}_N" if isinstance(value, float) else key:
             finite_or_none(value) if isinstance(value, float) else value
@@ -349,11 +334,11 @@ class ComparisonRow:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Comparison:
-    """The table of a force map, the smallest error on interior lengths left out first.
+    """Comparison table of a force map, sorted by the error on held-out interior lengths.
 
     Attributes:
         data: the force map.
-        rows: of the models.
+        rows: one row for each model.
     """
 
     data: ForceData
@@ -363,7 +348,7 @@ class Comparison:
         return f"Comparison({self.data.specimen.name}: {len(self.rows)} models)"
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """A row for each model, the unit in each column's name.
+        """Return one row for each model, with units in the column names.
 
         Raises:
             InputError: pandas is not installed.
@@ -371,7 +356,7 @@ class Comparison:
         return data_frame(row.as_dict() for row in self.rows).drop(columns="at_bound")
 
     def as_dict(self) -> dict[str, Any]:
-        """The table for JSON, the unit in each key."""
+        """JSON-ready table with units in the keys."""
         return {
             "specimen": self.data.specimen.name,
             "source": self.data.source,
@@ -394,29 +379,29 @@ def compare(
     resume: Path | str | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Comparison:
-    """The league table of published models, and of others, on one force map.
+    """Compare published models and others on one force map.
 
-    Every model is fitted to all loaded readings, and again without each pressure and each length,
-    which are then predicted. The bounds of the peers are wide: see `peer_families`.
+    Every model is fitted to all loaded readings, and again without each pressure and each length, which are
+    then predicted. The bounds of the peers are wide, see `peer_families`.
 
     Args:
         data: the force map.
-        models: names out of `comparable_models(data)`; all where None.
+        models: names among `comparable_models(data)`; all by default.
         own: further models, see `OwnModel`.
-        starts: of each nonlinear fit.
-        seed: of the starts.
-        executor: what fits the models, each a task: this process, processes or a cluster, see
+        starts: number of starts of each nonlinear fit.
+        seed: seed of the starts.
+        executor: executor for the models, each of which is a task, see
             `famjax.boundary.tasks.AnyExecutor`.
-        resume: JSONL file to which each finished row is written, created if missing; a comparison that was
-            stopped goes on from there. Models of your own are known by their names.
-        progress: called with (models done, models, name of the next one).
+        resume: JSONL file for finished rows, created if missing, from which an interrupted comparison
+            continues. Own models are identified by their names.
+        progress: called with (models done, total, name of the next one).
 
     Returns:
-        The table. A model that cannot be fitted to this map is in it with a note and no errors.
+        The table. A model that cannot be fitted to this map has a note and no errors.
 
     Raises:
-        InputError: an unknown name, a map with one pressure or one length only, the folder of
-            another comparison, or the executor is gone.
+        InputError: an unknown name, a map with only one pressure or length, a `resume` file of
+            another comparison, or a failed executor.
     """
     check_maps(data)
     check_seed(seed)
@@ -425,23 +410,19 @@ def compare(
     chosen = known if models is None else check_names("models", models)
     for name in chosen:
         if name not in known:
-            raise InputError(f"unknown model {name!r}; known for this map are {', '.join(known)}")
+            raise InputError(f"unknown model {name!r}; available for this map: {', '.join(known)}")
     for kind in KINDS:
         if np.unique(data.levels(kind)[data.loaded]).size < 2:
             raise InputError(
-                f"to leave out a {kind} there must be loaded readings at two of them or more; all "
+                f"leaving out a {kind} needs loaded readings at two or more; all "
                 f"{int(data.loaded.sum())} share one"
             )
     tasks = [*chosen, *(_own_model(one, data) for one in own)]
     names = [one if isinstance(one, str) else one[0] for one in tasks]
     settings = {
-        "version": famjax.__version__,
-        "data": data.sha256,
+        "version": famjax.__version__, "data": data.sha256, "models": names, "starts": starts, "seed": seed,
         "tolerances": [data.pressure_tolerance, data.length_tolerance],
-        "models": names,
-        "starts": starts,
-        "seed": seed,
-    }
+    }  # fmt: skip
     store = Store(resume, "comparison", settings, len(tasks))
 
     def tell(done: int, total: int) -> None:
@@ -456,9 +437,11 @@ def compare(
 
 
 def _place(row: ComparisonRow) -> tuple[float, float, int]:
-    """In the table: by interior lengths left out, then in sample, as printed; equal ones by parameters."""
-    errors = (row.lolo_interior_rmse, row.rmse)
-    out, within = (math.inf if math.isnan(one) else float(f"{one:.4g}") for one in errors)
+    """Sort key: held-out interior lengths, then in sample, both as printed, then parameters."""
+    out, within = (
+        math.inf if math.isnan(one) else float(f"{one:.4g}")
+        for one in (row.lolo_interior_rmse, row.rmse)
+    )
     return out, within, row.n_parameters
 
 
@@ -466,7 +449,7 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
     """Name and model of a user's own model.
 
     Raises:
-        InputError: no such class or option, or a class that cannot be fitted alone.
+        InputError: an unknown class or option, or a class that cannot be fitted alone.
     """
     if isinstance(given, famjax.AbstractMuscle):
         given = ModelFamily.of(given)
@@ -499,15 +482,14 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
 def _row(
     data: ForceData, starts: int, seed: int, model: str | tuple[str, _Model]
 ) -> dict[str, Any]:
-    """Table row of a model as plain values; if it cannot be fitted, a note without errors."""
+    """Table row of a model as plain values; a note without errors if it cannot be fitted."""
     name, (label, note, fitted) = (model, _models(data)[model]) if isinstance(model, str) else model
     notes = [note] if note else []
     try:
         fit = fitted(data, starts, seed)
     except InputError as refused:
-        return dataclasses.asdict(
-            ComparisonRow(name, label, note="; ".join([*notes, str(refused)]))
-        )
+        failed = ComparisonRow(name, label, note="; ".join([*notes, str(refused)]))
+        return dataclasses.asdict(failed)
     left_out = {}
     for kind in KINDS:
         try:
@@ -528,10 +510,10 @@ def _row(
 
 
 def plot_comparison(comparison: Comparison) -> "Figure":
-    """The figure of a league table, the best model on top, errors on a logarithmic axis.
+    """Plot a comparison, best model on top, with errors on a logarithmic axis.
 
     Args:
-        comparison: what `compare` returned.
+        comparison: result of `compare`.
 
     Returns:
         A figure, not shown; save it with `savefig`.

@@ -1,16 +1,16 @@
-"""What is known about an identification beyond its optimum: validation, profiles, bootstrap, shared errors.
+"""Quantify the uncertainty of an identification: validation, profiles, bootstrap, shared errors.
 
-A transducer's gain, the rest length, the wall, the shape that photographs showed: no scatter of the
-readings tells of errors that all of them share, and no repetition. Each moves the readings, or the
-geometry, and with them the optimum. To first order the parameters move by
+Some errors are shared by all readings, such as those of a transducer's gain, the rest length, the wall or
+a photographed shape. Neither scatter nor repetition reveals them. Each changes the readings or the
+geometry, and thereby the optimum. To first order the parameters change by
 
     d theta = -(J^T J)^-1 J^T d r
 
-with d r what the weighted residual changes by where the parameters stay, J its derivative in them, in
-the directions that constraints and bounds leave free (`carry`). Nothing is fitted again.
+where d r is the change of the weighted residual at fixed parameters and J is its derivative in them,
+restricted to directions left free by constraints and bounds (`carry`). Nothing is refitted.
 
 References:
-    JCGM 100:2008 (GUM), section 5: independent sources add in squares.
+    JCGM 100:2008 (GUM), section 5: independent contributions add in squares.
 """
 
 import dataclasses
@@ -60,23 +60,23 @@ FORM = Form(
         "wall_thickness": "length", "bladder_diameter": "length", "braid_thickness": "length",
     }
 )  # fmt: skip
-"""How they are spelt: `wall_thickness_mm`, `pressure_reading`."""
+"""Spelling in files: `wall_thickness_mm`, `pressure_reading`."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SharedErrors:
-    """Standard errors of what all readings of a map have in common; 0 where it is exact.
+    """Standard errors shared by all readings of a map; 0 means exact.
 
     Attributes:
-        rest_length: of L0, and of every length with it [m].
-        shortening: of the machine's displacement, as part of it.
-        pressure_reading: of the transducer, as part of the reading.
-        pressure_zero: of its zero [Pa].
-        force_reading: of the load cell, as part of the reading.
-        force_zero: of its zero [N].
-        wall_thickness: of the bladder's wall at rest [m].
-        bladder_diameter: of its outer diameter at rest [m], where it was given.
-        braid_thickness: [m].
+        rest_length: error of L0, and of every length with it [m].
+        shortening: relative error of the machine's displacement [-].
+        pressure_reading: relative error of the transducer [-].
+        pressure_zero: offset of the transducer [Pa].
+        force_reading: relative error of the load cell [-].
+        force_zero: offset of the load cell [N].
+        wall_thickness: error of the bladder's wall at rest [m].
+        bladder_diameter: error of its outer diameter at rest [m], if that was given.
+        braid_thickness: error of the braid's thickness [m].
     """
 
     rest_length: NotNegative = 0.0
@@ -95,18 +95,18 @@ class SharedErrors:
                 raise ValueError(f"the standard error of {name} must be >= 0, got {value}")
 
     def stated(self) -> dict[str, float]:
-        """Those that are not 0."""
+        """Errors that are not 0."""
         return {name: value for name, value in dataclasses.asdict(self).items() if value > 0}
 
     def moved(self, data: ForceData, name: str) -> ForceData:
-        """A map as it would be, were one of the errors its standard error.
+        """Return the map as it would be if one quantity were off by its standard error.
 
         Args:
             data: the map.
-            name: of the error.
+            name: name of the error.
 
         Raises:
-            InputError: an error of a bladder's diameter that was not given.
+            InputError: bladder_diameter has an error but no value.
         """
         by, specimen, length = getattr(self, name), data.specimen, data.length
         column, _, how = name.partition("_")
@@ -119,8 +119,8 @@ class SharedErrors:
             return dataclasses.replace(data, length=rest - (rest - length) * (1 + by))
         if getattr(specimen, name) is None:
             raise InputError(
-                "an error of bladder_diameter was given, but no bladder_diameter: the bladder fills "
-                "the braid, leave the error out"
+                "an error of bladder_diameter was given, but no bladder_diameter: without one, the "
+                "bladder fills the braid; remove the error"
             )
         if name == "rest_length":
             length = length + by
@@ -129,16 +129,16 @@ class SharedErrors:
 
 
 DRAWS = 32
-"""Shapes as probable as the measured one: they tell a standard error to an eighth of itself."""
+"""Random draws of a measured shape; enough to estimate a standard error to one part in eight."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Move:
-    """A map and its geometry as they would be, were something else true.
+    """A changed map or geometry.
 
     Attributes:
-        data: the map, of as many readings; None where it is as it was.
-        geometry: as for `identify`.
+        data: the map with the same number of readings; None if unchanged.
+        geometry: see `identify`.
     """
 
     data: ForceData | None
@@ -146,20 +146,20 @@ class Move:
 
 
 Moves = Mapping[str, Sequence[Move]]
-"""By source of error: one move of a standard error, or several, as probable as what is."""
+"""By source of error: one change by a standard error, or several random draws."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Carried:
-    """What errors that all readings share do to an identification.
+    """Effect of shared errors on an identification.
 
     Attributes:
-        names: of the parameters, the coefficients last.
-        sources: of error.
-        effects: standard error of each parameter by each source [SI], shape (sources, parameters);
-            0 of what is held or at a bound.
-        directions: in which the muscle's numbers vary with them, one standard deviation each,
-            independent of one another, as `muscle_spread` has those of the scatter.
+        names: parameters, then coefficients.
+        sources: sources of error.
+        effects: standard error of each parameter from each source [SI], shape (sources, parameters);
+            0 if it is held or at a bound.
+        directions: independent directions in which the muscle's numbers vary, each one standard
+            deviation long, see `muscle_spread`.
     """
 
     names: tuple[str, ...]
@@ -169,12 +169,12 @@ class Carried:
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard error of each parameter by all sources together [SI]."""
+        """Standard error of each parameter from all sources [SI]."""
         total = np.sqrt(np.sum(self.effects**2, axis=0))
         return dict(zip(self.names, total.tolist(), strict=True))
 
     def by_source(self) -> dict[str, dict[str, float]]:
-        """Standard error of each parameter by source [SI]."""
+        """Standard error of each parameter from each source [SI]."""
         return {
             source: dict(zip(self.names, row.tolist(), strict=True))
             for source, row in zip(self.sources, self.effects, strict=True)
@@ -186,12 +186,12 @@ def moves_of(
     errors: SharedErrors,
     geometry_of: Callable[[Specimen], Geometry | None] = lambda _: None,
 ) -> dict[str, list[Move]]:
-    """The moves that stated errors stand for.
+    """Convert stated errors into changes of the map and its geometry.
 
     Args:
         data: the map.
         errors: standard errors.
-        geometry_of: from a specimen to the geometry of the fit, as for `identify`.
+        geometry_of: returns the geometry of the fit for a specimen, see `identify`.
     """
     return {
         name: [Move(moved := errors.moved(data, name), geometry_of(moved.specimen))]
@@ -200,34 +200,31 @@ def moves_of(
 
 
 def drawn_moves(geometry_of: Callable[[int], Geometry]) -> list[Move]:
-    """The moves of a measured shape's uncertainty.
+    """Convert the uncertainty of a measured shape into random geometries.
 
     Args:
-        geometry_of: from the number of a draw, below `DRAWS`, to its geometry.
+        geometry_of: returns the geometry of a draw, numbered from 0 to `DRAWS` - 1.
     """
     return [Move(None, geometry_of(draw)) for draw in range(DRAWS)]
 
 
 def carry(result: Identification, moves: Moves) -> Carried:
-    """What errors that all readings share do to the parameters, and to the forces, of a fit.
+    """Propagate shared errors to the parameters and forces of a fit.
 
-    Linear theory, in the errors and in the parameters. It holds where an error moves the parameters
-    by less than their own range; active constraints and bounds stay where they are.
+    The theory is linear in errors and parameters: each error must change the parameters little, and
+    active constraints and bounds stay active.
 
     Args:
         result: a fit of one specimen.
-        moves: by source of error; each source is one standard error, or draws of it about what was
-            fitted.
+        moves: changes by source of error.
 
     Raises:
-        InputError: specimens that were identified together, a map of other readings, a geometry of
-            another kind, or one that has no force at the optimum.
+        InputError: several specimens were identified together, a changed map has other readings, or a
+            changed geometry is of another kind or has no force at the optimum.
     """
     problem, point = result.problem, result.end.point
     if len(problem.parts) > 1:
-        raise InputError(
-            "shared errors are carried through the fit of one specimen, not of several"
-        )
+        raise InputError("shared errors need a fit of one specimen, not of several together")
     part = problem.parts[result.place]
     _, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, result.end, rows)
@@ -235,20 +232,17 @@ def carry(result: Identification, moves: Moves) -> Carried:
     readings = jacobian[: part.force.size]
     slopes = numbers_by_parameters(result)
     force, numbers = _at(part, point)
-    effects, directions = [], []  # of each source, of each move
+    effects, directions = [], []
     for source, several in moves.items():
-        steps, changes = [], []
+        steps = []
         for move in several:
-            other = _moved(part, result.data, move, source)
-            there, others = _at(other, point)
-            step = -root @ (root.T @ (readings.T @ (part.weight * (there - force))))
-            steps.append(step)
-            changes.append(slopes @ step + others - numbers)
+            there, others = _at(_moved(part, result.data, move, source), point)
+            steps.append(-root @ (root.T @ (readings.T @ (part.weight * (there - force)))))
+            change = slopes @ steps[-1] + others - numbers
+            directions.append(change / np.sqrt(len(several)))
         if not np.isfinite(steps).all():
             raise InputError(f"with the error of {source} the muscle has no force at some readings")
-        weigh = 1 / np.sqrt(len(several))
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))
-        directions += [weigh * change for change in changes]
     count = len(problem.names) + len(problem.linear)
     return Carried(
         problem.names + result.coefficient_names,
@@ -259,7 +253,7 @@ def carry(result: Identification, moves: Moves) -> Carried:
 
 
 def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
-    """Residual [N], not weighted, and the muscle's numbers, the rig's last."""
+    """Unweighted residual [N], and the muscle's numbers followed by the rig's."""
     problem, inputs = dataclasses.replace(point.problem, parts=(part,)), part.inputs
     given = point.parameters, point.x
     predicted = predict(problem, 0, *given, inputs.length, inputs.pressure)
@@ -269,18 +263,18 @@ def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
-    """The same part with readings and geometry moved."""
+    """Return the part with changed readings and geometry."""
     moved = data if move.data is None else move.data
     if moved.force.shape != data.force.shape:
         raise InputError(
-            f"the map moved by the error of {source} must have the {data.force.size} readings of the "
-            f"fit's, got {moved.force.size}"
+            f"the map changed by the error of {source} must have the {data.force.size} readings of the "
+            f"fit, got {moved.force.size}"
         )
     family = part.family
-    geometry = source_of(moved, move.geometry, family.nonlinear).as_arrays()
     family = dataclasses.replace(
-        family, source=geometry, rest=np.asarray(moved.specimen.rest_length)
-    )
+        family, rest=np.asarray(moved.specimen.rest_length),
+        source=source_of(moved, move.geometry, family.nonlinear).as_arrays(),
+    )  # fmt: skip
     loaded = np.flatnonzero(data.loaded)
     censored = np.flatnonzero(data.slack | data.saturated)[: part.force.size - loaded.size]
     rows = np.concatenate([loaded, censored])
@@ -290,33 +284,33 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
     force = part.force + (moved.force - data.force)[rows] * (part.side == 0)
     if jax.tree.structure(family) != jax.tree.structure(part.family):
         raise InputError(
-            f"the geometry moved by the error of {source} must be of the kind that was fitted"
+            f"the geometry changed by the error of {source} must be of the kind that was fitted"
         )
     return dataclasses.replace(part, family=family, inputs=inputs, force=force)
 
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
-"""Title, header and rows of text."""
+"""Title, header and rows of a table, as text."""
 
 _DISAGREE = 1.5
-"""Factor between two estimates of one error bar beyond which a reader is warned."""
+"""Ratio of two estimates of one standard error above which a warning is issued."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """Validation and uncertainty of an identification; whatever was not asked for is empty.
+    """Validation and uncertainty of an identification; parts not requested are empty.
 
     Attributes:
-        validations: by leave-one-out.
-        profiles: of the parameters.
-        bootstrap: replicates, or None.
-        hysteresis: of both branches, or None.
-        error: of predictions, as readings left out show it; None of a law that depends on pressure
-            and of specimens identified together.
-        left_out: errors of the fit itself on groups of "pressure" and "length" left out, which the error
-            is made of; empty where it is None.
-        posterior: draws, or None.
-        shared: what errors that all readings share do, or None.
+        validations: leave-one-out errors.
+        profiles: profile likelihoods of the parameters.
+        bootstrap: bootstrap replicates, or None.
+        hysteresis: fit of both branches, or None.
+        error: prediction error from held-out readings; None if the law depends on pressure or several
+            specimens were identified together.
+        left_out: held-out errors of groups of "pressure" and "length" that determine `error`; empty if
+            that is None.
+        posterior: posterior draws, or None.
+        shared: effect of shared errors, or None.
     """
 
     validations: tuple[LeftOut, ...] = ()
@@ -342,47 +336,46 @@ def gather(
     noise: float | None = None,
     shared: Moves | None = None,
 ) -> Evidence:
-    """The evidence that is asked for.
+    """Compute the requested evidence.
 
     Args:
         result: the fit.
-        progress: called with (what, done, total) as it comes.
+        progress: called with (task, done, total).
         validation: leave out each pressure and each length.
-        profiles: profile likelihoods.
-        replicates: of the bootstrap.
-        seed: of the bootstrap and of the posterior.
-        known: the error of predictions and the errors on what was left out that it is made of, where a
-            choice knows them; found by leaving out otherwise.
-        posterior: draw from it.
-        noise: standard deviation of a reading [N], where it is known, of the posterior.
-        shared: errors that all readings share, see `carry`.
+        profiles: compute profile likelihoods.
+        replicates: number of bootstrap replicates.
+        seed: seed of bootstrap and posterior.
+        known: prediction error and the held-out errors that determine it, if a choice provides them;
+            otherwise they are computed.
+        posterior: draw from the posterior.
+        noise: known standard deviation of a reading [N], for the posterior.
+        shared: changes by shared errors, see `carry`.
     """
 
     def told(what: str) -> Callable[[int, int], None]:
         return functools.partial(progress, what)
 
     error, left_out = _error(result) if known is None else known
-    kinds = left_out_kinds(result) if validation else ()
-    drawn, sampled = None, None
-    if replicates:
-        drawn = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
-    if posterior:
-        sampled = sample(result, noise=noise, seed=seed, progress=told("posterior"))
-    return Evidence(
+    evidence = Evidence(
         validations=tuple(
-            validate(result, kind, progress=told(f"leave one {kind} out")) for kind in kinds
+            validate(result, kind, progress=told(f"leave one {kind} out"))
+            for kind in (left_out_kinds(result) if validation else ())
         ),
         profiles=profile(result, progress=told("profile likelihood")) if profiles else (),
-        bootstrap=drawn,
         error=error,
         left_out=left_out,
-        posterior=sampled,
         shared=carry(result, shared) if shared else None,
     )
+    more: dict[str, Any] = {}
+    if replicates:
+        more["bootstrap"] = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
+    if posterior:
+        more["posterior"] = sample(result, noise=noise, seed=seed, progress=told("posterior"))
+    return dataclasses.replace(evidence, **more)
 
 
 def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, LeftOut]]:
-    """The error of predictions, by leaving out each length and groups of neighbouring pressures."""
+    """Prediction error from held-out lengths and groups of neighbouring pressures."""
     problem = result.problem
     if result.dependence != "fixed" or len(problem.parts) > 1:
         return None, {}
@@ -393,13 +386,13 @@ def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, Left
 
 
 def left_out_kinds(result: Identification) -> tuple[str, ...]:
-    """What can be left out."""
+    """Kinds of levels that can be left out."""
     data, kinds = result.data, ("pressure", "length")
     return tuple(kind for kind in kinds if np.unique(data.levels(kind)[data.loaded]).size > 1)
 
 
 def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
-    """The evidence as JSON-ready data in SI; null where there is no number."""
+    """Evidence as JSON-ready data in SI; null for missing numbers."""
     document: dict[str, Any] = {}
     if evidence.error is not None:
         document["model_error"] = evidence.error.as_dict()
@@ -445,7 +438,7 @@ def _finite(values: Iterable[float]) -> list[float | None]:
 
 
 def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
-    """The evidence as tables of text in a unit system."""
+    """Evidence as tables of text in a unit system."""
 
     def text(value: float, kind: str, digits: int, none: str = "none") -> str:
         known = math.isfinite(value)
@@ -498,7 +491,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
         for one in result.estimates:
             errors = every[:, names.index(one.name)] if one.name in names else [math.nan]
             if math.isfinite(errors[0]):
-                # What has no effect has one of rounding.
+                # Effects at the level of rounding are zero.
                 kept = [error if error > 1e-9 * errors[-1] else 0.0 for error in errors]
                 shown.append((one.name, *(text(error, one.kind, 2) for error in kept)))
         header = "parameter", "scatter", *(s.replace("_", " ") for s in sources), "all together"
@@ -507,7 +500,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
 
 
 def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, ...]:
-    """Where the levels of evidence disagree."""
+    """Warnings where different kinds of evidence disagree."""
     found = []
     for one in evidence.profiles:
         if one.verdict in {"flat", "one-sided"}:
@@ -520,13 +513,13 @@ def evidence_warnings(evidence: Evidence, result: Identification) -> tuple[str, 
         if math.isfinite(ratio) and not 1 / _DISAGREE < ratio < _DISAGREE:
             found.append(
                 f"The standard error of {estimate.name} by bootstrap is {ratio:.2g} times that of "
-                "the linear theory: believe neither too far."
+                "linear theory: both are uncertain."
             )
     for one in evidence.validations:
         if one.rmse > 2 * result.errors.rmse and np.isfinite(one.rmse):
             found.append(
-                f"With one {one.groups} left out the error is {one.rmse / result.errors.rmse:.2g} "
-                "times that in sample: do not extrapolate in it."
+                f"The error with one {one.groups} left out is {one.rmse / result.errors.rmse:.2g} "
+                f"times the error in sample: do not extrapolate in {one.groups}."
             )
     if evidence.hysteresis is not None:
         found += hysteresis_warnings(evidence.hysteresis)

@@ -1,8 +1,8 @@
-"""The numbers of a plant, identified from records of valve, pressure and force by multiple shooting.
+"""Identify a plant from records of valve, pressure and force by multiple shooting.
 
-A record is cut into pieces of equal length. The pressure at which each begins is an unknown, held to the
-end of the piece before it, and so is the actuator's opening at the beginning of the record. Later openings
-and the friction follow from the record's own signal and length.
+A record is cut into pieces of equal length. The initial pressure of each piece is an unknown that must
+match the end of the previous piece, and so is the opening of the actuator at the start of the record. Later
+openings and the friction follow from the recorded signal and length.
 """
 
 import dataclasses
@@ -22,17 +22,12 @@ from famjax.boundary.errors import InputError
 from famjax.parameters import Declared
 from famjax.plant import TICK, Command, HydraulicCircuit, Plant, PlantState, PneumaticCircuit
 
-_PIECE = 1.0  # s, of multiple shooting
-_JOINED = 30.0  # weight of a pressure's jump between pieces, in standard deviations of a reading
-_ROUNDS = 3  # of weighing pressure and force by what is left
-_TOGETHER = 0.98  # correlation beyond which two numbers cannot be separated
-_UNTOLD = 0.5  # standard error over the value
-_ABSOLUTE = 85e3, 110e3  # Pa: a least pressure between these is hardly a gauge pressure
+_JOINED = 30.0  # weight of a pressure jump between pieces, per standard deviation of a reading
 FREE: Mapping[type, tuple[str, ...]] = {
     PneumaticCircuit: ("conductance", "critical_ratio", "lag", "leak", "dead_volume"),
     HydraulicCircuit: ("displacement", "needle", "lag", "bulk_modulus"),
 }
-"""Numbers of a circuit that a record tells, unless others are named."""
+"""Parameters of a circuit that are identified by default."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,13 +35,13 @@ class PlantRecord:
     """A test of one muscle on a machine, sampled at equal steps.
 
     Attributes:
-        time: [s], rising, shape (n,).
-        signal: to valve or pump, 0 to 1 of the full output, held from each sample to the next.
-        pressure: gauge pressure P [Pa], measured.
+        time: time [s], increasing, shape (n,).
+        signal: signal to valve or pump, 0 to 1 of the full output, held between samples.
+        pressure: measured gauge pressure P [Pa].
         length: active length L [m].
-        force: pull F [N], measured; None where it was not.
-        dump: 1 where the dump valve was open; never unless given.
-        name: for messages.
+        force: measured force F [N]; None if not measured.
+        dump: 1 while the dump valve is open; None if it never is.
+        name: name in messages.
     """
 
     time: Float[np.ndarray, " n"]
@@ -58,11 +53,11 @@ class PlantRecord:
     name: str = "record"
 
     def __post_init__(self) -> None:
-        """Refuse what is no record of a plant.
+        """Check the columns.
 
         Raises:
-            InputError: columns of different lengths, times that are not equal steps, values that are not
-                finite, a signal beyond 0 to 1 or that never changes, an absolute pressure.
+            InputError: columns of different lengths, unequal time steps, values that are not finite, a
+                signal that is constant or outside 0 to 1, or an absolute pressure.
         """
         columns = {
             field.name: np.asarray(value, float)
@@ -73,25 +68,26 @@ class PlantRecord:
             object.__setattr__(self, name, values)
             if values.shape != columns["time"].shape or not np.isfinite(values).all():
                 raise InputError(
-                    f"{self.name}: {name} must be finite, one value for each of {columns['time'].size} "
-                    "times: cut the record to where all of its columns are known"
+                    f"{self.name}: {name} must be finite, with one value for each of the "
+                    f"{columns['time'].size} times: cut the record to where all columns are known"
                 )
         steps = np.diff(self.time)
         if steps.size < 20 or not (steps > 0).all() or np.ptp(steps) > 0.5 * np.median(steps):
             raise InputError(
-                f"{self.name}: times must rise in equal steps, at least 20 of them; got steps of "
+                f"{self.name}: times must increase in at least 20 equal steps; got steps of "
                 f"{steps.min(initial=0):.3g} to {steps.max(initial=0):.3g} s: resample the record"
             )
         if self.signal.min() < 0 or self.signal.max() > 1 or np.ptp(self.signal) == 0:
             raise InputError(
-                f"{self.name}: the signal to valve or pump must lie in 0 to 1 of the full output and "
-                f"change; got {self.signal.min():g} to {self.signal.max():g}. A set pressure is no "
-                "signal: record the controller's output"
+                f"{self.name}: the signal to valve or pump must vary within 0 to 1 of the full output; "
+                f"got {self.signal.min():g} to {self.signal.max():g}. A set pressure is not a signal: "
+                "record the output of the controller"
             )
-        if _ABSOLUTE[0] < self.pressure.min() < _ABSOLUTE[1]:
+        if 85e3 < self.pressure.min() < 110e3:
             raise InputError(
-                f"{self.name}: the least pressure is {self.pressure.min() / 1e3:.4g} kPa, that of the "
-                "atmosphere: subtract it, as pressures are gauge pressures, or begin with a vented muscle"
+                f"{self.name}: pressures must be gauge pressures, but the lowest is "
+                f"{self.pressure.min() / 1e3:.4g} kPa, about one atmosphere: subtract the atmospheric "
+                "pressure, or start with a vented muscle"
             )
 
     @property
@@ -100,7 +96,7 @@ class PlantRecord:
         return float(self.time[-1] - self.time[0]) / (self.time.size - 1)
 
     def part(self, start: int, end: int) -> "PlantRecord":
-        """The samples from one place to another."""
+        """Return the samples from start to end."""
         return dataclasses.replace(
             self,
             **{
@@ -113,13 +109,13 @@ class PlantRecord:
 
 @dataclasses.dataclass(frozen=True)
 class PlantEstimate:
-    """A number of a plant.
+    """An identified parameter of a plant.
 
     Attributes:
-        name, unit: of the number.
-        value: in SI.
+        name, unit: name and unit of the parameter.
+        value: value in SI.
         stderr: standard error; nan at a bound.
-        at_bound: whether it lies at an end of its range.
+        at_bound: true at an end of its range.
     """
 
     name: str
@@ -134,11 +130,11 @@ class PlantFit:
     """An identified plant.
 
     Attributes:
-        plant: with the numbers that were found.
-        estimates: of the free numbers.
-        covariance: of the same.
-        pressure_rms, force_rms: what is left [Pa], [N]; nan without forces.
-        warnings: what the records do not tell.
+        plant: plant with the identified parameters.
+        estimates: identified parameters.
+        covariance: their covariance.
+        pressure_rms, force_rms: residual RMS [Pa], [N]; nan without forces.
+        warnings: parameters that the records do not determine.
     """
 
     plant: Plant
@@ -149,18 +145,17 @@ class PlantFit:
     warnings: tuple[str, ...]
 
     def predict(self, record: PlantRecord) -> PlantState:
-        """The states at the samples of a record, from its signal, its length and its first pressure."""
-        opening = self.plant.circuit.opening(record.signal[0])
-        start = _beginnings(self.plant, _inputs(record), record.step, record.time.size, opening)
-        commands = jax.tree.map(lambda leaf: leaf[None], _commands(record))
-        states = _run(self.plant, commands, start, record.step)
+        """Predict the states of a record from its signal, length and first pressure."""
+        opening, of = self.plant.circuit.opening(record.signal[0]), _pieces(record, math.inf)
+        start = _beginnings(self.plant, of.inputs, of.step, record.time.size, opening)
+        states = _simulated(self.plant, of.commands, start, of.step)
         return jax.tree.map(
             lambda first, later: np.concatenate([np.asarray(first), np.asarray(later)[0]]),
             start, states,
         )  # fmt: skip
 
     def plot(self, record: PlantRecord) -> Any:
-        """Measured and predicted pressure and force against time, a matplotlib figure."""
+        """Plot measured and predicted pressure and force against time; return the matplotlib figure."""
         from matplotlib.figure import Figure  # noqa: PLC0415 -- slow to import
 
         states, figure = self.predict(record), Figure(figsize=(8, 5), layout="constrained")
@@ -179,54 +174,49 @@ class PlantFit:
 
 
 def identify_plant(
-    records: PlantRecord | Sequence[PlantRecord],
-    plant: Plant,
-    *,
-    free: Sequence[str] | None = None,
+    records: PlantRecord | Sequence[PlantRecord], plant: Plant, *, free: Sequence[str] | None = None
 ) -> PlantFit:
-    """The numbers of a plant that explain records of pressure and force best.
+    """Identify the parameters of a plant from records of pressure and force.
 
-    Least squares of the pressure, and of the force where it was measured, each against what is left
-    of it, by multiple shooting. The muscle's own law and geometry are held: identify them by `identify`.
+    The residuals of pressure and measured force, each weighted by its remaining RMS, are minimised by
+    multiple shooting. The muscle itself is fixed: identify it by `identify`.
 
     Args:
-        records: of one muscle, with the machine driving its length.
-        plant: circuit, muscle and friction as far as they are known, with `DrivenLength`.
-        free: names of numbers of circuit, friction (`friction.share`) and plant (`viscosity`) to be found;
-            those of `FREE`, the friction's share and the viscosity unless given.
+        records: records of one muscle whose length is driven by the machine.
+        plant: circuit, muscle and friction with initial guesses, and `DrivenLength`.
+        free: names of the parameters to identify in circuit, friction (`friction.share`) and plant
+            (`viscosity`); by default those of `FREE`, the share of friction and the viscosity.
 
     Returns:
-        The plant with standard errors, and what the records do not tell.
+        The plant with standard errors and warnings.
 
     Raises:
-        InputError: no plant of one driven muscle, an unknown name, a record that is sampled slower than
-            the lag, or float32.
+        InputError: the plant does not have one driven muscle, a name is unknown, a record is sampled
+            too slowly for the lag, or float64 is off.
 
     References:
         Bock 1983, Recent advances in parameter identification techniques for ODE: multiple shooting.
     """
     records = [records] if isinstance(records, PlantRecord) else list(records)
     if not jax.config.read("jax_enable_x64"):
-        raise InputError(
-            'a plant is identified in float64: jax.config.update("jax_enable_x64", True)'
-        )
+        raise InputError('a plant needs float64: jax.config.update("jax_enable_x64", True)')
     if not records or plant.load.moves:
         raise InputError(
-            "a plant is identified from records of one muscle whose length a machine drives: give a "
-            "Plant with a DrivenLength, and at least one PlantRecord"
+            "identifying a plant needs records of one muscle whose length a machine drives: give a "
+            "Plant with a DrivenLength and at least one PlantRecord"
         )
-    declared = _declared(plant)
-    names = _free(plant, declared, records, free)
+    numbers = _numbers(plant)
+    names = _free(plant, numbers, records, free)
     slow = max(records, key=lambda one: one.step)
     if "lag" in names and slow.step > 2 * float(plant.circuit.lag):
         raise InputError(
-            f"{slow.name} is sampled every {slow.step * 1e3:.3g} ms, too slowly to determine a "
-            "lag of about "
-            f"{float(plant.circuit.lag) * 1e3:.3g} ms: record faster, or leave lag out of free"
+            f"{slow.name} is sampled every {slow.step * 1e3:.3g} ms, too slowly to determine a lag of "
+            f"about {float(plant.circuit.lag) * 1e3:.3g} ms: record faster, or leave lag out of free"
         )
+    declared = [numbers[name][0] for name in names]
     problem = _Shooting(plant, names, [_pieces(one) for one in records])
-    scale = np.array([_scale(declared[n], v) for n, v in zip(names, problem.first, strict=True)])
-    low, high = (np.array([getattr(declared[n], end) for n in names]) for end in ("low", "high"))
+    scale = np.array([_scale(*numbers[name]) for name in names])
+    low, high = (np.array([getattr(one, end) for one in declared]) for end in ("low", "high"))
     x, sigma = problem.first, problem.noise()
     begins = np.concatenate([one.pressure[:, 0] for one in problem.pieces])
     unknown = np.concatenate([x / scale, problem.openings, begins])
@@ -238,7 +228,7 @@ def identify_plant(
     size = np.concatenate([np.ones(len(names)), 0.1 * whole, np.full(begins.size, sigma[0])])
     inside = np.clip(unknown, bounds[0] + 1e-9 * size, bounds[1] - 1e-9 * size)
     found: Any = None
-    for _ in range(_ROUNDS):
+    for _ in range(3):  # reweight pressure and force
         found = least_squares(
             problem.residual, inside, jac=problem.jacobian,  # pyright: ignore[reportArgumentType]
             args=(scale, sigma), bounds=bounds, x_scale=size, xtol=1e-10, ftol=1e-12,
@@ -247,28 +237,31 @@ def identify_plant(
     return _summary(problem, declared, found, scale, sigma, bounds)
 
 
-def _declared(plant: Plant) -> dict[str, Declared]:
-    """Every number of circuit, friction and plant, by name."""
-    own = {n: d for n, d in plant.declared().items() if n == "viscosity"}
-    friction = {} if plant.friction is None else plant.friction.declared()
-    return {**plant.circuit.declared(), **{f"friction.{n}": d for n, d in friction.items()}, **own}
+def _numbers(plant: Plant) -> dict[str, tuple[Declared, float]]:
+    """Declaration and value of every parameter of circuit, friction and plant, by name."""
+    found = {}
+    for prefix, part in (("", plant.circuit), ("friction.", plant.friction)):
+        if part is not None:
+            values = part.parameters()
+            found |= {prefix + n: (one, float(values[n])) for n, one in part.declared().items()}
+    return found | {"viscosity": (plant.declared()["viscosity"], float(plant.viscosity))}
 
 
 def _free(
     plant: Plant,
-    declared: Mapping[str, Declared],
+    known: Mapping[str, Any],
     records: Sequence[PlantRecord],
     free: Sequence[str] | None,
 ) -> tuple[str, ...]:
-    """The names of what is searched."""
+    """Names of the parameters to identify."""
     if free is None:
         free = FREE.get(type(plant.circuit), tuple(plant.circuit.declared()))
         if any(one.force is not None and np.ptp(one.length) > 0 for one in records):
-            free = (*free, *(n for n in ("friction.share", "viscosity") if n in declared))
-    unknown = [name for name in free if name not in declared]
+            free = (*free, *(n for n in ("friction.share", "viscosity") if n in known))
+    unknown = [name for name in free if name not in known]
     if unknown or not free:
         raise InputError(
-            f"free must name numbers of the plant: {', '.join(declared)}; "
+            f"free must name parameters of the plant, among {', '.join(known)}; "
             f"got {', '.join(unknown) or 'none'}"
         )
     return tuple(free)
@@ -279,7 +272,7 @@ def _scale(declared: Declared, value: float) -> float:
 
 
 def _with(plant: Plant, names: Sequence[str], values: Sequence[Any]) -> Plant:
-    """The plant with other numbers."""
+    """Return the plant with other values of some parameters."""
     given = dict(zip(names, values, strict=True))
     friction = {n.partition(".")[2]: given.pop(n) for n in [*given] if n.startswith("friction.")}
     if "viscosity" in given:
@@ -290,19 +283,8 @@ def _with(plant: Plant, names: Sequence[str], values: Sequence[Any]) -> Plant:
     return eqx.tree_at(lambda one: one.circuit, plant, plant.circuit.with_parameters(given))
 
 
-def _commands(record: PlantRecord) -> Command:
-    """Signal, dump and rate from each sample to the next, shape (n - 1,)."""
-    signal, dump, length, _ = _inputs(record)
-    return Command(signal[:-1], dump[:-1], np.diff(length) / record.step)
-
-
-def _inputs(record: PlantRecord) -> "_Inputs":
-    dump = np.zeros_like(record.signal) if record.dump is None else record.dump
-    return _Inputs(record.signal, dump, record.length, record.pressure)
-
-
 class _Inputs(NamedTuple):
-    """Columns of a record that a plant is given, shape (n,); the pressure is where pieces begin."""
+    """Columns of a record given to a plant, shape (n,); the pressure is used where pieces begin."""
 
     signal: Float[Array | np.ndarray, " n"]
     dump: Float[Array | np.ndarray, " n"]
@@ -310,38 +292,36 @@ class _Inputs(NamedTuple):
     pressure: Float[Array | np.ndarray, " n"]
 
 
-def _pieces(record: PlantRecord) -> "_Pieces":
-    """The record as pieces of one length; what is left at its end is not used."""
-    count = max(1, min(record.time.size - 1, round(_PIECE / record.step)))
-    number = (record.time.size - 1) // count
-    commands = jax.tree.map(
-        lambda leaf: leaf[: number * count].reshape(number, count), _commands(record)
-    )
+class _Pieces(NamedTuple):
+    """A record in pieces, with commands (m, n), and pressure and force (m, n + 1)."""
 
-    def cut(values: np.ndarray) -> np.ndarray:
-        places = np.arange(number)[:, None] * count + np.arange(count + 1)
-        return values[places]
-
-    force = None if record.force is None else cut(record.force)
-    return _Pieces(record, commands, cut(record.pressure), force)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Pieces:
-    """A record in pieces: commands (m, n), pressure and force (m, n + 1)."""
-
-    record: PlantRecord
+    step: float
+    inputs: _Inputs
     commands: Command
     pressure: Float[np.ndarray, "m n1"]
     force: Float[np.ndarray, "m n1"] | None
 
 
+def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
+    """Cut a record into pieces of equal length; samples left over at its end are not used."""
+    last, step = record.time.size - 1, record.step
+    count = max(1, min(last, round(min(seconds / step, last))))
+    at = np.arange(last // count)[:, None] * count + np.arange(count + 1)
+    dump = np.zeros_like(record.signal) if record.dump is None else record.dump
+    held, rate = at[:, :-1], np.diff(record.length) / step
+    return _Pieces(
+        step, _Inputs(record.signal, dump, record.length, record.pressure),
+        Command(record.signal[held], dump[held], rate[held]), record.pressure[at],
+        None if record.force is None else record.force[at],
+    )  # fmt: skip
+
+
 def _beginnings(
     plant: Plant, inputs: _Inputs, step: float, every: int, opening: Real
 ) -> PlantState:
-    """The states in which pieces begin, with the measured pressures; leading axis (m,).
+    """States at which pieces begin, with the measured pressures; leading axis (m,).
 
-    Openings and friction depend on signal, length and pressure alone: they follow through the whole record.
+    Openings and friction depend only on signal, length and pressure, so they follow for the whole record.
     """
     first = plant.start(inputs.length[0], inputs.pressure[0])
     first = eqx.tree_at(lambda one: one.opening, first, jnp.asarray(opening))
@@ -363,8 +343,9 @@ def _beginnings(
     )
 
 
+@eqx.filter_jit
 def _simulated(plant: Plant, commands: Command, start: PlantState, step: float) -> PlantState:
-    """The states after every sample of the pieces, shape (m, n)."""
+    """States after every sample of the pieces, shape (m, n)."""
     substeps = max(1, round(step / TICK))
 
     def one(state: PlantState, command: Command) -> tuple[PlantState, PlantState]:
@@ -375,9 +356,6 @@ def _simulated(plant: Plant, commands: Command, start: PlantState, step: float) 
         return after, after
 
     return jax.vmap(lambda state, command: jax.lax.scan(one, state, command)[1])(start, commands)
-
-
-_run = eqx.filter_jit(_simulated)
 
 
 @eqx.filter_jit
@@ -391,20 +369,21 @@ def _shot(
     opening: Float[Array, ""],
     first: Float[Array, " m"],
 ) -> tuple[Float[Array, "m 2 n"], Float[Array, "columns m 2 n"]]:
-    """Pressures and forces of the pieces, and their derivatives.
+    """Pressures and forces of the pieces, with their derivatives.
 
     Args:
-        plant: whose other numbers are held.
-        names: of `numbers`.
-        inputs: of the whole record.
-        commands: of its pieces, shape (m, n).
-        step: between samples [s].
-        numbers: of the plant [SI].
-        opening: of the actuator where the record begins.
-        first: pressure [Pa] at which each piece begins.
+        plant: plant with the fixed parameters.
+        names: names of `numbers`.
+        inputs: columns of the whole record.
+        commands: commands of its pieces, shape (m, n).
+        step: time between samples [s].
+        numbers: values of the free parameters [SI].
+        opening: opening of the actuator at the start of the record.
+        first: initial pressure [Pa] of each piece.
 
     Returns:
-        (values, columns): derivatives in the numbers, in the opening, and in the piece's own pressure.
+        (values, columns), the latter with respect to the parameters, the opening, and the initial
+        pressure of the same piece.
     """
     number, count = commands.signal.shape
 
@@ -422,119 +401,87 @@ def _shot(
 
 
 class _Shooting:
-    """Residuals of all pieces and their derivatives."""
+    """Residuals of all pieces with their derivatives."""
 
     def __init__(self, plant: Plant, names: tuple[str, ...], pieces: list[_Pieces]) -> None:
         self.plant, self.names, self.pieces = plant, names, pieces
-        values = _declared_values(plant)
-        openings = [plant.circuit.opening(one.record.signal[0]) for one in pieces]
-        self.first = np.array([float(values[name]) for name in names])
-        self.openings = np.array([float(one) for one in openings])
+        numbers = _numbers(plant)
+        self.first = np.array([numbers[name][1] for name in names])
+        self.openings = np.array(
+            [float(plant.circuit.opening(one.inputs.signal[0])) for one in pieces]
+        )
         self._last: tuple[bytes, list] = (b"", [])
 
     def noise(self) -> np.ndarray:
-        """Standard deviations of a reading of pressure and force, by what changes from one to the next."""
+        """Standard deviations of pressure and force readings, from their second differences."""
 
         def of(values: list[np.ndarray]) -> float:
             second = np.concatenate([np.diff(one, 2, axis=1).ravel() for one in values])
             scatter = float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6)
-            return max(
-                scatter,
-                1e-4 * max(float(np.ptp(np.concatenate([v.ravel() for v in values]))), 1e-9),
-            )
+            spread = float(np.ptp(np.concatenate([one.ravel() for one in values])))
+            return max(scatter, 1e-4 * max(spread, 1e-9))
 
         forces = [one.force for one in self.pieces if one.force is not None]
         return np.array([of([one.pressure for one in self.pieces]), of(forces) if forces else 1.0])
 
-    def _states(
-        self, u: np.ndarray, scale: np.ndarray
-    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _parts(self, u: np.ndarray, scale: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Kinds (0 pressure, 1 force, 2 start, 3 jump) of residuals, with values and derivatives."""
         key = u.tobytes() + scale.tobytes()
         if self._last[0] == key:
             return self._last[1]
-        k, found, place = len(self.names), [], len(self.names) + len(self.pieces)
+        k, parts, place = len(self.names), [], len(self.names) + len(self.pieces)
         for r, of in enumerate(self.pieces):
-            first = u[place : place + of.pressure.shape[0]]
-            place += first.size
+            piece = np.arange(len(of.pressure))
+            first, own = u[place + piece], np.eye(u.size)[place + piece]
             unknown = (jnp.asarray(one) for one in (u[:k] * scale, u[k + r], first))
-            values, columns = _shot(
-                self.plant, self.names, _inputs(of.record), of.commands, of.record.step, *unknown
-            )
-            found.append((first, np.asarray(values), np.asarray(columns)))
-        self._last = key, found
-        return found
+            found = _shot(self.plant, self.names, of.inputs, of.commands, of.step, *unknown)
+            values, columns = (np.asarray(one) for one in found)
+            slope = np.zeros((*values.shape, u.size))
+            slope[..., :k] = np.moveaxis(columns[:-2], 0, -1) * scale
+            slope[..., k + r] = columns[-2]
+            slope[piece, ..., place + piece] = columns[-1]
+            parts += [
+                (0, values[:, 0] - of.pressure[:, 1:], slope[:, 0]),
+                (2, first[:1] - of.pressure[:1, 0], own[:1]),
+                (3, values[:-1, 0, -1] - first[1:], slope[:-1, 0, -1] - own[1:]),
+            ]
+            if of.force is not None:
+                parts.append((1, values[:, 1] - of.force[:, 1:], slope[:, 1]))
+            place += piece.size
+        self._last = key, parts
+        return parts
 
     def residual(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Readings against the model and jumps between pieces, in standard deviations."""
-        return self._rows(u, scale, sigma)[0]
+        """Model minus readings and jumps between pieces, in standard deviations."""
+        std = [*sigma, sigma[0], sigma[0] / _JOINED]
+        return np.concatenate([off.ravel() / std[kind] for kind, off, _ in self._parts(u, scale)])
 
     def jacobian(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
         """Derivatives of the residual."""
-        return self._rows(u, scale, sigma)[1]
-
-    def _rows(
-        self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        k, rows, jacobians, place = len(self.names), [], [], len(self.names) + len(self.pieces)
-        each = zip(self.pieces, self._states(u, scale), strict=True)
-        for r, (of, (first, values, columns)) in enumerate(each):
-            number = first.size
-            kinds = [(0, of.pressure[:, 1:])] + ([] if of.force is None else [(1, of.force[:, 1:])])
-            for kind, measured in kinds:
-                rows.append(((values[:, kind] - measured) / sigma[kind]).ravel())
-                own = np.zeros((number, measured.shape[1], u.size))
-                own[:, :, :k] = np.moveaxis(columns[:-2, :, kind], 0, -1) * scale
-                own[:, :, k + r] = columns[-2, :, kind]
-                for m in range(number):
-                    own[m, :, place + m] = columns[-1, m, kind]
-                jacobians.append(own.reshape(-1, u.size) / sigma[kind])
-            rows.append((first - of.pressure[:, 0]) / sigma[0])
-            began = np.zeros((number, u.size))
-            began[np.arange(number), place + np.arange(number)] = 1 / sigma[0]
-            # The reading at a border is that of the piece before it, too.
-            rows[-1][1:], began[1:] = 0.0, 0.0
-            jacobians.append(began)
-            jumps = _JOINED / sigma[0] * (values[:-1, 0, -1] - first[1:])
-            leaps = np.zeros((number - 1, u.size))
-            leaps[:, :k] = np.moveaxis(columns[:-2, :-1, 0, -1], 0, -1) * scale
-            leaps[:, k + r] = columns[-2, :-1, 0, -1]
-            for m in range(number - 1):
-                leaps[m, place + m], leaps[m, place + m + 1] = columns[-1, m, 0, -1], -1.0
-            rows.append(jumps)
-            jacobians.append(leaps * _JOINED / sigma[0])
-            place += number
-        return np.concatenate(rows), np.concatenate(jacobians)
+        std = [*sigma, sigma[0], sigma[0] / _JOINED]
+        return np.concatenate(
+            [slope.reshape(-1, u.size) / std[kind] for kind, _, slope in self._parts(u, scale)]
+        )
 
     def left(self, u: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Root mean squares of what is left of pressure and force."""
-        off: list[list[np.ndarray]] = [[], []]
-        for of, (_, values, _) in zip(self.pieces, self._states(u, scale), strict=True):
-            off[0].append((values[:, 0] - of.pressure[:, 1:]).ravel())
-            if of.force is not None:
-                off[1].append((values[:, 1] - of.force[:, 1:]).ravel())
-        return np.array([
-            math.sqrt(np.mean(np.concatenate(one) ** 2)) if one else before
-            for one, before in zip(off, sigma, strict=True)
-        ])  # fmt: skip
-
-
-def _declared_values(plant: Plant) -> dict[str, Any]:
-    friction = {} if plant.friction is None else plant.friction.parameters()
-    return {
-        **plant.circuit.parameters(), **{f"friction.{n}": v for n, v in friction.items()},
-        "viscosity": plant.viscosity,
-    }  # fmt: skip
+        """Root mean squares of the residuals of pressure and force."""
+        left = sigma.copy()
+        for kind in (0, 1):
+            off = [one.ravel() for of, one, _ in self._parts(u, scale) if of == kind]
+            if off:
+                left[kind] = math.sqrt(np.mean(np.concatenate(off) ** 2))
+        return left
 
 
 def _summary(
     problem: _Shooting,
-    declared: Mapping[str, Declared],
+    declared: Sequence[Declared],
     found: Any,
     scale: np.ndarray,
     sigma: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
 ) -> PlantFit:
-    """Estimates with standard errors, and what the records do not tell."""
+    """Estimates with standard errors and warnings."""
     k, names = len(problem.names), problem.names
     values = found.x[:k] * scale
     near = 1e-6 * np.maximum(np.abs(found.x[:k]), 1e-3)
@@ -548,32 +495,30 @@ def _summary(
     whole = (inner @ inner.T) / np.outer(size, size)
     free = int((~at_bound).sum())
     covariance = np.full((k, k), np.nan)
-    places = np.flatnonzero(~at_bound)
-    covariance[np.ix_(places, places)] = whole[:free, :free] * np.outer(
-        scale[places], scale[places]
-    )
+    at = np.flatnonzero(~at_bound)
+    covariance[np.ix_(at, at)] = whole[:free, :free] * np.outer(scale[at], scale[at])
     errors = np.sqrt(np.diag(covariance))
     estimates = tuple(
-        PlantEstimate(n, str(declared[n].unit), float(v), float(e), bool(b))
-        for n, v, e, b in zip(names, values, errors, at_bound, strict=True)
+        PlantEstimate(n, str(one.unit), float(v), float(e), bool(b))
+        for n, one, v, e, b in zip(names, declared, values, errors, at_bound, strict=True)
     )
-    warnings = [f"{one.name} lies at an end of its range" for one in estimates if one.at_bound]
+    warnings = [f"{one.name} is at an end of its range" for one in estimates if one.at_bound]
     warnings += [
         f"the records hardly determine {one.name}: {one.value:.3g} +- {one.stderr:.2g} {one.unit}".rstrip()
-        for one in estimates if one.stderr > _UNTOLD * abs(one.value)
+        for one in estimates if one.stderr > 0.5 * abs(one.value)
     ]  # fmt: skip
     correlation = covariance / np.outer(errors, errors)
     warnings += [
         f"{names[i]} and {names[j]} cannot be separated (correlation {correlation[i, j]:+.3f})"
-        for i in range(k) for j in range(i) if abs(correlation[i, j]) > _TOGETHER
+        for i in range(k) for j in range(i) if abs(correlation[i, j]) > 0.98
     ]  # fmt: skip
     plant = _with(problem.plant, names, [float(one) for one in values])
     widest = max(
-        float(np.max(np.abs(np.asarray(plant.circuit.opening(one.record.signal)))))
+        float(np.max(np.abs(np.asarray(plant.circuit.opening(one.inputs.signal)))))
         for one in problem.pieces
     )
     if widest < 0.5:
-        warnings.append(f"the valve never opened fully (at most {widest:.0%}): drive it further")
+        warnings.append(f"the valve never opened fully (at most {widest:.0%}): use larger signals")
     forces = any(one.force is not None for one in problem.pieces)
     return PlantFit(
         plant, estimates, covariance, float(sigma[0]), float(sigma[1]) if forces else math.nan,

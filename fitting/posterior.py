@@ -1,11 +1,11 @@
-"""The posterior of an identification: draws of everything that the data leave open.
+"""Sample the posterior of an identification.
 
-Chains of the No-U-Turn sampler (BlackJAX) on the density of `fitting.density`: coefficients integrated,
-geometry sampled.
+Chains of the No-U-Turn sampler (BlackJAX) explore the density of `fitting.density`: the geometry is
+sampled, and the coefficients are integrated.
 
 References:
     Hoffman & Gelman 2014, JMLR 15; Betancourt 2017, arXiv:1701.02434 (multinomial trajectories,
-    window adaptation as in Stan); Vehtari et al. 2021, Bayesian Analysis 16(2) (what chains must show).
+    window adaptation as in Stan); Vehtari et al. 2021, Bayesian Analysis 16(2) (convergence diagnostics).
 """
 
 import dataclasses
@@ -25,24 +25,24 @@ from famjax.boundary.units import Quantity
 from famjax.compile_options import quick_jit
 
 from .arguments import check_whole
-from .density import Density, Layout, Noise, density_of
+from .density import Density, Noise, density_of
 from .parameters import base_name
 from .problem import PureProblem
 from .result import Identification, check_identified
 
 R_HAT, EFFECTIVE = 1.01, 400.0
-"""What chains must show: R-hat at most, effective size at least (Vehtari et al. 2021)."""
+"""Convergence criteria: maximum R-hat and minimum effective size (Vehtari et al. 2021)."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """One parameter of a posterior, in SI.
+    """Summary of one parameter of a posterior, in SI.
 
     Attributes:
-        mean, std: of the draws.
-        low, high: ends of the central interval of 95 %.
-        r_hat: of the halves of the chains, 1 where they agree.
-        effective_size, effective_size_of_tails: independent draws that the draws are worth.
+        mean, std: mean and standard deviation of the draws.
+        low, high: limits of the central 95 % interval.
+        r_hat: split R-hat of the chains; 1 if they agree.
+        effective_size, effective_size_of_tails: equivalent number of independent draws.
     """
 
     mean: float
@@ -59,19 +59,19 @@ class Posterior:
     """Draws from the posterior of an identification.
 
     Attributes:
-        names: of the parameters that vary: nonlinear ones, coefficients, and where it was not known
-            `noise` [N], or `noise_factor` on the standard deviations of the readings.
-        kinds: of their units.
-        samples: their values [SI], shape (chains, draws, parameters).
-        divergent: trajectories that were given up: more than a few, and the draws miss a part of
-            the posterior; shape (chains, draws).
-        steps: of each trajectory, shape (chains, draws).
-        log_density: of the sampled coordinates, but for a constant, shape (chains, draws).
-        noise: standard deviation of a reading where it was known [N], or that factor.
-        kept: part of the draws that satisfy the whole constraint; the others are left out.
-        faces: number of active constraints, whose slack was sampled.
-        joint: whether the coefficients were sampled and not integrated.
-        name: of the specimen.
+        names: names of the free parameters: nonlinear ones, coefficients, and an unknown `noise` [N], or
+            `noise_factor` on the standard deviations of the readings.
+        kinds: kinds of their units.
+        samples: values [SI], shape (chains, draws, parameters).
+        divergent: true for divergent trajectories, shape (chains, draws). If there are more than a few,
+            the draws miss a part of the posterior.
+        steps: number of steps of each trajectory, shape (chains, draws).
+        log_density: log density of the sampled coordinates, up to a constant, shape (chains, draws).
+        noise: known standard deviation of a reading [N], or the known factor.
+        kept: share of the draws that satisfy the whole constraint; the others are discarded.
+        faces: number of active constraints whose slack was sampled.
+        joint: true if the coefficients were sampled and not integrated.
+        name: name of the specimen.
     """
 
     names: tuple[str, ...]
@@ -95,10 +95,10 @@ class Posterior:
         )
 
     def draws(self, name: str) -> Float[np.ndarray, "chains draws"]:
-        """The draws of one parameter [SI].
+        """Return the draws of one parameter [SI].
 
         Raises:
-            KeyError: no such parameter, with those there are.
+            KeyError: no such parameter.
         """
         if name not in self.names:
             raise KeyError(f"no parameter {name!r}; available: {', '.join(self.names)}")
@@ -106,9 +106,9 @@ class Posterior:
 
     @functools.cached_property
     def summary(self) -> dict[str, Summary]:
-        """Every parameter by name."""
+        """Summary of every parameter by name."""
         diagnostics, draws = load_blackjax().diagnostics, self.samples
-        # A chain that drifts differs in its halves.
+        # The halves of a drifting chain differ.
         half = draws.shape[1] // 2
         halves = np.concatenate([draws[:, :half], draws[:, -half:]])
         low, high = np.quantile(draws, (0.025, 0.975), axis=(0, 1))
@@ -125,32 +125,32 @@ class Posterior:
 
     @property
     def r_hat(self) -> float:
-        """The largest of all parameters."""
+        """Largest R-hat of all parameters."""
         return max(one.r_hat for one in self.summary.values())
 
     @property
     def effective_size(self) -> float:
-        """The smallest of all parameters, in the middle and in the tails."""
+        """Smallest effective size of all parameters, in the bulk and in the tails."""
         return min(
             min(one.effective_size, one.effective_size_of_tails) for one in self.summary.values()
         )
 
     @property
     def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
-        """Of the parameters over all draws."""
+        """Correlation of the parameters over all draws."""
         count = len(self.names)
         return np.corrcoef(self.samples.reshape(-1, count).T).reshape(count, count)
 
     @property
     def converged(self) -> bool:
-        """Whether R-hat and effective size are what chains must show."""
+        """True if R-hat and effective size meet the convergence criteria."""
         return self.r_hat <= R_HAT and self.effective_size >= EFFECTIVE
 
     def groups(self) -> dict[str, dict[str, Any]]:
-        """Plain arrays as ArviZ reads them, by group, of shape (chains, draws).
+        """Return plain arrays of shape (chains, draws) by group, for ArviZ.
 
-        `arviz.from_dict(posterior.groups())` of ArviZ 1, `arviz.from_dict(**posterior.groups())`
-        of ArviZ 0.
+        Use `arviz.from_dict(posterior.groups())` with ArviZ 1, and
+        `arviz.from_dict(**posterior.groups())` with ArviZ 0.
         """
         return {
             "posterior": {name: self.draws(name) for name in self.names},
@@ -162,34 +162,24 @@ class Posterior:
         }
 
 
-_DISPERSED = 1.5  # standard deviations of the starts, in which the posterior has about one
-_DOUBLINGS = 8  # of a trajectory: what needs longer ones has coordinates that do not suit it
-_TARGET = 0.9  # acceptance, at which narrow places are passed without divergences
+_DOUBLINGS = 8  # maximum per trajectory
 
 
-class Chains(NamedTuple):
-    """Where chains are, with what they are tuned to; a leading axis of chains.
-
-    Attributes:
-        states: of the sampler.
-        tuning: step size and inverse mass matrix.
-    """
-
-    states: Any
-    tuning: Any
+Chains = tuple[Any, dict[str, Array]]
+"""Sampler states of chains, with their step sizes and inverse mass matrices; leading axis of chains."""
 
 
 class Drawn(NamedTuple):
-    """What chains drew, of shape (chains, draws, ...).
+    """Draws of chains, shape (chains, draws, ...).
 
     Attributes:
-        parameters: nonlinear ones [SI].
+        parameters: nonlinear parameters [SI].
         x: coefficients.
         noise: standard deviation of a reading.
-        held: whether the whole constraint holds.
-        divergent: whether the trajectory was given up.
-        steps: of the trajectory.
-        log_density: of the sampled vector, but for a constant.
+        held: true if the whole constraint holds.
+        divergent: true for a divergent trajectory.
+        steps: number of steps of the trajectory.
+        log_density: log density of the sampled vector, up to a constant.
     """
 
     parameters: Float[Array, "chains draws q"]
@@ -202,10 +192,10 @@ class Drawn(NamedTuple):
 
 
 def load_blackjax() -> Any:
-    """The sampler's package.
+    """Import the sampler's package.
 
     Raises:
-        InputError: it is not installed, with how to.
+        InputError: it is not installed.
     """
     try:
         return importlib.import_module("blackjax")
@@ -213,26 +203,26 @@ def load_blackjax() -> Any:
         if error.name != "blackjax":
             raise
         raise InputError(
-            "the posterior is sampled by blackjax, which is not installed; install the extra "
+            "sampling the posterior needs blackjax, which is not installed; install the extra "
             '"posterior": python -m pip install "famjax[posterior]"'
         ) from None
 
 
 @quick_jit
 def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
-    """Chains from dispersed starts, each tuned by itself in draws that are dropped."""
+    """Start dispersed chains, and tune each during warm-up draws that are discarded."""
     blackjax, d = load_blackjax(), density.box.mean.shape[0]
 
     def one(key: Array) -> Chains:
         start, tune = jax.random.split(key)
-        z = _DISPERSED * jax.random.normal(start, (d,))
+        z = 1.5 * jax.random.normal(start, (d,))
         z = jnp.where(jnp.isfinite(density(z)), z, 0.0)
         adapt = blackjax.window_adaptation(
-            blackjax.nuts, density, is_mass_matrix_diagonal=False, target_acceptance_rate=_TARGET,
+            blackjax.nuts, density, is_mass_matrix_diagonal=False, target_acceptance_rate=0.9,
             max_num_doublings=_DOUBLINGS,
         )  # fmt: skip
         (state, tuning), _ = adapt.run(tune, z, num_steps=warmup)
-        return Chains(state, {name: tuning[name] for name in ("step_size", "inverse_mass_matrix")})
+        return state, {name: tuning[name] for name in ("step_size", "inverse_mass_matrix")}
 
     return jax.vmap(one)(keys)
 
@@ -241,24 +231,22 @@ def tuned_chains(density: Density, keys: Array, warmup: int) -> Chains:
 def drawn(
     density: Density, whole: PureProblem, chains: Chains, keys: Array, draws: int
 ) -> tuple[Chains, Drawn]:
-    """The next draws of each of tuned chains, with the coefficients and all else that follows.
+    """Continue tuned chains by a number of draws, including coefficients and derived values.
 
     `whole` is the problem with its whole constraint.
     """
     kernel = load_blackjax().nuts.build_kernel()
 
     def step(chain: Chains, key: Array) -> tuple[Chains, Drawn]:
-        move, own = jax.random.split(key)
-        state, info = kernel(
-            move, chain.states, density, **chain.tuning, max_num_doublings=_DOUBLINGS
-        )
+        (before, tuning), (move, own) = chain, jax.random.split(key)
+        state, info = kernel(move, before, density, **tuning, max_num_doublings=_DOUBLINGS)
         v, _ = density.box(state.position)
         p, x, noise, held = density.draw(whole, v, own)
         found = Drawn(
             p, x, noise, held, info.is_divergent, 1.0 * info.num_integration_steps,
             state.logdensity,
         )  # fmt: skip
-        return Chains(state, chain.tuning), found
+        return (state, tuning), found
 
     def one(chain: Chains, key: Array) -> tuple[Chains, Drawn]:
         return jax.lax.scan(step, chain, jax.random.split(key, draws))
@@ -266,9 +254,8 @@ def drawn(
     return jax.vmap(one)(chains, keys)
 
 
-_ROUNDS = 20  # in which as many draws are made as are asked for, where the constraint refuses some
-_ENOUGH = 0.9  # of the draws: no further round is made for what is missing of them
-_LEAST = 1e-4  # of the largest force: the least noise that is taken to be possible
+_ROUNDS = 20  # maximum rounds of draws, if the constraint rejects some
+_ENOUGH = 0.9  # share of the requested draws that suffices
 
 
 def sample(
@@ -281,37 +268,35 @@ def sample(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Posterior:
-    """Draws from the posterior of what was identified.
+    """Draw from the posterior of an identification.
 
-    Readings are the model's force plus independent normal noise. Nonlinear parameters are uniform
-    within their bounds, times their priors; coefficients have a flat prior on the set that the
-    constraint leaves them, times theirs. Where these are normal they are integrated exactly and drawn
-    afterwards; active constraints are sampled by their slack, and a draw that violates any other is
-    left out, so that what stays is the posterior with its truncation. With censored readings, or a
-    rig that gives way, coefficients are sampled with the rest. The sampler is NUTS (blackjax).
+    Readings are the model's force plus independent normal noise. Nonlinear parameters are uniform within
+    their bounds, times their priors; coefficients have a flat prior on the set allowed by the constraint,
+    times theirs. Where the coefficients are normal, they are integrated exactly and drawn afterwards.
+    Active constraints are sampled by their slack, and draws that violate another constraint are discarded,
+    which gives the truncated posterior. With censored readings or a compliant rig, the coefficients are
+    sampled with the other parameters. The sampler is NUTS (blackjax).
 
     Args:
-        result: from `identify` or `identify_together`; with `objective="huber"` the readings keep
-            the weights found.
-        draws: of each chain, after the warm-up; a tenth of them fewer where the constraint refuses
-            that many.
-        warmup: draws in which each chain is tuned.
-        chains: number of them, from dispersed starts.
-        noise: standard deviation of a reading [N] where it is known; (low, high) [N] where it is
-            sampled, its logarithm uniform between them. Where readings have standard deviations
-            the same as a multiple of these. None: sampled up to the largest force, from what was
-            said in the fit on (standard deviations, with the error of the laws where a family was
-            chosen, or the noise that priors were weighed against), otherwise from 1e-4 of the largest
-            force on.
-        seed: of the draws; the same seed gives the same draws.
-        progress: called with (steps done, steps).
+        result: from `identify` or `identify_together`; with `objective="huber"` the readings keep their
+            final weights.
+        draws: draws of each chain after the warm-up; up to a tenth fewer if the constraint rejects many.
+        warmup: tuning draws of each chain.
+        chains: number of chains, from dispersed starts.
+        noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a uniform
+            logarithm. If readings have standard deviations, a multiple of these. By default it is sampled
+            up to the largest force; the lower limit is the noise assumed in the fit (standard
+            deviations, error of the laws for a chosen family, or noise of the priors), or else 1e-4 of
+            the largest force.
+        seed: seed of the draws.
+        progress: called with (steps done, total).
 
     Returns:
         The draws, with R-hat and effective sizes.
 
     Raises:
-        InputError: blackjax is not installed, the fit did not converge, coefficients are left open,
-            or the constraint leaves hardly any draws.
+        InputError: blackjax is not installed, the fit did not converge, coefficients are not determined,
+            or the constraint rejects nearly all draws.
         RuntimeError: float64 is off.
 
     References:
@@ -320,12 +305,12 @@ def sample(
     check_identified(result)
     load_blackjax()
     if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError("sampling needs float64, as the identification did")
+        raise RuntimeError('sampling needs float64: jax.config.update("jax_enable_x64", True)')
     for what, count, least in (("draws", draws, 4), ("warmup", warmup, 20), ("chains", chains, 1)):
         check_whole(what, count, least)
     if not result.converged:
         raise InputError(
-            "the fit did not converge, so that there is no optimum to sample around: see its notes"
+            "the fit did not converge, so there is no optimum to sample around: see its warnings"
         )
     chosen = _noise(result, noise)
     density, whole = density_of(result, chosen)
@@ -341,8 +326,8 @@ def sample(
             break
     if kept < _ENOUGH * draws:
         raise InputError(
-            f"of {draws * len(found)} draws of a chain {kept} satisfy the constraint "
-            f"{result.constraint!r}: it cuts off nearly all of what the readings allow. Ask for "
+            f"only {kept} of {draws * len(found)} draws of a chain satisfy the constraint "
+            f"{result.constraint!r}, which excludes nearly everything that the readings allow. Ask for "
             "fewer draws, or fit with another constraint or a lower order"
         )
     if progress is not None:
@@ -352,33 +337,31 @@ def sample(
     own = jax.tree.map(
         lambda leaf: np.stack([of[at] for of, at in zip(leaf, first, strict=True)]), whole_run
     )
-    return _posterior(result, own, density.layout, chosen, float(whole_run.held.mean()))
+    return _posterior(result, own, density, chosen, float(whole_run.held.mean()))
 
 
 def _noise(result: Identification, noise: Noise | None) -> Noise:
-    """The noise in the unit of the weighted residual, or the ends of its interval."""
+    """Noise in the unit of the weighted residual, or the limits of its interval."""
     if noise is None:
         problem = result.problem
         largest = max(float(np.abs(part.force * part.weight).max()) for part in problem.parts)
         said = _weighted(result) or bool(problem.priors or problem.coefficient_priors)
-        return (problem.noise if said else _LEAST * largest), largest
+        return (problem.noise if said else 1e-4 * largest), largest
     ends = noise if isinstance(noise, tuple) else (noise, noise)
     if not (len(ends) == 2 and 0 < ends[0] <= ends[1] < math.inf):
-        raise InputError(
-            f"noise must be one standard deviation > 0, or two (low, high); got {noise}"
-        )
+        raise InputError(f"noise must be one standard deviation > 0, or (low, high); got {noise}")
     return noise if isinstance(noise, tuple) and ends[0] < ends[1] else float(ends[0])
 
 
 def _weighted(result: Identification) -> bool:
-    """Whether readings were weighed against standard deviations, of theirs or of a choice's."""
+    """True if readings were weighted by standard deviations."""
     return max(float(part.weight.max()) for part in result.problem.parts) != 1.0
 
 
 def _posterior(
-    result: Identification, own: Drawn, layout: Layout, noise: Noise, kept: float
+    result: Identification, own: Drawn, density: Density, noise: Noise, kept: float
 ) -> Posterior:
-    """The draws by name; what is held has none."""
+    """Collect the draws of free parameters by name."""
     problem = result.problem
     known = {base_name(one.name): one.kind for one in result.estimates}
     names = [problem.names[k] for k in problem.free]
@@ -389,7 +372,7 @@ def _posterior(
             names.append(name)
             kinds.append(result.law.coefficients[problem.linear[k]].kind)
             columns.append(own.x[:, :, k])
-    if layout.noise:
+    if density.noise_sampled:
         weighted = _weighted(result)
         names.append("noise_factor" if weighted else "noise")
         kinds.append("number" if weighted else "force")
@@ -403,18 +386,14 @@ def _posterior(
         log_density=np.asarray(own.log_density),
         noise=None if isinstance(noise, tuple) else noise,
         kept=kept,
-        faces=len(layout.slacks),
-        joint=layout.joint,
+        faces=len(density.slacks),
+        joint=density.joint,
         name=result.data.specimen.name,
     )
 
 
-_DIVERGENT = 0.01  # of the draws: more, and a part of the posterior is missed
-_UNLIKE = 1.5  # times the noise that was said: the readings say another
-
-
 def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
-    """The posterior as JSON-ready data in SI."""
+    """Posterior as JSON-ready data in SI."""
     chains, draws, _ = posterior.samples.shape
     parameters = {}
     for name, one in posterior.summary.items():
@@ -435,7 +414,7 @@ def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
 
 
 def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, ...], list]:
-    """Title, header and rows of text in a unit system."""
+    """Title, header and rows of a table in a unit system."""
     rows = []
     for (name, one), kind in zip(posterior.summary.items(), posterior.kinds, strict=True):
         figures = (one.mean, 5), (one.std, 2), (one.low, 5), (one.high, 5)
@@ -449,28 +428,28 @@ def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, 
 
 
 def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:
-    """What a reader must know of the draws.
+    """Warnings about the draws.
 
     Args:
         posterior: from `sample`.
-        rmse: of the fit, in the unit of the noise.
+        rmse: RMSE of the fit, in the unit of the noise.
     """
     found = []
     if not posterior.converged:
         found.append(
-            f"The chains of the posterior do not show enough: R-hat {posterior.r_hat:.3f} (at most "
-            f"{R_HAT}), effective size {posterior.effective_size:.0f} (at least {EFFECTIVE:.0f}). Draw "
-            "more (sample(draws=...)), or hold what the readings leave open."
+            f"The chains of the posterior did not converge: R-hat {posterior.r_hat:.3f} (at most "
+            f"{R_HAT}), effective size {posterior.effective_size:.0f} (at least {EFFECTIVE:.0f}). Use "
+            "more draws (sample(draws=...)), or hold parameters that the readings do not determine."
         )
     divergent = float(posterior.divergent.mean())
-    if divergent > _DIVERGENT:
+    if divergent > 0.01:
         found.append(
-            f"{100 * divergent:.1f} % of the trajectories of the posterior diverged: it has a place "
-            "that the draws do not reach."
+            f"{100 * divergent:.1f} % of the trajectories of the posterior diverged: the draws miss a part "
+            "of it."
         )
-    if posterior.noise is not None and rmse > _UNLIKE * posterior.noise:
+    if posterior.noise is not None and rmse > 1.5 * posterior.noise:
         found.append(
-            f"The readings scatter {rmse / posterior.noise:.2g} times as much about the model as the "
-            "noise that was said: the posterior is that much too narrow. Say a larger noise."
+            f"The readings scatter {rmse / posterior.noise:.2g} times as much about the model as the given "
+            "noise: the posterior is too narrow by this factor. Give a larger noise."
         )
     return tuple(found)

@@ -1,4 +1,4 @@
-"""What an identification returns: numbers with their units, errors, certificate and doubts."""
+"""Result of an identification: parameters with units, errors, certificate and warnings."""
 
 import dataclasses
 import functools
@@ -36,16 +36,16 @@ class Estimate:
     """One identified parameter.
 
     Attributes:
-        name: parameter.
-        value: in SI.
-        stderr: standard error in SI, with and without the belief in equal noise, whichever is larger;
-            nan where there is none (held, at a bound, not identifiable).
-        min, max: bounds in SI, infinite where there is none.
-        at_bound: the optimum lies on a bound, so the data alone would put it elsewhere.
-        fixed: held at a given value.
+        name: name of the parameter.
+        value: value in SI.
+        stderr: standard error in SI, the larger of the usual and the sandwich estimate; nan if there is
+            none (held, at a bound, not identifiable).
+        min, max: bounds in SI; infinite if there are none.
+        at_bound: true if the optimum is at a bound, so that the data alone would place it elsewhere.
+        fixed: true if held at a given value.
         kind: kind of unit.
-        prior: (mean, standard deviation) in SI of what was said to be known, or None.
-        sandwich_stderr: standard error in SI without the belief in equal noise, nan as `stderr`.
+        prior: (mean, standard deviation) of the prior in SI, or None.
+        sandwich_stderr: standard error in SI that does not assume equal noise; nan like `stderr`.
     """
 
     name: str
@@ -62,15 +62,15 @@ class Estimate:
 
 @dataclasses.dataclass(frozen=True)
 class Errors:
-    """Errors of the model against the loaded readings, in N.
+    """Errors of the model at the loaded readings, in N.
 
     Attributes:
         rmse, mae, max: root mean square, mean absolute and largest error [N].
-        max_force: largest measured force [N], by which percentages are formed.
+        max_force: largest measured force [N], the reference of percentages.
         n_points: number of loaded readings.
-        n_slack: number of slack readings, which are no data.
-        slack_violations: slack readings at which the model pulls.
-        max_slack_force: largest pull [N] that the model predicts at a slack reading, or 0.
+        n_slack: number of slack readings, which are not fitted.
+        slack_violations: number of slack readings at which the model pulls.
+        max_slack_force: largest force [N] of the model at a slack reading, or 0.
     """
 
     rmse: float
@@ -90,24 +90,23 @@ class Errors:
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """Evidence that the result is what it claims to be.
+    """Evidence of optimality and stability.
 
     Attributes:
-        kkt_residual: of the convex fit of the coefficients, relative to the data.
-        duality_gap: of the convex fit, relative to its objective: 0 means globally optimal.
-        gradient_residual: of the geometry: largest cosine between the residual and a direction in
-            which the geometry may still move.
+        kkt_residual: residual of the convex fit of the coefficients, relative to the data.
+        duality_gap: gap of the convex fit relative to its objective; 0 means globally optimal.
+        gradient_residual: largest cosine between the residual and a free direction of the geometry.
         condition: condition number of the scaled Jacobian of all free parameters.
-        stability_margin: smallest modulus along any actuation path [Pa], between stations too;
+        stability_margin: smallest modulus along any actuation path [Pa], including between stations;
             Drucker-stable when >= 0.
-        slope_margin: smallest tangent modulus of the law on the strain range used [Pa].
-        constraint_margin: smallest slack [Pa] of the constraint that was asked for; nan for none.
-        between_stations: by how much the margins may be lower than found, in parts of the largest
-            modulus: the tail of the interpolant whose minima they are; rounding for polynomials.
-        n_starts: descents made.
-        n_agreeing: of them, those that ended within 1e-6 of the best objective.
-        shape_margin: of a shape from mechanics, its smallest stiffness [N/m] at the loaded readings: each
-            shape is stable when > 0. The optimum is local then; nan of all others.
+        slope_margin: smallest tangent modulus of the law within the strain range used [Pa].
+        constraint_margin: smallest slack [Pa] of the requested constraint; nan without one.
+        between_stations: possible error of the margins relative to the largest modulus, from the tail of
+            the interpolant; rounding for polynomials.
+        n_starts: number of descents.
+        n_agreeing: number of descents within 1e-6 of the best objective.
+        shape_margin: smallest stiffness [N/m] of an equilibrium shape at the loaded readings; each shape
+            is stable when > 0, and the optimum is only local. nan for other shapes.
     """
 
     kkt_residual: float
@@ -125,7 +124,7 @@ class Certificate:
 
 @dataclasses.dataclass(frozen=True)
 class Solved:
-    """The problem as it was posed, with its stations placed, and the end of the best descent."""
+    """The problem with its stations, and the end of the best descent."""
 
     problem: Problem
     end: End
@@ -133,24 +132,23 @@ class Solved:
 
 @dataclasses.dataclass(frozen=True)
 class Outlook:
-    """What predictions are made of beside the muscle; an identification alone has its standard errors.
+    """Data for predictions other than the muscle itself.
 
     Attributes:
-        error: of predictions, a `fitting.bands.ModelError`, or None where nothing was left out.
-        directions: in which the muscle's numbers vary, one standard deviation each, as
-            `muscle_spread` has them by linear theory; None where it is to be asked.
-        bootstrap: whether these are of bootstrap replicates.
-        shared: the same of errors that all readings share.
-        others: further muscles, in their rigs; a prediction is the weighted mean of the muscle and them.
-        weights: of the muscle and of them.
-        alike: by family, the muscles in their rigs that fit the readings alike; what they disagree about
-            is in the band.
-        other_lengths: by family, muscles in their rigs of whose forces the mean is that of a muscle of
-            another length; none where the fit cannot tell.
-        between: standard deviation [N] of a specimen of another length about that mean.
-        hysteresis: about the muscle's force, or None where it was not identified.
-        branches_error: RMS [N] of what the branches add: the largest on what was left out, or in sample.
-        series: of several specimens, what `fit.json` says of the series.
+        error: prediction error, a `fitting.bands.ModelError`, or None without held-out readings.
+        directions: directions in which the muscle's numbers vary, see `muscle_spread`; None if they are
+            to be computed by linear theory.
+        bootstrap: true if the directions come from bootstrap replicates.
+        shared: directions of errors shared by all readings.
+        others: further mounted muscles; a prediction is the weighted mean of all.
+        weights: weights of the muscle and the others.
+        alike: mounted muscles by family that fit the readings equally well; the band includes their
+            disagreement.
+        other_lengths: mounted muscles by family whose mean predicts other lengths; empty if unknown.
+        between: standard deviation [N] of another specimen about that mean.
+        hysteresis: hysteresis about the muscle's force, or None.
+        branches_error: RMS error [N] of the branches: the largest held-out or in-sample error.
+        series: data of a series in `fit.json`.
     """
 
     error: Any = None
@@ -169,38 +167,36 @@ class Outlook:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Identification:
-    """An identified muscle, from `identify`, or from `load_fit`, which reads one back.
+    """An identified muscle, returned by `identify` or read back by `load_fit`.
 
     Attributes:
         data: the force map.
-        mounted: the model in its rig, of compliance 0 where it was taken as rigid.
-        estimates: geometry, then the coefficients where they do not depend on pressure.
-        node_estimates: the coefficients at each node where they depend on pressure, else empty.
-        derived: quantities that follow from the geometry (thread length, turns), with errors.
-        coefficients: E_n [Pa], shape (nodes, order); one node where fixed in pressure.
-        coefficients_stderr: [Pa], the same shape.
-        node_pressures: [Pa], shape (nodes,), or None where fixed in pressure.
-        strain_range: largest strain magnitude that the law was used at.
+        mounted: the model in its rig, with compliance 0 for a rigid rig.
+        estimates: geometry, then the coefficients if they do not depend on pressure.
+        node_estimates: coefficients at each node if they depend on pressure, else empty.
+        derived: quantities derived from the geometry (thread length, turns), with errors.
+        coefficients: E_n [Pa], shape (nodes, order); one node if fixed in pressure.
+        coefficients_stderr: standard errors [Pa], same shape.
+        node_pressures: [Pa], shape (nodes,), or None if fixed in pressure.
+        strain_range: largest strain magnitude at which the law was evaluated.
         residuals: model minus measurement [N] at the loaded readings.
-        errors: their summary.
+        errors: summary of the residuals.
         certificate: optimality and stability.
-        active_constraints: one sentence each.
+        active_constraints: one sentence for each.
         law: family of the law.
-        constraint, dependence, seed: what was asked for.
-        weights: part of its own weight with which each loaded reading counts; 1
-            but for the outliers of Huber's objective.
-        converged: the best start is stationary, certified and feasible.
-        degrees_of_freedom: readings and priors less the directions that stayed free, of all
-            specimens together.
-        names: of the nonlinear parameters of the search.
-        covariance: of these and then the coefficients [SI], by linear theory; nan for what is held, at a
+        constraint, dependence, seed: options of the fit.
+        weights: factor on the weight of each loaded reading; below 1 only for outliers of the Huber
+            objective.
+        converged: true if the best descent is stationary, certified and feasible.
+        degrees_of_freedom: readings and priors of all specimens minus the free directions.
+        names: names of the nonlinear parameters.
+        covariance: covariance of these and of the coefficients [SI], by linear theory; nan if held, at a
             bound or not identifiable.
-        place: which of the problem's parts this specimen is.
-        solved: the problem and the end of the best descent; of a fit that was read back, what makes both
-            anew from its readings.
+        place: index of this specimen among the parts of the problem.
+        solved: problem and end of the best descent, or a function that rebuilds both from the readings.
         pictures: photographed and computed profiles, if both were fitted together.
-        outlook: what predictions are made of.
-        document: the whole `fit.json` of a fit that was read back, as plain data in SI; empty otherwise.
+        outlook: data for predictions.
+        document: content of the `fit.json` that was read back, in SI; empty otherwise.
     """
 
     data: ForceData
@@ -242,7 +238,7 @@ class Identification:
 
     @functools.cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know before using the numbers."""
+        """Remarks to read before using the numbers."""
         return tuple(one.sentence for one in remarks(self))
 
     @functools.cached_property
@@ -251,27 +247,27 @@ class Identification:
 
     @property
     def problem(self) -> Problem:
-        """As it was posed, for validation and uncertainty."""
+        """The problem that was solved."""
         return self._solved.problem
 
     @property
     def end(self) -> End:
-        """Of the best descent; `end.u` are the free nonlinear parameters in parts of their bounds."""
+        """End of the best descent; `end.u` are the free nonlinear parameters, scaled to their bounds."""
         return self._solved.end
 
     @property
     def counted(self) -> Bool[np.ndarray, " readings"]:
-        """The loaded readings that are no outliers of Huber's objective; all of them without it."""
-        return self.weights >= _COUNTED
+        """True for loaded readings that are not outliers of the Huber objective; all without it."""
+        return self.weights >= 0.25  # a lower weight means 5 standard deviations or more
 
     @property
     def counted_rmse(self) -> float:
-        """Root mean square error [N] of these."""
+        """Root mean square error [N] of the readings in `counted`."""
         return math.sqrt(float(np.mean(self.residuals[self.counted] ** 2)))
 
     @property
     def stopped(self) -> tuple[str, ...]:
-        """Names of the parameters that are at a bound."""
+        """Names of the parameters at a bound."""
         return tuple(one.name for one in self.estimates if one.at_bound)
 
     @property
@@ -283,18 +279,20 @@ class Identification:
 
     @property
     def geometry(self) -> famjax.geometries.AbstractGeometry:
-        """What the muscle's dimensions follow from.
+        """Geometry of the muscle.
 
         Raises:
-            InputError: the shape is from mechanics: `muscle.profile` has it.
+            InputError: the muscle has an equilibrium shape; use `muscle.profile`.
         """
         if not isinstance(self.muscle, famjax.Muscle):
-            raise InputError("the shape is from mechanics and has no geometry: ask muscle.profile")
+            raise InputError(
+                "a muscle with an equilibrium shape has no geometry: use muscle.profile"
+            )
         return self.muscle.geometry
 
     @property
     def has_shape(self) -> bool:
-        """Whether the shape is from mechanics, so that there is no certificate of a global optimum."""
+        """True for an equilibrium shape, whose optimum has no global certificate."""
         return isinstance(self.mounted.muscle, famjax.EquilibriumMuscle)
 
     @property
@@ -304,7 +302,7 @@ class Identification:
 
     @property
     def coefficient_names(self) -> tuple[str, ...]:
-        """Of all coefficients of the problem; those of several nodes carry its number."""
+        """Names of all coefficients of the problem, with the node number if there are several nodes."""
         names, nodes = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
         if nodes == len(names):
             return names
@@ -314,13 +312,13 @@ class Identification:
 
     @property
     def n_parameters(self) -> int:
-        """Number of parameters that the data had to determine, coefficients of all nodes included."""
+        """Number of fitted parameters, including coefficients of all nodes."""
         nodes = (e for of_node in self.node_estimates for e in of_node)
         return sum(not e.fixed for e in (*self.estimates, *nodes))
 
     @property
     def all_estimates(self) -> tuple[Estimate, ...]:
-        """Every identified parameter; coefficients that depend on pressure carry it in their name."""
+        """All identified parameters; coefficients that depend on pressure have it in their names."""
         if self.node_pressures is None:
             return self.estimates
         return self.estimates + tuple(
@@ -330,15 +328,12 @@ class Identification:
         )
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """The parameters in SI, by name: value, standard error, unit, bounds, what is held or stopped.
+        """Return a table of the parameters in SI: value, standard error, unit, bounds and flags.
 
         Raises:
             InputError: pandas is not installed.
         """
-        return data_frame(self._parameter_rows(), "parameter")
-
-    def _parameter_rows(self) -> list[dict[str, Any]]:
-        return [
+        rows = [
             {
                 "parameter": one.name, "value": one.value, "stderr": one.stderr,
                 "unit": si_unit(one.kind), "min": one.min, "max": one.max, "at_bound": one.at_bound,
@@ -346,6 +341,7 @@ class Identification:
             }
             for one in (*self.all_estimates, *self.derived)
         ]  # fmt: skip
+        return data_frame(rows, "parameter")
 
     def _repr_html_(self) -> str:
         from .report import Findings  # noqa: PLC0415 -- it draws
@@ -353,7 +349,7 @@ class Identification:
         return Findings(self).html()
 
     def plot(self, axes: "Axes | None" = None, system: str = "metric") -> "Axes":
-        """Readings and model, force against contraction; arguments and result of `plot_isobars`."""
+        """Plot readings and model against contraction, see `plot_isobars`."""
         from .report import plot_isobars  # noqa: PLC0415 -- it draws
 
         return plot_isobars(self, axes, system)
@@ -361,7 +357,7 @@ class Identification:
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:
-        """What the rig would measure [N] at lengths [m] and gauge pressures [Pa]; not clipped.
+        """Unclipped force [N] that the rig would measure at lengths [m] and gauge pressures [Pa].
 
         Lengths and pressures are broadcast against each other.
         """
@@ -372,60 +368,52 @@ class Identification:
         return found.reshape(shape)
 
     def model_force(self) -> Float[np.ndarray, " n"]:
-        """The model's force [N] at every reading, slack ones included."""
+        """Force of the model [N] at every reading, including slack ones."""
         return self.predict(self.data.length, self.data.pressure)
 
     def estimate(self, name: str) -> Estimate:
-        """The estimate of that name.
+        """Return the estimate with this name.
 
         Raises:
-            KeyError: no such parameter, with those there are.
+            KeyError: no such parameter.
         """
-        for estimate in self.estimates + self.derived:
-            if estimate.name == name:
-                return estimate
-        names: list[Any] = [e.name for e in self.estimates + self.derived]
-        raise KeyError(f"unknown parameter {name!r}; available: {', '.join(names)}")
+        known = {one.name: one for one in self.estimates + self.derived}
+        if name not in known:
+            raise KeyError(f"unknown parameter {name!r}; available: {', '.join(known)}")
+        return known[name]
 
 
 def check_identified(result: object) -> None:
-    """Refuse what is no result of `identify` or `load_fit`, such as a force map.
+    """Refuse objects other than results of `identify` or `load_fit`.
 
     Raises:
-        InputError: it is none.
+        InputError: another object was given.
     """
     if not isinstance(result, Identification):
         raise InputError(
-            f"the result of fitting.identify or fitting.load_fit is needed, got {shown(result)}: a force "
-            "map is identified first, and a choice has it as its attribute chosen"
+            "expected a result of fitting.identify or fitting.load_fit, got "
+            f"{shown(result)}: identify a force map first, or use the attribute chosen of a choice"
         )
 
 
-_RIDGE, _NARROW_RIDGE = 0.98, 0.995  # correlations: a note, and a doubt where both are known badly
-_BADLY = 0.1  # standard error in parts of what the bounds leave
-_PULLED = 2.0  # standard deviations of a prior
-_UNEQUAL = 2.0  # between standard errors with and without the belief in equal noise
-_COUNTED = 0.25  # of its weight: a reading that counts less lies 5 standard deviations off
-_MOST_OUTLIERS = 0.25  # of the readings
-_PULL = 0.1  # of the largest force, pulled where the readings are slack
-_TOLD = 0.01  # likewise: below, a model that is wrong by more than the noise is still a good one
+_UNEQUAL = 2.0  # ratio of sandwich to usual standard errors
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
 _PLAIN_AT = {
     "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
     "series_compliance": "low", "series_exponent": "high",
 }  # fmt: skip
-"""Bounds at which a parameter says that something is not there, which is no doubt."""
+"""Bounds at which an effect is absent, which is no reason for doubt."""
 
 
 class Remark(NamedTuple):
-    """A sentence about a fit, and its severity: note (0), warning (1) or serious (2)."""
+    """A sentence about a fit with its severity: note (0), warning (1) or serious (2)."""
 
     level: int
     sentence: str
 
 
 def equivalent_sizes(result: Identification) -> list[str]:
-    """Dimensions of the braid that are those of an equivalent cylinder, and not the muscle's."""
+    """Braid dimensions of an equivalent cylinder, outside the range of the muscle's own."""
     usual = standard_table(result.data.specimen)
     return [
         e.name for e in result.estimates
@@ -435,17 +423,12 @@ def equivalent_sizes(result: Identification) -> list[str]:
 
 
 def of_parameters(result: Identification) -> list[Remark]:
-    """Parameters that the data do not tell, and a law that is not stable."""
+    """Remarks on parameters that the data do not determine, and on an unstable law."""
     estimates, certificate = result.estimates, result.certificate
     doubtful = any(one.at_bound and not _plain(one) for one in estimates)
     beyond = equivalent_sizes(result)
-    plain = dict(
-        zip(
-            result.names + result.coefficient_names,
-            np.sqrt(np.diag(result.covariance)),
-            strict=True,
-        )
-    )
+    every = result.names + result.coefficient_names
+    plain = dict(zip(every, np.sqrt(np.diag(result.covariance)), strict=True))
     unequal = [
         e.name for e in estimates
         if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / plain[e.name] < _UNEQUAL
@@ -454,22 +437,21 @@ def of_parameters(result: Identification) -> list[Remark]:
         (beyond, 0, f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the "
          "rounded ends and the wall. Do not take them for dimensions of the braid, or its volume for the "
          "muscle's; changes of volume hold."),
-        (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at the bound of the search. The "
-         "data alone would go further, so there is no standard error; the other errors hold with this "
-         "value fixed."),
+        (result.stopped, int(doubtful), f"{', '.join(result.stopped)}: at a bound. The data alone would "
+         "place it beyond, so there is no standard error; the other errors hold for this value only."),
         (not certificate.condition <= CONDITION_LIMIT, 1, "These data do not determine every parameter "
-         "separately, so there are no standard errors. Hold one of them by --bounds, or measure more "
+         "separately, so there are no standard errors. Hold one of them by --bounds, or measure at more "
          "lengths and pressures."),
-        *((abs(e.value - e.prior[0]) > _PULLED * e.prior[1], 0,
-           f"{e.name} lies {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
-           "prior. Either the prior is too narrow, or the parameter makes up for a fault of the model.")
+        *((abs(e.value - e.prior[0]) > 2.0 * e.prior[1], 0,
+           f"{e.name} is {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
+           "prior. Either the prior is too narrow, or the parameter compensates for an error of the model.")
           for e in estimates if e.prior is not None),
         (unequal, 0, "The noise differs between readings: robust (sandwich) standard errors of "
          f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from the usual ones. The "
-         "larger are given."),
+         "larger ones are given."),
         *((True, level, ridge) for level, ridge in _ridges(result)),
         (result.active_constraints, 0, "A constraint on the coefficients is active: their standard errors "
-         "hold along it only."),
+         "hold only along it."),
         (not result.has_shape and not certificate.stability_margin
          >= -1e-9 * float(np.abs(result.coefficients).max(initial=0.0)), 1,
          Sentence("The law is NOT Drucker-stable on the actuation path (margin ",
@@ -480,58 +462,54 @@ def of_parameters(result: Identification) -> list[Remark]:
 
 
 def _plain(one: Estimate) -> bool:
-    """Whether it is at a bound where a rigid rig, a cylinder or a vanishing coefficient lies."""
+    """True at a bound that means a rigid rig, a cylinder or a vanishing coefficient."""
     side = "low" if one.value - one.min < one.max - one.value else "high"
     return side == _PLAIN_AT.get(one.name, "low" if one.kind == "stress" else "")
 
 
 def _ridges(result: Identification) -> list[Remark]:
-    """Pairs of nonlinear parameters that the data determine only together."""
+    """Remarks on pairs of nonlinear parameters that the data determine only in combination."""
     names, std = result.names, np.sqrt(np.diag(result.covariance))
     width = {one.name: one.max - one.min for one in result.estimates}
     badly = [
-        name.partition("[")[0] in _GEOMETRY and own > _BADLY * width.get(name, math.inf)
+        name.partition("[")[0] in _GEOMETRY and own > 0.1 * width.get(name, math.inf)
         for name, own in zip(names, std, strict=False)
     ]
     correlation = result.covariance / np.outer(std, std)
     return [
         Remark(
-            int(badly[i] and badly[j] and abs(correlation[i, j]) > _NARROW_RIDGE),
+            int(badly[i] and badly[j] and abs(correlation[i, j]) > 0.995),
             f"Ridge: {names[i]} and {names[j]} have a correlation of {correlation[i, j]:.4f}. The data "
-            "tell a combination of the two, not each.",
+            "determine only a combination of the two.",
         )
         for i, j in itertools.combinations(range(len(names)), 2)
-        if abs(correlation[i, j]) > _RIDGE
+        if abs(correlation[i, j]) > 0.98
     ]
 
 
 def remarks(result: Identification) -> list[Remark]:
-    """What a reader must know before using the numbers, the assumptions on the data first."""
+    """Remarks to read before using the numbers, starting with assumptions about the data."""
     data, errors, certificate = result.data, result.errors, result.certificate
     pull, largest = errors.max_slack_force, errors.max_force
     said = (*data.notes, data.pressures.note, data.lengths.note)
     slack = Sentence(
-        *(
-            "The model pulls with up to ",
-            Quantity(pull, "force", 3),
-            f" at {errors.slack_violations} ",
-        ),
-        f"of {errors.n_slack} readings that are slack.",
+        *("The model pulls with up to ", Quantity(pull, "force", 3)),
+        f" at {errors.slack_violations} of {errors.n_slack} slack readings.",
     )
-    level = 2 if pull > _PULL * largest else int(pull > max(2 * errors.rmse, _TOLD * largest))
+    level = 2 if pull > 0.1 * largest else int(pull > max(2 * errors.rmse, 0.01 * largest))
     outlying, count = int((~result.counted).sum()), result.counted.size
     off = Sentence(
-        f"{outlying} of {count} readings lie so far off that Huber's objective counts them for less than "
-        "a quarter; the RMSE of the others is ",
+        f"{outlying} of {count} readings are so far off that the Huber objective gives them less than a "
+        "quarter of their weight; the RMSE of the others is ",
         *(Quantity(result.counted_rmse, "force", 3), "."),
     )
     others: tuple[tuple[Any, int, str], ...] = (
-        (outlying, 1 + (outlying > _MOST_OUTLIERS * count), off),
+        (outlying, 1 + (outlying > 0.25 * count), off),
         (pull > 2 * errors.rmse or level, level, slack),
         (certificate.n_agreeing < 2 < certificate.n_starts, 0,
-         "Only one start reached the best fit: give more (starts=, in Python)."),
+         "Only one start reached the best fit: use more (starts=, in Python)."),
         (not result.converged, 2, "The fit did NOT converge: its numbers are not an optimum. Do not use "
-         "them; try a law of fewer coefficients (--law), or more starts (starts=, in Python)."),
+         "them; try a law with fewer coefficients (--law), or more starts (starts=, in Python)."),
     )  # fmt: skip
     return [
         *(Remark(0, note) for note in said if note),

@@ -1,8 +1,8 @@
-"""A series of muscles that differ only in length: one model for all, including new lengths.
+"""Fit one model to a series of muscles that differ only in length, and predict new lengths.
 
-What transfers from one length to another is decided by leaving each specimen out in turn. A model
-that fits each specimen best by itself need not transfer: a deadband and a dead end make up for
-whatever distinguishes one short muscle, and the rig's compliance must then be what it is not.
+Families are compared by leaving out each specimen in turn. The best model of each single specimen need not
+transfer: its deadband and dead end absorb whatever is special about one muscle, and distort the compliance
+of the rig.
 """
 
 import dataclasses
@@ -11,13 +11,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError, class_named
 
 from .arguments import check_mapping, check_whole
-from .bands import muscle_spread, pull
+from .bands import Column, muscle_spread, pull
 from .data import ForceData, several_maps
 from .families import LawGiven
 from .identification import solve
@@ -30,22 +29,20 @@ from .result import Identification
 from .validation import LeftOut, force_error, leave_out_each
 
 DEFAULT_LAWS = ("linear", "mooney-rivlin", "ogden")
-"""Laws of a series, in the order in which they are believed."""
+"""Laws of a series, in order of preference."""
 
 BETWEEN = 0.02
-"""Standard deviation, in parts of the largest force, by which specimens of a series differ. All
-readings of one specimen are off together, so each specimen counts the same, however many it has."""
+"""Standard deviation between specimens of a series, relative to the largest force. Readings of one specimen
+share their error, so each specimen has the same weight."""
 
 FROM_ONE = 0.06
-"""Standard deviation, in parts of the largest force, of readings of a muscle about what one specimen of
-another length says of it, the disagreement of the accounts apart. Set so that the bands of 18 pairs of five
-muscles of 12 to 28 cm, each predicted from another, hold 95 % of the readings (96 %)."""
+"""Standard deviation of readings about a prediction from one specimen of another length, relative to the
+largest force and without the disagreement of models. It was chosen so that the bands of 18 pairs of five
+muscles of 12 to 28 cm, each predicted from another, contain 95 % of the readings (96 %)."""
 
-_COMPARED = 4  # starts of each family at most
-_NO_DEADBAND = Parameter(value=0.0, vary=False, unit="Pa")
 _EQUAL = (
-    "Each specimen counts the same, whatever the number of its readings and their standard "
-    "deviations: specimens differ by more than the noise of their forces."
+    "Every specimen has the same weight, whatever the number and standard deviations of its readings: "
+    "specimens differ by more than the noise of their forces."
 )
 
 
@@ -54,13 +51,13 @@ class Series:
     """A model of a series of muscles.
 
     Attributes:
-        name: of the family that transfers best, in words.
-        law: its law.
-        specimens: the identification of each specimen; all parameters are shared.
-        others: the same in a rig that gives way, where predictions are the weighted mean of both.
-        weights: of the first and of the others, of sum 1, see `_weights`.
+        name: description of the family that transfers best.
+        law: name of its law.
+        specimens: identification of each specimen; all parameters are shared.
+        others: the same with a compliant rig; predictions are the weighted mean of both.
+        weights: weights of the first and the others, with sum 1, see `_weights`.
         tried: all families, the chosen one first.
-        left_out: errors of the mean on each specimen, while it was left out.
+        left_out: errors of the mean on each held-out specimen.
     """
 
     name: str
@@ -73,41 +70,36 @@ class Series:
 
     @property
     def candidates(self) -> dict[str, float]:
-        """RMSE [N] on the specimens left out, of every family that was tried."""
+        """RMSE [N] on held-out specimens of every family."""
         return {one.candidate.name: one.left_out["specimen"].rmse for one in self.tried}
 
     @property
     def between(self) -> float:
-        """Standard deviation [N] of the readings of a new specimen about their prediction.
+        """Standard deviation [N] of readings of a new specimen about their prediction.
 
-        That of specimens left out, each of which was predicted from one fewer than a new one is: a
-        mean of n - 1 that each differ by s, and a new one, are s sqrt(1 + 1/(n - 1)) apart.
+        It follows from held-out specimens, each predicted from one fewer than a new one: the mean of
+        n - 1 specimens with standard deviation s differs from a new one by s sqrt(1 + 1/(n - 1)).
         """
         n = len(self.specimens)
         left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
         return left_out * math.sqrt(1 - 1 / n**2)
 
     def muscle(self, rest_length: float) -> famjax.MountedMuscle:
-        """A muscle of the series with rest length L0 [m], in the same rig as the others."""
+        """Muscle of the series with rest length L0 [m], in the same rig."""
         one = self.specimens[0].mounted
         return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
 
     def predict(
-        self,
-        rest_length: float,
-        length: Float[np.ndarray, " n"],
-        pressure: Float[np.ndarray, " n"],
-        *,
-        length_std: float = 0.0,
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Force of a new muscle as the rig would measure it, with its standard deviation.
+        self, rest_length: float, length: Column, pressure: Column, *, length_std: float = 0.0
+    ) -> tuple[Column, Column]:
+        """Predict the force of a new muscle as measured by the rig, with its standard deviation.
 
-        The standard deviation is that between specimens, which leaving one out shows with the error
-        of the parameters in it, or that of parameters and lengths by linear theory where it is larger.
+        The standard deviation is the larger of that between specimens, which includes parameter errors,
+        and that of parameters and lengths by linear theory.
 
         Args:
             rest_length: L0 [m] of the muscle.
-            length: lengths [m].
+            length: active lengths [m].
             pressure: gauge pressures [Pa].
             length_std: standard deviation of the lengths [m].
 
@@ -141,35 +133,33 @@ def identify_series(
 ) -> Series:
     """Find the model of a series that predicts each specimen best from the others.
 
-    Every law is identified on all specimens together, with every parameter shared, with and without
-    a deadband, and again without each of the specimens. Whether the rig gives way is not to be told
-    from ends and lengths by specimens of a few lengths: predictions are the mean of a rigid rig and
-    of one that gives way, weighted by their errors on the specimens left out. The family with the
-    smallest error on them is chosen, or the first in the order of the laws of those within half of it.
+    Every law is identified on all specimens together with shared parameters, with and without a deadband,
+    and again without each specimen. A few lengths cannot show whether the rig is compliant, so predictions
+    are the mean of a rigid and a compliant rig, weighted by their held-out errors. Among the
+    families within half of the smallest held-out error, the first in the order of the laws is chosen.
 
     Three specimens of 24 readings take ten seconds.
 
     Args:
-        data: force maps of two specimens or more, with different names, measured in one rig.
-        laws: in the order in which they are believed, each as `identify` takes one: a name,
-            `module:Class`, a class or a material; "linear" and "cubic" are polynomials.
-        parameters: as in `identify`; what is named here is not varied. `end_length` is the dead
-            length of rounded ends, the same at every length.
-        constraint: on the coefficients.
-        geometry: a class or function of the estimated geometry of each specimen, see `identify`; it
+        data: force maps of at least two specimens with different names, measured in one rig.
+        laws: laws in order of preference, each as for `identify`: a name, `module:Class`, a class or a
+            material; "linear" and "cubic" are polynomials.
+        parameters: see `identify`; these are not varied between families. `end_length` is the dead
+            length of rounded ends, equal at every length.
+        constraint: constraint on the coefficients.
+        geometry: class or function that returns the estimated geometry of a specimen, see `identify`; it
             needs a method `cut_to_length`.
-        terms: further force terms, the same for every specimen; see `identify`.
-        ends: "equilibrium" tries every law with the shape from mechanics as well, see `identify`.
-        starts: number of starts, of each fit.
-        seed: of the starts.
-        progress: called with (what is done, families done, families).
+        terms: further force terms, shared by all specimens, see `identify`.
+        ends: "equilibrium" also tries every law with the shape from mechanics, see `identify`.
+        starts: number of starts of each fit.
+        seed: seed of the starts.
+        progress: called with (task, families done, total).
 
     Returns:
         The model, with the error of every family.
 
     Raises:
-        InputError: fewer than two specimens, an unknown law, or what `identify_together`
-            refuses.
+        InputError: fewer than two specimens, an unknown law, or an error of `identify_together`.
     """
     if isinstance(laws, str) or not isinstance(laws, Sequence):
         laws = (laws,)
@@ -191,22 +181,23 @@ def identify_series(
     rigs = [rig for family in families for rig in family]
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
-        raise InputError(f"each law of a series is tried once: got one of {names} twice")
-    found, judged = [], []
-    for one in rigs:
-        if progress is not None:
-            progress(one.name, len(judged), len(rigs))
-        judged.append(_judged(alike, constraint, min(starts, _COMPARED), seed, one))
-    of_rigs = iter(judged)
+        raise InputError(f"each law of a series must be given once: got one of {names} twice")
+    found, done = [], 0
     for family in families:
-        sound = [one for _, one in zip(family, of_rigs, strict=False) if one is not None]
+        sound = []
+        for one in family:
+            if progress is not None:
+                progress(one.name, done, len(rigs))
+            done += 1
+            if judged := _judged(alike, constraint, min(starts, 4), seed, one):
+                sound.append(judged)
         if sound:
             found.append(sorted(sound, key=lambda one: one.error))
     if not found:
         raise InputError(
-            f"none of the families {', '.join(one.name for one in rigs)} has a force at every reading "
-            "without each of the specimens: the others do not determine the parameters. Fix some "
-            "(end_length, series_compliance), or give more specimens"
+            f"none of the families {', '.join(one.name for one in rigs)} has a force at every reading of a "
+            "held-out specimen: the others do not determine the parameters. Fix some (end_length, "
+            "series_compliance), or give more specimens"
         )
     largest = max(one.max_force for one in data)
     tried = ranked([_as_one(rigs) for rigs in found], largest)
@@ -225,7 +216,7 @@ def identify_series(
 
 @dataclasses.dataclass(frozen=True)
 class _Judged:
-    """A law in a rig that is rigid or gives way: RMSE [N] in sample, errors on specimens left out."""
+    """A law in a rigid or compliant rig, with its RMSE [N] in sample and held-out errors."""
 
     candidate: Candidate
     rmse: float
@@ -233,7 +224,7 @@ class _Judged:
 
     @property
     def error(self) -> float:
-        """RMSE [N] on whole specimens left out, each of which counts the same."""
+        """RMSE [N] on held-out specimens, with equal weights."""
         return float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
 
 
@@ -257,10 +248,10 @@ def _posed(data: Sequence[ForceData], constraint: str, candidate: Candidate) -> 
 
 
 def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
-    """Weights of a rigid rig and of one that gives way, by their errors on whole specimens left out.
+    """Weights of a rigid and a compliant rig, by their errors on held-out specimens.
 
-    The likelihood of n errors of unknown scale goes with their root mean square to the power of -n; the
-    readings of one specimen are off together, so n is the number of specimens.
+    The likelihood of n errors of unknown scale is proportional to their root mean square to the power -n.
+    Readings of one specimen share their error, so n is the number of specimens.
     """
     errors = np.array([one.error for one in rigs])
     likelihood = (errors / errors.min()) ** -float(rigs[0].left_out.group_rmse.size)
@@ -268,7 +259,7 @@ def _weights(rigs: Sequence[_Judged]) -> tuple[float, ...]:
 
 
 def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOut]]:
-    """The mean of a law in both rigs as one family: RMSE in sample [N], errors on specimens left out."""
+    """Mean of a law in both rigs as one family, with its RMSE in sample [N] and held-out errors."""
     weights = _weights(rigs)
     rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
     left_out = LeftOut.of_mean([one.left_out for one in rigs], weights)
@@ -278,38 +269,37 @@ def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOu
 def _check(data: Sequence[ForceData], laws: Sequence[LawGiven], geometry: Geometry | None) -> None:
     if len(data) < 2:
         raise InputError(
-            f"a series needs the force maps of two specimens or more, got {len(data)}. One is fitted by "
-            "famjax fit (identify), and tells of another length by famjax predict --rest-length "
-            "(cut_to_length)"
+            f"a series needs force maps of at least two specimens, got {len(data)}. Fit one by famjax fit "
+            "(identify), and predict another length by famjax predict --rest-length (cut_to_length)"
         )
     if not laws:
         raise InputError(f"a series needs a law, such as {', '.join(DEFAULT_LAWS)}; got none")
     if len({one.specimen.rest_length for one in data}) < 2:
         raise InputError(
-            "all specimens have the same rest length, so they carry no information about another "
-            "one. Give specimens of "
-            "different lengths, or fit each by famjax fit (all at once by identify_together)"
+            "specimens of a series must differ in rest length, or they contain no information on other "
+            "lengths: give other specimens, or fit each by famjax fit (all at once by identify_together)"
         )
     never_cut = famjax.geometries.AbstractGeometry.cut_to_length
     if isinstance(geometry, type) and getattr(geometry, "cut_to_length", None) is never_cut:
         raise InputError(
-            f"{geometry.__name__} needs a method cut_to_length(rest_length): a series predicts muscles "
-            "of other lengths"
+            f"{geometry.__name__} needs a method cut_to_length(rest_length) to predict other lengths"
         )
 
 
 def _families(
     law: LawGiven, rank: int, said: Mapping[str, Parameter], own: Mapping[str, Any]
 ) -> list[tuple[Candidate, ...]]:
-    """A law with and without a deadband, each in a rigid rig and in one that gives way.
+    """A law with and without a deadband, each in a rigid and a compliant rig.
 
-    What a user says of deadband or rig is not varied; a user's own geometry and terms are in all.
+    A deadband or rig in `said` is not varied; the user's geometry and terms apply to all.
     """
     name = law if isinstance(law, str) else law_of(law).name
-    rigs = [{}] if "series_compliance" in said else [{}, {"series_compliance": Parameter()}]
-    found = []
+    rigs: list[dict[str, Parameter]] = [{}]
+    if "series_compliance" not in said:
+        rigs.append({"series_compliance": Parameter()})
+    held, found = {"deadband_pressure": Parameter(value=0.0, vary=False, unit="Pa")}, []
     for deadband in (True,) if "deadband_pressure" in said else (True, False):
-        base = believed(law) | ({} if deadband else {"deadband_pressure": _NO_DEADBAND})
+        base = believed(law) | ({} if deadband else held)
         found.append(
             tuple(
                 Candidate(
@@ -329,7 +319,7 @@ def _families(
 def _of_mechanics(
     data: Sequence[ForceData], law: LawGiven, rank: int, said: Mapping[str, Parameter], seed: int
 ) -> Candidate:
-    """A law with the shape from mechanics, after all cylinders."""
+    """A law with the shape from mechanics, ranked after all cylinders."""
     one, made = _families(law, rank, said, {})[0][0], options_of(law)
     options = equilibrium_options(data, made["law"], made.get("order"), None, one.parameters, seed)
     parameters = options.pop("parameters")
@@ -340,7 +330,7 @@ def _of_mechanics(
 
 
 def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
-    """The map with weights such that every specimen counts the same."""
+    """Return the map with standard deviations that give every specimen the same weight."""
     largest, mean = max(one.max_force for one in of), np.mean([one.loaded.sum() for one in of])
     std = BETWEEN * largest * np.sqrt(data.loaded.sum() / mean)
     return dataclasses.replace(
@@ -350,12 +340,12 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
 
 @dataclasses.dataclass(frozen=True)
 class OtherLengths:
-    """Prior beliefs about muscles of the same make and another length.
+    """Muscles that predict other lengths of the same make.
 
     Attributes:
-        names: of the families.
-        members: the muscle as each has it, in its rig.
-        between: standard deviation [N] of a specimen about their mean, their disagreement apart.
+        names: names of the families.
+        members: mounted muscle of each family.
+        between: standard deviation [N] of a specimen about their mean, without their disagreement.
     """
 
     names: tuple[str, ...]
@@ -366,29 +356,29 @@ class OtherLengths:
 def accounts(
     candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
 ) -> tuple[Candidate, ...]:
-    """The families that transfer, with a deadband and with a rig that gives way.
+    """Select the families that transfer to other lengths, with a deadband or a compliant rig.
 
     Args:
-        candidates: of the ladder.
+        candidates: families of the ladder.
         data: the map.
-        said: parameters of which a user says something.
+        said: parameters given by the user.
 
     Returns:
-        The families; none where there is but one thing to make a muscle pull late.
+        The families; none unless both a rigid and a compliant rig are possible.
     """
     found = [as_cylinder(one, data, said) for one in candidates if one.law in DEFAULT_LAWS]
     return tuple(found) if {one.rig for one in found} == {False, True} else ()
 
 
 def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths | None:
-    """Muscles of other lengths by the families that transfer, as cylinders of stiff threads.
+    """Collect the muscles that predict other lengths, as cylinders with stiff threads.
 
     Args:
-        families: of `accounts`, fitted to all readings.
-        max_force: largest force measured [N].
+        families: families of `accounts`, fitted to all readings.
+        max_force: largest measured force [N].
 
     Returns:
-        None where there are none.
+        The muscles, or None if there are no families.
     """
     if not families:
         return None

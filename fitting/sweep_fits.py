@@ -1,15 +1,15 @@
-"""The convex fits of a sweep: all orders, dependences and constraints of one force map together.
+"""Convex fits of a sweep: all orders, dependences and constraints of one force map together.
 
-At a known geometry F = F_0 + sum_n E_n c_n, so each fit is a convex programme of two unknowns for every
-order: E_n at the lowest and at the highest pressure. A law that is fixed in pressure has the first of
-them; one that is free in pressure is a programme for each pressure.
+At a known geometry F = F_0 + sum_n E_n c_n, so each fit is a convex programme with two unknowns for every
+order, E_n at the lowest and at the highest pressure. A law fixed in pressure has only the first; a law
+free in pressure has a separate programme for each pressure.
 
-A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1], is posed at stations.
-Where an optimum violates it most between them, it is posed as well, until nothing is violated (exchange).
-Cubics that follow phi_n to rounding give the minima of g without search.
+A constraint along the paths, g(s) = sum_n E_n phi_n(s) >= 0 for all s in [0, 1], is posed at stations. The
+point at which an optimum violates it most is added until nothing is violated (exchange). Piecewise cubics
+approximate phi_n to rounding, so the minima of g are found in closed form.
 
-The mean RMSE is minimised by reweighting: a step is a sum of squares with the gradient of the mean RMSE at
-the last point, and a curvature above it or nearly its own.
+The mean RMSE is minimised by reweighting: each step solves a sum of squares with the gradient of the mean
+RMSE at the previous point and an equal or larger curvature.
 
 References:
     Chambers 2021, equation 7.6.
@@ -38,21 +38,12 @@ from .model_families import ModelFamily
 from .posing import path_end_at
 from .response import Constraint, MapInputs, linear_response
 
-_PRESSURES = 200  # of a map at most: the work grows with the square of them
-_POINTS, _CELLS = 1024, 256  # readings, and cells of paths, that one call of the linear model takes
-_AT_FIRST = 32  # cells of each path
-_SMALL = 1e-10  # of the largest value: a cubic this near to a function is the function
-_NARROWEST = 1e-9  # width of a cell within which a corner of a function is a point
-_STATIONS = 17  # of each path at which a constraint is posed from the start
+_PRESSURES = 200  # maximum per map; the cost grows with the square
+_STATIONS = 17  # positions on each path at which a constraint is posed initially
 _SPARE = 4  # rows of each path for points between its stations
-_TOGETHER = 64  # programmes that a compiled program takes
 _STEPS = 60
-_EXACT = 1e-11  # violation per largest coefficient
-_VANISHED = 1e-3  # of the coefficient that alone would carry the force
-_CERTIFIED = 1e-9  # largest residual of the optimality conditions of an exact optimum
-_ROUNDED = 1e-8  # of |c_p|: the norm below which the corner of a norm is rounded off
-_REWEIGHTED, _STILL = 400, 1e-13  # steps of the mean RMSE, and relative change by the last of them
-_SAFE, _LOOSE = 6, 0.1  # steps before those of nearly its own curvature, and the rest of these
+_EXACT = 1e-11  # violation relative to the largest coefficient
+_ROUNDED = 1e-8  # relative to |c_p|: smoothing of the corner of a norm
 _TINY = float(np.finfo(float).tiny)
 
 _THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0, 0.5])
@@ -67,7 +58,7 @@ def _programs() -> Callable[..., Optimum]:
 
 
 def _in_chunks(call: Callable[..., Any], size: int, *given: np.ndarray) -> Any:
-    """A call on arrays of any length, `size` rows at a time: one compiled program."""
+    """Apply a function to arrays of any length, `size` rows at a time, with one compiled program."""
     count, found = len(given[0]), []
     for first in range(0, count, size):
         rows = np.minimum(np.arange(first, first + size), count - 1)
@@ -76,13 +67,13 @@ def _in_chunks(call: Callable[..., Any], size: int, *given: np.ndarray) -> Any:
 
 
 class LinearMuscle:
-    """F = F_0 + sum_n E_n c_n of a muscle with a polynomial law, and what must not become negative.
+    """Muscle with a polynomial law: F = F_0 + sum_n E_n c_n, and its constraints.
 
     Args:
-        geometry: of the muscle.
+        geometry: geometry of the muscle.
         deadband: P_d [Pa].
-        terms: force terms besides braid and bladder, or None.
-        order: highest of the law.
+        terms: force terms in addition to braid and bladder, or None.
+        order: highest order of the law.
     """
 
     def __init__(
@@ -98,12 +89,12 @@ class LinearMuscle:
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... order"]]:
-        """F_0 [N] and c_n [N/Pa] at lengths [m] and pressures [Pa], broadcast shape."""
+        """F_0 [N] and c_n [N/Pa] at lengths [m] and pressures [Pa], in their broadcast shape."""
         none = np.zeros(1), np.zeros(1), np.zeros((1, 0))
         at = [1.0 * one for one in np.broadcast_arrays(length, pressure)]
         force, columns = _in_chunks(
             lambda *points: self._response("none", *points, *none)[:2],
-            _POINTS, *(one.ravel() for one in at),
+            1024, *(one.ravel() for one in at),
         )  # fmt: skip
         return force.reshape(at[0].shape), columns.reshape(*at[0].shape, self.order)
 
@@ -114,13 +105,13 @@ class LinearMuscle:
         path_end: Float[np.ndarray, " cells"],
         s: Float[np.ndarray, "cells k"],
     ) -> Float[np.ndarray, "cells k order"]:
-        """phi_n [-] at shares s of paths from rest to their ends [m]."""
+        """phi_n [-] at relative positions s on paths from rest to their ends [m]."""
         rest = np.array([self.rest_length]), np.zeros(1)
         return _in_chunks(
             lambda *paths: self._response(constraint, *rest, *paths).rows.reshape(
                 len(paths[0]), s.shape[1], self.order
             ),
-            _CELLS, pressure, path_end, s,
+            256, pressure, path_end, s,
         )  # fmt: skip
 
     def _response(self, constraint: Constraint, length: np.ndarray, *others: np.ndarray) -> Any:
@@ -129,11 +120,11 @@ class LinearMuscle:
 
 
 class PathTable(NamedTuple):
-    """phi_n along paths as cubics in cells: sum_k cubic_k ((s - start)/width)^k.
+    """phi_n along paths as piecewise cubics: sum_k cubic_k ((s - start)/width)^k.
 
     Attributes:
-        start: of each cell, 2 for none, shape (paths, cells).
-        width: of each cell, shape (paths, cells).
+        start: start of each cell, 2 for padding, shape (paths, cells).
+        width: width of each cell, shape (paths, cells).
         cubic: coefficients, shape (paths, cells, 4, order).
     """
 
@@ -145,12 +136,12 @@ class PathTable(NamedTuple):
     def of(
         cls, evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray], paths: int, cells: int
     ) -> "PathTable":
-        """The cubics that follow functions to rounding; cells are halved until they do.
+        """Approximate functions to rounding, halving cells until the cubics agree with them.
 
         Args:
-            evaluate: phi_n of paths, shape (m,), at shares of each, shape (m, k); shape (m, k, order).
+            evaluate: returns phi_n for paths, shape (m,), at positions, shape (m, k); shape (m, k, order).
             paths: number of paths.
-            cells: of each path at first.
+            cells: initial number of cells of each path.
         """
         path, low = (one.ravel() for one in np.indices((paths, cells)))
         low, wide, found, size = low / cells, 1 / cells, [], 0.0
@@ -159,8 +150,8 @@ class PathTable(NamedTuple):
             size = np.maximum(size, np.abs(values).max(axis=(0, 1)))
             cubic = _TO_CUBIC @ values[:, :4]
             off = np.abs(_MIDDLE @ cubic - values[:, 4:])[:, 0]
-            # Where the geometry ends the values are not numbers, and no halving helps.
-            rough = (off > _SMALL * size).any(axis=-1) & (wide > _NARROWEST)
+            # Beyond the geometry's limits the values are nan, and halving does not help.
+            rough = (off > 1e-10 * size).any(axis=-1) & (wide > 1e-9)
             found.append((path[~rough], low[~rough], np.full((~rough).sum(), wide), cubic[~rough]))
             wide = wide / 2
             path, low = np.tile(path[rough], 2), np.concatenate([low[rough], low[rough] + wide])
@@ -183,11 +174,11 @@ class PathTable(NamedTuple):
     def weakest(
         self, E: Float[np.ndarray, "*batch paths order"]
     ) -> tuple[Float[np.ndarray, "*batch paths"], Float[np.ndarray, "*batch paths"]]:
-        """The smallest g = sum_n E_n phi_n [Pa] of each path, and where it is."""
+        """Smallest g = sum_n E_n phi_n [Pa] of each path, and its position."""
         cells, paths = self.start.shape[1], np.arange(len(self.start))
         flat = self.cubic.reshape(len(self.start), -1, E.shape[-1])
         c = np.moveaxis((flat @ E[..., None]).reshape(*E.shape[:-1], cells, 4), -1, 0)
-        # c_1 + 2 c_2 t + 3 c_3 t^2 rises through zero where g has its minimum. Nothing cancels.
+        # c_1 + 2 c_2 t + 3 c_3 t^2 rises through zero at the minimum of g; no cancellation.
         root, up = np.sqrt(np.maximum(c[2] ** 2 - 3 * c[3] * c[1], 0.0)), c[2] > 0
         over = np.where(up, c[2] + root, 3 * c[3])
         inside = np.where(up, -c[1], root - c[2]) / np.where(over == 0, 1.0, over)
@@ -203,18 +194,18 @@ class PathTable(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """The linear problem of all fits of a map: loaded readings by pressure, padded to one length.
+    """Linear problem of all fits of a map: loaded readings by pressure, padded to one length.
 
     Attributes:
-        muscle: of any coefficients.
+        muscle: the muscle, for any coefficients.
         pressure: levels [Pa], increasing, shape (pressures,).
         force, length: [N, m], shape (pressures, readings).
-        weight: 1/std, 1 without, 0 where there is no reading; shape (pressures, readings).
+        weight: 1/std, or 1; 0 for padding, shape (pressures, readings).
         path_end: shortest length [m] of each path, shape (pressures,).
         A, target: c_n [N/Pa] and F - F_0 [N] at the readings, shapes (pressures, readings, order) and
             (pressures, readings).
-        factor: triangle of [A target], weighted, shape (pressures, order + 1, order + 1).
-        tables: of the constraints along the paths, by name.
+        factor: weighted triangle of [A target], shape (pressures, order + 1, order + 1).
+        tables: constraints along the paths, by name.
     """
 
     muscle: LinearMuscle
@@ -230,21 +221,21 @@ class Design:
 
     @classmethod
     def of(cls, muscle: LinearMuscle, data: ForceData) -> "Design":
-        """The problem of a force map.
+        """Set up the problem of a force map.
 
-        The path at a pressure runs from rest to the longest length at which the muscle is slack there,
-        or, where no reading is slack, to the shortest length.
+        The path at a pressure runs from rest to the longest length at which the muscle is slack there, or
+        to the shortest length if no reading is slack.
 
         Raises:
-            InputError: a pressure has no loaded reading that is shorter than the rest length, there are
-                more than 200 pressures, or the muscle has no force at a reading.
+            InputError: a pressure has no loaded reading shorter than the rest length, there are more than
+                200 pressures, or the muscle has no force at a reading.
         """
         loaded, level, rest = data.loaded, data.pressures.level, muscle.rest_length
         pressure = np.unique(level[loaded])
         if pressure.size > _PRESSURES:
             raise InputError(
-                f"a sweep follows the path of each pressure, and takes {_PRESSURES} pressures at most; "
-                f"the map has {pressure.size}. Say which of them are one, by a line of the file such as "
+                f"a sweep needs a path for each pressure and accepts at most {_PRESSURES}; the map has "
+                f"{pressure.size}. Group them by a line of the file such as "
                 "`# level: pressure_tolerance_kPa = 5`, or fit one law to all readings by `famjax fit`"
             )
         path_end = np.array([path_end_at(data, float(one)) for one in pressure])
@@ -252,7 +243,7 @@ class Design:
         if short.size:
             raise InputError(
                 f"at {pressure[short[0]] / 1e3:.5g} kPa no reading is shorter than the rest length of "
-                f"{rest * 1e3:.5g} mm, so that no actuation path begins there: leave that pressure out"
+                f"{rest * 1e3:.5g} mm, so there is no actuation path: leave that pressure out"
             )
         at = [np.flatnonzero(loaded & (level == one)) for one in pressure]
         size = max(rows.size for rows in at)
@@ -267,7 +258,7 @@ class Design:
             raise InputError(
                 f"the muscle must have a force at every loaded reading; it has none at {len(lost)} of "
                 f"them, first at {length[k, n] * 1e3:.5g} mm and {pressure[k] / 1e3:.5g} kPa: "
-                "the geometry does not reach it, or a force term is no number there"
+                "the geometry does not extend there, or a force term is nan"
             )
         target = data.force[padded] - braid
         rows = np.concatenate([A, target[..., None]], axis=-1) * weight[..., None]
@@ -279,8 +270,8 @@ class Design:
 
             return PathTable.of(evaluate, pressure.size, cells)
 
-        # The law's own tangent is a cubic up to the fourth order.
-        tables = {"slope": table("slope", 1), "drucker": table("drucker", _AT_FIRST)}
+        # The tangent of the law is a cubic up to order 4.
+        tables = {"slope": table("slope", 1), "drucker": table("drucker", 32)}
         return cls(
             muscle, pressure, data.force[padded], length, weight, path_end, A, target,
             np.asarray(factor), tables,
@@ -288,24 +279,24 @@ class Design:
 
     @property
     def there(self) -> Bool[np.ndarray, "pressures readings"]:
-        """Which of the padded readings are readings."""
+        """True for readings, false for padding."""
         return self.weight > 0
 
     def residual(
         self, E: Float[np.ndarray, "*fits pressures order"]
     ) -> Float[np.ndarray, "*fits pressures readings"]:
-        """Model minus measured [N]; zero where there is no reading."""
+        """Model minus measured [N]; zero for padding."""
         return np.where(self.there, (self.A @ E[..., None])[..., 0] - self.target, 0.0)
 
 
 class Fits(NamedTuple):
-    """Certified optima, along the axes of what was asked for.
+    """Certified optima.
 
     Attributes:
         coefficients: E_n [Pa] at each pressure, shape (..., pressures, order); nan unless OPTIMAL.
-        objective: its minimum.
-        kkt_residual, duality_gap: certificate, relative.
-        condition: of the columns, see `convex.Optimum`.
+        objective: minimum of the objective.
+        kkt_residual, duality_gap: relative certificate.
+        condition: condition of the columns, see `convex.Optimum`.
         status: a `Status`.
     """
 
@@ -318,13 +309,13 @@ class Fits(NamedTuple):
 
 
 class _Programmes(NamedTuple):
-    """Programmes along a leading axis; unknown 2 n + j is coefficient n at end j of the pressures.
+    """Programmes along a leading axis; unknown 2 n + j is coefficient n at pressure end j.
 
     Attributes:
         constraint: names, shape (b,).
-        basis: of the coefficients at the pressures; zero where a pressure has no part, (b, pressures, 2).
-        used: unknowns that the law has, shape (b, 2 order).
-        keep: 0 for a pressure that is left out, shape (b, pressures).
+        basis: weights of the two ends at each pressure; zero to exclude a pressure, (b, pressures, 2).
+        used: true for unknowns of the law, shape (b, 2 order).
+        keep: 0 for a held-out pressure, shape (b, pressures).
     """
 
     constraint: np.ndarray
@@ -340,19 +331,19 @@ def fits_of(
     constraints: tuple[str, ...],
     objective: str,
 ) -> tuple[Fits, Float[np.ndarray, "orders constraints pressures"]]:
-    """The fits of a dependence on pressure, axes (orders, constraints).
+    """Solve the fits with one dependence on pressure, axes (orders, constraints).
 
     Args:
         of: the linear problem.
-        dependence: "fixed", "linear", or "free": a programme for each pressure, where the RMSE is smallest
-            where the sum of squares is.
-        orders: of the law.
+        dependence: "fixed", "linear" or "free". The latter has a programme for each pressure, whose RMSE
+            and sum of squares have the same minimum.
+        orders: orders of the law.
         constraints: some of `response.CONSTRAINTS`.
         objective: "sum_of_squares" or "mean_rmse".
 
     Returns:
-        The fits. And the sum of squares [N^2] at each pressure while it was left out; nan where the law
-        says nothing of another pressure.
+        The fits, and the sum of squares [N^2] at each pressure when it is left out; nan if the law does
+        not predict other pressures.
     """
     count, linear, free = len(of.target), dependence == "linear", dependence == "free"
     keeps = np.eye(count) if free else np.concatenate([np.ones((1, count)), 1 - np.eye(count)])
@@ -367,9 +358,8 @@ def fits_of(
     )
     goal = "sum_of_squares" if free else objective
     found = _in_chunks(
-        lambda *some: _optima(of, _Programmes(*some), goal),
-        min(_TOGETHER, bucket(kind.size, 16)), *given,
-    )  # fmt: skip
+        lambda *some: _optima(of, _Programmes(*some), goal), min(64, bucket(kind.size, 16)), *given
+    )
     found = Fits(*(np.swapaxes(v.reshape(*shape, *v.shape[1:]), 0, 1) for v in found))
     E, own = found.coefficients, np.arange(count)
     left_out = np.full((len(orders), len(constraints), count), np.nan)
@@ -384,7 +374,7 @@ def fits_of(
 
 
 def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
-    """The optima of programmes: steps, and rows for points between stations, until both end."""
+    """Solve programmes, adding violated points between stations, until all have ended."""
     order, count, smooth = of.muscle.order, len(given.used), objective == "mean_rmse"
     n, keep = 2 * order, given.keep[:, :, None]
     W = of.factor[:, :, :order, None] * given.basis[:, :, None, None, :]
@@ -394,16 +384,16 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     G, x = _posed(of, given), np.zeros((count, n))
     length = np.linalg.norm(W, axis=(1, 2))
     alone = np.linalg.norm(c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
-    least_size = np.maximum(_VANISHED * alone.max(axis=1, initial=0.0), _TINY)
+    least_size = np.maximum(1e-3 * alone.max(axis=1, initial=0.0), _TINY)
     done = np.zeros(count, bool)
     status = last = np.full(count, int(Status.STALLED))
     condition, certificate = np.zeros(count), np.full((3, count), np.nan)
-    for step in range(_REWEIGHTED if smooth else _STEPS):
+    for step in range(400 if smooth else _STEPS):
         rounding = max(0.1**step, _ROUNDED)  # the first steps see a smoother function
         A, b = W, c
         if smooth and step:
-            loose = _LOOSE if _SAFE <= step < _STEPS else 1.0
-            A, b = _model(W, c, x, share, loose, rounding)
+            # Safe steps first and last; the others use nearly the true curvature.
+            A, b = _model(W, c, x, share, 0.1 if 6 <= step < _STEPS else 1.0, rounding)
         best = _optimum(A, b, given.used, G)
         last, condition = best.status, condition if step else best.condition
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
@@ -411,7 +401,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         if smooth:
             size = np.maximum(np.linalg.norm(_times(W, new), axis=(1, 2)), _TINY)
             change = np.linalg.norm(_times(W, new - x), axis=(1, 2)) / size
-            still = (change <= _STILL) & (rounding <= _ROUNDED)
+            still = (change <= 1e-13) & (rounding <= _ROUNDED)
             now = _certificate(W, c, new, share, G, best.multipliers)
         violation = _pose_weakest(of, given, new, G, step % _SPARE, least_size)
         now = np.stack([now[0], np.maximum(now[1], violation), now[2]])
@@ -421,12 +411,12 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         x, done = new, done | ended
         if done.all():
             break
-    # The last steps move by rounding: the certificate tells.
+    # Steps that stop at rounding are judged by their certificate.
     status = np.where(done, status, last)
-    wrong = (status == int(Status.OPTIMAL)) & ~(certificate[1] < _CERTIFIED)
+    wrong = (status == int(Status.OPTIMAL)) & ~(certificate[1] < 1e-9)
     status = np.where(wrong, int(Status.STALLED), status)
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
-    # The unknowns that a law has not are columns of unit length.
+    # Unused unknowns are columns of unit length.
     on = given.used.sum(axis=1)
     least, residual, gap = certificate
     scaled = np.sqrt(on * (condition**2 / n - (n - on)))
@@ -439,7 +429,7 @@ def _optimum(
     used: Bool[np.ndarray, "b n"],
     G: Float[np.ndarray, "b pressures points n"],
 ) -> Optimum:
-    """The minimisers of |A x - b| with G x >= 0; what a law has not is zero."""
+    """Minimise |A x - b| with G x >= 0; unused unknowns are zero."""
     count, n = used.shape
     rows = np.concatenate([A, b[..., None]], axis=-1).reshape(count, -1, n + 1)
     absent = np.pad(np.eye(n) * ~used[:, None], ((0, 0), (0, 0), (0, 1)))
@@ -451,7 +441,7 @@ def _optimum(
 
 
 def _posed(of: Design, given: _Programmes) -> Float[np.ndarray, "b pressures points n"]:
-    """Rows that hold from the start, and rows of zeros to be filled."""
+    """Initial rows of the constraints, with zero rows for later points."""
     (count, n), paths = given.used.shape, len(of.target)
     G = np.zeros((count, paths, _STATIONS + _SPARE, n))
     positive = given.constraint == "positive"
@@ -467,7 +457,7 @@ def _posed(of: Design, given: _Programmes) -> Float[np.ndarray, "b pressures poi
 def _rows(
     given: _Programmes, mine: Bool[np.ndarray, " b"], phi: Float[np.ndarray, "#m pressures k order"]
 ) -> Float[np.ndarray, "m pressures k n"]:
-    """phi_n as rows on the unknowns of some programmes."""
+    """Rows of phi_n on the unknowns of some programmes."""
     rows = phi[..., None] * given.basis[mine][:, :, None, None, :]
     return rows.reshape(*rows.shape[:3], given.used.shape[1]) * given.used[mine][:, None, None]
 
@@ -487,9 +477,9 @@ def _pose_weakest(
     slot: int,
     least_size: Float[np.ndarray, " b"],
 ) -> Float[np.ndarray, " b"]:
-    """The largest violation per largest coefficient; the weakest point of each path becomes a row.
+    """Largest violation relative to the largest coefficient; add the weakest point of each path as a row.
 
-    Of a law that all but vanishes it is per `least_size` [Pa].
+    For a law that nearly vanishes, the violation is relative to `least_size` [Pa].
     """
     violation, E = np.zeros(len(x)), _coefficients(given, x)
     size = np.maximum(np.abs(E).max(axis=(1, 2), initial=0.0), least_size)
@@ -525,10 +515,10 @@ def _model(
     loose: float,
     rounding: float,
 ) -> tuple[Float[np.ndarray, "b pressures rows n"], Float[np.ndarray, "b pressures rows"]]:
-    """A and b of the sum of squares with the gradient of sum_p share_p |r_p| at x.
+    """A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
 
-    Its curvature is (1 - loose) times that of the norms, and `loose` times that of the sum of squares that
-    touches them from above, share_p / |r_p|: with loose = 1 every step lowers the mean RMSE.
+    Its curvature is (1 - loose) times that of the norms plus `loose` times share_p / |r_p|, that of the sum
+    of squares that bounds them from above. With loose = 1, every step reduces the mean RMSE.
     """
     r, norm = _norms(W, c, x, rounding)
     norm, square = np.where(norm > 0, norm, 1.0), (r**2).sum(axis=-1)
@@ -547,12 +537,12 @@ def _certificate(
     G: np.ndarray,
     multipliers: Float[np.ndarray, "b m"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean RMSE, residual of its optimality conditions, and duality gap, both relative.
+    """Mean RMSE, relative residual of its optimality conditions, and relative duality gap.
 
-    The residual is in parts of the data: readings that differ by so much have their optimum there.
-    Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, bounds the optimum: it is no less
-    than -sum_p u_p c_p. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + what is left of the
-    conditions).
+    The residual is relative to the data: a change of the readings by this much makes the point optimal.
+    Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
+    -sum_p u_p c_p of the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual of
+    the conditions).
     """
     r, norm = _norms(W, c, x, _ROUNDED)
     positive = np.where(norm > 0, norm, 1.0)

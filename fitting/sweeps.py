@@ -1,4 +1,4 @@
-"""All permutations of order, pressure dependence and constraint at one geometry: `sweep`."""
+"""Fit all permutations of order, pressure dependence and constraint at one geometry."""
 
 import dataclasses
 import math
@@ -27,13 +27,10 @@ if TYPE_CHECKING:
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
 
 FEASIBLE = 1e-9
-"""Violation of a constraint per largest coefficient that counts as rounding."""
+"""Violation of a constraint, relative to the largest coefficient, that counts as rounding."""
 
-_HIGHEST_ORDER = 4  # up to it the tangent modulus is a cubic, and its constraint exact
-_AT_REST = 1e-3  # a reading is blocked whose length is the rest length to this part
-_NEARLY_FREE = 0.1  # readings below this part of a pressure's largest force give its free length
-_LENGTHS = 129
-_BEYOND = 2.0  # lengths are looked at to this multiple of the largest measured contraction
+_HIGHEST_ORDER = 4
+"""Above it the tangent modulus is not a cubic, so its constraint would not be exact."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +39,7 @@ class SweepRow:
 
     Attributes:
         dependence, order, constraint: form of the law.
-        n_coefficients: number of them.
+        n_coefficients: number of coefficients.
         coefficients: E_n [Pa] at each pressure, shape (pressures, order).
         objective: minimum of the objective: half the sum of squares, or the mean RMSE.
         rmse, mae: [N], averaged over pressures.
@@ -50,19 +47,17 @@ class SweepRow:
         rmse_by_pressure, mae_by_pressure: [N].
         blocked_error: mean over pressures of |model - measured| blocked force [N].
         blocked_error_by_pressure: model minus measured [N].
-        free_contraction_error: mean of |model - measured| [-] over the pressures at which there
-            are both; nan where there are none.
-        free_contraction_error_by_pressure: model minus measured [-]; nan where the model's force
-            does not fall to zero, or the measured force does not come near it.
-        aicc, bic: information criteria of independent normal errors; they count coefficients as if none
-            were constrained.
-        cross_validated_rmse: [N] at pressures left out of the fit, nan where the form says nothing
-            about other pressures.
-        margin: smallest modulus along the actuation paths [Pa]; Drucker-stable where >= 0.
-        condition: of the columns.
+        free_contraction_error: mean of |model - measured| [-] over pressures with both values, or nan.
+        free_contraction_error_by_pressure: model minus measured [-]; nan if the model's force does not
+            fall to zero, or the measured force does not come close to it.
+        aicc, bic: information criteria for independent normal errors; they count coefficients as if
+            unconstrained.
+        cross_validated_rmse: [N] at held-out pressures; nan if the form does not predict other pressures.
+        margin: smallest modulus along the actuation paths [Pa]; Drucker-stable when >= 0.
+        condition: condition number of the columns.
         kkt_residual, duality_gap: certificate.
-        status: how the fit ended.
-        verdict: in words: "stable", "not stable", or why there is no fit.
+        status: status of the solver.
+        verdict: "stable", "not stable", or why there is no fit.
     """
 
     dependence: str
@@ -91,7 +86,7 @@ class SweepRow:
     verdict: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists, for JSON; nan stays nan."""
+        """JSON-ready numbers and lists; nan stays nan."""
         plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
         return plain | {"status": self.status.name}
 
@@ -102,9 +97,9 @@ class Sweep:
 
     Attributes:
         rows: all fits, by dependence, order and constraint.
-        pressures: levels [Pa] of the force map.
+        pressures: pressure levels of the force map [Pa].
         data: the force map.
-        muscle: of the fits, with any coefficients.
+        muscle: muscle of the fits, for any coefficients.
         objective: "sum_of_squares" or "mean_rmse".
     """
 
@@ -115,7 +110,7 @@ class Sweep:
     objective: str
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """A row for each fit in SI: its form, errors and verdict; lists by pressure are left out.
+        """Return one row in SI for each fit, without lists by pressure.
 
         Raises:
             InputError: pandas is not installed.
@@ -141,20 +136,20 @@ def sweep(
     constraints: Sequence[str] = CONSTRAINTS,
     objective: str = "sum_of_squares",
 ) -> Sweep:
-    """All permutations of the law at fixed geometry, each a certified global optimum.
+    """Fit all permutations of the law at a fixed geometry, each to a certified global optimum.
 
-    The force is linear in the coefficients, so that every one of these fits is convex. Constraints
-    hold between the readings as well.
+    The force is linear in the coefficients, so every fit is convex. Constraints also hold between the
+    readings.
 
     Args:
         data: the force map.
-        geometry: nothing of it is identified.
+        geometry: the fixed geometry.
         deadband: P_d [Pa].
-        terms: force terms besides braid and bladder; nothing of them is identified.
-        orders: of the law, 1 to 4.
-        dependences: of the coefficients on pressure, among "fixed", "linear" and "free".
-        constraints: among "none", "positive", "slope" and "drucker".
-        objective: "sum_of_squares", or "mean_rmse" over pressures, as the reference work.
+        terms: fixed force terms in addition to braid and bladder.
+        orders: orders of the law, 1 to 4.
+        dependences: dependences of the coefficients on pressure: "fixed", "linear" and "free".
+        constraints: constraints: "none", "positive", "slope" and "drucker".
+        objective: "sum_of_squares", or "mean_rmse" over pressures, as in the reference work.
 
     Returns:
         The fits.
@@ -167,20 +162,15 @@ def sweep(
         Chambers 2021, sections 7.1 to 7.3.
     """
     if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError(
-            "a sweep needs float64, and JAX computes in float32 by default. Put this line before "
-            'any other use of JAX: jax.config.update("jax_enable_x64", True)'
-        )
+        raise RuntimeError('a sweep needs float64: jax.config.update("jax_enable_x64", True)')
     check_maps(data)
     if not isinstance(geometry, famjax.geometries.AbstractGeometry):
-        raise InputError(f"a sweep needs a known geometry, with its numbers; got {shown(geometry)}")
+        raise InputError(f"a sweep needs a geometry with all dimensions, got {shown(geometry)}")
     if not (is_number(deadband) and 0 <= deadband < math.inf):
-        raise InputError(
-            f"the deadband is a gauge pressure [Pa], zero or above; got {shown(deadband)}"
-        )
+        raise InputError(f"the deadband must be a gauge pressure [Pa] >= 0, got {shown(deadband)}")
     if isinstance(orders, str) or not isinstance(orders, Iterable) or not tuple(orders):
         raise InputError(
-            f"orders must be whole numbers from 1 to {_HIGHEST_ORDER} in a list, as [1, 2], got "
+            f"orders must be a list of whole numbers from 1 to {_HIGHEST_ORDER}, such as [1, 2]; got "
             f"{shown(orders)}"
         )
     each = sorted({check_whole("each of the orders", one, 1, _HIGHEST_ORDER) for one in orders})
@@ -197,10 +187,10 @@ def sweep(
 
 
 def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """The named options in their standard order."""
+    """Return the given options in their standard order."""
     strange = [value for value in given if value not in known]
     if strange or not given:
-        raise InputError(f"{what}: known are {', '.join(known)}; got {strange or 'none'}")
+        raise InputError(f"{what} must be among {', '.join(known)}; got {strange or 'none'}")
     return tuple(value for value in known if value in given)
 
 
@@ -211,7 +201,7 @@ def _rows(
     constraints: tuple[str, ...],
     objective: str,
 ) -> Iterator[SweepRow]:
-    """The fits of one dependence with their errors in force and stroke, information and stability."""
+    """Fits of one dependence, with their errors, information criteria and stability."""
     fits, left_out = fits_of(of, dependence, orders, constraints, objective)
     E, count = fits.coefficients, of.there.sum(axis=1)
     residual, n = of.residual(E), count.sum()
@@ -254,10 +244,16 @@ def _rows(
 def _end_errors(
     of: Design, E: Float[np.ndarray, "*fits pressures order"]
 ) -> tuple[Float[np.ndarray, "*fits pressures"], Float[np.ndarray, "*fits pressures"]]:
-    """Blocked force [N] and free contraction [-] of fits minus measured, by pressure."""
+    """Blocked force [N] and free contraction [-] of the fits minus measurement, by pressure.
+
+    The measured blocked force is the mean of the readings at rest. The measured free contraction is
+    extrapolated by a line through the readings below a tenth of the largest force, or at the two shortest
+    lengths. Both are nan if not measured.
+    """
     muscle, rest = of.muscle, of.muscle.rest_length
-    reached = _BEYOND * (1 - of.path_end.min() / rest)
-    contraction = min(reached, 1 - muscle.shortest_length / rest) * np.linspace(0, 1, _LENGTHS)
+    # Search up to twice the largest measured contraction.
+    reached = 2.0 * (1 - of.path_end.min() / rest)
+    contraction = min(reached, 1 - muscle.shortest_length / rest) * np.linspace(0, 1, 129)
     braid, bladder = muscle.columns(rest * (1 - contraction), of.pressure[:, None])
     force = braid + (bladder @ E[..., None])[..., 0]
     falls = (force[..., :-1] > 0) & (force[..., 1:] <= 0)
@@ -268,50 +264,35 @@ def _end_errors(
     drop = np.where(before > after, before - after, 1.0)
     step = contraction[at + 1] - contraction[at]
     free = np.where(falls.any(axis=-1), contraction[at] + step * before / drop, np.nan)
-    measured = _measured_ends(of)
-    return force[..., 0] - measured[0], free - measured[1]
-
-
-def _measured_ends(
-    of: Design,
-) -> tuple[Float[np.ndarray, " pressures"], Float[np.ndarray, " pressures"]]:
-    """Blocked force [N] and free contraction [-] as measured, per pressure; nan where they were not.
-
-    The blocked force is the mean of the readings at rest. The free contraction is where a line
-    through the readings of less than a tenth of the largest force, or through those at the two
-    shortest lengths, reaches zero.
-    """
-    blocked, free = np.full((2, len(of.pressure)), np.nan)
+    measured = np.full((2, len(of.pressure)), np.nan)
     rows = zip(of.force, 1 - of.length / of.muscle.rest_length, of.there, strict=True)
-    for k, (force, shorter, there) in enumerate(rows):
-        F, contraction = force[there], shorter[there]
-        at_rest = np.abs(contraction) < _AT_REST
+    for k, (read, shorter, there) in enumerate(rows):
+        F, contraction = read[there], shorter[there]
+        at_rest = np.abs(contraction) < 1e-3
         if at_rest.any():
-            blocked[k] = F[at_rest].mean()
-        near = _NEARLY_FREE * F.max() >= F
+            measured[0, k] = F[at_rest].mean()
+        near = 0.1 * F.max() >= F
         if np.unique(contraction[near]).size < 3:
             near = contraction >= np.unique(contraction)[-2:][0]
         if np.unique(F[near]).size > 1:
             slope, at_zero = np.polyfit(F[near], contraction[near], 1)
-            free[k] = at_zero if slope < 0 else np.nan
-    return blocked, free
+            measured[1, k] = at_zero if slope < 0 else np.nan
+    return force[..., 0] - measured[0], free - measured[1]
 
 
 _COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
-_DRAWN = 120
-_TOP = 1.07  # times what is largest, to which an axis reaches
-_NAMED = 8  # isobars in a legend at most; their colours go by the pressure
+_TOP = 1.07  # upper limit of an axis relative to the largest value
 
 
 def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
-    """RMSE, MAE, blocked force and free contraction against the order, the forms side by side.
+    """Plot RMSE, MAE, blocked force and free contraction errors against the order, side by side by form.
 
     Args:
         found: the sweep.
         system: "si", "metric" or "us".
 
     Returns:
-        A figure, not shown; save it with `savefig`. Without a fit there is a gap.
+        A figure, not shown; save it with `savefig`. Missing fits leave gaps.
 
     References:
         Chambers 2021, figures 7.2 to 7.5.
@@ -355,7 +336,7 @@ def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
 
 
 def plot_curves(found: Sweep, chosen: list[SweepRow], system: str = "metric") -> "Figure":
-    """Measured and fitted isobars of some fits, one panel for each.
+    """Plot measured and fitted isobars of some fits, one panel for each.
 
     Args:
         found: the sweep.
@@ -377,7 +358,7 @@ def plot_curves(found: Sweep, chosen: list[SweepRow], system: str = "metric") ->
     muscle, loaded = found.muscle, readings.loaded
     rest, at_level = muscle.rest_length, np.searchsorted(levels, readings.pressures.level[loaded])
     shortest = [readings.length[loaded][at_level == k].min() for k in range(levels.size)]
-    length = np.linspace(rest, shortest, _DRAWN, axis=1)
+    length = np.linspace(rest, shortest, 120, axis=1)
     braid, bladder = muscle.columns(length, levels[:, None])
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.9, levels.size))
     figure = Figure(figsize=(3.8 * len(chosen), 3.9), layout="constrained")
@@ -395,7 +376,7 @@ def plot_curves(found: Sweep, chosen: list[SweepRow], system: str = "metric") ->
         one.set(xlabel="contraction")
     top = _TOP * float(readings.force[loaded].max()) / force
     axes[0].set(ylabel=f"force, {units['force']}", ylim=(0, top))
-    for k in np.unique(np.linspace(0, levels.size - 1, _NAMED).round().astype(int))[::-1]:
+    for k in np.unique(np.linspace(0, levels.size - 1, 8).round().astype(int))[::-1]:
         label = f"{levels[k] / pressure:.4g} {units['pressure']}"
         axes[0].plot([], [], color=shades[k], label=label)
     axes[0].legend(frameon=False, fontsize=7)

@@ -1,10 +1,11 @@
-"""Repeated fits: cross-validation, profile likelihood, bootstrap.
+"""Refit a model repeatedly: cross-validation, profile likelihood, bootstrap.
 
-Levels of pressure or length, or specimens, are left out one after another; a parameter is held beside
-its optimum; readings are drawn anew. All refits of a question run at once.
+Levels of pressure or length, or specimens, are left out in turn; a parameter is held away from its
+optimum; readings are resampled. All refits of one task run together.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
@@ -21,14 +22,10 @@ from .result import Estimate, Identification, check_identified
 from .search import End, descend_many, latin_hypercube
 
 GROUPS = ("pressure", "length", "specimen")
-"""What can be left out together."""
+"""Kinds of readings that can be left out together."""
 
-NEIGHBOURS = 8
-"""Groups of neighbouring levels that say much the same of one another: pressures, and many lengths."""
-_SINGLE = 10  # lengths at most are left out one by one
-_FEWEST = 3  # levels: without one of two, the other tells nothing of it
 _QUICK: dict[str, Any] = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
-"""A prediction need not wait for the last digit of the fit that it is made by."""
+"""Looser settings, sufficient for a prediction."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,10 +33,10 @@ class LeftOut:
     """Prediction errors on held-out readings.
 
     Attributes:
-        groups: what was left out together, readings of one "pressure", "length" or "specimen".
-        level: of each reading [Pa or m], or the number of its specimen, shape (points,).
+        groups: kind of the groups: "pressure", "length" or "specimen".
+        level: level of each reading [Pa or m], or the number of its specimen, shape (points,).
         group: number of each reading's group, shape (points,).
-        error: prediction less reading [N] while its group was left out, shape (points,).
+        error: prediction minus reading [N] with its group left out, shape (points,).
     """
 
     groups: str
@@ -49,18 +46,18 @@ class LeftOut:
 
     @staticmethod
     def of_mean(several: Sequence["LeftOut"], weights: Sequence[float]) -> "LeftOut":
-        """Errors of the weighted mean of several predictions of the same."""
+        """Errors of the weighted mean of several predictions of the same readings."""
         error = np.average([one.error for one in several], axis=0, weights=weights)
         return dataclasses.replace(several[0], error=error)
 
     @property
     def values(self) -> Float[np.ndarray, " groups"]:
-        """The level of each group that was left out; the mean if a group has several levels."""
+        """Level of each group; the mean if it has several."""
         return levels_of_groups(self.level, self.group)
 
     @property
     def group_rmse(self) -> Float[np.ndarray, " groups"]:
-        """Root mean square error [N] of each group while it was left out."""
+        """RMSE of each group [N]."""
         return np.sqrt(np.bincount(self.group, self.error**2) / np.bincount(self.group))
 
     @property
@@ -70,14 +67,14 @@ class LeftOut:
 
     @property
     def interior_rmse(self) -> float:
-        """RMSE [N] without the lowest and the highest group (extrapolations); nan if none remain."""
+        """RMSE [N] without the lowest and highest groups (extrapolations); nan if none remain."""
         return _root_mean_square(self.error[(self.group > 0) & (self.group < self.group.max())])
 
 
 def columns_of(left_out: Mapping[str, LeftOut]) -> dict[str, float]:
-    """RMSE [N] on pressures, interior lengths, end lengths or specimens left out; groups weigh alike.
+    """Held-out RMSE [N] by pressures, interior lengths, end lengths or specimens, with equal group weights.
 
-    The shortest and the longest length, left out, are extrapolated to.
+    Predictions at the shortest and longest lengths are extrapolations.
     """
     found = {}
     for kind, one in left_out.items():
@@ -97,7 +94,7 @@ def _root_mean_square(values: Float[np.ndarray, " n"]) -> float:
 def levels_of_groups(
     level: Float[np.ndarray, " points"], group: Int[np.ndarray, " points"]
 ) -> Float[np.ndarray, " groups"]:
-    """The level of each group; the mean over its readings where it has several."""
+    """Level of each group; the mean over its readings if it has several."""
     first = level[np.unique(group, return_index=True)[1]]
     return first + np.bincount(group, level - first[group]) / np.bincount(group)
 
@@ -111,45 +108,37 @@ def validate(
 ) -> LeftOut:
     """Cross-validate an identification by pressures, lengths or specimens.
 
-    Everything that was identified is identified again without the group, from the optimum and
-    from other starts, and predicts it. All refits run at once.
+    For each group, all identified parameters are identified again without it, from the optimum and from
+    other starts, and the group is predicted.
 
     Args:
-        result: from `identify`, or one of `identify_together` for all of these.
-        groups: what is left out together.
-        starts: descents for each group, one of them from the optimum of all readings.
-        progress: called with (descents done, descents).
+        result: from `identify`, or any result of `identify_together`, which stands for all of them.
+        groups: kind of groups to leave out.
+        starts: descents for each group, including one from the optimum of all readings.
+        progress: called with (descents done, total).
 
     Raises:
-        InputError: fewer than two groups, or an unknown kind of group.
+        InputError: fewer than two groups, an unknown kind, or specimens that cannot be predicted from
+            the others.
     """
     check_identified(result)
     check_whole("starts", starts, 1)
-    check_groups(result, groups)
-    fits, kinds = [(result.problem, result.end.u)], {groups: (None, starts)}
-    (found,) = leave_out_each(
-        fits, kinds, seed=result.seed + 1, settled=True, least=2, progress=progress
-    )
-    return found[groups]
-
-
-def check_groups(result: Identification, groups: str) -> None:
-    """Refuse groups that cannot be left out and predicted from the others.
-
-    Raises:
-        InputError: as from `validate`.
-    """
     problem = result.problem
     own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
     if groups not in GROUPS:
-        raise InputError(f"groups are one of {', '.join(GROUPS)}, got {groups!r}")
+        raise InputError(f"groups must be one of {', '.join(GROUPS)}, got {groups!r}")
     if groups == "specimen" and (own or len(problem.linear) > result.order):
         raise InputError(
-            f"{own[0] if own else 'the law'} belongs to one specimen, so nothing is known about it without "
-            "its readings: identify the specimens with own=() and own_law=False"
+            f"{own[0] if own else 'the law'} belongs to one specimen and is unknown without its "
+            "readings: identify the specimens with own=() and own_law=False"
         )
     if _group_of_each(problem, groups, None, 2) is None:
-        raise InputError(f"leaving one {groups} out needs two or more; there is 1")
+        raise InputError(f"leaving one {groups} out needs at least two; there is 1")
+    (found,) = leave_out_each(
+        [(problem, result.end.u)], {groups: (None, starts)}, seed=result.seed + 1, settled=True,
+        least=2, progress=progress,
+    )  # fmt: skip
+    return found[groups]
 
 
 def leave_out_each(
@@ -158,23 +147,23 @@ def leave_out_each(
     *,
     seed: int = 0,
     settled: bool = False,
-    least: int = _FEWEST,
+    least: int = 3,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[dict[str, LeftOut]]:
-    """The errors of several fits on each level of some kinds while it was left out, all refits in step.
+    """Leave out each group of several fits in turn, with all refits in one batch.
 
     Args:
-        fits: what was fitted, and its optimum in the unit box, from which every refit starts.
-        kinds: "pressure", "length" or "specimen"; in how many groups neighbouring levels are left out
-            together, each alone with None (as far as `MOST_APART`), and the descents of each refit, the
-            one from the optimum among them.
-        seed: of the other starts.
-        settled: whether each refit goes on to its last digit, as where families are all but alike.
-        least: levels of a kind that say something of one another.
-        progress: called with (descents done, descents).
+        fits: problems and their optima in the unit box, from which every refit starts.
+        kinds: for "pressure", "length" or "specimen", the number of groups of neighbouring levels (None
+            for one level each, up to `MOST_APART`), and the number of descents of each refit, including
+            the one from the optimum.
+        seed: seed of the other starts.
+        settled: if true, refits converge fully, as needed to compare nearly identical families.
+        least: minimum number of levels, as without one of two, the other is not informative.
+        progress: called with (descents done, total).
 
     Returns:
-        The errors of each fit by kind, without those of which there are too few levels, or one specimen.
+        Errors of each fit by kind, without kinds that have too few levels or only one specimen.
     """
     problems, starts = [], []
     places: list[tuple[int, str, np.ndarray, int]] = []
@@ -202,18 +191,16 @@ def leave_out_each(
 
 
 def groups_of(problem: Problem, kind: str) -> int | None:
-    """In how many groups a model's error is sought; None for each level by itself."""
-    if kind == "length" and np.unique(problem.levels("length")).size <= _SINGLE:
-        return None
-    return NEIGHBOURS
+    """Number of groups for model errors: eight of neighbouring levels, or None for up to ten lengths."""
+    return None if kind == "length" and np.unique(problem.levels(kind)).size <= 10 else 8
 
 
 def _group_of_each(
     problem: Problem, kind: str, groups: int | None, least: int
 ) -> Int[np.ndarray, " points"] | None:
-    """The group of every reading; -1 of a censored one at a level where none is anything else.
+    """Group of every reading, -1 for a censored one at a level with censored readings only.
 
-    With fewer levels than the least, or with one specimen, there are no groups.
+    None with fewer levels than the least, or with one specimen.
     """
     level = problem.levels(kind)
     values = np.unique(level[problem.side == 0])
@@ -229,58 +216,54 @@ def best_ends(
     progress: Callable[[int, int], None] | None = None,
     **settings: Any,
 ) -> list[End]:
-    """Best end point of the descents of each problem.
+    """Return the best end point of each problem's descents.
 
     Args:
-        problems: with other readings, weights or bounds.
-        starts: of each, points of the unit box of its own free parameters.
-        progress: called with (descents done, descents).
-        **settings: of each descent, see `descend_many`; what is only compared need not be an optimum
-            to the last digit.
+        problems: problems with changed readings, weights or bounds.
+        starts: starting points of each, in the unit box of its free parameters.
+        progress: called with (descents done, total).
+        **settings: see `descend_many`.
     """
-    which = np.repeat(np.arange(len(problems)), [len(points) for points in starts])
+    counts = [len(points) for points in starts]
     tried = descend_many(
-        [problems[k] for k in which.tolist()], [start for points in starts for start in points],
-        progress=progress, **settings,
+        [problem for problem, count in zip(problems, counts, strict=True) for _ in range(count)],
+        [start for points in starts for start in points], progress=progress, **settings,
     )  # fmt: skip
-    costs = np.array([end.cost if np.isfinite(end.cost) else np.inf for end in tried])
+    ends = iter(tried)
     return [
-        tried[int(of_one[np.argmin(costs[of_one])])]
-        for of_one in (np.flatnonzero(which == k) for k in range(len(problems)))
+        min(itertools.islice(ends, count), key=lambda end: np.nan_to_num(end.cost, nan=np.inf))
+        for count in counts
     ]
 
 
 def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
-    """Model minus reading [N] at every reading, whatever its weight."""
+    """Model minus reading [N] at every reading, independent of its weight."""
     return end.point.force - problem.force
 
 
 Class = Literal["identified", "one-sided", "flat", "stopped by a bound", "stopped by a constraint"]
 
 LEVELS = {0.68: 0.9889, 0.95: 3.8415}
-"""Confidence levels and their quantiles of chi-squared with one degree of freedom."""
+"""Confidence levels and the corresponding quantiles of chi-squared with one degree of freedom."""
 
-_REACH = 3.0  # standard errors to either side
-_FALLBACK = 0.1  # of the box, or of the largest coefficient, where there is no standard error
-_EXTENSIONS = 4  # times that a side is doubled before it counts as open
-_CHUNK = 250  # replicates that are fitted in step
+_CHUNK = 250  # replicates in one batch
 
 
 @dataclasses.dataclass(frozen=True)
 class Profile:
-    """The profile of one parameter: how much worse the best fit becomes when it is held elsewhere.
+    """Profile likelihood of one parameter.
 
     Attributes:
-        name: of the parameter.
-        values: at which it was held [SI], ascending, the optimum among them.
-        excess: growth of the sum of squares over that at the optimum, in units of the noise
-            variance: chi-squared with one degree of freedom where the model is right; nan where no
-            fit was found, as beyond a constraint.
-        intervals: by confidence level, (low, high) [SI]; infinite on a side where the excess never
-            reaches the level within the values.
-        verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped
-            by a bound": the optimum is on one, and the data alone would go further, or "stopped by
-            a constraint": a side ends where no fit satisfies it before the data object.
+        name: name of the parameter.
+        values: values at which it was held [SI], ascending, including the optimum.
+        excess: increase of the sum of squares above the optimum in units of the noise variance. It
+            follows chi-squared with one degree of freedom if the model is right; nan if no fit was found,
+            as beyond a constraint.
+        intervals: (low, high) [SI] by confidence level; infinite on a side where the excess does not
+            reach the level.
+        verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped by a
+            bound" (the optimum is at a bound), or "stopped by a constraint" (no feasible fit exists beyond
+            the values on an open side).
         kind: kind of unit.
     """
 
@@ -299,13 +282,13 @@ def profile(
     points: int = 9,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Profile, ...]:
-    """The profile likelihood of parameters, all refits of one parameter at once.
+    """Profile the likelihood of parameters, with all refits of one parameter in a batch.
 
     Args:
         result: from `identify`.
-        names: a parameter, or several; all that were identified unless given.
-        points: values to either side of the optimum, to three standard errors or to a bound.
-        progress: called with (parameters done, parameters).
+        names: one or several parameters; by default all identified ones.
+        points: number of values on either side of the optimum, up to three standard errors or a bound.
+        progress: called with (parameters done, total).
 
     Returns:
         One profile for each name.
@@ -316,11 +299,11 @@ def profile(
     check_identified(result)
     check_whole("points", points, 1)
     problem = result.problem
-    several = len(problem.linear) > result.order  # one law of several cannot be held by itself
+    several = len(problem.linear) > result.order  # one of several laws cannot be held alone
     free = {
         one.name: one
         for one in result.estimates
-        if not one.fixed and not (several and one.name not in problem.names)
+        if not one.fixed and (one.name in problem.names or not several)
     }
     names = (names,) if isinstance(names, str) else names
     chosen = list(free) if names is None else check_names("names", names)
@@ -339,7 +322,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
     (optimum,) = _costs(result, estimate.name, np.array([estimate.value]))
     variance = 2 * optimum / max(result.degrees_of_freedom, 1)
     if not variance > 0:
-        raise InputError("a fit without any error has no likelihood to profile")
+        raise InputError("a fit without residuals has no likelihood to profile")
 
     def excess_at(values: np.ndarray) -> Float[np.ndarray, " values"]:
         return 2 * (_costs(result, estimate.name, values) - optimum) / variance
@@ -367,17 +350,16 @@ def _side(
     points: int,
     excess_at: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values from the optimum outwards and their excess, as far as the data object or a bound."""
-    reach = _REACH * estimate.stderr
+    """Values from the optimum outwards with their excess, until it is significant or a bound is met."""
+    reach = 3.0 * estimate.stderr
     if not np.isfinite(reach):
         span = estimate.max - estimate.min
-        reach = _FALLBACK * (span if np.isfinite(span) else np.abs(result.coefficients).max())
+        reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
     values, excess = np.array([estimate.value]), np.zeros(1)
-    for times in 2.0 ** np.arange(_EXTENSIONS):
+    for times in 2.0 ** np.arange(4):
         end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
-        if np.isclose(end, values[-1], rtol=1e-12, atol=0) or not excess[-1] <= max(
-            LEVELS.values()
-        ):
+        same = np.isclose(end, values[-1], rtol=1e-12, atol=0)
+        if same or not excess[-1] <= max(LEVELS.values()):
             break
         more = np.linspace(values[-1], end, points + 1)[1:]
         values, excess = np.append(values, more), np.append(excess, excess_at(more))
@@ -385,7 +367,7 @@ def _side(
 
 
 def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.ndarray, " values"]:
-    """Best cost with the parameter held at each value, from the optimum of all."""
+    """Best cost with the parameter held at each value; nan if the fit does not converge."""
     problem, u = result.problem, result.end.u
     if name in problem.names:
         place = problem.names.index(name)
@@ -403,11 +385,11 @@ def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.nd
 
 
 def _crossing(values: np.ndarray, excess: np.ndarray, level: float, sign: int) -> float:
-    """Where the excess first rises through a level, by linear interpolation of its root.
+    """Value at which the excess first exceeds a level, by linear interpolation of its root.
 
-    Infinite, with the sign of the side, where it does not before the values or the fits end.
+    Infinite, with the sign of the side, if it stays below until the values or the fits end.
     """
-    # Evidence ends with the first fit that was not found.
+    # Values beyond the first failed fit are ignored.
     known = np.cumsum(np.isnan(excess)) == 0
     above = np.flatnonzero(known & (excess > level))
     if not above.size:
@@ -420,13 +402,13 @@ def _crossing(values: np.ndarray, excess: np.ndarray, level: float, sign: int) -
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Bootstrap:
-    """Replicates of an identification.
+    """Bootstrap replicates of an identification.
 
     Attributes:
-        names: of the identified nonlinear parameters, then of the coefficients.
-        samples: their values in every replicate [SI], shape (replicates, parameters).
-        failed: replicates that did not converge; they are left out of `samples`.
-        forces: of the model at every reading [N], shape (replicates, points).
+        names: identified nonlinear parameters, then coefficients.
+        samples: values in every replicate [SI], shape (replicates, parameters).
+        failed: number of replicates that did not converge; excluded from `samples`.
+        forces: model force at every reading [N], shape (replicates, points).
     """
 
     names: tuple[str, ...]
@@ -440,7 +422,7 @@ class Bootstrap:
 
     @property
     def stderr(self) -> dict[str, float]:
-        """Standard deviation of each parameter over the replicates [SI]; nan if it never moved."""
+        """Standard deviation of each parameter over the replicates [SI]; nan if it does not vary."""
         spread = self.samples.std(axis=0, ddof=1)
         moved = np.ptp(self.samples, axis=0) > 0
         return dict(zip(self.names, np.where(moved, spread, np.nan).tolist(), strict=True))
@@ -452,7 +434,7 @@ class Bootstrap:
         return float(low), float(high)
 
     def band(self, level: float = 0.95) -> Float[np.ndarray, "2 points"]:
-        """Lower and upper end [N] of the model's force at every reading, shape (2, points)."""
+        """Lower and upper limits [N] of the model's force at every reading, shape (2, points)."""
         return np.quantile(self.forces, ((1 - level) / 2, (1 + level) / 2), axis=0)
 
 
@@ -463,20 +445,20 @@ def bootstrap(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Bootstrap:
-    """Replicates of an identification, each a descent from the optimum, 250 at once.
+    """Bootstrap an identification by resampling residuals.
 
-    Residuals, scaled for the parameters spent, are drawn anew and added to the model; priors are kept as
-    they are, so that a parameter known from its prior alone hardly moves. A replicate of a map of a hundred
-    readings takes about a millisecond. Memory holds 8 bytes for each reading of each replicate.
+    Residuals are scaled for the degrees of freedom, resampled and added to the model. Priors stay fixed,
+    so a parameter known only from its prior hardly varies. Replicates start from the optimum and run in
+    batches of 250; each takes about a millisecond for 100 readings, and 8 bytes of memory per reading.
 
     Args:
         result: from `identify`.
-        replicates: number of them.
-        seed: of the draws; the same seed gives the same numbers.
-        progress: called with (replicates done, replicates).
+        replicates: number of replicates.
+        seed: seed of the random draws.
+        progress: called with (replicates done, total).
 
     Raises:
-        InputError: fewer than two replicates, or fewer that converge.
+        InputError: fewer than two replicates are requested or converge.
     """
     check_identified(result)
     check_whole("replicates", replicates, 2)
@@ -500,8 +482,8 @@ def bootstrap(
             progress(first + count, replicates)
     if sum(good) < 2:
         raise InputError(
-            f"{sum(good)} of {replicates} replicates converged: the readings drawn do not determine "
-            "the parameters; fix some"
+            f"only {sum(good)} of {replicates} replicates converged, as the resampled readings do not "
+            "determine the parameters: fix some"
         )
     return Bootstrap(
         names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,

@@ -1,4 +1,4 @@
-"""The verdict on a fit, or on a series: identified, identified with doubts, or not identified."""
+"""Judge a fit or a series: identified, identified with doubts, or not identified."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -15,17 +15,16 @@ from .validation import LeftOut
 
 
 def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
-    """By how many standard deviations there are more runs of one sign than chance gives.
+    """Number of runs of one sign minus its expectation, in standard deviations.
 
-    With n1 positive and n2 negative residuals in random order the number of runs has the mean
+    For n1 positive and n2 negative residuals in random order, the number of runs has the mean
     1 + 2 n1 n2 / n and the variance (mean - 1)(mean - 2)/(n - 1).
 
     Args:
-        residuals: in the order in which neighbours would be alike, shape (n,); zeros are left out.
+        residuals: residuals, sorted so that neighbours would be correlated, shape (n,); zeros are ignored.
 
     Returns:
-        Below zero where there are fewer; 0 with fewer than 10 residuals. All of one sign have a
-        single run, and their deviation is -inf.
+        Negative if there are too few runs; 0 for fewer than 10 residuals; -inf if all have one sign.
 
     References:
         Wald & Wolfowitz 1940.
@@ -47,15 +46,11 @@ def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
 
 Level = Literal["identified", "identified with doubts", "not identified"]
 LEVELS: tuple[Level, ...] = ("identified", "identified with doubts", "not identified")
-"""By the gravest finding."""
+"""Levels by the most serious finding."""
 
-_MISFIT = 5.0  # % of the largest force: no muscle of rubber and threads is missed by so much
 POOR = 2.0
-"""Misfit [%], likewise: a muscle may be, but a good fit is four times better."""
-_NOISE = 3.0  # standard deviations of the readings
-_RUNS = -3.0  # standard deviations below what chance gives
-_TOLD = 1.0  # %: below, a model that is wrong by more than the noise is still a good one
-_LEFT_OUT = 0.05  # RMSE of what is left out, of the largest force
+"""Misfit in % of the largest force; a good fit is four times better."""
+_GOOD = 1.0  # misfit [%] of a good model, even if its error exceeds the noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,10 +59,10 @@ class Judgement:
 
     Attributes:
         level: the verdict.
-        reasons: sentences, the gravest first; empty for "identified".
-        suspicions: what in the data would explain a misfit.
-        unchecked: a sentence on what could not be checked, as it is not known of the specimen; "" where
-            all is known. A fit with an unknown rest length is not above doubt.
+        reasons: sentences, most serious first; empty for "identified".
+        suspicions: faults in the data that would explain a misfit.
+        unchecked: a sentence on what could not be checked for lack of specimen data, or "". A fit with an
+            unknown rest length is at best doubtful.
     """
 
     level: Level
@@ -77,16 +72,14 @@ class Judgement:
 
     @property
     def passed(self) -> bool:
-        """Whether something was identified."""
+        """True if something was identified."""
         return self.level != "not identified"
 
 
 def _judgement(
-    said: Sequence[Remark],
-    results: Sequence[Identification],
-    suspicions: Sequence[Suspicion] = (),
+    said: Sequence[Remark], results: Sequence[Identification], suspicions: Sequence[Suspicion] = ()
 ) -> Judgement:
-    """The verdict that follows from remarks."""
+    """Combine remarks into a verdict."""
     reasons = [one for one in sorted(said, key=lambda one: -one.level) if one.level]
     worst = max((one.level for one in reasons), default=0)
     unsure = any("rest_length" in one.data.assumed for one in results)
@@ -101,23 +94,23 @@ def judge(
     left_out: Mapping[str, LeftOut] | None = None,
     open_question: str = "",
 ) -> Judgement:
-    """The verdict on a fit.
+    """Judge a fit.
 
     Args:
         result: the fit.
         suspicions: from `suspect`.
-        left_out: errors on what was left out, by "pressure" and "length", where they are known.
-        open_question: where models that fit the readings alike differ by more than they can settle.
+        left_out: held-out errors by "pressure" and "length", if known.
+        open_question: a sentence on models that fit equally well but differ, or "".
     """
     largest = result.errors.max_force
     misfit = 100 * result.counted_rmse / largest
     found = [Remark(1 + one.grave, one.sentence) for one in suspicions]
     if not misfit <= POOR:
         sentence = f"The model misses the readings by {misfit:.3g} % of the largest force"
-        grave = not misfit <= _MISFIT
+        grave = not misfit <= 5.0
         more = (
-            f"; no muscle of rubber and threads is missed by more than {_MISFIT:g} %. Check units, signs "
-            "and columns, and the specimen's rest length, bore and wall."
+            "; a model of a McKibben muscle should not miss them by more than 5 %. Check units, signs and "
+            "columns, and the rest length, bore and wall of the specimen."
         )
         found.append(Remark(1 + grave, sentence + (more if grave else ".")))
     found += remarks(result)
@@ -134,7 +127,7 @@ def judge(
 
 
 def _of_one_pressure(result: Identification) -> list[str]:
-    """What readings at a single pressure cannot determine."""
+    """Doubt about a fit to a single pressure."""
     data, loaded = result.data, result.data.loaded
     if np.unique(data.pressures.level[loaded]).size > 1:
         return []
@@ -142,32 +135,32 @@ def _of_one_pressure(result: Identification) -> list[str]:
         Sentence(
             "All loaded readings are at one pressure, ",
             Quantity(float(np.median(data.pressure[loaded])), "pressure"),
-            ": they do not tell the deadband from the diameter and the angle, and forces at other "
-            "pressures are the model's alone. Measure at two pressures or more.",
+            ": they do not separate the deadband from diameter and angle, and forces at other pressures "
+            "rely on the model alone. Measure at two or more pressures.",
         )
     ]
 
 
 _CHECKS = {
-    "rest_length": "the rest length (taken from the longest reading, which a fit follows)",
-    "nominal_diameter": "the bore (so that a wrong unit of force or pressure may pass for another size)",
-    "wall_thickness": "the wall (to which the coefficients, not the force, are inverse)",
-    "bladder_diameter": "where the braid runs (taken to be inside the wall)",
+    "rest_length": "the rest length (taken from the longest reading)",
+    "nominal_diameter": "the bore (a wrong unit of force or pressure may look like another size)",
+    "wall_thickness": "the wall (it scales the coefficients, but not the force)",
+    "bladder_diameter": "the position of the braid (assumed inside the wall)",
 }
-"""What an assumed value of the specimen leaves open, the gravest first."""
+"""Consequences of assumed specimen data, most serious first."""
 
 
 def _unchecked(result: Identification) -> str:
-    """What is missing in the description of the specimen."""
+    """Sentence on missing specimen data."""
     left = [check for name, check in _CHECKS.items() if name in result.data.assumed]
     if not left:
         return ""
     listed = ", ".join(left[:-1]) + " and " * (len(left) > 1) + left[-1]
-    return f"Not checked, as it is not said of the specimen: {listed}."
+    return f"Not checked, because the specimen data do not include it: {listed}."
 
 
 def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]:
-    """Pressures or interior lengths that are predicted badly from the others."""
+    """Doubts about pressures or interior lengths that are predicted badly from the others."""
     found = []
     for kind, one in left_out.items():
         errors = one.group_rmse
@@ -175,74 +168,69 @@ def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]
             errors[[0, -1]] = 0.0
         worst = int(errors.argmax())
         missed = float(errors[worst])
-        if missed > _LEFT_OUT * max_force:
+        if missed > 0.05 * max_force:
             found.append(
                 Sentence(
                     *(f"The {kind} ", Quantity(float(one.values[worst]), kind)),
                     *(" is missed by ", Quantity(missed, "force", 3)),
-                    f" ({100 * missed / max_force:.2g} % of the largest force) where it is left out: the "
-                    f"{kind}s do not agree with one another, or are too few for the model.",
+                    f" ({100 * missed / max_force:.2g} % of the largest force) when it is left out: the "
+                    f"{kind}s are inconsistent, or too few for the model.",
                 )
             )
     return found
 
 
 def _of_residuals(result: Identification, misfit: float) -> list[str]:
-    """Residuals that are not noise and not small."""
-    found = []
-    std = result.data.force_std
-    if std is not None:
-        scatter = float(np.sqrt(np.mean((result.residuals / std[result.data.loaded]) ** 2)))
-        if scatter > _NOISE and misfit > _TOLD:
+    """Doubts about residuals that are neither noise nor small."""
+    if not misfit > _GOOD:
+        return []
+    data, found = result.data, []
+    if data.force_std is not None:
+        scatter = float(np.sqrt(np.mean((result.residuals / data.force_std[data.loaded]) ** 2)))
+        if scatter > 3.0:
             found.append(
-                f"The misfit is {scatter:.3g} times the standard deviation of the readings: the "
-                "model is wrong by more than their noise."
+                f"The misfit is {scatter:.3g} times the standard deviation of the readings: the error of "
+                "the model exceeds their noise."
             )
-    data = result.data
     level, pressure = data.lengths.level[data.loaded], data.pressure[data.loaded]
     deviation = runs_deviation(result.residuals[np.lexsort((pressure, level))])
-    if deviation < _RUNS and misfit > _TOLD:
+    if deviation < -3.0:
         found.append(
             "The residuals keep their sign from reading to reading (a runs test finds "
-            f"{-deviation:.2g} standard deviations fewer changes than chance): the model, or a "
-            "length, is off by more than the noise."
+            f"{-deviation:.2g} standard deviations fewer changes than expected): the model or a "
+            "length is off by more than the noise."
         )
     return found
 
 
-_FOREIGN = 15.0  # % of its largest force: specimens of one series do not differ by so much
-
-
 def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judgement:
-    """The verdict on one model of several muscles that differ in length.
+    """Judge one model of several muscles that differ in length.
 
-    Specimens of one make differ by more than a muscle is missed by alone, so that a series is held to
-    less than one muscle is, see `judge`; by how much they differ is said, and is in the bands.
+    Specimens of one make differ by more than the misfit of a single muscle, so the limits are wider than in
+    `judge`. The verdict reports how much they differ, and the bands include it.
 
     Args:
-        specimens: the identification of each, with shared parameters.
-        left_out: errors on each specimen while it was left out.
+        specimens: identification of each specimen, with shared parameters.
+        left_out: held-out errors of each specimen.
     """
     first = specimens[0]
-    missed = [one.errors.rmse_percent for one in specimens]
-    names = [one.data.specimen.name for one in specimens]
-    worst = max(range(len(specimens)), key=missed.__getitem__)
-    said = f"misses {names[worst]} by {missed[worst]:.3g} % of its largest force"
+    missed = {one.data.specimen.name: one.errors.rmse_percent for one in specimens}
+    worst = max(missed, key=missed.__getitem__)
+    said = f"misses {worst} by {missed[worst]:.3g} % of its largest force"
     found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
-    if not missed[worst] <= _FOREIGN:
+    if not missed[worst] <= 15.0:
         sentence = (
-            f"The model of all {said}; specimens of one series differ by less than {_FOREIGN:g} %. Its "
-            "map is of another make of muscle, or wrong: see what famjax fit says of it alone, and "
-            "leave it out."
+            f"The model of all {said}; specimens of one series differ by less than 15 %. Its map is wrong "
+            "or from another make of muscle: check it with famjax fit, and leave it out."
         )
         found.append(Remark(2, sentence))
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())
         sentence = Sentence(
             f"The specimens differ: the model of all {said}; predicted from the others, "
-            f"{names[most]} is missed by ",
+            f"{specimens[most].data.specimen.name} is missed by ",
             Quantity(float(left_out.group_rmse[most]), "force", 3),
-            ". A muscle never measured differs as much; the band of its prediction says so.",
+            ". A new muscle differs as much; the band of its prediction includes this.",
         )
         found.append(Remark(1, sentence))
     return _judgement([*found, *of_parameters(first)], specimens)

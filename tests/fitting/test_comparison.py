@@ -99,7 +99,7 @@ def test_the_table_holds_every_model_the_best_first(table):
 
 
 def test_bad_requests_are_refused(dmsp10, monkeypatch):
-    known = "unknown model 'sarosi'; known for this map are famjax_choice"
+    known = "unknown model 'sarosi'; available for this map: famjax_choice"
     with pytest.raises(InputError, match=known):
         compare(dmsp10, ["sarosi"])
     with pytest.raises(InputError, match="unknown peer 'hocking'"):
@@ -110,9 +110,9 @@ def test_bad_requests_are_refused(dmsp10, monkeypatch):
     with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):
         fit_peer("polynomial_3", inches)
     few = dmsp10.part(dmsp10.pressure > 6.4e5)
-    with pytest.raises(InputError, match="has 10 parameters and the map 4 loaded readings"):
+    with pytest.raises(InputError, match="has 10 parameters, but the map has 4 loaded readings"):
         fit_peer("polynomial_3", few)
-    with pytest.raises(InputError, match="to leave out a pressure there must be"):
+    with pytest.raises(InputError, match="leaving out a pressure needs loaded readings"):
         compare(few, ["polynomial_3"])
     with monkeypatch.context() as patched:
         patched.setattr(jax.config, "read", lambda name: False)

@@ -84,11 +84,11 @@ GOOD = PlantRecord(TIME, 0.5 + 0.2 * (TIME > 1), 1e4 * TIME, np.full(TIME.size, 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"signal": np.full(TIME.size, 0.5)}, "A set pressure is no signal"),
+        ({"signal": np.full(TIME.size, 0.5)}, "A set pressure is not a signal"),
         ({"signal": GOOD.signal * 5}, "0 to 1 of the full output"),
         ({"time": TIME**2}, "equal steps"),
         ({"force": np.full(TIME.size, np.nan)}, "force must be finite"),
-        ({"pressure": GOOD.pressure + 101e3}, "subtract it"),
+        ({"pressure": GOOD.pressure + 101e3}, "subtract the atmospheric pressure"),
     ],
 )
 def test_what_is_no_record_is_refused(change, said):
@@ -99,7 +99,7 @@ def test_what_is_no_record_is_refused(change, said):
 @pytest.mark.parametrize(
     ("record", "options", "said"),
     [
-        (GOOD, {"free": ("size",)}, "free must name numbers of the plant: supply"),
+        (GOOD, {"free": ("size",)}, "free must name parameters of the plant, among supply"),
         (dataclasses.replace(GOOD, time=TIME * 10), {}, "determine a lag of about 12 ms"),
         ([], {}, "at least one PlantRecord"),
     ],

@@ -71,7 +71,7 @@ SLIPS = {
     "a folder": (lambda: fitting.read_csv("/"), "Is a directory"),
     "a number to load": (lambda: fitting.load_fit(3), "must be a path"),
     "bootstrap of a map": (lambda: fitting.bootstrap(loads()), "result of fitting.identify"),
-    "prediction of a map": (lambda: fitting.predict(loads(), 0.2, 1e5), "the result of fitting.identify"),
+    "prediction of a map": (lambda: fitting.predict(loads(), 0.2, 1e5), "result of fitting.identify"),
 }  # fmt: skip
 
 

@@ -54,7 +54,7 @@ def test_the_report_is_one_page_that_says_where_it_comes_from_and_what_was_measu
     assert places == sorted(places)
     text = html.unescape(page)
     for needed in (
-        "braid_diameter", "Drucker-stable", "at the bound", "sigma = sum over n of E_n sign(eps)",
+        "braid_diameter", "Drucker-stable", "at a bound", "sigma = sum over n of E_n sign(eps)",
         fitted20.data.sha256, ORIGIN.date, ORIGIN.command, f"seed {fitted20.seed}",
         "rest length</td><td>11.654</td><td>in", "126, 60 of them pulling", "embedded",
     ):  # fmt: skip

@@ -209,9 +209,9 @@ def test_scores(swept):
     ("change", "message"),
     [
         ({"orders": (5,)}, "orders must be a whole number 1 to 4"),
-        ({"constraints": ("convex",)}, "constraints: known are"),
-        ({"objective": "rmse"}, "objective: known are"),
-        ({"deadband": -1.0}, "the deadband is a gauge pressure"),
+        ({"constraints": ("convex",)}, "constraints must be among none"),
+        ({"objective": "rmse"}, "objective must be among sum_of_squares"),
+        ({"deadband": -1.0}, "the deadband must be a gauge pressure"),
         ({"data": dataclasses.replace(DATA, length=DATA.length + 0.1)},
          "no reading is shorter than the rest length"),
     ],
