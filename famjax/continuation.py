@@ -1,4 +1,4 @@
-"""Continuation beyond the data: lines that bend towards an end, a force that never pushes; C1, monotone."""
+"""Safe continuation of a force model beyond its data: C1, monotone and never negative."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,21 +21,21 @@ else:
     AnyArray = Array | np.ndarray
 
 
-_STRAIGHT = 0.8  # of the way to the end
+_STRAIGHT = 0.8  # linear fraction of the saturation
 
 
 def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
-    """A step beyond an edge: straight for four fifths of the way to an end that it never passes.
+    """Saturate a step smoothly: linear up to four fifths of a limit that it never exceeds.
 
-    y = x for |x| <= 4/5 X, beyond it y = X (4/5 + t/(5 (1 + t))), t = 5 |x|/X - 4, with x's sign.
-    C1, and its slope is positive everywhere.
+    y = x for |x| <= 4/5 X, and beyond it y = X (4/5 + t/(5 (1 + t))), t = 5 |x|/X - 4, with the sign
+    of x. The function is C1 with positive slope everywhere.
 
     Args:
         step: x, any shape.
-        ends: 1/X below and above, >= 0; zero for no end. Shape (2,).
+        ends: 1/X below and above, >= 0, shape (2,); zero for no limit.
 
     Returns:
-        y of x's unit, x's shape.
+        y, with the unit and shape of x.
     """
     inverse = jnp.where(step < 0, ends[0], ends[1])
     way = inverse * jnp.abs(step)
@@ -46,13 +46,13 @@ def bent(step: Real, ends: Float[Array, "2"]) -> RealArray:
 
 
 def taut(force: RealArray, width: RealArray) -> RealArray:
-    """The force, cut at zero; between 0 and a width [N] a cubic blends the two.
+    """Clip a force at zero; a cubic blends the two branches between 0 and a width [N].
 
-    F = w (2 t^2 - t^3), t = G/w: exactly zero for G <= 0, exactly G for G >= w, C1, rising. It is
-    below G by 0.15 w at most.
+    F = w (2 t^2 - t^3), t = G/w: exactly zero for G <= 0 and exactly G for G >= w, C1 and monotone.
+    F is below G by at most 0.15 w.
 
     Args:
-        force: G [N] as if the muscle could push.
+        force: G [N], negative if the model pushes.
         width: w [N], > 0.
 
     Returns:
@@ -63,9 +63,9 @@ def taut(force: RealArray, width: RealArray) -> RealArray:
 
 
 def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArray:
-    """Force [N] of a stop after a travel [m] into it: zero before it, C1, with bounded stiffness.
+    """Force [N] of an end stop at a penetration x [m]; zero for x <= 0, C1, with bounded stiffness.
 
-    k x^2/(2 s) on the first s, then k (x - s/2).
+    F = k x^2/(2 s) for x < s, and k (x - s/2) beyond.
 
     Args:
         step: x [m], any shape.
@@ -77,10 +77,9 @@ def stopped(step: RealArray, stiffness: RealArray, onset: RealArray) -> RealArra
 
 
 def untaut(force: RealArray, width: RealArray) -> RealArray:
-    """The force G [N] of which `taut` makes F [N] >= 0; zero for F = 0, nan below.
+    """Inverse of `taut`: the force G [N] for F [N] >= 0; zero for F = 0, nan for F < 0.
 
-    The root of 2 t^2 - t^3 = F/w in [0, 1], t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3,
-    of the three real roots the middle one.
+    The middle root of 2 t^2 - t^3 = F/w, t = (2 + 4 cos(arccos(1 - 27 F/(16 w))/3 - 2 pi/3))/3.
     """
     part = force / width
     blended = (part > 0) & (part < 1)
@@ -90,11 +89,11 @@ def untaut(force: RealArray, width: RealArray) -> RealArray:
 
 
 LENGTHS, PRESSURES = 33, 65
-"""Grid on which the model is looked at, lines of each."""
+"""Number of grid lines on which the model is checked."""
 
 
 class Region(eqx.Module):
-    """A range of lengths and one of pressures.
+    """A rectangle of lengths and pressures.
 
     Attributes:
         length: shortest and longest active length [m], shape (2,).
@@ -109,19 +108,19 @@ class Region(eqx.Module):
         """The smallest region that contains these lengths [m] and pressures [Pa].
 
         Raises:
-            InputError: they are not finite, negative, or span nothing.
+            InputError: values are negative or not finite, or all the same.
         """
         L, P = np.asarray(length, float), np.asarray(pressure, float)
         for name, values, unit in (("lengths", L, "m"), ("pressures", P, "Pa")):
             if not (values.size and np.isfinite(values).all() and values.min() >= 0):
                 raise InputError(f"{name} must be finite and >= 0, got {values} {unit}")
             if not values.max() > values.min():
-                raise InputError(f"a region needs two {name} that differ, got {values} {unit}")
+                raise InputError(f"a region needs two different {name}, got {values} {unit}")
         return cls([L.min(), L.max()], [P.min(), P.max()])
 
 
 class Slopes(NamedTuple):
-    """A force with its slopes, all of one shape.
+    """A force with its derivatives, all with the same shape.
 
     Attributes:
         force: F [N].
@@ -137,7 +136,7 @@ class Slopes(NamedTuple):
 
 
 def slopes(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> Slopes:
-    """Force and slopes at lengths [m] and pressures [Pa] of one shape."""
+    """Return force and derivatives at lengths [m] and pressures [Pa] with the same shape."""
     along = jnp.ones_like(length), jnp.ones_like(pressure)
 
     def in_length(pressure: RealArray) -> tuple[RealArray, RealArray]:
@@ -148,33 +147,33 @@ def slopes(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> Sl
 
 
 def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
-    """Force and slopes on the grid over a region, each of shape (LENGTHS, PRESSURES)."""
+    """Return force and derivatives on the grid over a region, each with shape (LENGTHS, PRESSURES)."""
     L = jnp.linspace(region.length[0], region.length[1], LENGTHS)
     P = jnp.linspace(region.pressure[0], region.pressure[1], PRESSURES)
     return slopes(muscle, *jnp.meshgrid(L, P, indexing="ij"))
 
 
 def rising(at: Slopes) -> Bool[Array | np.ndarray, "lengths pressures"]:
-    """Where the force is finite and does not fall with length or pressure."""
+    """Return a mask of the states where the force is finite and does not fall with length or pressure."""
     finite = abs(sum(at)) < np.inf
     return finite & (at.stiffness >= 0) & (at.area >= 0)
 
 
 def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]:
-    """The largest part of a region in which the force does not fall with length or pressure.
+    """Return the largest part of a region where the force does not fall with length or pressure.
 
-    Looked for among the rectangles of a grid of 33 lengths and 65 pressures, by their area. It is
-    the whole region where the model allows. On the host: it cannot be traced.
+    The search covers all rectangles on a grid of 33 lengths and 65 pressures. It runs on the host
+    and cannot be traced.
 
     Args:
         muscle: the model.
-        data: the region of the data.
+        data: region of the data.
 
     Returns:
-        (the part, force and slopes at the grid's lines in it).
+        (region, force and derivatives on its grid lines).
 
     Raises:
-        InputError: there is no such part of two cells by two.
+        InputError: the largest such rectangle is smaller than two cells by two.
     """
     at = Slopes(*(np.asarray(one) for one in _grid_slopes(muscle, data)))
     good = np.asarray(rising(at))
@@ -188,9 +187,9 @@ def rising_region(muscle: AbstractMuscle, data: Region) -> tuple[Region, Slopes]
     P = np.linspace(float(data.pressure[0]), float(data.pressure[1]), PRESSURES)
     if min(i1 - i0, j1 - j0) < 2:
         raise InputError(
-            "the model has no region in which its pull rises with length and pressure: of "
-            f"{good.size} states between {L[0]:.4g} and {L[-1]:.4g} m, {P[0]:.4g} and {P[-1]:.4g} Pa "
-            f"{good.sum()} do. It cannot be continued safely: look at its stiffness, and at the units"
+            "the model cannot be continued safely, because its pull does not rise with length and "
+            f"pressure: it rises at {good.sum()} of {good.size} states between {L[0]:.4g} and "
+            f"{L[-1]:.4g} m, {P[0]:.4g} and {P[-1]:.4g} Pa. Check its stiffness and the units"
         )
     part = Slopes(*(one[i0 : i1 + 1, j0 : j1 + 1] for one in at))
     return Region([L[i0], L[i1]], [P[j0], P[j1]]), part
@@ -200,7 +199,7 @@ _grid_slopes = quick_jit(grid_slopes)
 
 
 def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
-    """Fraction [-] of a grid's cells in the largest rectangle of good cells."""
+    """Return the fraction [-] of a grid's cells that lies in the largest rectangle of good states."""
     if good.all():
         return 1.0
     (i0, i1), (j0, j1) = largest_block(good)
@@ -208,12 +207,12 @@ def largest_share(good: Bool[np.ndarray, "lengths pressures"]) -> float:
 
 
 def _inner(low: int, high: int, last: int) -> tuple[int, int]:
-    """One line in from an end that is not the data's: what just rises on it may fall between its states."""
+    """Shrink the rectangle by one line unless it ends with the data: the force may fall between lines."""
     return low + (low > 0), high - (high < last)
 
 
 def largest_block(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First and last lines of the largest rectangle of good cells in a grid."""
+    """Return first and last lines of the largest rectangle of good states in a grid."""
     bad = np.pad(np.cumsum(np.cumsum(~good, 0), 1), ((1, 0), (1, 0)))
     best, found = -1, ((0, 0), (0, 0))
     for low in range(good.shape[0]):
@@ -233,14 +232,14 @@ def largest_block(good: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
 def continued_volume(
     muscle: AbstractMuscle, region: Region, length: Real, pressure: Real
 ) -> RealArray:
-    """V [m3] at any length [m] and pressure [Pa], broadcast shape: positive, C1, rising as at the edge.
+    """Return the volume V [m3] at any length [m] and pressure [Pa], broadcast shape; positive and C1.
 
-    Inside the region it is the muscle's own. Beyond an edge it goes on with the slope of the edge
-    where it grows, and where it shrinks as V/(1 + s), which never reaches zero.
+    Inside the region V is the model's volume. Beyond an edge a growing volume is extrapolated linearly,
+    and a shrinking one as V/(1 + s), which never reaches zero.
 
     Args:
         muscle: the model.
-        region: where its geometry is taken as it is.
+        region: region in which its geometry is used unchanged.
         length: active length L [m].
         pressure: gauge pressure P [Pa].
     """
@@ -266,40 +265,41 @@ def _continued(
 
 
 def _grown(volume: RealArray, change: RealArray) -> RealArray:
-    """V + dV where that grows, V/(1 - dV/V) where it shrinks: C1 and positive."""
+    """V + dV for dV >= 0, else V/(1 - dV/V)."""
     shrunk = volume / (1 - jnp.minimum(change, 0.0) / volume)
     return jnp.where(change < 0, shrunk, volume + change)
 
 
-_STOP = 0.01  # of the rest length: there a stop takes the largest force of the region
+_STOP = (
+    0.01  # travel, relative to the rest length, at which a stop carries the region's largest force
+)
 _ONSET = _STOP / 2
-_AT_ONCE = 1e12  # 1/m and 1/Pa: no step at all
-_SPARE = 1.05  # ends are this much nearer than grid lines say, for what lies between them
+_AT_ONCE = 1e12  # 1/m and 1/Pa: allows no step
+_SPARE = 1.05  # safety factor for values between grid lines
 
 
 class ContinuedMuscle(AbstractMuscle):
-    """A model inside a region, continued by straight lines outside; not cut at zero force.
+    """A model inside a region, extrapolated linearly outside; not clipped at zero force.
 
-        H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L held in the region
-        G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P held in the region
+        H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L clipped to the region
+        G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P clipped to the region
 
-    Inside it is the model itself, to the last bit. Across every edge it is C1, as F is C2. y is a
-    straight line (`bent`) unless slopes of the model at the edge would then turn the pull round:
-    where the stiffness falls along the pressure, or the area F_P along the length, y ends at the
-    step that leaves both >= 0. S are two stops, outside of the region: one from where the threads
-    are straight, one below where the braid locks, which pushes; each takes the largest force of
-    the region on a hundredth of the rest length.
+    Inside the region G equals the model to the last bit. G is C1 across every edge, as F is C2. The
+    step y (`bent`) is linear unless the extrapolation would make the stiffness or the area F_P
+    negative; then y saturates at the step that keeps both >= 0. S adds two stops outside the region:
+    one beyond the length of straight threads, and one, which pushes, below the length at which the
+    braid locks. Each stop carries the region's largest force at a travel of 1 % of the rest length.
 
-    So dG/dL >= 0 at every pressure and dG/dP >= 0 at every length outside, whatever the model, if
-    it is `rising` on the region's edges: F_L >= 0 is held by cutting it at zero there.
+    If the model is `rising` on the region's edges, dG/dL >= 0 at every pressure and dG/dP >= 0 at every
+    length outside; F_L is clipped at zero there.
 
     Attributes:
         muscle: the model.
-        region: where it is taken as it is.
+        region: region in which the model is used unchanged.
         stops: lengths [m] at which the stops begin, shape (2,).
-        stop_stiffness: [N/m].
-        length_ends: 1/X [1/m] of the steps below and above the region's lengths, shape (2,).
-        pressure_ends: 1/X [1/Pa] of those below and above its pressures, shape (2,).
+        stop_stiffness: stiffness of the stops [N/m].
+        length_ends: 1/X [1/m] for steps below and above the region's lengths, shape (2,).
+        pressure_ends: 1/X [1/Pa] for steps below and above the region's pressures, shape (2,).
     """
 
     muscle: AbstractMuscle
@@ -311,41 +311,41 @@ class ContinuedMuscle(AbstractMuscle):
 
     @classmethod
     def of(cls, muscle: AbstractMuscle, region: Region, stops: AnyArray, at: Slopes):
-        """Continue a model; a pure function that can be traced and mapped over muscles.
+        """Continue a model; this pure function can be traced and mapped over muscles.
 
         Args:
             muscle: the model.
-            region: in which it rises, see `rising_region`.
-            stops: where the braid locks and where its threads are straight [m], shape (2,); what
-                lies within the region is moved to its edge, and so is nan.
-            at: force and slopes on a grid over the region.
+            region: region in which the force rises; see `rising_region`.
+            stops: lengths [m] at which the braid locks and its threads are straight, shape (2,). A
+                value inside the region, or nan, is replaced by the region's edge.
+            at: force and derivatives on a grid over the region.
         """
         ends = jnp.fmin(stops[0], region.length[0]), jnp.fmax(stops[1], region.length[1])
         stiffness = abs(at.force).max() / (_STOP * muscle.rest_length)
         return cls(muscle, region, jnp.stack(ends), stiffness, *_ends(at))
 
     def force(self, length: Real, pressure: Real) -> RealArray:
-        """Continued pull G [N] at any length [m] and pressure [Pa], broadcast shape; may be < 0."""
+        """Continued pull G [N] at any length [m] and pressure [Pa], broadcast shape; can be negative."""
         return _force(self, *jnp.broadcast_arrays(as_real(length), as_real(pressure)))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """The stops [m], including the travel of a stop under four times the largest force."""
+        """Stops [m], extended by their travel under four times the largest force."""
         travel = 4 * _STOP * self.muscle.rest_length
         return self.stops[0] - travel, self.stops[1] + travel
 
     @property
     def stop_onset(self) -> RealArray:
-        """Travel [m] on which a stop's stiffness builds up."""
+        """Travel [m] over which a stop's stiffness builds up."""
         return _ONSET * self.muscle.rest_length
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction."""
+        """Rest length L0 [m] of the model."""
         return self.muscle.rest_length
 
 
 def _ends(at: Slopes) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-    """The nearest ends, as 1/X, that keep area and stiffness >= 0 beyond lengths and pressures."""
+    """Return the largest 1/X required to keep area and stiffness >= 0 beyond lengths and pressures."""
     xp = at.force.__array_namespace__()
 
     def end(falling: AnyArray, held: AnyArray) -> AnyArray:
@@ -378,29 +378,28 @@ def _force(of: ContinuedMuscle, length: RealArray, pressure: RealArray) -> RealA
     return force + stopped(length - of.stops[1], *stop) - stopped(of.stops[0] - length, *stop)
 
 
-_SLACK = 1e-3  # width of the blend into slack, of the largest force of the region
+_SLACK = 1e-3  # width of the blend at zero force, relative to the region's largest force
 
 
 class SafeMuscle(AbstractMuscle):
-    """A muscle inside the region of its data, with a passive continuation outside.
+    """A muscle model inside the region of its data, with a passive continuation outside.
 
-    F = taut(G), G the model in the region and monotone lines and stops beyond (`ContinuedMuscle`),
-    taut(G) = 0 for G <= 0 and G from a small force w up (`taut`). At any length and pressure, also
-    at twice those of the data or at none, F is finite, >= 0, C1, and rises with the length: at
-    constant pressure the muscle is a spring, from which no simulator can gain energy. Below the
-    length at which its braid locks it pulls no longer, whatever the pressure; beyond the length at
-    which the threads are straight a stiff stop holds it.
+    F = taut(G), where G is the model inside the region and its monotone continuation with end stops
+    outside (`ContinuedMuscle`). `taut` returns 0 for G <= 0 and G above a small force w. At any length
+    and pressure F is finite, >= 0 and C1, and does not fall with the length. At constant pressure the
+    muscle is therefore a spring, and no simulator can gain energy from it. Below the length at which
+    the braid locks it does not pull; beyond the length of straight threads a stiff stop holds it.
 
-    With hysteresis the pull also depends on the history, which the caller keeps as a state: `start`
-    makes it, `pull` asks for the force at the end of a step, `moved` ends the step. Both branches
-    of any loop rise with the length and the lengthening one is the higher, and cutting them at zero
-    leaves that so: every closed loop takes energy up. All of this without state is the static map.
+    With hysteresis the pull also depends on the history, which the caller keeps as a state. `start`
+    creates the state, `pull` returns the force at the end of a step, and `moved` completes the step.
+    Both branches of a loop rise with the length and the lengthening branch is higher; clipping at zero
+    preserves this, so every closed loop dissipates energy. The other methods use the static map.
 
     Attributes:
-        continued: G, not cut at zero; `model_force` asks it.
+        continued: G, not clipped at zero; see `model_force`.
         slack_width: w [N].
-        data: the region of the data. `region` is the part of it in which the model is monotone.
-        hysteresis: about the static map, or None.
+        data: region of the data; `region` is the part of it in which the model is monotone.
+        hysteresis: hysteresis around the static map, or None.
 
     >>> import famjax
     >>> braid = famjax.Braid.from_rest(diameter=0.022, braid_angle=1.1, length=0.3)
@@ -425,16 +424,16 @@ class SafeMuscle(AbstractMuscle):
         *,
         hysteresis: CentredSlip | None = None,
     ) -> "SafeMuscle":
-        """Make the safe muscle of a model.
+        """Create a safe muscle from a model.
 
         Args:
             muscle: the model.
-            length: active lengths [m] at which it was identified, or the least and the greatest.
-            pressure: gauge pressures [Pa], likewise.
-            hysteresis: about the model's force.
+            length: active lengths [m] of the data, or their minimum and maximum.
+            pressure: gauge pressures [Pa] of the data, or their minimum and maximum.
+            hysteresis: hysteresis around the model's force.
 
         Raises:
-            InputError: no region, or the model is monotone nowhere in it; see `rising_region`.
+            InputError: the region is empty, or the model is nowhere monotone; see `rising_region`.
         """
         data = Region.of(length, pressure)
         region, at = rising_region(muscle, data)
@@ -449,14 +448,14 @@ class SafeMuscle(AbstractMuscle):
         data: Region | None = None,
         hysteresis: CentredSlip | None = None,
     ) -> "SafeMuscle":
-        """Make the safe muscle of a model that is known to be monotone in a region; can be traced.
+        """Create a safe muscle from a model that is monotone in a known region; can be traced.
 
         Args:
             muscle: the model.
-            region: in which it rises.
-            at: its force and slopes on a grid over the region; computed unless given.
-            data: the region of the data, if it is another one.
-            hysteresis: about the model's force.
+            region: region in which the force rises.
+            at: force and derivatives on a grid over the region; computed if omitted.
+            data: region of the data; `region` if omitted.
+            hysteresis: hysteresis around the model's force.
         """
         at = grid_slopes(muscle, region) if at is None else at
         continued = ContinuedMuscle.of(muscle, region, _stops(muscle), at)
@@ -465,12 +464,12 @@ class SafeMuscle(AbstractMuscle):
 
     @property
     def region(self) -> Region:
-        """The region in which the force is that of the model."""
+        """Region in which the force equals the model's."""
         return self.continued.region
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Parts of the data's region in which the model was replaced, in sentences; for one muscle."""
+        """Sentences naming the parts of the data's region where the model is replaced; for one muscle."""
         found = []
         for name, unit, scale in (("length", "mm", 1e3), ("pressure", "kPa", 1e-3)):
             had, kept = (
@@ -478,8 +477,8 @@ class SafeMuscle(AbstractMuscle):
             )
             if (had != kept).any():
                 found.append(
-                    f"the model is monotone from {kept[0]:.4g} to {kept[1]:.4g} {unit} of {name} only; "
-                    f"the data reach from {had[0]:.4g} to {had[1]:.4g}"
+                    f"the model is monotone only between {name}s of {kept[0]:.4g} and {kept[1]:.4g} "
+                    f"{unit}; the data range from {had[0]:.4g} to {had[1]:.4g} {unit}"
                 )
         return tuple(found)
 
@@ -488,7 +487,7 @@ class SafeMuscle(AbstractMuscle):
         return taut(self.continued.force(length, pressure), self.slack_width)
 
     def model_force(self, length: Real, pressure: Real) -> RealArray:
-        """G [N], the continued model not cut at zero, broadcast shape; below zero where slack."""
+        """Continued force G [N], not clipped at zero, broadcast shape; negative if slack."""
         return self.continued.force(length, pressure)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
@@ -497,14 +496,14 @@ class SafeMuscle(AbstractMuscle):
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction."""
+        """Rest length L0 [m] of the model."""
         return self.continued.rest_length
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
         """Longest active length L [m] at which the muscle carries a load >= 0 [N].
 
-        That of the continued muscle, which has one where this one is slack at a range of lengths;
-        see `AbstractMuscle.length_at_load`.
+        Solved on the continued force, which has such a length even if the muscle is slack over a range
+        of lengths; see `AbstractMuscle.length_at_load`.
         """
         return self.continued.length_at_load(
             untaut(as_real(load), self.slack_width), pressure, throw=throw
@@ -515,25 +514,25 @@ class SafeMuscle(AbstractMuscle):
         return self.continued.onset_pressure(length, highest, throw=throw)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, `famjax.continuation.continued_volume`, broadcast shape.
+        """Fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
 
         Raises:
-            InputError: the muscle is of a model without a geometry.
+            InputError: the model has no geometry.
         """
         return continued_volume(self.continued.muscle, self.region, length, pressure)
 
     def start(self, length: Real, pressure: Real) -> SlipState:
-        """The state of the hysteresis at the start of a history, at a length and a pressure.
+        """State of the hysteresis at the start of a history, at a length [m] and a pressure [Pa].
 
-        Reached from where the cycles of the identified records begin: from the vented muscle of
-        that length, or after strokes from its longest one. Empty without hysteresis.
+        The state is reached from the start of the identified cycles: from the vented muscle at this
+        length, or from the longest length of the strokes. Empty without hysteresis.
         """
         if self.hysteresis is None:
             return SlipState(jnp.zeros(2), jnp.zeros(0), jnp.zeros(0))
         return self.hysteresis.start(as_real(length), as_real(pressure))
 
     def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
-        """The state after a monotone motion to a length [m] and pressure [Pa]."""
+        """State after a monotone motion to a length [m] and pressure [Pa]."""
         if self.hysteresis is None:
             return state
         return self.hysteresis.slip.moved(state, length, pressure)
@@ -541,8 +540,8 @@ class SafeMuscle(AbstractMuscle):
     def pull(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
         """Force [N] after one step from a state to a length [m] and pressure [Pa]; scalars.
 
-        The state itself is not changed, so that an integrator can try several ends of a step;
-        `moved` ends the step.
+        The state is not changed, so an integrator can try several end points; `moved` completes the
+        step.
         """
         force = self.continued.force(length, pressure)
         if self.hysteresis is not None:

@@ -1,4 +1,4 @@
-"""The dimensions of a muscle at a length and pressure, and the geometries that give them."""
+"""Dimensions of a muscle at a length and pressure, and the geometries that compute them."""
 
 import abc
 import dataclasses
@@ -35,13 +35,12 @@ class Dimensions(eqx.Module):
         thickness: bladder wall t [m].
         axial_strain: eps_z [-].
         hoop_strain: eps_c [-] at stations along the axis, shape (..., stations).
-        station_weights: share of the axis that each station stands for, shape (stations,), sum 1:
-            the axial mean of any function f of the hoop strain is sum(weights * f(eps_c)).
+        station_weights: quadrature weights of the stations, shape (stations,), sum 1. The axial mean of
+            a function f of the hoop strain is sum(weights * f(eps_c)).
         bladder_volume: V [m3] of the rubber.
         volume: volume [m3] within the braid's outline.
-        thread_length: B [m] of the loaded threads; None where the geometry does not say it.
-        rates: derivatives of all of these in the length, at constant pressure, for terms that use
-            them; else None.
+        thread_length: B [m] of the loaded threads; None if the geometry does not provide it.
+        rates: derivatives of all fields with respect to length at constant pressure, or None.
     """
 
     length: RealArray
@@ -59,19 +58,19 @@ class Dimensions(eqx.Module):
 
     @property
     def reached(self) -> Bool[Array, "..."]:
-        """Whether the muscle can reach the state: every dimension is a number."""
+        """True where the muscle can reach the state: every dimension is finite."""
         along = jnp.all(jnp.isfinite(self.hoop_strain), axis=-1)
         for one in (self.length, self.radius, self.braid_angle, self.thickness, self.axial_strain):
             along &= jnp.isfinite(one)
         return along & jnp.isfinite(self.volume)
 
     def where(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """The same dimensions with 1 as a placeholder at states that cannot exist.
+        """Replace the dimensions of impossible states by the placeholder 1.
 
-        What is computed of them is to be replaced by nan there. Nan itself would spoil, in reverse
-        mode, the derivatives of all other states in the numbers that they share.
+        Results at these states must be replaced by nan afterwards. A nan here would, in reverse mode,
+        contaminate the derivatives of all other states with respect to shared parameters.
         """
-        thread = self.thread_length  # longer than the length, which is 1
+        thread = self.thread_length  # must exceed the length, which is 1
         return dataclasses.replace(
             self._kept(reached, 1.0),
             length=jnp.where(reached, self.length, 1.0),
@@ -80,7 +79,7 @@ class Dimensions(eqx.Module):
         )
 
     def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
-        """The same dimensions with nan at states that cannot exist."""
+        """Replace the dimensions of impossible states by nan."""
         thread = self.thread_length
         return dataclasses.replace(
             self._kept(reached, jnp.nan),
@@ -99,23 +98,23 @@ class AbstractGeometry(Parametrised):
 
     @abc.abstractmethod
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape.
+        """Dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan where the muscle cannot be. Whether there, too, the derivatives of what is computed on the
-        way are numbers, so that in a batch they do not spoil those of the others, `keeps_apart` says.
+        Impossible states are nan. `keeps_apart` states whether their derivatives are finite, so that
+        they do not contaminate the derivatives of other states in a batch.
         """
 
     @property
     def keeps_apart(self) -> bool:
-        """Whether impossible states leave the derivatives of all others unchanged, see `dimensions`.
+        """True if impossible states do not affect the derivatives of other states; see `dimensions`.
 
-        A muscle asks the dimensions of a geometry that does not say so twice, the second time with
-        the rest length in the place of lengths that it cannot have.
+        If False, a muscle evaluates the dimensions twice, the second time with the rest length in place
+        of impossible lengths.
         """
         return False
 
     def dimensions_with_rates(self, length: Real, pressure: Real) -> Dimensions:
-        """The dimensions with their `rates`, derivatives with respect to length at constant pressure."""
+        """Return the dimensions with `rates`, their derivatives in the length at constant pressure."""
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         at, rates = jax.jvp(
             lambda lengths: self.dimensions(lengths, pressures),
@@ -131,22 +130,22 @@ class AbstractGeometry(Parametrised):
     @property
     @abc.abstractmethod
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction."""
+        """Rest length L0 [m]: active length at zero contraction."""
 
     @property
     def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] at which some derivative of the dimensions jumps; none if all are smooth."""
-        return jnp.asarray(np.zeros(0))  # which compiles nothing
+        """Active lengths [m] at which a derivative of the dimensions is discontinuous."""
+        return jnp.asarray(np.zeros(0))  # requires no compilation
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid: that within the braid minus the rubber.
+        """Fluid volume V [m3]: volume within the braid minus rubber.
 
         Args:
             length: active length L [m].
             pressure: gauge pressure P [Pa].
 
         Returns:
-            V [m3], broadcast shape; nan where the muscle cannot be.
+            V [m3], broadcast shape; nan at impossible states.
         """
         at = self.dimensions(length, pressure)
         return at.volume - at.bladder_volume
@@ -154,11 +153,11 @@ class AbstractGeometry(Parametrised):
     def braid_limits(self) -> tuple[RealArray, RealArray]:
         """Active lengths [m] at which the unloaded braid locks, and at which its threads are straight.
 
-        Locked, at the neutral angle, pressure shortens it no further; with straight threads nothing
-        but their stretch lengthens it.
+        The braid locks at the neutral angle, where pressure cannot shorten it further. With straight
+        threads only thread stretch can lengthen it.
 
         Returns:
-            (lock, straight) [m], nan for a geometry that has no `braid`.
+            (lock, straight) [m]; nan for a geometry without `braid`.
 
         References:
             Chambers 2021, section 2.1: the neutral angle, 35.26 deg from the circumference.
@@ -170,19 +169,19 @@ class AbstractGeometry(Parametrised):
         return thread * math.sin(NEUTRAL_ANGLE), thread
 
     def cut_to_length(self, rest_length: RealArray) -> "AbstractGeometry":  # noqa: ARG002
-        """The geometry of the same construction with another rest length [m]; `famjax.cut_to_length`.
+        """Return the same construction with another rest length [m]; see `famjax.cut_to_length`.
 
         Raises:
-            ValueError: a shape that is that of one length.
+            ValueError: the shape is valid for one length only.
         """
         raise ValueError(
             f"a {type(self).__name__} cannot be cut to another length: a measured or assumed shape is "
-            "that of one length; a geometry of your own can have a method cut_to_length(rest_length)"
+            "valid for one length only. In your own geometry, define cut_to_length(rest_length)"
         )
 
 
 def cylinder_volume(length: Real, radius: Real) -> RealArray:
-    """Volume [m3] of a cylinder, V = pi R^2 L; the rounded ends of a real muscle are neglected.
+    """Volume [m3] of a cylinder, V = pi R^2 L; rounded ends are neglected.
 
     Args:
         length: active length L [m].
@@ -220,7 +219,7 @@ def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) ->
         bladder_volume: V [m3] of the rubber, constant.
 
     Returns:
-        t [m], broadcast shape; nan where the rubber does not fit in the radius.
+        t [m], broadcast shape; nan where the rubber does not fit within the radius.
 
     References:
         Chambers 2021, section 6.1.
@@ -234,10 +233,10 @@ class Bladder(Parametrised):
 
     Attributes:
         rest_length: L0 [m], active length at which the axial strain is zero.
-        rest_diameter: outer diameter at rest [m]; mid-wall diameter where `embedded`.
-        rest_thickness: wall t0 [m] at rest.
-        embedded: True where the threads run inside the wall, so that the braid radius is the
-            mid-wall radius; False where the bladder lies under the braid.
+        rest_diameter: outer diameter at rest [m]; mid-wall diameter if `embedded`.
+        rest_thickness: wall thickness t0 [m] at rest.
+        embedded: True if the threads run inside the wall, so the braid radius is the mid-wall radius;
+            False if the bladder lies under the braid.
     """
 
     rest_length: Float[Given, "..."] = parameter("m", low=0.0)
@@ -265,11 +264,11 @@ class Bladder(Parametrised):
 
     @property
     def rest_radius(self) -> RealArray:
-        """Outer radius [m] at rest; mid-wall radius where `embedded`."""
+        """Outer radius [m] at rest; mid-wall radius if `embedded`."""
         return self.rest_diameter / 2
 
     def fits(self, length: Real, radius: Real) -> Bool[Array, "..."]:
-        """Whether the rubber fits in a tube of this length [m] and radius [m] as of `thickness`."""
+        """Return True where the rubber fits in a length [m] and radius [m]; see `thickness`."""
         positive = (jnp.asarray(length) > 0) & (radius > 0)
         if self.embedded:
             return positive
@@ -277,11 +276,11 @@ class Bladder(Parametrised):
         return positive & (jnp.square(radius) >= section)
 
     def thickness(self, length: Real, radius: Real) -> RealArray:
-        """Wall thickness t [m] at constant volume.
+        """Return the wall thickness t [m] at constant volume.
 
         Args:
             length: L [m].
-            radius: outer radius [m] of the bladder; mid-wall radius where `embedded`.
+            radius: outer radius [m] of the bladder; mid-wall radius if `embedded`.
 
         Returns:
             t [m], broadcast shape.
@@ -291,15 +290,15 @@ class Bladder(Parametrised):
         return bladder_thickness(length, radius, self.volume)
 
     def axial_strain(self, length: Real) -> RealArray:
-        """Axial engineering strain eps_z [-], L / L0 - 1: negative when shorter."""
+        """Return the axial engineering strain eps_z [-], L / L0 - 1; negative when shorter."""
         return jnp.asarray(length / self.rest_length - 1)
 
     def hoop_strain(self, length: Real, radius: Real) -> RealArray:
-        """Hoop engineering strain eps_c [-] at mid-wall, R_mid / R_mid0 - 1.
+        """Return the hoop engineering strain eps_c [-] at mid-wall, R_mid / R_mid0 - 1.
 
         Args:
             length: L [m].
-            radius: outer radius [m] of the bladder; mid-wall radius where `embedded`.
+            radius: outer radius [m] of the bladder; mid-wall radius if `embedded`.
 
         Returns:
             eps_c [-], broadcast shape.
@@ -311,7 +310,7 @@ class Bladder(Parametrised):
         return jnp.asarray(mid_radius / self.rest_mid_radius - 1)
 
 
-_BELOW_NEUTRAL = 0.95  # at the neutral length itself a limp bladder's force is zero, not negative
+_BELOW_NEUTRAL = 0.95  # a limp bladder's force is zero at the neutral length and negative below it
 
 
 def cylinder_dimensions(
@@ -323,19 +322,19 @@ def cylinder_dimensions(
     bladder: Bladder,
     reached: Bool[Array, "..."],
 ) -> Dimensions:
-    """Dimensions of a cylinder of braid radius R [m] and angle theta [rad] at length L [m].
+    """Return the dimensions of a cylinder with braid radius R [m] and angle theta [rad].
 
     Args:
-        length: L [m], a number wherever it is; so are the next three, of one shape.
+        length: L [m]; finite everywhere, as are the next three arguments, all with the same shape.
         radius: braid radius R [m].
         braid_angle: theta [rad].
         thread_length: B [m].
-        braid: of the muscle.
-        bladder: of the muscle.
-        reached: whether the braid can be there; what is given elsewhere is of no account.
+        braid: braid of the muscle.
+        bladder: bladder of the muscle.
+        reached: mask of states that the braid can reach; the other states are ignored.
 
     Returns:
-        The dimensions, nan where not `reached` or where the rubber does not fit in the braid.
+        The dimensions; nan where not `reached` or where the rubber does not fit in the braid.
     """
     bladder_radius = radius if bladder.embedded else radius - braid.thickness
     reached = reached & bladder.fits(length, bladder_radius)
@@ -361,8 +360,8 @@ class EstimatedGeometry(AbstractGeometry):
     """A cylinder whose diameter follows from the braid: the estimated geometry.
 
     Attributes:
-        braid: threads about the bladder.
-        bladder: rubber tube under, or in, the braid.
+        braid: braid around the bladder.
+        bladder: rubber tube under, or embedded in, the braid.
 
     References:
         Chambers 2021, chapter 6, "cylindrical approximation".
@@ -373,7 +372,7 @@ class EstimatedGeometry(AbstractGeometry):
 
     @compiled_method
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
-        """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
+        """Dimensions at active length L [m] and gauge pressure P [Pa], broadcast shape."""
         at, thread_length, reached = self.braid.reach(length, pressure)
         radius = diameter_from_length(at, thread_length, self.braid.turns) / 2
         angle = braid_angle_from_length(at, thread_length)
@@ -383,11 +382,11 @@ class EstimatedGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """True: impossible states are masked before anything is computed."""
+        """True: impossible states are masked before any computation."""
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
+        """Lengths [m] from just below the neutral angle to the closing of the bladder's bore."""
         inset = 0.0 if self.bladder.embedded else self.braid.thickness
         smallest = 2 * (self.bladder.smallest_braid_radius + inset)
         closed = jnp.pi * self.braid.turns * smallest
@@ -397,14 +396,12 @@ class EstimatedGeometry(AbstractGeometry):
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the bladder's."""
+        """Rest length L0 [m], taken from the bladder."""
         return self.bladder.rest_length
 
     def cut_to_length(self, rest_length: RealArray) -> "EstimatedGeometry":
-        """The same braid and bladder, longer or shorter: B0 and N are proportional to L0."""
-        new = eqx.error_if(
-            rest_length, jnp.any(rest_length <= 0), "the rest length must be above 0"
-        )
+        """Return the same braid and bladder at another length; B0 and N scale with L0."""
+        new = eqx.error_if(rest_length, jnp.any(rest_length <= 0), "the rest length must be > 0")
         ratio = new / self.bladder.rest_length
         longer = eqx.tree_at(
             lambda b: (b.rest_thread_length, b.turns),
@@ -414,7 +411,7 @@ class EstimatedGeometry(AbstractGeometry):
         return EstimatedGeometry(longer, dataclasses.replace(self.bladder, rest_length=new))
 
     def parameters(self) -> dict[str, RealArray]:
-        """Braid diameter and angle at rest, unloaded, then the parameters of braid and bladder."""
+        """Return unloaded braid diameter and angle at rest, then the parameters of braid and bladder."""
         rest, thread = self.rest_length, self.braid.rest_thread_length
         natural = {
             "braid_diameter": diameter_from_length(rest, thread, self.braid.turns),
@@ -424,18 +421,18 @@ class EstimatedGeometry(AbstractGeometry):
         return natural | {name: others[name] for name in others if name not in self._replaced}
 
     def declared(self) -> dict[str, Declared]:
-        """Declarations of the parameters: diameter and angle instead of thread length and turns."""
+        """Return the declarations, with diameter and angle in place of thread length and turns."""
         others = super().declared()
         return _AT_REST | {name: others[name] for name in others if name not in self._replaced}
 
     def with_parameters(self, values: Mapping[str, Real]) -> "EstimatedGeometry":
-        """The geometry with other values of some parameters.
+        """Return the geometry with new values of some parameters.
 
-        A changed rest length keeps diameter and angle, so that thread length and turns change with
-        it. The mid-wall diameter of an embedded bladder goes with the braid's.
+        A new rest length keeps diameter and angle and changes thread length and turns. The mid-wall
+        diameter of an embedded bladder changes with the braid diameter.
 
         Raises:
-            ValueError: an unknown name, or a value that is an array.
+            ValueError: a name is unknown, or a value is an array.
         """
         given = checked_values(self, values)
         others = {name: value for name, value in given.items() if name not in _AT_REST}
@@ -446,12 +443,10 @@ class EstimatedGeometry(AbstractGeometry):
         diameter, angle, rest = (
             given.get(name, old[name]) for name in ("braid_diameter", "braid_angle", "rest_length")
         )
-        thread, turns = (
-            thread_length_from_angle(rest, angle),
-            turns_from_angle(rest, diameter, angle),
-        )
         changed = eqx.tree_at(
-            lambda g: (g.braid.rest_thread_length, g.braid.turns), changed, (thread, turns)
+            lambda g: (g.braid.rest_thread_length, g.braid.turns),
+            changed,
+            (thread_length_from_angle(rest, angle), turns_from_angle(rest, diameter, angle)),
         )
         if not self.bladder.embedded:
             return changed
@@ -460,7 +455,7 @@ class EstimatedGeometry(AbstractGeometry):
 
     @property
     def _replaced(self) -> tuple[str, ...]:
-        """Parameters of braid and bladder that diameter and angle at rest stand for."""
+        """Parameters of braid and bladder that diameter and angle at rest replace."""
         fields = ("rest_thread_length", "turns")
         return (*fields, "bladder_diameter") if self.bladder.embedded else fields
 
@@ -475,14 +470,14 @@ _LARGEST_FACTOR = 1.4
 
 
 class EndEffectGeometry(AbstractGeometry):
-    """Another geometry evaluated at the length L0 (1 - k eps): the ends shorten but do not pull.
+    """Another geometry evaluated at the length L0 (1 - k eps), for ends that do not contract.
 
-    The same as a dead length l = L0 (1 - 1/k) at the ends, which does not take part in the
-    contraction: the strains of what is left are k times as large. `volume` is that of a cylinder
-    of the shortened length, ends not counted: 1/k of its change is the muscle's own.
+    This is equivalent to a dead length l = L0 (1 - 1/k) at the ends; the strains of the remaining
+    length are k times as large. `volume` is the volume of a cylinder with the shortened length,
+    without the ends; the muscle's own volume changes by 1/k of its change.
 
     Attributes:
-        cylinder: geometry of the part that pulls, with the muscle's own rest length.
+        cylinder: geometry of the pulling part, with the muscle's rest length.
         end_factor: k [-], 1 for a cylinder, above 1 for rounded ends.
 
     References:
@@ -502,11 +497,11 @@ class EndEffectGeometry(AbstractGeometry):
 
     @property
     def keeps_apart(self) -> bool:
-        """Same as for the cylinder."""
+        """Same as the cylinder's."""
         return self.cylinder.keeps_apart
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m], those of the cylinder mapped back."""
+        """Shortest and longest active length [m], mapped back from the cylinder."""
         shortest, longest = (
             tondu_lopez_length(end, self.rest_length, 1 / self.end_factor)
             for end in self.cylinder.length_range()
@@ -515,20 +510,20 @@ class EndEffectGeometry(AbstractGeometry):
 
     @property
     def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m], those of the cylinder mapped back."""
+        """Active lengths [m], mapped back from the cylinder."""
         lengths = self.cylinder.breakpoints
         return tondu_lopez_length(lengths, self.rest_length, 1 / self.end_factor)
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction."""
+        """Rest length L0 [m], taken from the cylinder."""
         return self.cylinder.rest_length
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, V_c(L0) + (V_c(L) - V_c(L0))/k, V_c being the cylinder's.
+        """Fluid volume V [m3], V_c(L0) + (V_c(L) - V_c(L0))/k, with the cylinder's volume V_c.
 
-        Its slope in the length is then the cylinder's, as the virtual work of the pressure wants,
-        and at rest the ends count as the cylinder does.
+        Its derivative in the length then equals the cylinder's, as virtual work requires. At rest the
+        ends count as part of the cylinder.
         """
         found = self.dimensions(length, pressure)
         reached = found.reached
@@ -537,17 +532,17 @@ class EndEffectGeometry(AbstractGeometry):
         return jnp.where(reached, volume, jnp.nan)
 
     def braid_limits(self) -> tuple[RealArray, RealArray]:
-        """Limits [m] of the cylinder, mapped back: rounded ends shift both lengths."""
+        """Limits [m] mapped back from the cylinder; rounded ends shift both."""
         rest = self.rest_length
         lock, straight = self.cylinder.braid_limits()
         return rest + (lock - rest) / self.end_factor, rest + (straight - rest) / self.end_factor
 
     def cut_to_length(self, rest_length: RealArray) -> "EndEffectGeometry":
-        """The same ends on a longer or shorter cylinder: their dead length L0 (1 - 1/k) stays."""
+        """Return the same ends on a cylinder with another length; the dead length L0 (1 - 1/k) stays."""
         dead = self.rest_length * (1 - 1 / self.end_factor)
         new = eqx.error_if(
             rest_length,
             jnp.any(rest_length <= dead),
-            "the rest length must be above the dead length of the ends",
+            "the rest length must exceed the dead length of the ends",
         )
         return EndEffectGeometry(self.cylinder.cut_to_length(new), new / (new - dead))

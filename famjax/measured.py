@@ -1,7 +1,7 @@
 """Lengths, areas and volumes of a measured shape, by quadrature over the axis.
 
 Each smooth piece of a profile is integrated by Gauss-Legendre quadrature after the substitution
-x = u^2 (3 - 2 u), which also integrates ends with a vertical tangent, where dR/dz ~ 1 / sqrt(z).
+x = u^2 (3 - 2 u). The substitution also handles ends with a vertical tangent, dR/dz ~ 1 / sqrt(z).
 """
 
 import functools
@@ -20,19 +20,19 @@ from .profiles import AbstractProfile
 from .surfaces import AbstractMeasuredFamily
 
 QUADRATURE_ORDER = 64
-"""Stations per smooth piece, by default: relative error below 1e-8 for Fourier profiles of up to
-five terms and for every assumed shape; below 1e-12 for the reference work's profiles."""
+"""Default number of stations per smooth piece. The relative error is below 1e-8 for Fourier profiles
+with up to five terms and for every assumed shape, and below 1e-12 for the reference work's profiles."""
 
 
 class Meridian(eqx.Module):
-    """A profile at its quadrature stations: radius, slope, and every integral of the two.
+    """A profile at its quadrature stations, and the integrals over it.
 
     Attributes:
         length: L [m].
         radius: R [m], shape (..., stations).
         slope: dR/dz [-], shape (..., stations).
-        weights: share of the axis that each station stands for, sum 1, shape (..., stations), or
-            (stations,) where they do not depend on the length.
+        weights: quadrature weights, sum 1, shape (..., stations), or (stations,) if they do not depend
+            on the length.
     """
 
     length: RealArray
@@ -44,7 +44,7 @@ class Meridian(eqx.Module):
     def of(
         cls, profile: AbstractProfile, length: Real, *, order: int = QUADRATURE_ORDER
     ) -> "Meridian":
-        """The meridian of a profile's outline.
+        """Evaluate a profile's outline at the quadrature stations.
 
         Args:
             profile: D(x, L).
@@ -52,7 +52,7 @@ class Meridian(eqx.Module):
             order: quadrature stations in each smooth piece, >= 1.
 
         Returns:
-            The meridian, its arrays of the length's shape with the stations as last axis.
+            The meridian; its arrays have the shape of the length and a last axis of stations.
 
         Raises:
             RuntimeError: the diameter is not positive everywhere.
@@ -70,7 +70,7 @@ class Meridian(eqx.Module):
         return cls(length, radius, rate / (2 * length[..., None]), weights)
 
     def inset(self, thickness: Real) -> "Meridian":
-        """The line at this thickness [m] below, measured along the radius: the bladder's outside.
+        """Return the line offset inwards along the radius by a thickness [m]: the bladder's outside.
 
         Raises:
             RuntimeError: the thickness exceeds the radius somewhere.
@@ -81,7 +81,7 @@ class Meridian(eqx.Module):
         return Meridian(self.length, radius, self.slope, self.weights)
 
     def mean(self, values: Float[Array, "... stations"]) -> RealArray:
-        """Axial mean of values at the stations."""
+        """Return the axial mean of values at the stations."""
         return jnp.sum(self.weights * values, axis=-1)
 
     @property
@@ -91,12 +91,12 @@ class Meridian(eqx.Module):
 
     @property
     def arc_length(self) -> RealArray:
-        """Length [m] of the line from fitting to fitting; the faces of steps are not counted."""
+        """Length [m] of the line from fitting to fitting, without the faces of steps."""
         return self.length * self.mean(jnp.sqrt(1 + self.slope**2))
 
     @property
     def surface_area(self) -> RealArray:
-        """Lateral area [m2] of the surface of revolution; the faces of steps are not counted."""
+        """Lateral area [m2] of the surface of revolution, without the faces of steps."""
         element = self.radius * jnp.sqrt(1 + self.slope**2)
         return 2 * jnp.pi * self.length * self.mean(element)
 
@@ -106,7 +106,7 @@ class Meridian(eqx.Module):
         return jnp.pi * self.length * self.mean(self.radius**2)
 
     def thickness(self, bladder_volume: Real) -> RealArray:
-        """Wall t [m] of a bladder with this outer line, volume over area, equal along the axis.
+        """Uniform wall thickness t [m] of a bladder with this outer line, volume / area.
 
         References:
             Chambers 2021, section 6.1.
@@ -114,7 +114,7 @@ class Meridian(eqx.Module):
         return jnp.asarray(bladder_volume / self.surface_area)
 
     def axial_strain(self, rest_length: Real) -> RealArray:
-        """Axial engineering strain eps_z [-] of this line, arc length / L0 - 1.
+        """Return the axial engineering strain eps_z [-] of this line, arc length / L0 - 1.
 
         References:
             Chambers 2021, section 6.1.
@@ -122,10 +122,11 @@ class Meridian(eqx.Module):
         return self.arc_length / rest_length - 1
 
     def hoop_strain(self, bladder: Bladder) -> Float[Array, "... stations"]:
-        """Hoop engineering strain eps_c [-] at mid-wall of a bladder with this outer line.
+        """Return the hoop engineering strain eps_c [-] at mid-wall of a bladder with this outer line.
 
         Args:
-            bladder: its volume sets the wall; where it is `embedded` this is its mid-wall line.
+            bladder: its volume sets the wall thickness. For an `embedded` bladder this line is the
+                mid-wall line.
 
         Returns:
             (R - t / 2) / (R_0 - t_0 / 2) - 1 at the stations, shape (..., stations).
@@ -142,9 +143,9 @@ class Meridian(eqx.Module):
         radius = eqx.error_if(
             self.radius,
             bore <= 0,
-            "the radius of a profile must leave a bore in the bladder: the wall that the rubber's "
-            "volume asks for fills it. Check the profile, and rest diameter, thickness and length "
-            "of the bladder, all in one unit",
+            "the radius of a profile must leave a bore in the bladder, but the rubber's volume fills "
+            "it. Check the profile, and the bladder's rest diameter, thickness and length, all in one "
+            "unit",
         )
         return (radius - inward * thickness) / bladder.rest_mid_radius - 1
 
@@ -152,18 +153,18 @@ class Meridian(eqx.Module):
 def quadrature(
     breakpoints: Float[Array, "... kinks"], order: int = QUADRATURE_ORDER
 ) -> tuple[Float[Array, "... stations"], Float[Array, "... stations"]]:
-    """Stations in [0, 1] and their weights for integrands that are smooth between breakpoints.
+    """Return stations in [0, 1] and weights for integrands that are smooth between breakpoints.
 
     Args:
         breakpoints: positions [-], increasing, strictly between 0 and 1, shape (..., kinks).
         order: stations in each of the kinks + 1 pieces, >= 1.
 
     Returns:
-        (x, weights), each of shape (..., order (kinks + 1)) and the breakpoints' precision; the
-        weights sum to 1.
+        (x, weights), each with shape (..., order (kinks + 1)) and the breakpoints' dtype; the weights
+        sum to 1.
     """
     if order < 1:
-        raise ValueError(f"a quadrature needs an order >= 1, got {order}")
+        raise ValueError(f"the quadrature order must be >= 1, got {order}")
     dtype = breakpoints.dtype
     ends = (*breakpoints.shape[:-1], 1)
     edges = jnp.concatenate([jnp.zeros(ends, dtype), breakpoints, jnp.ones(ends, dtype)], axis=-1)
@@ -176,7 +177,7 @@ def quadrature(
 
 @functools.cache
 def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Legendre on [0, 1] in u, as stations x = u^2 (3 - 2 u) and weights w 6 u (1 - u)."""
+    """Gauss-Legendre rule in u on [0, 1]: stations x = u^2 (3 - 2 u) and weights w 6 u (1 - u)."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     u = (nodes + 1) / 2
     shares = 3 * weights * u * (1 - u)
@@ -184,63 +185,61 @@ def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positive(radius: RealArray, must: str) -> RealArray:
-    """The radius, or an error where it is not positive."""
     return eqx.error_if(
         radius,
         radius <= 0,
-        f"{must}; somewhere it is not. Check the coefficients of the profile and that the length "
-        "lies in the range in which it was measured",
+        f"{must}. Check the coefficients of the profile, and that the length lies in the measured range",
     )
 
 
 class _OfProfiles(AbstractGeometry):
-    """A geometry that follows from a family of measured profiles; nan outside `length_range`."""
+    """A geometry based on a family of measured profiles; nan outside `length_range`."""
 
     family: eqx.AbstractVar[AbstractMeasuredFamily]
     bladder: eqx.AbstractVar[Bladder]
 
     @property
     def braid(self) -> AbstractBraid:
-        """The family's braid."""
+        """Braid of the family."""
         return self.family.braid
 
     @property
     def keeps_apart(self) -> bool:
-        """True: impossible states are masked before anything is computed."""
+        """True: impossible states are masked before any computation."""
         return True
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """The family's: the measured lengths, and its margin of extrapolation beyond."""
+        """Shortest and longest length [m] of the family: the measured range and its margin."""
         return self.family.length_range()
 
     @property
     def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] of the profiles, between which the family interpolates."""
+        """Active lengths [m] of the measured profiles."""
         return self.family.lengths
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the bladder's."""
+        """Rest length L0 [m], taken from the bladder."""
         return self.bladder.rest_length
 
 
 class MeasuredGeometry(_OfProfiles):
-    """The muscle as measured: strain and thickness follow the bladder's outline in the photograph.
+    """The measured geometry: strains and thickness follow the bladder's measured outline.
 
-    eps_z = arc length / L0 - 1, t = V / surface area, eps_c at every station; the force terms use
-    the average diameter, with theta = atan(L / (pi N D)). The bladder's line lies t_braid below the
-    outline, along the radius, or is the outline where the bladder is `embedded`.
+    eps_z = arc length / L0 - 1, t = V / surface area, and eps_c is evaluated at every station. The
+    force terms use the average diameter, with theta = atan(L / (pi N D)). The bladder's outline lies
+    t_braid below the measured outline, along the radius; for an `embedded` bladder the two are equal.
 
-    Outside `length_range` the shape is not known and the dimensions are nan.
+    Outside `length_range` the dimensions are nan.
 
     Attributes:
-        family: measured profiles, and the braid that scales them in pressure.
-        bladder: rubber tube under, or in, the braid.
+        family: measured profiles, and the braid that scales them with pressure.
+        bladder: rubber tube under, or embedded in, the braid.
         order: quadrature stations in each smooth piece of the profiles.
 
     Raises:
-        RuntimeError: the wall closes the bore somewhere within the range of lengths; at
-            construction on concrete numbers, in `dimensions` on traced ones.
+        RuntimeError: the wall closes the bore within the range of lengths. Raised at construction, or
+            in `dimensions` if the numbers are traced.
 
     References:
         Chambers 2021, chapter 6, "measured".
@@ -281,11 +280,11 @@ class MeasuredGeometry(_OfProfiles):
 class AverageDiameterGeometry(_OfProfiles):
     """A cylinder with the measured average diameter; only D differs from the estimated geometry.
 
-    Outside `length_range` the shape is not known and the dimensions are nan.
+    Outside `length_range` the dimensions are nan.
 
     Attributes:
-        family: measured profiles, and the braid that scales them in pressure.
-        bladder: rubber tube under, or in, the braid.
+        family: measured profiles, and the braid that scales them with pressure.
+        bladder: rubber tube under, or embedded in, the braid.
         order: quadrature stations in each smooth piece of the profiles.
 
     References:
@@ -310,9 +309,9 @@ class AverageDiameterGeometry(_OfProfiles):
 def _states(
     family: AbstractMeasuredFamily, length: Real, pressure: Real
 ) -> tuple[RealArray, RealArray, RealArray, Bool[Array, "..."]]:
-    """Lengths [m], pressures [Pa], thread lengths [m], and where the shape is known.
+    """Lengths [m], pressures [Pa], thread lengths [m], and a mask of known states.
 
-    Elsewhere they are those of a state in the middle of what was measured.
+    Unknown states are replaced by a state in the middle of the measured range.
     """
     length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
     middle = jax.lax.stop_gradient((family.lengths[0] + family.lengths[-1]) / 2)
@@ -354,11 +353,9 @@ def _measures(
 def _mean_diameter(
     family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
 ) -> RealArray:
-    """Average diameter [m] over the axis."""
     x, weights = quadrature(family.kinks, order)
     return jnp.sum(weights * family.diameter(x, length[..., None], pressure[..., None]), axis=-1)
 
 
 def _braid_angle(length: RealArray, diameter: RealArray, braid: AbstractBraid) -> RealArray:
-    """Braid angle theta [rad] of a cylinder, atan(L / (pi N D)), from the circumference."""
     return jnp.arctan2(length, jnp.pi * braid.turns * diameter)

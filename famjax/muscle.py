@@ -1,4 +1,4 @@
-"""Methods of every static force model: stiffness, blocked force, equilibrium lengths, onset."""
+"""Static force models: stiffness, blocked force, equilibrium length, onset pressure."""
 
 import abc
 import dataclasses
@@ -33,17 +33,16 @@ from .terms import AbstractForceTerm, BladderWall, PressurisedBraid, SumOfTerms
 
 
 class AbstractMuscle(Parametrised):
-    """A static force model: a force at a length and a pressure, and all that follows from it.
+    """A static force model: the force at a length and a pressure, and derived quantities.
 
-    A model of your own is a class with `force`, `rest_length` and `length_range`. Methods are mapped
-    and differentiated as they are, `jax.vmap(muscle.force)`, and compiled by equinox:
-    `eqx.filter_jit(muscle.force)`.
+    Your own model is a class with `force`, `rest_length` and `length_range`. Map its methods with
+    `jax.vmap(muscle.force)` and compile them with `eqx.filter_jit(muscle.force)`.
 
-    One instance is one muscle: its numbers are scalars. Many muscles are made and asked under
+    One instance is one muscle, and its parameters are scalars. Create and evaluate many muscles under
     `jax.vmap` or `equinox.filter_vmap`.
 
     Attributes:
-        rest_length: active length L0 [m] of zero contraction.
+        rest_length: active length L0 [m] at zero contraction.
     """
 
     if TYPE_CHECKING:
@@ -62,8 +61,8 @@ class AbstractMuscle(Parametrised):
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan where the model has no such state, such as at a negative length. Its derivative there is 0,
-        so that those of the others in a batch, and of what they share, are right.
+        Nan at impossible states, such as a negative length. The derivative there must be 0, so that
+        the derivatives of other states in a batch stay correct.
         """
 
     @abc.abstractmethod
@@ -73,22 +72,22 @@ class AbstractMuscle(Parametrised):
     def stops(self) -> Float[Array, "2"]:
         """Lengths [m] at which the braid locks and at which its threads are straight.
 
-        The ends of `length_range` for a model that does not know its braid.
+        For a model without a braid, the ends of `length_range`.
         """
         return jnp.stack(self.length_range())
 
     def volume(self, length: Real, pressure: Real) -> RealArray:  # noqa: ARG002
-        """Volume V [m3] of the fluid at active length L [m] and gauge pressure P [Pa].
+        """Fluid volume V [m3] at active length L [m] and gauge pressure P [Pa].
 
         Returns:
-            V, broadcast shape; nan where the model has no such state.
+            V, broadcast shape; nan at impossible states.
 
         Raises:
-            InputError: a model that has no geometry.
+            InputError: the model has no geometry.
         """
         raise InputError(
-            f"a {type(self).__name__} has no volume, as it has no geometry: ask a famjax.Muscle, "
-            "or give a function of the gauge pressure [Pa] that returns the volume [m3]"
+            f"a {type(self).__name__} has no volume, because it has no geometry: use a famjax.Muscle, "
+            "or pass a function of the gauge pressure [Pa] that returns the volume [m3]"
         )
 
     def stiffness(self, length: Real, pressure: Real) -> RealArray:
@@ -100,19 +99,19 @@ class AbstractMuscle(Parametrised):
         return _force(self, self.rest_length, as_real(pressure))
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
-        """Active length L [m] at which the muscle, contracting, carries the load.
+        """Longest active length L [m] at which the contracting muscle carries a load.
 
         Args:
-            load: [N], positive when it stretches the muscle.
+            load: load [N], positive if it stretches the muscle.
             pressure: gauge pressure P [Pa].
-            throw: raise where there is no such length; if False, return nan there.
+            throw: if True, raise an error if there is no such length; otherwise return nan.
 
         Returns:
-            L [m], broadcast shape. Differentiable in load, pressure and every number of the
-            muscle by the implicit function theorem.
+            L [m], broadcast shape. Differentiable with respect to load, pressure and every parameter
+            of the muscle by the implicit function theorem.
 
         Raises:
-            RuntimeError: there is no such length, and `throw`.
+            RuntimeError: there is no such length, and `throw` is True.
         """
         length, found = _length_at_load(self, as_real(load), as_real(pressure))
         return required(length, found, "equilibrium length") if throw else length
@@ -123,32 +122,32 @@ class AbstractMuscle(Parametrised):
         Args:
             pressure: gauge pressure P [Pa]. Below the deadband the muscle rests longer than L0
                 and the result is negative.
-            throw: raise where the force has no zero; if False, return nan there.
+            throw: if True, raise an error if the force has no zero; otherwise return nan.
 
         Returns:
-            Contraction [-], a fraction, of the pressure's shape; differentiable.
+            Contraction [-], a fraction, with the pressure's shape; differentiable.
 
         Raises:
-            RuntimeError: the force has no zero, and `throw`.
+            RuntimeError: the force has no zero, and `throw` is True.
         """
         length, rest = self.length_at_load(0.0, pressure, throw=throw), self.rest_length
         known = jnp.isfinite(length)
-        # Nan divided by the rest length would spoil the derivative of all others in it.
+        # Nan divided by the rest length would contaminate the derivatives of all other elements.
         return jnp.where(known, 1 - jnp.where(known, length, 0.0) / rest, jnp.nan)
 
     def onset_pressure(self, length: Real, highest: Real, *, throw: bool = True) -> RealArray:
-        """Gauge pressure [Pa] at which the force rises from zero at fixed length: the onset.
+        """Onset: gauge pressure [Pa] at which the force rises from zero at a fixed length.
 
         Args:
             length: active length L [m].
-            highest: pressure [Pa] up to which the onset is looked for.
-            throw: raise where there is none; if False, return nan there.
+            highest: upper end [Pa] of the search.
+            throw: if True, raise an error if there is no onset; otherwise return nan.
 
         Returns:
-            P [Pa], broadcast shape; differentiable in length and every number of the muscle.
+            P [Pa], broadcast shape; differentiable with respect to length and every parameter.
 
         Raises:
-            RuntimeError: the force has no zero between 0 and `highest`, and `throw`.
+            RuntimeError: the force has no zero between 0 and `highest`, and `throw` is True.
         """
         pressure, found = _onset_pressure(self, as_real(length), as_real(highest))
         return required(pressure, found, "onset pressure") if throw else pressure
@@ -195,13 +194,13 @@ def _onset_pressure(
 
 
 def check_one_muscle(*parts: eqx.Module) -> None:
-    """Refuse declared numbers with more axes than their declaration has.
+    """Refuse declared numbers with more axes than their declaration.
 
     Args:
-        parts: a muscle, or parts of one.
+        parts: a muscle, or its components.
 
     Raises:
-        ValueError: a number of a part, or of a part of it, is an array where one is meant.
+        ValueError: a scalar parameter is an array.
     """
     for part in parts:
         _check(part, type(part).__name__)
@@ -216,9 +215,9 @@ def _check(part: eqx.Module, where: str) -> None:
             if jnp.ndim(value) != axes[field.name]:
                 wanted = "one number" if not axes[field.name] else f"{axes[field.name]} axes"
                 raise ValueError(
-                    f"one muscle is meant: {at} must have {wanted}, got the shape "
-                    f"{jnp.shape(value)}. Make and ask many muscles under jax.vmap or "
-                    "equinox.filter_vmap, over a function that makes one"
+                    f"an instance is one muscle: {at} must have {wanted}, got the shape "
+                    f"{jnp.shape(value)}. For many muscles, map a function that creates one with "
+                    "jax.vmap or equinox.filter_vmap"
                 )
         elif isinstance(value, eqx.Module):
             _check(value, at)
@@ -230,9 +229,9 @@ def _check(part: eqx.Module, where: str) -> None:
 
 @functools.cache
 def _axes(cls: type[eqx.Module]) -> dict[str, int]:
-    """Number of axes of every declared number of a class: its annotation's, by default none.
+    """Number of axes of every declared number in a class, from its annotation; 0 by default.
 
-    What is annotated with names that cannot be resolved is not known, and not checked.
+    A class with unresolvable annotations is not checked.
     """
     declared = [field for field in dataclasses.fields(cls) if declaration(field) is not None]
     if any(isinstance(field.type, str) for field in declared):
@@ -253,7 +252,7 @@ def _axes_of(annotation: Any) -> int:
 
 
 _CELLS = 64
-_ROUNDED = 64  # times the precision, per largest force: a few sums and powers of rounded numbers
+_ROUNDED = 64  # rounding allowance in units of eps times the largest force
 
 
 def longest_equilibrium(
@@ -262,32 +261,32 @@ def longest_equilibrium(
     longest: RealArray,
     load: RealArray,
 ) -> tuple[RealArray, Bool[Array, ""]]:
-    """The longest length at which a shortening muscle's force has fallen to the load.
+    """Find the longest length at which the force of a shortening muscle has fallen to the load.
 
-    The range is walked from its longest end in 64 steps to the first one in which the force falls
-    through the load, and that step is bisected to the last digit. What the force depends on is
-    differentiated by the implicit function theorem, not through the search.
+    The search starts at the longest length, finds the first of 64 cells in which the force falls
+    through the load, and bisects it to machine precision. Derivatives follow from the implicit
+    function theorem, not from the search.
 
     Args:
-        force: F(L) [N], of a scalar length.
+        force: F(L) [N] of a scalar length.
         shortest: lower end of the range [m], shape ().
         longest: upper end of the range [m], shape ().
-        load: [N], shape ().
+        load: load [N], shape ().
 
     Returns:
-        (length [m], found): nan and False where the force does not fall through the load.
+        (length [m], found); nan and False if the force does not fall through the load.
     """
-    force = jax.jit(force)  # traced once, for the walk and for the parts of the solve
+    force = jax.jit(force)  # traced once for both the search and the solve
     grid = jnp.linspace(longest, shortest, _CELLS + 1)
     pull = jax.lax.stop_gradient(jax.vmap(force)(grid) - load)
-    # A zero at the very end that rounding left above zero is one: the force at rest without pressure.
+    # Treat a rounded value at the end as zero: the force at rest without pressure.
     rounding = _ROUNDED * jnp.finfo(pull.dtype).eps * jnp.nanmax(jnp.abs(pull))
     pull = pull.at[-1].set(jnp.where(jnp.abs(pull[-1]) <= rounding, 0.0, pull[-1]))
     falls = (pull[:-1] > 0) & (pull[1:] <= 0)
     found = jnp.any(falls)
     cell = jnp.argmax(falls)
     scale = jnp.where(found, jnp.abs(pull[cell]) + jnp.abs(pull[cell + 1]), 1.0)
-    # The solve runs in parts of the rest range and of the force in the cell, both of order one.
+    # Scale lengths and residual to order one.
     unit = jax.lax.stop_gradient(longest)
 
     def residual(y: RealArray) -> RealArray:
@@ -314,19 +313,19 @@ def bisected(
     max_steps: int,
     flip: bool = False,
 ) -> RealArray:
-    """The root of a residual in a bracket, with the derivatives of the implicit function theorem.
+    """Find the root of a residual in a bracket by bisection, differentiable by the implicit theorem.
 
-    Derivatives of any order, forward and reverse, in whatever the residual depends on. Where the
-    bracket holds no root some point of it is returned, with finite derivatives where the residual
-    has them, so that it does no harm to others in a batch.
+    Derivatives of any order, forward and reverse, are available with respect to everything that the
+    residual depends on. Without a root in the bracket, some point of the bracket is returned with
+    finite derivatives, which does not affect other elements of a batch.
 
     Args:
         residual: r(y) of a scalar, of order one.
-        lower: end of the bracket, shape ().
-        upper: the other end.
-        tolerance: absolute and relative.
-        max_steps: of the bisection.
-        flip: r falls from the lower to the upper end.
+        lower: lower end of the bracket, shape ().
+        upper: upper end of the bracket, shape ().
+        tolerance: absolute and relative tolerance.
+        max_steps: maximum number of bisection steps.
+        flip: True if r falls from the lower to the upper end.
 
     Returns:
         y, shape ().
@@ -349,7 +348,7 @@ def bisected(
 
 
 def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArray:
-    """The length, or an error with the likely causes if no equilibrium was found."""
+    """Return the length, or raise an error with the likely causes if no equilibrium was found."""
     return eqx.error_if(
         length,
         ~found,
@@ -363,17 +362,17 @@ def required(length: RealArray, found: Bool[Array, "..."], what: str) -> RealArr
 class Muscle(AbstractMuscle):
     """A fluidic artificial muscle in static equilibrium: the sum of its force terms in a geometry.
 
-    Of a pressurised braid and a bladder it is the force balance
+    With a pressurised braid and a bladder this is the force balance
 
     F = F_G(P - P_d) + sigma_z V / L - sigma_c t L^2 / (2 pi R N^2)
 
-    The force is that of the model, not clipped, as roots and gradients need it: where it is below
-    zero a real muscle is slack, buckles and pulls nothing, and below the deadband the formula is an
-    extrapolation. `SafeMuscle`, predictions and exports give no force there.
+    The force is not clipped, because root finding and gradients need a smooth function. A real muscle
+    is slack, buckles and does not pull where the force is negative. Below the deadband the formula is
+    an extrapolation. `SafeMuscle`, predictions and exports return no force there.
 
     Attributes:
-        geometry: source of the dimensions; it composes braid and bladder.
-        terms: what pulls, a `SumOfTerms`.
+        geometry: source of the dimensions; combines braid and bladder.
+        terms: force terms, a `SumOfTerms`.
 
     References:
         Ferraresi 2001; Hocking & Wereley 2012; Chambers 2021, equation 6.9.
@@ -396,21 +395,21 @@ class Muscle(AbstractMuscle):
         terms: AbstractForceTerm | AbstractMaterial | Sequence[AbstractForceTerm],
         deadband_pressure: Real | None = None,
     ) -> None:
-        """The muscle of these terms, or of a pressurised braid and a bladder of this material.
+        """Create a muscle from force terms, or from the material of its bladder.
 
         Args:
             geometry: source of the dimensions.
-            terms: a force term, a sum or a sequence of them; or the material of the bladder, which
-                stands for `PressurisedBraid(deadband_pressure) + BladderWall(material)`.
-            deadband_pressure: P_d [Pa], beside a material only; zero by default. Among terms it is
-                the braid's own.
+            terms: a force term, a sum or a sequence of terms; or the bladder material, short for
+                `PressurisedBraid(deadband_pressure) + BladderWall(material)`.
+            deadband_pressure: P_d [Pa], allowed only with a material; zero by default.
 
         Raises:
-            ValueError: no terms, something else than terms, or a deadband beside terms.
+            ValueError: there are no terms, an entry is not a term, or terms are combined with a
+                deadband.
         """
         if not isinstance(geometry, AbstractGeometry):
             raise ValueError(
-                "the geometry of a muscle is derived from famjax.geometries.AbstractGeometry, such as "
+                "the geometry must derive from famjax.geometries.AbstractGeometry, such as "
                 f"famjax.EstimatedGeometry(braid, bladder); got {_kind(geometry)}"
             )
         self.geometry = geometry
@@ -420,8 +419,8 @@ class Muscle(AbstractMuscle):
             return
         if deadband_pressure is not None:
             raise ValueError(
-                "the deadband pressure belongs to the term of the pressure, as in "
-                f"PressurisedBraid({deadband_pressure}); beside terms it cannot be given"
+                "deadband_pressure cannot be combined with terms: set it in the pressure term, as in "
+                f"PressurisedBraid({deadband_pressure})"
             )
         if isinstance(terms, AbstractForceTerm):
             terms = (terms,)
@@ -430,8 +429,8 @@ class Muscle(AbstractMuscle):
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan where the geometry cannot be: at a negative length, beyond the threads' length, outside
-        the measured lengths, where a soft braid gives way.
+        Nan at impossible states: at a negative length, beyond the thread length, outside the measured
+        lengths, and where a soft braid gives way.
         """
         return _pull(self.geometry, self.terms, as_real(length), as_real(pressure))
 
@@ -440,49 +439,48 @@ class Muscle(AbstractMuscle):
         return self.geometry.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] at which the braid locks and at which its threads are straight, if it has one."""
+        """Lengths [m] at which the braid, if any, locks and at which its threads are straight."""
         limits, known = jnp.stack(self.geometry.braid_limits()), jnp.stack(self.length_range())
         return jnp.where(jnp.isfinite(limits), limits, known)
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, the geometry's `inner_volume`, broadcast shape."""
+        """Fluid volume V [m3], the geometry's `inner_volume`, broadcast shape."""
         return self.geometry.inner_volume(length, pressure)
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the geometry's."""
+        """Rest length L0 [m], taken from the geometry."""
         return self.geometry.rest_length
 
     @property
     def material(self) -> AbstractMaterial:
-        """The material of the first term that has one.
+        """Material of the first term that has one.
 
         Raises:
-            AttributeError: no term has one.
+            AttributeError: no term has a material.
         """
         return self._holding("material")[0].material
 
     @property
     def deadband_pressure(self) -> RealArray:
-        """P_d [Pa] of the first term that has one.
+        """Deadband P_d [Pa] of the first term that has one.
 
         Raises:
-            AttributeError: no term has one.
+            AttributeError: no term has a deadband.
         """
         return self._holding("deadband_pressure")[0].deadband_pressure
 
     def braid_force(self, length: Real, pressure: Real) -> RealArray:
-        """Pull [N] of the pressure alone, of the terms with a deadband pressure, broadcast shape."""
+        """Pull [N] of the terms with a deadband pressure, broadcast shape."""
         terms = SumOfTerms(self._holding("deadband_pressure"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
 
     def bladder_force(self, length: Real, pressure: Real) -> RealArray:
-        """Pull [N] of the bladder alone, of the terms with a material; negative where it resists."""
+        """Pull [N] of the terms with a material, broadcast shape; negative if they resist."""
         terms = SumOfTerms(self._holding("material"))
         return _pull(self.geometry, terms, as_real(length), as_real(pressure))
 
     def _holding(self, field: str) -> tuple:
-        """The terms that have this field."""
         holding = tuple(term for term in self.terms.terms if hasattr(term, field))
         if not holding:
             kinds = ", ".join(type(term).__name__ for term in self.terms.terms)
@@ -497,18 +495,17 @@ class Muscle(AbstractMuscle):
 def _pull(
     geometry: AbstractGeometry, terms: SumOfTerms, length: RealArray, pressure: RealArray
 ) -> RealArray:
-    """The force [N] of some terms, nan where the muscle cannot be."""
-    check_one_muscle(geometry, terms)  # a stack of muscles was never constructed
+    check_one_muscle(geometry, terms)  # stacking muscles bypasses the constructor
     length, pressure = jnp.broadcast_arrays(length, pressure)
     rated = any(term.uses_rates for term in terms.terms)
     dimensions = geometry.dimensions_with_rates if rated else geometry.dimensions
     at = dimensions(length, pressure)
     if not geometry.keeps_apart:
-        # A geometry of a user's own is asked once more, of states that there are, for the same reason.
+        # Evaluate a user's geometry again, at possible states only.
         there = at.reached & jnp.isfinite(pressure)
         length = jnp.where(there, length, jax.lax.stop_gradient(geometry.rest_length))
         at = dimensions(length, jnp.where(there, pressure, 0.0)).unless(there)
-    # Terms see numbers everywhere: what is nan would spoil the derivatives of all others in a batch.
+    # Terms receive finite numbers only: nan would contaminate the derivatives of a whole batch.
     reached = at.reached & (length > 0) & jnp.isfinite(pressure)
     force = terms.force(at.where(reached), jnp.where(reached, pressure, 0.0))
     return jnp.where(reached, force, jnp.nan)
@@ -518,27 +515,27 @@ def _kind(value: object) -> str:
     return f"the class {value.__name__}" if isinstance(value, type) else f"a {type(value).__name__}"
 
 
-_FOUND = 1e-4  # of the rigid force: what is left where a bracket held no root at all
-_ROUNDED_RIG = 64  # times the precision
+_FOUND = 1e-4  # largest residual of a root, relative to the rigid force
+_ROUNDED_RIG = 64  # rounding allowance in units of eps
 _HIGHEST_COMPLIANCE = 5e-5  # m/N
 
 SEATING_FORCE = 100.0
-"""Force [N] at which a rig gives way by the same, whatever its exponent."""
-_LINEAR = 1e-3  # of it: below, every rig gives way in proportion to the force
+"""Reference force [N] of the compliance, at which the deflection does not depend on the exponent."""
+_LINEAR = 1e-3  # fraction of the reference force below which the deflection is linear
 
 
 def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> RealArray:
-    """Deflection [m] of mountings and rig under a force [N], broadcast shape.
+    """Return the deflection [m] of mountings and rig under a force [N], broadcast shape.
 
-    delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2: in proportion to the force for n = 1, and
-    else c 100 N (F/100 N)^n, as contacts that grow under load do (Hertz 1882: 2/3 between spheres, 1/2
-    between a cone and a plane). Below a tenth of a newton it is in proportion to the force for every
-    n, as it must be for the stiffness to stay finite; odd in the force, smooth everywhere.
+    delta = c F s^(n - 1) with s^2 = (F/100 N)^2 + 0.001^2. The deflection is linear for n = 1 and
+    otherwise approaches c 100 N (F/100 N)^n, as in contacts that grow under load (Hertz 1882: n = 2/3
+    between spheres, 1/2 between a cone and a plane). Below 0.1 N it is linear for every n, which keeps
+    the stiffness finite. It is odd in the force and smooth everywhere.
 
     Args:
-        force: [N].
-        compliance: c [m/N], that of the secant at 100 N, >= 0.
-        exponent: n > 0; None stands for 1.
+        force: force [N].
+        compliance: secant compliance c [m/N] at 100 N, >= 0.
+        exponent: n > 0; None means 1.
     """
     force, compliance = as_real(force), as_real(compliance)
     if exponent is None:
@@ -548,16 +545,15 @@ def give_way(force: Real, compliance: Real, exponent: Real | None = None) -> Rea
 
 
 class MountedMuscle(AbstractMuscle):
-    """A muscle in series with the compliance of its mountings and of the rig.
+    """A muscle in series with the compliance of its mountings and the rig.
 
-    F = F_muscle(x - delta(F), P), with x the length that the rig measures: under load the mountings
-    give way by delta = c F, or by a power of the force, see `give_way`, and the muscle is that much
-    shorter.
+    F = F_muscle(x - delta(F), P), where x is the measured length. Under load the mountings deflect by
+    delta = c F, or by a power of the force (`give_way`), and the muscle is shorter by delta.
 
     Attributes:
-        muscle: the muscle itself.
-        compliance: c [m/N], >= 0; where there is an exponent, that of the secant at 100 N.
-        exponent: n of the power, in (0, 1]; None for a rig that gives way in proportion.
+        muscle: muscle on rigid mountings.
+        compliance: c [m/N], >= 0; with an exponent, the secant compliance at 100 N.
+        exponent: n in (0, 1]; None for a linear deflection.
     """
 
     muscle: AbstractMuscle
@@ -573,15 +569,15 @@ class MountedMuscle(AbstractMuscle):
         return give_way(force, self.compliance, self.exponent)
 
     def with_muscle(self, muscle: AbstractMuscle) -> "MountedMuscle":
-        """Another muscle in the same rig."""
+        """Return the same rig with another muscle."""
         return MountedMuscle(muscle, self.compliance, self.exponent)
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at measured length x [m] and gauge pressure P [Pa], broadcast shape.
 
-        Bisection between no force and that of a rigid mounting, F_muscle(x, P), for a muscle that
-        pulls the less the shorter it is. Differentiable to any order in the arguments and in every
-        number of the muscle, by the implicit function theorem; nan where there is no such force.
+        The force is bisected between zero and the rigid force F_muscle(x, P), for a muscle whose pull
+        falls as it shortens. Differentiable to any order with respect to arguments and parameters by the
+        implicit function theorem; nan if there is no such force.
         """
         return _forces(self, as_real(length), as_real(pressure))
 
@@ -590,27 +586,27 @@ class MountedMuscle(AbstractMuscle):
         return self.muscle.length_range()
 
     def stops(self) -> Float[Array, "2"]:
-        """Lengths [m] of the stops of the muscle."""
+        """Lengths [m] of the muscle's stops."""
         return self.muscle.stops()
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, at the length of the muscle without the mountings' deflection."""
+        """Fluid volume V [m3] at the muscle's length, the measured length minus the deflection."""
         force = self.force(length, pressure)
         known = jnp.isfinite(force)
         own = as_real(length) - self.gives_way(jnp.where(known, force, 0.0))
         return jnp.where(known, self.muscle.volume(own, pressure), jnp.nan)
 
     def declared(self) -> dict[str, Declared]:
-        """Declarations of the compliance and of the muscle, none of them linear.
+        """Return the declarations of compliance and muscle; none is linear.
 
-        The force acts on the length at which the muscle is asked, so it is affine in nothing.
+        The force changes the muscle's length, so it is not affine in any parameter.
         """
         own = super().declared()
         return {name: dataclasses.replace(one, linear=False) for name, one in own.items()}
 
     @property
     def rest_length(self) -> RealArray:
-        """Measured length [m] of zero contraction without load: the muscle's own."""
+        """Rest length L0 [m] without load, taken from the muscle."""
         return self.muscle.rest_length
 
 
@@ -627,13 +623,13 @@ def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> R
         fine = jnp.finfo(scale.dtype)
         share = bisected(
             residual,
-            # A little more than all of the rigid force, which a rigid mounting itself has.
+            # The bracket extends beyond the rigid force, the solution for zero compliance.
             jnp.full_like(scale, -0.1),
             jnp.full_like(scale, 1.1),
             tolerance=4 * float(fine.eps),
             max_steps=fine.nmant + 2,
         )
-        # Near zero force what is left is rounding: less than what a rounded length makes of it.
+        # Near zero force, accept a residual within the effect of a rounded length.
         nearby = mounted.muscle.force(length * (1 + _ROUNDED_RIG * fine.eps), pressure)
         rounding = jnp.nan_to_num(jnp.abs(nearby - rigid) / jnp.abs(scale))
         found = jnp.abs(residual(share)) < _FOUND + rounding
@@ -643,11 +639,11 @@ def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> R
 
 
 class MeanMuscle(AbstractMuscle):
-    """Several models of one muscle, F = sum w_i F_i.
+    """Weighted mean of several models of one muscle, F = sum w_i F_i.
 
     Attributes:
-        members: models of the same rest length.
-        weights: w_i [-], of sum 1, shape (members,).
+        members: models with the same rest length.
+        weights: w_i [-], sum 1, shape (members,).
     """
 
     members: tuple[AbstractMuscle, ...]
@@ -658,18 +654,18 @@ class MeanMuscle(AbstractMuscle):
         members: Sequence[AbstractMuscle],
         weights: Sequence[float] | Float[Array, " members"] | None = None,
     ) -> None:
-        """The mean of the members, or their sum with these weights.
+        """Create a mean; the weights are equal by default.
 
         Raises:
-            ValueError: no members, or not a weight for each.
+            ValueError: there are no members, or the number of weights differs.
         """
         self.members = tuple(members)
         count = len(self.members)
         self.weights = as_real(jnp.full(count, 1 / max(count, 1)) if weights is None else weights)
         if not count or self.weights.shape != (count,):
             raise ValueError(
-                f"a mean needs members and a weight for each, got {count} and weights of shape "
-                f"{self.weights.shape}"
+                f"a mean needs members and one weight for each, got {count} members and weights with "
+                f"shape {self.weights.shape}"
             )
 
     def force(self, length: Real, pressure: Real) -> RealArray:
@@ -677,7 +673,7 @@ class MeanMuscle(AbstractMuscle):
         return _mean_force(self, *jnp.broadcast_arrays(as_real(length), as_real(pressure)))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest active length [m] that all members have."""
+        """Shortest and longest active length [m] common to all members."""
         ranges = [one.length_range() for one in self.members]
         shortest, longest = (jnp.stack([one[k] for one in ranges]) for k in (0, 1))
         return jnp.max(shortest), jnp.min(longest)
@@ -688,12 +684,12 @@ class MeanMuscle(AbstractMuscle):
         return jnp.stack([jnp.max(each[:, 0]), jnp.min(each[:, 1])])
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid: the first member's."""
+        """Fluid volume V [m3] of the first member."""
         return self.members[0].volume(length, pressure)
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the first member's."""
+        """Rest length L0 [m] of the first member."""
         return self.members[0].rest_length
 
 
@@ -709,14 +705,14 @@ def _mean_force(mean: MeanMuscle, length: RealArray, pressure: RealArray) -> Rea
 def flatten(
     mounted: MountedMuscle,
 ) -> tuple[Float[Array, " numbers"], Callable[[Float[Array, " numbers"]], MountedMuscle]]:
-    """All numbers of a mounted muscle in one row, and the function that restores it."""
+    """Return all numbers of a mounted muscle as a vector, and the function that restores it."""
     numbers, rest = eqx.partition(mounted, eqx.is_inexact_array)
     flat, unflat = ravel_pytree(numbers)
     return flat, lambda changed: eqx.combine(unflat(changed), rest)
 
 
 def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
-    """Names of the numbers of `flatten`, such as "muscle.geometry.braid.turns"."""
+    """Return the names of the entries of `flatten`, such as "muscle.geometry.braid.turns"."""
     leaves = jax.tree_util.tree_flatten_with_path(eqx.filter(mounted, eqx.is_inexact_array))[0]
     return tuple(
         jax.tree_util.keystr(path).lstrip(".") + "".join(f"[{i}]" for i in index)
@@ -726,22 +722,22 @@ def number_names(mounted: MountedMuscle) -> tuple[str, ...]:
 
 
 def cut_to_length(muscle: AbstractMuscle, rest_length: Real) -> AbstractMuscle:
-    """The muscle with another rest length and otherwise the same construction.
+    """Return a muscle with the same construction and another rest length.
 
-    The braid keeps its diameter and angle at rest, so that B0 and N are proportional to L0; bladder
-    section, rubber and deadband stay. Rounded ends keep their dead length l = L0 (1 - 1/k), as the
-    end-fittings do not know how long the muscle is.
+    The braid keeps its diameter and angle at rest, so B0 and N scale with L0. Bladder section, rubber
+    and deadband stay the same. Rounded ends keep their dead length l = L0 (1 - 1/k), which does not
+    depend on the length of the muscle.
 
     Args:
-        muscle: of a geometry that can be cut: an estimated one, with or without an end effect, or one
-            of your own with a method `cut_to_length`; or with the shape from mechanics.
-        rest_length: L0 [m] of the other muscle, > 0, above the dead length.
+        muscle: muscle with an estimated geometry (with or without end effect), an equilibrium shape,
+            or your own geometry with a method `cut_to_length`.
+        rest_length: new L0 [m], > 0 and above the dead length.
 
     Returns:
-        The other muscle. Differentiable in its length.
+        The new muscle; differentiable in its length.
 
     Raises:
-        ValueError: the shape was measured or assumed over the length, and cannot be cut.
+        ValueError: the shape is measured or assumed for one length.
 
     >>> from famjax import Bladder, Braid, EstimatedGeometry, PolynomialMaterial
     >>> braid = Braid.from_rest(diameter=0.01, braid_angle=1.1, length=0.3)

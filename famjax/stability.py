@@ -1,4 +1,4 @@
-"""Drucker stability of a material along the path of a contracting muscle."""
+"""Drucker stability of a material along the actuation path of a muscle."""
 
 import equinox as eqx
 import jax
@@ -11,13 +11,13 @@ from .materials import AbstractMaterial
 
 
 class PathStrains(eqx.Module):
-    """The strains on an actuation path and their derivatives with respect to length.
+    """Strains on an actuation path, and their derivatives with respect to length.
 
     Attributes:
         pressure: gauge pressure [Pa].
         axial, hoop: eps_z and eps_c [-] at stations along the muscle, shape (..., stations).
-        axial_rate, hoop_rate: their derivatives in L [1/m] at constant pressure.
-        station_weights: share of the axis of each station, sum 1.
+        axial_rate, hoop_rate: derivatives of the strains in L [1/m] at constant pressure.
+        station_weights: quadrature weights of the stations, sum 1.
     """
 
     pressure: RealArray
@@ -43,10 +43,10 @@ class PathStrains(eqx.Module):
 
 @promoting
 def path_strains(geometry: AbstractGeometry, length: Real, pressure: Real) -> PathStrains:
-    """The strains along the actuation path, with their derivatives in length.
+    """Return the strains along the actuation path, with their derivatives in length.
 
     Args:
-        geometry: gives the strains at (L, P).
+        geometry: source of the strains at (L, P).
         length: active length L [m].
         pressure: gauge pressure P [Pa].
 
@@ -76,14 +76,14 @@ def path_modulus(
 ) -> RealArray:
     """Second-order work of the bladder along the actuation path, per squared strain increment.
 
-    (d sigma_z d eps_z + d sigma_c d eps_c) / (d eps_z^2 + d eps_c^2), the increments taken along
-    L at constant pressure. For a law without interaction of the two directions this is
-    (sigma_z'(eps_z) d eps_z^2 + sigma_c'(eps_c) d eps_c^2) / (d eps_z^2 + d eps_c^2): a weighted
-    mean of the two tangent moduli. Drucker stability asks for >= 0 at every state.
+    (d sigma_z d eps_z + d sigma_c d eps_c) / (d eps_z^2 + d eps_c^2), with increments along L at
+    constant pressure. For a law that does not couple the two directions this is a weighted mean of
+    the two tangent moduli, (sigma_z'(eps_z) d eps_z^2 + sigma_c'(eps_c) d eps_c^2) /
+    (d eps_z^2 + d eps_c^2). Drucker stability requires >= 0 at every state.
 
     Args:
         material: stress law.
-        geometry: gives the strains at (L, P).
+        geometry: source of the strains at (L, P).
         length: active length L [m].
         pressure: gauge pressure P [Pa].
 

@@ -1,4 +1,4 @@
-"""The shape over contraction and pressure: interpolated between measured shapes, or assumed."""
+"""Families of profiles over contraction and pressure: measured and interpolated, or assumed."""
 
 import abc
 import functools
@@ -26,10 +26,10 @@ class AbstractProfileFamily(Parametrised):
 
     @abc.abstractmethod
     def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
-        """Positions x [-] between 0 and 1, increasing, where slope or diameter jumps."""
+        """Increasing positions x [-] between 0 and 1 at which slope or diameter is discontinuous."""
 
     def at(self, pressure: Real) -> "IsobaricProfile":
-        """The profile of this family at one gauge pressure [Pa], a scalar."""
+        """Return the profile at one gauge pressure [Pa], a scalar."""
         return IsobaricProfile(self, pressure)
 
 
@@ -59,8 +59,8 @@ class AssumedShapeFamily(AbstractProfileFamily):
     D_m = sqrt(B(L, P)^2 - L^2) / (pi N), as if the threads ran straight from fitting to fitting.
 
     Attributes:
-        braid: gives B and N.
-        shape: its own middle diameter is replaced.
+        braid: braid with thread length B and turns N.
+        shape: assumed shape; its own middle diameter is replaced.
     """
 
     braid: AbstractBraid
@@ -81,12 +81,12 @@ class AssumedShapeFamily(AbstractProfileFamily):
 
 
 class AbstractMeasuredFamily(AbstractProfileFamily):
-    """Profiles measured over a range of lengths, unknown beyond it.
+    """Profiles measured over a range of lengths and unknown outside it.
 
     Attributes:
-        lengths: active lengths L [m] that were measured, decreasing.
-        braid: gives B(L, P).
-        margin: extrapolation at either end, as part of the range of lengths.
+        lengths: measured active lengths L [m], decreasing.
+        braid: braid with thread length B(L, P).
+        margin: extrapolation at each end, as a fraction of the range of lengths.
     """
 
     lengths: eqx.AbstractVar[Float[Array, " profiles"]]
@@ -100,69 +100,63 @@ class AbstractMeasuredFamily(AbstractProfileFamily):
     @property
     @abc.abstractmethod
     def kinks(self) -> Float[Array, " kinks"]:
-        """Positions x [-] at which any of the profiles has a kink, increasing."""
+        """Increasing positions x [-] at which any profile has a kink."""
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Shortest and longest length [m]: the measured range and a margin."""
+        """Shortest and longest length [m]: the measured range, extended by the margin."""
         longest, shortest = self.lengths[0], self.lengths[-1]
         beyond = self.margin * (longest - shortest)
         return shortest - beyond, longest + beyond
 
     def knows(self, length: Real) -> Bool[Array, "..."]:
-        """Whether the shape is known at a length [m]: within `length_range`, both ends included."""
+        """Return True where a length [m] lies within `length_range`, ends included."""
         share, rounding = self._share(length), 16 * jnp.finfo(self.lengths.dtype).eps
         return (share >= -self.margin - rounding) & (share <= 1 + self.margin + rounding)
 
     def _share(self, length: Real) -> RealArray:
-        """Lengths [m] as parts of the measured range, from 0 at the longest to 1."""
+        """Position in the measured range, from 0 at the longest length to 1 at the shortest."""
         return (self.lengths[0] - length) / (self.lengths[0] - self.lengths[-1])
 
     def _cardinals(
         self, length: RealArray, slopes: Float[Array, "profiles profiles"]
     ) -> Float[Array, "... profiles"]:
-        """phi_k(L), shape (..., profiles): 1 at its own length, 0 at the others; nan beyond the margin.
-
-        Args:
-            length: [m].
-            slopes: `slope_matrix` of the lengths' shares.
-        """
+        """Cardinal splines phi_k(L) for a `slope_matrix`, shape (..., profiles); nan beyond the margin."""
         cardinals = cardinal_splines(self._share(self.lengths), slopes, self._share(length))
         return jnp.where(self.knows(length)[..., None], cardinals, jnp.nan)
 
     def breakpoints(self, length: Real, pressure: Real) -> Float[Array, "... kinks"]:
-        """Positions x [-] of the kinks of all profiles, the same at every length and pressure."""
+        """Positions x [-] of all kinks, the same at every length and pressure."""
         del length, pressure
         return self.kinks
 
 
 class MeasuredFamily(AbstractMeasuredFamily):
-    """Profiles measured at one pressure and several lengths, interpolated between them.
+    """Profiles measured at one pressure and several lengths, interpolated over the length.
 
     D(x, L, P) = (sum over k of phi_k(L) D_k(x)) D_braid(L, B(L, P)) / D_braid(L, B(L, P_ref))
 
-    The diameters at each x are interpolated in L by a cubic spline with continuous second
-    derivative (not-a-knot; a parabola through three profiles, a line through two): phi_k is 1 at
-    its own length and 0 at the others, so that the measured shapes are returned exactly at P_ref.
-    To other pressures they are scaled as the diameter of the braid's triangle is by the stretch of
-    its threads: with an inelastic braid, not at all.
+    The diameters at each x are interpolated in L by a cubic spline with continuous second derivative
+    (not-a-knot; a parabola through three profiles, a line through two). Each phi_k is 1 at its own
+    length and 0 at the others, so the family returns the measured shapes exactly at P_ref. At other
+    pressures the diameters are scaled by the ratio of the braid's triangle diameters, which is 1 for
+    an inelastic braid.
 
-    Beyond the first and last profile the end cubics go on, by `margin` of the measured range of
-    lengths: enough to reach a free contraction just past the last photograph. That is an
-    extrapolation. Beyond it the shape is not known, and nan.
+    The end cubics extrapolate by `margin` of the measured range of lengths, enough to reach a free
+    contraction just beyond the last photograph. Beyond the margin the result is nan.
 
     Attributes:
         lengths: L_k [m], decreasing as the muscle contracts, shape (profiles,).
         profiles: D_k(x), at least two.
-        reference_pressure: P_ref [Pa], at which they were measured.
-        braid: gives B(L, P).
-        margin: extrapolation at either end, as part of the range of lengths.
+        reference_pressure: pressure P_ref [Pa] of the measurement.
+        braid: braid with thread length B(L, P).
+        margin: extrapolation at each end, as a fraction of the range of lengths.
 
     Raises:
-        ValueError: lengths and profiles do not match, or an interpolated diameter within the range
-            is not positive; what depends on values is seen on concrete numbers only.
+        ValueError: lengths and profiles do not match, or an interpolated diameter is not positive.
+            Values are checked only if they are not traced.
 
     References:
-        Chambers 2021, section 4.3, for the profiles; the interpolation is de Boor 1978, chapter IV.
+        Chambers 2021, section 4.3 (profiles); de Boor 1978, chapter IV (interpolation).
     """
 
     lengths: Float[Given, " profiles"] = number("m")
@@ -181,7 +175,7 @@ class MeasuredFamily(AbstractMeasuredFamily):
         *,
         margin: float = 0.05,
     ) -> None:
-        """See the class; the profiles are in the order of their lengths."""
+        """See the class; profiles and lengths have the same order."""
         self.lengths = as_real(lengths)
         self.profiles = tuple(profiles)
         self.reference_pressure = as_real(reference_pressure)
@@ -189,18 +183,18 @@ class MeasuredFamily(AbstractMeasuredFamily):
         self.margin = margin
         if self.lengths.shape != (len(self.profiles),) or len(self.profiles) < 2:
             raise ValueError(
-                "a family needs two or more profiles and one length for each, got "
-                f"{len(self.profiles)} profiles and lengths of shape {self.lengths.shape}"
+                "a family needs at least two profiles and one length for each, got "
+                f"{len(self.profiles)} profiles and lengths with shape {self.lengths.shape}"
             )
         if not 0 <= margin <= 0.25:
             raise ValueError(
-                f"margin is a part of the measured range, 0 to 0.25, got {margin}: beyond that "
-                "a cubic says nothing of the muscle's shape. Measure further instead"
+                f"margin is a fraction of the measured range between 0 and 0.25, got {margin}: a cubic "
+                "cannot predict the shape further out. Measure more lengths instead"
             )
         if not isinstance(self.lengths, Tracer) and not jnp.all(jnp.diff(self.lengths) < 0):
             raise ValueError(
-                "the lengths of a family must decrease from profile to profile, as the muscle "
-                f"contracts, got {np.asarray(self.lengths)}"
+                "the lengths of a family must decrease from profile to profile, got "
+                f"{np.asarray(self.lengths)}"
             )
         self._slopes = slope_matrix(self._share(self.lengths))
 
@@ -214,8 +208,8 @@ class MeasuredFamily(AbstractMeasuredFamily):
             raise ValueError(
                 "the diameter of a family must be > 0 at every length and position; it is "
                 f"{diameter[row, column]:.4g} at L = {lengths[row]:.4g}, x = {x[column]:.3f}. "
-                "Check the profile measured nearest to that length, that the threads are longer "
-                "than the active length, and the margin"
+                "Check the profile measured nearest to that length, the margin, and that the threads "
+                "are longer than the active length"
             )
 
     @compiled_method
@@ -231,21 +225,14 @@ class MeasuredFamily(AbstractMeasuredFamily):
             D [m], broadcast shape.
         """
         x, length = as_real(x), as_real(length)
-        measured = jnp.stack(
-            [
-                profile.diameter(x, at)
-                for profile, at in zip(self.profiles, self.lengths, strict=True)
-            ],
-            axis=-1,
-        )
+        pairs = zip(self.profiles, self.lengths, strict=True)
+        measured = jnp.stack([profile.diameter(x, at) for profile, at in pairs], axis=-1)
         interpolated = jnp.sum(self._cardinals(length, self._slopes) * measured, axis=-1)
-        thread = self.braid.thread_length(length, pressure)
-        reference = self.braid.thread_length(length, self.reference_pressure)
-        turns = self.braid.turns
-        scale = diameter_from_length(length, thread, turns) / diameter_from_length(
-            length, reference, turns
+        stretched, reference = (
+            diameter_from_length(length, self.braid.thread_length(length, P), self.braid.turns)
+            for P in (pressure, self.reference_pressure)
         )
-        return interpolated * scale
+        return interpolated * (stretched / reference)
 
     def middle_pressure(self) -> RealArray:
         """P_ref [Pa]."""
@@ -253,11 +240,9 @@ class MeasuredFamily(AbstractMeasuredFamily):
 
     @property
     def kinks(self) -> Float[Array, " kinks"]:
-        """Positions x [-] at which any of the measured profiles has a kink."""
-        each = [
-            profile.breakpoints(at) for profile, at in zip(self.profiles, self.lengths, strict=True)
-        ]
-        return jnp.sort(jnp.concatenate(each))
+        """Positions x [-] at which any measured profile has a kink."""
+        pairs = zip(self.profiles, self.lengths, strict=True)
+        return jnp.sort(jnp.concatenate([profile.breakpoints(at) for profile, at in pairs]))
 
 
 @compiled
@@ -267,24 +252,23 @@ def _diameters(family: MeasuredFamily, x: RealArray, lengths: RealArray) -> Real
 
 
 class SampledSurface(AbstractMeasuredFamily):
-    """Cubic splines along the axis and over the length, a line in the pressure.
+    """A measured shape, interpolated by cubic splines in position and length and linearly in pressure.
 
-    What pressure does to the threads was measured with the shape, so that the braid scales nothing
-    here; it gives turns and thread length. Beyond the first and last length the end cubics go on, by
-    `margin` of the range; beyond that the shape is not known, and nan. Beyond the pressures the line
-    goes on.
+    The measured shape already includes the stretch of the threads, so the braid does not scale the
+    diameters; it only provides turns and thread length. The end cubics extrapolate in length by
+    `margin` of the range; beyond it the result is nan. In pressure the extrapolation is linear.
 
     Attributes:
         lengths: active lengths L [m], decreasing as the muscle contracts, shape (lengths,), >= 2.
-        pressures: gauge pressures [Pa], rising, shape (1,) or (2,); one for a shape that does not
-            depend on them.
+        pressures: increasing gauge pressures [Pa], shape (1,) or (2,); one for a shape that does not
+            depend on the pressure.
         diameters: D [m] at x = 0, 1/(n - 1), ..., 1, shape (pressures, lengths, stations).
-        braid: of the threads.
-        margin: extrapolation at either end, as part of the range of lengths.
+        braid: braid of the muscle.
+        margin: extrapolation at each end, as a fraction of the range of lengths.
 
     Raises:
-        ValueError: shapes that do not match; on concrete numbers lengths that do not fall, pressures
-            that do not rise, or diameters that are not positive.
+        ValueError: shapes do not match, lengths do not decrease, pressures do not increase, or a
+            diameter is not positive. Values are checked only if they are not traced.
 
     References:
         de Boor 1978, chapters IV and XVII.
@@ -300,26 +284,28 @@ class SampledSurface(AbstractMeasuredFamily):
         shape = (self.pressures.size, self.lengths.size)
         if self.diameters.ndim != 3 or self.diameters.shape[:2] != shape:
             raise ValueError(
-                f"diameters must have the shape (pressures, lengths, stations), here {shape} and the "
-                f"stations, got {self.diameters.shape}"
+                f"diameters must have the shape (pressures, lengths, stations), which begins with "
+                f"{shape}; got {self.diameters.shape}"
             )
         if self.pressures.size not in (1, 2) or min(*self.diameters.shape[1:]) < 2:
             raise ValueError(
-                "a surface needs one or two pressures, and two lengths and stations or more, got "
-                f"diameters of {self.diameters.shape}"
+                "a surface needs one or two pressures, and at least two lengths and stations; got "
+                f"diameters with shape {self.diameters.shape}"
             )
         if not 0 <= self.margin <= 0.25:
-            raise ValueError(f"margin is a part of the range, 0 to 0.25, got {self.margin}")
+            raise ValueError(
+                f"margin is a fraction of the range between 0 and 0.25, got {self.margin}"
+            )
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
             return
         if not (np.all(np.diff(self.lengths) < 0) and np.all(np.diff(self.pressures) > 0)):
             raise ValueError(
-                f"lengths must fall and pressures rise, got {np.asarray(self.lengths)} m and "
+                f"lengths must decrease and pressures increase, got {np.asarray(self.lengths)} m and "
                 f"{np.asarray(self.pressures)} Pa"
             )
         if not np.all(np.asarray(self.diameters) > 0):
             raise ValueError(
-                "every diameter of a surface must be > 0; leave out what was not measured"
+                "every diameter of a surface must be > 0; omit states that were not measured"
             )
 
     def middle_pressure(self) -> RealArray:
@@ -343,8 +329,7 @@ class SampledSurface(AbstractMeasuredFamily):
         Returns:
             D [m], broadcast shape.
         """
-        # Not made of one shape: the weights of a length serve all positions, and what is at a position
-        # serves all lengths.
+        # Not broadcast first: spline weights depend only on the length, cell terms only on x.
         x, length, pressure = as_real(x), as_real(length), as_real(pressure)
         cells = self.diameters.shape[-1] - 1
         cell = jnp.clip(jnp.floor(x * cells).astype(int), 0, cells - 1)
@@ -372,7 +357,7 @@ class SampledSurface(AbstractMeasuredFamily):
 
 @functools.cache
 def _station_slopes(cells: int) -> np.ndarray:
-    """Slopes [1/cell] of the spline at its evenly spaced knots, as a matrix on the values there."""
+    """Matrix from values at evenly spaced knots to slopes [1/cell] of the spline there."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415 -- 0.2 s, for these surfaces alone
 
     knots = np.arange(cells + 1.0)

@@ -20,20 +20,20 @@ from .parameters import Parametrised, parameter
 
 
 class AbstractForceTerm(Parametrised):
-    """One part of a muscle's force. Add terms by `+`: `PressurisedBraid() + BladderWall(material)`.
+    """One part of a muscle's force. Add terms with `+`: `PressurisedBraid() + BladderWall(material)`.
 
-    A term reads the muscle's state and nothing else, so that it works in every geometry. Its own
-    numbers are declared with `famjax.parameter`, to be identified with those of the muscle.
+    A term reads only the muscle's dimensions, so it works with every geometry. Declare its parameters
+    with `famjax.parameter` to identify them together with the muscle's.
 
     Class variables:
-        uses_rates: the term reads `at.rates`, the derivatives of the dimensions in the length.
+        uses_rates: True if the term reads `at.rates`, the derivatives of the dimensions in the length.
     """
 
     uses_rates: ClassVar[bool] = False
 
     @abc.abstractmethod
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Force [N] of this term, broadcast shape, positive where it shortens the muscle.
+        """Force [N] of this term, broadcast shape; positive if it shortens the muscle.
 
         Args:
             at: dimensions of the muscle at its length and pressure.
@@ -41,21 +41,21 @@ class AbstractForceTerm(Parametrised):
         """
 
     def __add__(self, other: object) -> "SumOfTerms":
-        """Both terms, as one sum."""
+        """Return the sum of two terms."""
         if not isinstance(other, AbstractForceTerm):
             return NotImplemented
         return SumOfTerms((self, other))
 
     def __radd__(self, other: object) -> "AbstractForceTerm":
-        """The term itself, added to the 0 that sum([...]) starts from."""
+        """Return the term itself for 0 + term, as required by sum([...])."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
 
 class SumOfTerms(AbstractForceTerm):
-    """Several terms, whose forces add; nested sums are flattened.
+    """The sum of several terms; nested sums are flattened.
 
     Attributes:
-        terms: one or more.
+        terms: force terms, at least one.
     """
 
     terms: tuple[AbstractForceTerm, ...]
@@ -64,10 +64,10 @@ class SumOfTerms(AbstractForceTerm):
         """See the class.
 
         Args:
-            terms: force terms, one or more.
+            terms: force terms, at least one.
 
         Raises:
-            ValueError: there is no term, or something else among them.
+            ValueError: there are no terms, or an entry is not a force term.
         """
         flat: list[AbstractForceTerm] = []
         for term in terms if isinstance(terms, tuple | list) else [terms]:
@@ -86,17 +86,13 @@ class SumOfTerms(AbstractForceTerm):
         self.terms = tuple(flat)
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The sum of the terms' forces [N], broadcast shape."""
+        """Sum of the terms' forces [N], broadcast shape."""
         forces = [_of_term(term, at, pressure) for term in self.terms]
         return functools.reduce(operator.add, forces)
 
 
 def _of_term(term: AbstractForceTerm, at: Dimensions, pressure: Real) -> RealArray:
-    """The force of a term [N].
-
-    Raises:
-        ValueError: it is not one number for each state.
-    """
+    """Force [N] of a term, checked to be one number for each state."""
     force = term.force(at, pressure)
     wanted = jnp.shape(at.length)
     shape = force.shape if isinstance(force, jax.Array | np.ndarray) else np.shape(force)
@@ -111,14 +107,14 @@ def _of_term(term: AbstractForceTerm, at: Dimensions, pressure: Real) -> RealArr
 
 
 HIGHEST_DEADBAND = 200e3
-"""End of the range [Pa] of a deadband that is identified."""
+"""Upper bound [Pa] of an identified deadband."""
 
 
 class PressurisedBraid(AbstractForceTerm):
     """Gaylord's force of the braid, (P - P_d) pi R^2 (2 tan(theta)^2 - 1).
 
     Attributes:
-        deadband_pressure: P_d [Pa], pressure before the muscle acts.
+        deadband_pressure: P_d [Pa], pressure below which the muscle does not act.
 
     References:
         Gaylord 1958; Chambers 2021, equation 6.1.
@@ -129,7 +125,7 @@ class PressurisedBraid(AbstractForceTerm):
     )
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The braid's pull [N], broadcast shape; negative below the neutral angle."""
+        """Pull [N] of the braid, broadcast shape; negative below the neutral angle."""
         return gaylord_force(pressure - self.deadband_pressure, at.radius, at.braid_angle)
 
 
@@ -163,7 +159,7 @@ def bladder_hoop_force(
         turns: N [-].
 
     Returns:
-        Force [N], broadcast shape; negative when the stretched bladder holds the braid back.
+        Force [N], broadcast shape; negative if the stretched bladder restrains the braid.
 
     References:
         Ferraresi 2001; Chambers 2021, section 6.2.
@@ -174,7 +170,7 @@ def bladder_hoop_force(
 def _wall_forces(
     material: AbstractMaterial, at: Dimensions, pressure: Real
 ) -> tuple[RealArray, RealArray]:
-    """Pulls [N] of the axial means of axial and hoop stress; nan where the law knows no stress."""
+    """Pulls [N] of the axial means of axial and hoop stress; nan where the law is undefined."""
     stresses = material.stresses(
         at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
     )
@@ -203,7 +199,7 @@ class BladderAxial(AbstractForceTerm):
     material: AbstractMaterial
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The pull [N], broadcast shape; negative where the shortened bladder pushes."""
+        """Pull [N], broadcast shape; negative where the shortened bladder pushes."""
         return _wall_forces(self.material, at, pressure)[0]
 
 
@@ -220,14 +216,14 @@ class BladderHoop(AbstractForceTerm):
     material: AbstractMaterial
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The pull [N], broadcast shape; negative where the stretched bladder holds the braid."""
+        """Pull [N], broadcast shape; negative where the stretched bladder restrains the braid."""
         return _wall_forces(self.material, at, pressure)[1]
 
 
 class BladderWall(AbstractForceTerm):
-    """Both parts of the bladder, of one material: sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
+    """Axial and hoop force of the bladder, sigma_z V / L - sigma_c t L^2 / (2 pi R N^2).
 
-    Stresses that vary along the axis enter by their axial mean.
+    Stresses that vary along the axis are replaced by their axial mean.
 
     Attributes:
         material: stress law of the bladder.
@@ -239,27 +235,26 @@ class BladderWall(AbstractForceTerm):
     material: AbstractMaterial
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The bladder's pull [N], broadcast shape; negative where it resists."""
+        """Pull [N] of the bladder, broadcast shape; negative where it resists."""
         axial, hoop = _wall_forces(self.material, at, pressure)
         return axial + hoop
 
 
 class VirtualWork(AbstractForceTerm):
-    """The pressure's pull by virtual work, -(P - P_d) dV/dL, whatever the outline's shape.
+    """The pressure's pull by virtual work, -(P - P_d) dV/dL, for any outline.
 
-    dV/dL is the derivative, at constant pressure, of the volume that the geometry itself gives: the
-    term holds no geometry of its own, whose numbers would then have to be kept the same.
+    dV/dL is the derivative of the geometry's own volume at constant pressure.
 
-    Where the threads stretch, a part of the work P dV goes into them. With U their energy, F = -P dV/dL
-    + dU/dL, and at equilibrium dU = P (dV/dB) dB, so that F belongs to the rate at constant B,
+    Elastic threads store a part of the work P dV. With their energy U, F = -P dV/dL + dU/dL, and at
+    equilibrium dU = P (dV/dB) dB. The force then follows from the rate at constant B,
 
     dV/dL - (dV/dB) dB/dL,  dV/dB = 2 B V / (B^2 - L^2),
 
     because the stretch scales every diameter with sqrt(B^2 - L^2).
 
     Attributes:
-        deadband_pressure: P_d [Pa], pressure before the muscle acts.
-        at_thread_length: take the rate at constant B; for inextensible threads the two are the same.
+        deadband_pressure: P_d [Pa], pressure below which the muscle does not act.
+        at_thread_length: use the rate at constant B; no effect for inelastic threads.
 
     References:
         Chou & Hannaford 1996.
@@ -273,10 +268,10 @@ class VirtualWork(AbstractForceTerm):
     uses_rates: ClassVar[bool] = True
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The pressure's pull [N], broadcast shape.
+        """Pull [N] of the pressure, broadcast shape.
 
         Raises:
-            ValueError: the dimensions come without rates, or without the thread length asked for.
+            ValueError: the dimensions contain no rates, or no thread length although required.
         """
         if at.rates is None:
             raise ValueError(
@@ -296,7 +291,7 @@ class VirtualWork(AbstractForceTerm):
 
 
 class Spring(AbstractForceTerm):
-    """A linear spring parallel to the muscle, F = F_0 + k (L - L_s).
+    """A linear spring in parallel with the muscle, F = F_0 + k (L - L_s).
 
     Attributes:
         stiffness: k [N/m], >= 0; a stretched spring pulls with the muscle.
@@ -310,7 +305,7 @@ class Spring(AbstractForceTerm):
     preload: Float[Given, "..."] = parameter("N", linear=True, name="spring_preload", default=0.0)
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """The spring's pull [N], broadcast shape; negative where it is compressed."""
+        """Pull [N] of the spring, broadcast shape; negative if compressed."""
         shape = jnp.broadcast_shapes(jnp.shape(at.length), jnp.shape(pressure))
         pull = self.preload + self.stiffness * (at.length - self.rest_length)
         return jnp.broadcast_to(pull, shape)

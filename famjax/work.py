@@ -1,4 +1,4 @@
-"""Work along an isobar: the work on the load, and its sources."""
+"""Work along an isobar: work on the load and its sources."""
 
 import functools
 
@@ -18,13 +18,13 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
 class WorkBudget(eqx.Module):
-    """Work [J] of a stroke at constant pressure, each of the broadcast shape.
+    """Work [J] of a stroke at constant pressure; every field has the broadcast shape.
 
     Attributes:
-        load: int F dL that the muscle does on its load; positive where it shortens and pulls.
-        fluid: int P dV that the fluid does on the muscle.
-        stored: change of the energy of bladder and threads.
-        bulk: volume [m3] within the outline where the stroke begins.
+        load: work -int F dL on the load; positive if the muscle shortens and pulls.
+        fluid: work int P dV of the fluid on the muscle.
+        stored: change of the energy stored in bladder and threads.
+        bulk: volume [m3] within the outline at the start of the stroke.
     """
 
     load: RealArray
@@ -34,35 +34,35 @@ class WorkBudget(eqx.Module):
 
     @property
     def left_over(self) -> RealArray:
-        """Work of the fluid minus that on load and rubber; negative if energy is created."""
+        """Work of the fluid minus work on load and rubber; negative if the model creates energy."""
         return self.fluid - self.stored - self.load
 
     @property
     def efficiency(self) -> RealArray:
-        """Work on the load divided by that of the fluid."""
+        """Work on the load divided by the work of the fluid."""
         return self.load / self.fluid
 
     @property
     def density(self) -> RealArray:
-        """Work on the load per volume of the muscle [J/m3]."""
+        """Work on the load per muscle volume [J/m3]."""
         return self.load / self.bulk
 
 
 def work_budget(muscle: AbstractMuscle, pressure: Real, start: Real, end: Real) -> WorkBudget:
-    """The work of a stroke at constant pressure.
+    """Compute the work budget of a stroke at constant pressure.
 
-    In a muscle at equilibrium without losses all of the fluid's work goes into load, bladder and
-    threads. What is left over is friction or a deadband if positive. If negative, the force does work
-    that nothing supplies: Gaylord's term on a measured shape is a cylinder's, and does.
+    In a muscle at equilibrium without losses, all work of the fluid goes into load, bladder and
+    threads. A positive remainder is friction or a deadband. A negative remainder means that the force
+    does work without a source, as Gaylord's term, derived for a cylinder, does on a measured shape.
 
     Args:
-        muscle: one with a geometry and a bladder law, or of the shape from mechanics.
+        muscle: a `Muscle` with a geometry and a bladder law, or an `EquilibriumMuscle`.
         pressure: gauge pressure P [Pa].
-        start: active length L [m] at which the stroke begins.
-        end: that at which it ends, such as `length_at_load(0, pressure)`.
+        start: active length L [m] at the start of the stroke.
+        end: active length [m] at its end, such as `length_at_load(0, pressure)`.
 
     Returns:
-        The budget; nan where the stroke leaves what the geometry knows.
+        The budget; nan where the stroke leaves the range of the geometry.
 
     Raises:
         InputError: the model has no geometry.
@@ -80,8 +80,8 @@ def work_budget(muscle: AbstractMuscle, pressure: Real, start: Real, end: Real) 
     """
     if not isinstance(muscle, Muscle | EquilibriumMuscle):
         raise InputError(
-            f"a {type(muscle).__name__} has no geometry, from which the fluid's work follows: give a "
-            "famjax.Muscle or a famjax.EquilibriumMuscle"
+            f"the fluid's work requires a geometry, which {type(muscle).__name__} does not have: pass "
+            "a famjax.Muscle or a famjax.EquilibriumMuscle"
         )
     return _work(muscle, *map(as_real, (pressure, start, end)))
 
@@ -109,7 +109,7 @@ def _work(
 
 
 def _rates(muscle: Muscle, pressure: RealArray, length: RealArray) -> tuple[RealArray, RealArray]:
-    """Force [N], and the rate dU/dL of the energy stored in bladder and threads [N]."""
+    """Force [N], and rate dU/dL [N] of the energy stored in bladder and threads."""
 
     def dimensions(length: RealArray) -> Dimensions:
         return muscle.geometry.dimensions(length, pressure)
@@ -122,7 +122,7 @@ def _rates(muscle: Muscle, pressure: RealArray, length: RealArray) -> tuple[Real
     braid = getattr(muscle.geometry, "braid", None)
     if braid is not None and at.thread_length is not None:
         strain = at.thread_length / braid.rest_thread_length - 1
-        stretched = strain != 0  # a braid without compliance divides by it
+        stretched = strain != 0  # an inelastic braid divides by the strain
         tension = braid.threads_tension(jnp.where(stretched, strain, 1.0))
         if tension is not None:
             stored += jnp.where(stretched, tension, 0.0) * rate.thread_length

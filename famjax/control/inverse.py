@@ -1,4 +1,4 @@
-"""The pressure for a force: at one state, and along a trajectory with hysteresis."""
+"""Pressure required for a force: at one state, or along a trajectory with hysteresis."""
 
 import enum
 from collections.abc import Callable
@@ -15,18 +15,18 @@ from .._arrays import Real, RealArray, as_real, at_each, compiled
 from ..muscle import bisected
 
 _CELLS = 16
-ROUNDED = 64  # times the precision, per largest value: a few sums and powers of rounded numbers
+ROUNDED = 64  # rounding allowance in units of eps times the largest value
 
 
 class Outcome(enum.IntEnum):
     """Outcome of an inverse map; `message` is a sentence with a remedy.
 
-    Results carry it as an integer array `code`, so that one point of a batch that cannot be reached
-    leaves the others as they are. `FEASIBLE` is 0. As text an outcome is its name, a colon and its
-    message; `Outcome.words` has those of codes, be they one or an array of any shape.
+    Results contain it as an integer array `code`, so one infeasible point does not affect the rest of a
+    batch. `FEASIBLE` is 0. `str(outcome)` is its name, a colon and its message; `Outcome.words`
+    converts one code or an array of codes.
 
     >>> print(Outcome(2).name, "/", Outcome.FEASIBLE)
-    FORCE_HIGH / FEASIBLE: what was asked for is attained
+    FORCE_HIGH / FEASIBLE: the requested value is attained
     >>> Outcome.words([0, 2])
     array(['FEASIBLE', 'FORCE_HIGH'], dtype='<U10')
     """
@@ -34,43 +34,43 @@ class Outcome(enum.IntEnum):
     message: str
 
     def __new__(cls, code: int, message: str) -> "Outcome":
-        """A code with its sentence."""
+        """Create a code with its message."""
         made = int.__new__(cls, code)
         made._value_, made.message = code, message
         return made
 
-    FEASIBLE = 0, "what was asked for is attained"
-    FORCE_LOW = 1, "less than the muscle pulls at any allowed pressure: ask for more, or shorten it"
-    FORCE_HIGH = (
-        2,
-        "more than the muscle pulls at any allowed pressure: ask for less, or lengthen it",
+    FEASIBLE = 0, "the requested value is attained"
+    FORCE_LOW = (
+        1,
+        "the force is too low for the allowed pressures: request more, or shorten the muscle",
     )
-    STIFFNESS_LOW = 3, "too soft for that torque: ask for at least stiffness_range(...).lowest"
-    STIFFNESS_HIGH = 4, "too stiff for that torque: ask for at most stiffness_range(...).highest"
-    TORQUE_LOW = 5, "below all torques of the taut pair at that angle: see torque_range"
-    TORQUE_HIGH = 6, "above all torques of the taut pair at that angle: see torque_range"
-    SLACK = 7, "a muscle is too short for the least pull at that angle: lengthen its path"
-    NO_STATE = 8, "no force at that length, or an input is nan: compare muscle.length_range()"
-    MOMENT_ARM = 9, "the lever has passed its dead centre, or the paths are exchanged"
+    FORCE_HIGH = 2, "the force is too high for the allowed pressures: request less, or lengthen it"
+    STIFFNESS_LOW = 3, "too soft for this torque: request at least stiffness_range(...).lowest"
+    STIFFNESS_HIGH = 4, "too stiff for this torque: request at most stiffness_range(...).highest"
+    TORQUE_LOW = 5, "below all torques of the taut pair at this angle: see torque_range"
+    TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: see torque_range"
+    SLACK = 7, "a muscle is too short for the least pull at this angle: lengthen its path"
+    NO_STATE = 8, "no force at this length, or an input is nan: see muscle.length_range()"
+    MOMENT_ARM = 9, "the lever is beyond its dead centre, or the paths are exchanged"
     NO_EQUILIBRIUM = 10, "no equilibrium within the joint's angles: lower the load, or widen them"
-    BEYOND_ANGLES = 11, "the angle is outside the joint's own: widen Antagonist.angles"
+    BEYOND_ANGLES = 11, "the angle is outside the joint's range: widen Antagonist.angles"
 
     def __str__(self) -> str:
         return f"{self.name}: {self.message}"
 
     @classmethod
     def words(cls, codes: Any, *, messages: bool = False) -> Any:
-        """The names of codes.
+        """Convert codes to names.
 
         Args:
-            codes: of a result, an integer or an array of integers of any shape; not traced.
-            messages: the full sentences as well, each after its name.
+            codes: an integer or an array of integers; not traced.
+            messages: append the message to each name.
 
         Returns:
-            A text for one code, or an array of texts of the codes' shape.
+            A string for one code, or an array of strings with the shape of the codes.
 
         Raises:
-            ValueError: a number that is no code.
+            ValueError: a number is not a code.
         """
         given = np.asarray(codes)
         texts = [str(one) if messages else one.name for one in map(cls, given.ravel().tolist())]
@@ -78,17 +78,17 @@ class Outcome(enum.IntEnum):
 
 
 class Answer(eqx.Module):
-    """A result with status codes; its printed form shows the numbers, and the codes as words.
+    """A result with status codes; its repr shows the numbers, and the codes as names.
 
     Attributes:
-        code: an `Outcome` of each member.
+        code: `Outcome` of each element.
     """
 
     code: eqx.AbstractVar[jax.Array]
 
     @property
     def outcome(self) -> Any:
-        """The codes' names: a text for one code, or an array of texts; not while JAX traces."""
+        """Names of the codes: a string for one code, else an array; not available while tracing."""
         return Outcome.words(self.code)
 
     def __repr__(self) -> str:
@@ -105,24 +105,24 @@ class Answer(eqx.Module):
 
 @runtime_checkable
 class HasForce(Protocol):
-    """Any object with a force: a `Muscle`, a published model, a muscle from a file."""
+    """Any object with a force: a `Muscle`, a published model, or a muscle from a file."""
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa]."""
         ...
 
 
-# --- the first place at which a function takes a value
+# --- first crossing of a value
 
 
 class Crossing(eqx.Module):
-    """Where a function takes a value, and its values at the stations.
+    """First position at which a function reaches a value.
 
     Attributes:
-        at: the first such place; where there is none, the station of the nearest value, nan where
-            no value is a number.
-        found: whether the value is taken.
-        lowest, highest: values at the stations, nan where none is a number; not differentiated.
+        at: the position. If the value is not reached, the station with the nearest value; nan if no
+            station has a finite value.
+        found: True if the value is reached.
+        lowest, highest: extreme values at the stations, nan if none is finite; not differentiated.
     """
 
     at: RealArray
@@ -138,18 +138,17 @@ def first_crossing(
     *,
     falling_only: bool = False,
 ) -> Crossing:
-    """First position between stations where a function reaches a given value.
+    """Find the first position between stations where a function reaches a target value.
 
-    The stations are walked in their order to the first cell with the value between its ends, and
-    that cell is bisected to the last digit. A value that is beyond all others by rounding alone is
-    found at the nearest station.
+    The search bisects the first cell whose end values bracket the target, to machine precision. A
+    target outside all values by rounding alone is found at the nearest station.
 
     Args:
-        function: f(x), of a scalar. What it depends on besides x is differentiated by the implicit
+        function: f(x) of a scalar. Derivatives with respect to other variables follow from the implicit
             function theorem, to any order.
-        stations: x, rising, shape (n,); not differentiated.
-        target: value that is looked for, shape ().
-        falling_only: pass cells in which the function rises.
+        stations: increasing x, shape (n,); not differentiated.
+        target: target value, shape ().
+        falling_only: skip cells in which the function rises.
     """
     stations = jax.lax.stop_gradient(stations)
     values = jax.lax.stop_gradient(jax.vmap(function)(stations))
@@ -162,7 +161,7 @@ def first_crossing(
     highest = jnp.where(known, values[most_at], jnp.nan)
     size = jnp.where(known, jnp.maximum(jnp.abs(lowest), jnp.abs(highest)), 1.0)
 
-    # A value beyond the others by rounding is one of theirs.
+    # A target outside the values by rounding alone is clipped to them.
     inside = jnp.clip(wanted, lowest, highest)
     within = jnp.abs(wanted - inside) <= ROUNDED * jnp.finfo(values.dtype).eps * size
     left = jnp.where(within, inside, wanted) - values
@@ -191,15 +190,15 @@ def bracketed(
     *,
     falls: Bool[Array, ""] | bool = False,
 ) -> RealArray:
-    """The root of a residual between two points, with the derivatives of the implicit function theorem.
+    """Find the root of a residual in a bracket by bisection, differentiable by the implicit theorem.
 
-    Bisected to the last digit of the bracket. Where it holds no root some point of it is returned.
+    Without a root in the bracket, some point of the bracket is returned.
 
     Args:
-        residual: r(x), of a scalar, of order one in the bracket.
+        residual: r(x) of a scalar, of order one in the bracket.
         low: lower end, shape ().
-        high: upper end.
-        falls: whether the residual does, from the one to the other.
+        high: upper end, shape ().
+        falls: True if the residual falls from the lower to the upper end.
     """
     low, high = jax.lax.stop_gradient((low, high))
     width, fine = jnp.where(high == low, 1.0, high - low), jnp.finfo(jnp.result_type(low))
@@ -214,16 +213,16 @@ def bracketed(
     return low + share * width
 
 
-# --- the pressure for a force
+# --- pressure at one state
 
 
 class InversePressure(Answer):
-    """A pressure for a force, of the broadcast shape of the arguments.
+    """Pressure required for a force; every field has the broadcast shape of the arguments.
 
     Attributes:
-        pressure: P [Pa], within the limits. Where the force is not attained, that of the nearest
-            pull; nan where the muscle has no state.
-        force: pull [N] at that pressure.
+        pressure: P [Pa] within the limits. If the force is not attained, the pressure of the nearest
+            pull; nan if the muscle has no state.
+        force: pull [N] at this pressure.
         code: an `Outcome`: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
     """
 
@@ -233,30 +232,30 @@ class InversePressure(Answer):
 
     @property
     def feasible(self) -> Array:
-        """Whether the force is attained, of the same shape."""
+        """True where the force is attained, same shape."""
         return self.code == Outcome.FEASIBLE
 
 
 def pressure_for_force(
     muscle: HasForce, force: Real, length: Real, pressures: tuple[Real, Real]
 ) -> InversePressure:
-    """The lowest pressure at which a muscle pulls with a given force at a given length.
+    """Find the lowest pressure at which a muscle pulls with a given force at a given length.
 
-    F(L, P) = F: bracketed in 16 cells between the limits and bisected to the last digit, so that
-    it is found where dF/dP > 0 throughout and also where the force turns round. A muscle only pulls:
-    a negative force is FORCE_LOW, and the answer the pressure of the least pull; force zero is
-    answered by the pressure of the onset.
+    The solution of F(L, P) = F is bracketed in 16 cells between the limits and bisected to machine
+    precision, so the force does not have to be monotone in the pressure. A muscle only pulls: a
+    negative force returns FORCE_LOW and the pressure of the least pull. A force of zero returns the
+    onset pressure.
 
     Args:
-        muscle: with `force(length, pressure)`.
+        muscle: object with `force(length, pressure)`.
         force: F [N].
         length: active length L [m].
         pressures: lowest and highest gauge pressure [Pa], lowest < highest.
 
     Returns:
-        The pressure with its code, of the broadcast shape of force and length. Differentiable in
-        force, length and every number of the muscle by the implicit function theorem, to any order;
-        where the force is not attained, the limits do not depend on them.
+        Pressure and code with the broadcast shape of force and length. Differentiable to any order in
+        force, length and every number of the muscle by the implicit function theorem. Where the force
+        is not attained, the pressure does not depend on them.
 
     >>> import famjax, numpy as np
     >>> braid = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)
@@ -283,8 +282,7 @@ def _at_each_state(
 def _inverse(
     pull: Callable[[RealArray], RealArray], force: RealArray, low: RealArray, high: RealArray
 ) -> InversePressure:
-    """The pressure of a pull, one number each."""
-    # What is below zero is no pull; nearest to it is none at all.
+
     wanted = jnp.where(force < 0, jnp.zeros_like(force), force)
     crossing = first_crossing(pull, jnp.linspace(low, high, _CELLS + 1), wanted)
     known = jnp.isfinite(crossing.highest) & jnp.isfinite(force)
@@ -303,27 +301,27 @@ def _inverse(
 
 @runtime_checkable
 class HasMemory(Protocol):
-    """Hysteresis along a history: a `famjax.slip.MaxwellSlip` or a `CentredSlip` of a fit."""
+    """Hysteresis along a history, such as `famjax.slip.MaxwellSlip` or `CentredSlip`."""
 
     def start(self, length: Real, pressure: Real) -> Any:
-        """The state at the start of a history, at a length [m] and a gauge pressure [Pa]."""
+        """State at the start of a history, at a length [m] and a gauge pressure [Pa]."""
         ...
 
     def moved(self, state: Any, length: Real, pressure: Real) -> Any:
-        """The state after a monotone motion to a length and a pressure."""
+        """State after a monotone motion to a length and a pressure."""
         ...
 
     def added(self, state: Any, length: Real, pressure: Real) -> RealArray:
-        """Force [N] that the history adds to the static force at that length and pressure."""
+        """Force [N] that the history adds to the static force at this length and pressure."""
         ...
 
 
 class CommandedPressure(Answer):
-    """Pressures for a trajectory, each leaf of shape (n,).
+    """Pressures for a trajectory; every field has the shape (n,).
 
     Attributes:
-        pressure: gauge pressure P [Pa] at each point, within the limits; where the force is not
-            attained that of the nearest pull, and the history goes on from there.
+        pressure: gauge pressure P [Pa] at each point, within the limits. If the force is not attained,
+            the pressure of the nearest pull, from which the history continues.
         code: an `Outcome` at each point: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
     """
 
@@ -338,22 +336,22 @@ def pressure_along(
     force: Real,
     pressures: tuple[Real, Real],
 ) -> CommandedPressure:
-    """The pressures at which a muscle with hysteresis pulls with given forces at given lengths.
+    """Find the pressures at which a muscle with hysteresis pulls with given forces at given lengths.
 
-    F(L, P) + F_h(history, P) = F at every point: the branch on which the muscle is follows from the
-    points before, so that nothing is asked of a sign of the velocity, and turning points and minor
-    loops are those of the elements. The history begins at the first length and the lowest pressure.
+    Solves F(L, P) + F_h(history, P) = F at every point. The previous points determine the branch, so
+    no sign of the velocity is required, and minor loops follow from the slip elements. The history
+    begins at the first length and the lowest pressure.
 
     Args:
-        muscle: its static force.
-        memory: its hysteresis, such as `HysteresisFit.centred` of `fitting.fit_hysteresis`.
-        length: L [m] in the order of time, shape (n,); every turning point among them.
-        force: F [N] there, a load or a demand, shape (n,) or ().
+        muscle: static force model.
+        memory: hysteresis, such as `HysteresisFit.centred` from `fitting.fit_hysteresis`.
+        length: L [m] in time order, shape (n,); must include every turning point.
+        force: F [N] at these lengths, shape (n,) or ().
         pressures: lowest and highest gauge pressure [Pa].
 
     Returns:
-        Pressures and codes, shape (n,); by `jax.lax.scan`, differentiable by the implicit function
-        theorem at every point.
+        Pressures and codes, shape (n,), computed by `jax.lax.scan`; differentiable by the implicit
+        function theorem at every point.
 
     References:
         Vo-Minh, Tjahjowidodo, Ramon & Van Brussel 2011, IEEE/ASME Transactions on Mechatronics
@@ -380,7 +378,7 @@ def _pressure_along(
             return muscle.force(L, P) + memory.added(memory.moved(state, L, P), L, P)
 
         found = _inverse(pull, F, low, high)
-        # Where there is no state the history waits at the lowest pressure.
+        # Without a state, the history continues from the lowest pressure.
         P = jnp.where(jnp.isfinite(found.pressure), found.pressure, low)
         return memory.moved(state, L, P), CommandedPressure(found.pressure, found.code)
 

@@ -1,4 +1,4 @@
-"""Two muscles that pull a joint against each other: torque, stiffness, equilibrium."""
+"""Antagonistic pairs of muscles on a joint: torque, stiffness, equilibrium."""
 
 import abc
 from collections.abc import Callable
@@ -13,41 +13,38 @@ from .._arrays import Given, Real, RealArray, as_number, as_real, at_each, of_ea
 from ..compile_options import quick_jit
 from .inverse import ROUNDED, Answer, Crossing, HasForce, Outcome, bracketed, first_crossing
 
-_ANGLES, _SHARES = (
-    64,
-    32,
-)  # cells in which an equilibrium, an extremum of the stiffness is looked for
-_ROUNDS = 7  # each to a 16th: to 1 part in 1e9 of the curve, squared in the value
+_ANGLES, _SHARES = 64, 32  # cells of the search for an equilibrium, and for a stiffness extremum
+_ROUNDS = 7  # each narrows the interval to a 16th: 1 part in 1e9 of the curve
 _T = TypeVar("_T")
 
 
-# --- the paths of muscles over a joint
+# --- paths of muscles over a joint
 
 
 class AbstractPath(eqx.Module):
     """Length of a muscle as a function of the joint angle.
 
-    A path of your own is a class with `length`. The moment arm follows by automatic differentiation:
-    dL/dt = -r d(angle)/dt, so that the torque of a pull F is r F by virtual work.
+    Your own path is a class with `length`. The moment arm r = -dL/d(angle) follows by automatic
+    differentiation, and by virtual work the torque of a pull F is r F.
     """
 
     @abc.abstractmethod
     def length(self, angle: Real) -> RealArray:
-        """Active length L [m] of the muscle at a joint angle [rad], of the angle's shape."""
+        """Active length L [m] of the muscle at a joint angle [rad], with the angle's shape."""
 
     def moment_arm(self, angle: Real) -> RealArray:
-        """Moment arm r = -dL/d(angle) [m], of the angle's shape; positive if a pull raises the angle."""
+        """Moment arm r = -dL/d(angle) [m], with the angle's shape; positive if a pull raises the angle."""
         angles = as_real(angle)
         return -jax.jvp(self.length, (angles,), (jnp.ones_like(angles),))[1]
 
 
 class Pulley(AbstractPath):
-    """A muscle whose cable runs over a pulley on the joint: L = L_0 - r angle.
+    """A muscle with a cable over a pulley on the joint: L = L_0 - r angle.
 
     Attributes:
-        radius: r [m], the moment arm: positive for a muscle that raises the angle, negative for its
+        radius: moment arm r [m]; positive for a muscle that raises the angle, negative for its
             antagonist.
-        middle_length: L_0 [m], active length of the muscle at angle 0.
+        middle_length: active length L_0 [m] at angle 0.
 
     >>> Pulley(0.02, 0.28).length(0.5)
     Array(0.27, dtype=float64)
@@ -57,20 +54,20 @@ class Pulley(AbstractPath):
     middle_length: Float[Given, ""] = eqx.field(converter=as_number)
 
     def length(self, angle: Real) -> RealArray:
-        """L_0 - r angle [m], of the angle's shape."""
+        """L_0 - r angle [m], with the angle's shape."""
         return self.middle_length - self.radius * as_real(angle)
 
 
 class Lever(AbstractPath):
-    """A muscle between two pins, on the base and on a link that turns about the joint.
+    """A muscle between two pins, one on the base and one on a link that turns about the joint.
 
-    L = |R(angle) a - b| - l: the moment arm is the distance of the line through the pins from the
-    joint, and vanishes at the dead centres, where they and the joint lie on one line.
+    L = |R(angle) a - b| - l. The moment arm is the distance between the joint and the line through the
+    pins. It vanishes at the dead centres, where pins and joint lie on one line.
 
     Attributes:
-        link_pin: a [m], on the link, from the joint, at angle 0, shape (2,).
-        base_pin: b [m], on the base, from the joint, shape (2,).
-        dead_length: l [m], what of the distance is end-fittings, rods and cable, >= 0.
+        link_pin: position a [m] on the link relative to the joint at angle 0, shape (2,).
+        base_pin: position b [m] on the base relative to the joint, shape (2,).
+        dead_length: total length l [m] of end-fittings, rods and cable, >= 0.
     """
 
     link_pin: Float[Given, "2"] = eqx.field(converter=as_number)
@@ -78,7 +75,7 @@ class Lever(AbstractPath):
     dead_length: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
 
     def length(self, angle: Real) -> RealArray:
-        """Distance between the pins minus the dead length [m], of the angle's shape."""
+        """Distance between the pins minus the dead length [m], with the angle's shape."""
         turned = as_real(angle)
         x, y = self.link_pin
         cos, sin = jnp.cos(turned), jnp.sin(turned)
@@ -91,10 +88,10 @@ class Lever(AbstractPath):
 
 
 class Range(Answer):
-    """Range of a joint at an angle, each leaf of the broadcast shape of the arguments.
+    """Range of torque or stiffness at an angle; every field has the broadcast shape of the arguments.
 
     Attributes:
-        lowest, highest: bounds, both attained; nan where the code is not FEASIBLE.
+        lowest, highest: attained bounds; nan where the code is not FEASIBLE.
         code: an `Outcome`.
     """
 
@@ -104,15 +101,15 @@ class Range(Answer):
 
 
 class PairPressures(Answer):
-    """Pressures of an antagonistic pair, each leaf of the broadcast shape of the arguments.
+    """Pressures of an antagonistic pair; every field has the broadcast shape of the arguments.
 
     Attributes:
         flexor: gauge pressure [Pa] of the flexor.
-        extensor: that of the extensor.
-        stiffness: K [N m/rad] that they give.
-        torque: [N m] that they give.
-        code: an `Outcome`. Where it is not FEASIBLE the pressures are of the nearest feasible state,
-            in torque first and then in stiffness; nan where there is none, and beyond the angles.
+        extensor: gauge pressure [Pa] of the extensor.
+        stiffness: resulting stiffness K [N m/rad].
+        torque: resulting torque [N m].
+        code: an `Outcome`. If it is not FEASIBLE, the pressures belong to the feasible state nearest
+            in torque and then in stiffness; nan if there is none, or outside the angles.
     """
 
     flexor: RealArray
@@ -126,8 +123,8 @@ class JointEquilibrium(Answer):
     """Equilibrium of a joint.
 
     Attributes:
-        angle: [rad]; nan where there is no equilibrium.
-        stiffness: K [N m/rad] there.
+        angle: equilibrium angle [rad]; nan if there is none.
+        stiffness: stiffness K [N m/rad] at this angle.
         code: an `Outcome`: FEASIBLE, NO_EQUILIBRIUM or NO_STATE.
     """
 
@@ -137,27 +134,27 @@ class JointEquilibrium(Answer):
 
 
 class Antagonist(eqx.Module):
-    """A joint that a flexor and an extensor turn against each other.
+    """A joint driven by a flexor and an extensor.
 
         torque = r_f F_f + r_e F_e,   K = -d torque / d angle = sum r^2 dF/dL - F dr/d angle
 
-    at constant pressures, with the moment arms r_f > 0 > r_e and the pulls F at the lengths of the
-    paths. A muscle that would push is slack, F = 0. Pressures are those at rest: how long they take
-    is a matter of `famjax.plant`, friction one of `pressure_along`.
+    at constant pressures, with the moment arms r_f > 0 > r_e and the pulls F at the path lengths. A
+    muscle that would push is slack, F = 0. Pressures are static; `famjax.plant` describes their
+    dynamics, and `pressure_along` includes friction.
 
-    A method called as it is compiles quickly (of a bundled muscle's pair in some 15 s) and runs
-    slowly; within your own `jax.jit`, `equinox.filter_jit(pair.pressures_for)`, it is compiled with all of
-    XLA's optimisation: three times as long, to run three times as fast. Ask many states in one call.
+    A direct call of a method compiles quickly (about 15 s for a pair of bundled muscles) and runs
+    slowly. Inside your own `jax.jit` or `equinox.filter_jit(pair.pressures_for)` it is fully optimised:
+    compilation takes three times as long, and the program runs three times as fast. Evaluate many
+    states in one call.
 
     Attributes:
-        flexor: the muscle that raises the angle, with `force(length, pressure)`.
+        flexor: muscle that raises the angle, with `force(length, pressure)`.
         extensor: its antagonist.
-        paths: of both, in that order; see `Pulley` and `Lever`.
+        paths: paths of flexor and extensor; see `Pulley` and `Lever`.
         pressures: lowest and highest gauge pressure [Pa], shape (2,).
-        angles: lowest and highest angle [rad] of the joint, shape (2,). What is asked of an angle
-            outside has the code BEYOND_ANGLES and is nan; `pulls`, `torque` and `stiffness`, which
-            have no code, go on.
-        least_pull: [N], >= 0: the inverse maps keep both muscles at least as taut.
+        angles: lowest and highest angle [rad] of the joint, shape (2,). Results outside are nan with
+            the code BEYOND_ANGLES; `pulls`, `torque` and `stiffness` have no code and are not limited.
+        least_pull: least pull [N] of both muscles in the inverse maps, >= 0.
 
     References:
         Hogan 1984, IEEE Transactions on Automatic Control 29(8), 681-690: co-contraction sets the
@@ -187,62 +184,61 @@ class Antagonist(eqx.Module):
         return _each(self, _stiffness, angle, flexor, extensor)
 
     def torque_range(self, angle: Real) -> Range:
-        """Least and largest torque [N m] with both muscles taut, of the angle's shape.
+        """Least and largest torque [N m] with both muscles taut, with the angle's shape.
 
-        Exact: the pulls rise with the pressure, so that the ends are those of the pressures.
+        The result is exact, because the pulls rise with the pressure.
         """
         return _each(self, _torque_range, angle)
 
     def stiffness_range(self, angle: Real, torque: Real = 0.0) -> Range:
-        """Least and largest stiffness K [N m/rad] at an angle with a torque, broadcast shape.
+        """Least and largest stiffness K [N m/rad] at an angle and a torque, broadcast shape.
 
-        The pressures that give the torque are one curve in the box of pressures, from the state in
-        which one muscle is at its least pull or pressure to that in which one is at its highest
-        pressure. On it K is continuous, so that every stiffness in between is attained: this is the
-        whole feasible set. The bounds are those of the ends of the curve and of the extrema inside,
-        found in 32 cells and refined to the last digit.
+        The pressures with this torque form one curve in the box of pressures, from least pull or
+        pressure of one muscle to the highest pressure of one muscle. K is continuous on the curve, so
+        every stiffness between the bounds is attained. The bounds are the extrema over the curve and
+        its ends, located in 32 cells and refined to machine precision.
 
         Args:
-            angle: [rad].
-            torque: of the pair [N m]; at rest the load's, with the opposite sign.
+            angle: joint angle [rad].
+            torque: torque of the pair [N m]; at rest, the load's torque with the opposite sign.
 
         Returns:
-            The range with its code. Where that is not FEASIBLE the range is nan. Differentiable.
+            Range and code; nan where the code is not FEASIBLE. Differentiable.
         """
         return _each(self, _stiffness_range, angle, torque)
 
     def pressures_for(self, angle: Real, stiffness: Real, torque: Real = 0.0) -> PairPressures:
-        """The pressures at which the joint has a stiffness and a torque at an angle.
+        """Pressures at which the joint has a given stiffness and torque at an angle.
 
-        Where several do, as K turns round along the curve, those with the least co-contraction.
+        If several states qualify, the one with the least co-contraction is returned.
 
         Args:
-            angle: [rad].
+            angle: joint angle [rad].
             stiffness: K [N m/rad] at constant pressures.
-            torque: of the pair [N m]; 0 for a joint that rests there without a load.
+            torque: torque of the pair [N m]; 0 for a joint at rest without a load.
 
         Returns:
-            The pressures with their code, of broadcast shape. Differentiable in all arguments and
-            numbers of the pair by the implicit function theorem.
+            Pressures and code, broadcast shape. Differentiable with respect to all arguments and
+            parameters by the implicit function theorem.
         """
         return _each(self, _pressures_for, angle, stiffness, torque)
 
     def equilibrium(self, flexor: Real, extensor: Real, torque: Real = 0.0) -> JointEquilibrium:
-        """The angle at which the joint rests, the first stable one from the lowest angle.
+        """First stable equilibrium angle, counted from the lowest angle.
 
         Args:
             flexor: gauge pressure [Pa].
             extensor: gauge pressure [Pa].
-            torque: that the pair must have there [N m], the load's with the opposite sign.
+            torque: torque of the pair [N m], the load's torque with the opposite sign.
 
         Returns:
-            The angle with its code, of broadcast shape; looked for in 64 cells of the joint's
-            angles. Differentiable by the implicit function theorem.
+            Angle and code, broadcast shape; the search covers 64 cells of the joint's range.
+            Differentiable by the implicit function theorem.
         """
         return _each(self, _equilibrium, flexor, extensor, torque)
 
     def at(self, angle: RealArray) -> "HeldPair":
-        """The pair held at an angle [rad], shape ()."""
+        """Return the pair held at an angle [rad], shape ()."""
         return HeldPair(self, angle)
 
 
@@ -287,7 +283,7 @@ def _stiffness_range(pair: Antagonist, angle: RealArray, torque: RealArray) -> R
 
 
 def _within(pair: Antagonist, angle: RealArray, code: Int[Array, ""]) -> Int[Array, ""]:
-    """The code, or BEYOND_ANGLES where the angle is beyond the joint's by more than rounding."""
+    """Return the code, or BEYOND_ANGLES if the angle is outside the joint's range beyond rounding."""
     low, high = pair.angles
     rounding = ROUNDED * jnp.finfo(angle.dtype).eps * jnp.maximum(jnp.abs(low), jnp.abs(high))
     beyond = (angle < low - rounding) | (angle > high + rounding)
@@ -319,7 +315,7 @@ def _pressures_for(
 
 
 _NEAREST = (Outcome.FEASIBLE, Outcome.TORQUE_LOW, Outcome.TORQUE_HIGH)
-"""Codes of a curve that there is, of the torque that was asked for or of the nearest."""
+"""Codes with an existing curve, at the requested or the nearest torque."""
 
 
 def _equilibrium(
@@ -343,7 +339,7 @@ def _equilibrium(
 
 
 class HeldPair(eqx.Module):
-    """A pair held at an angle [rad]; all numbers of shape (), of both muscles (2,), flexor first."""
+    """A pair held at an angle [rad]; scalars have shape (), values for both muscles (2,), flexor first."""
 
     joint: Antagonist
     angle: RealArray
@@ -355,9 +351,9 @@ class HeldPair(eqx.Module):
     def forces(
         self, angle: RealArray, flexor: RealArray, extensor: RealArray
     ) -> Float[Array, "2 ..."]:
-        """Forces [N] by the formula, at another angle [rad] and two pressures [Pa] of one shape.
+        """Unclipped forces [N] at another angle [rad] and two pressures [Pa] with the same shape.
 
-        Negative where a muscle is slack, nan where it has no state.
+        Negative where a muscle is slack, nan at impossible states.
         """
         lengths = [path.length(angle) for path in self.joint.paths]
         muscles = (self.joint.flexor, self.joint.extensor)
@@ -366,9 +362,10 @@ class HeldPair(eqx.Module):
     def torque(
         self, angle: RealArray, flexor: RealArray, extensor: RealArray, *, slack: bool
     ) -> RealArray:
-        """Torque [N m] at another angle [rad]; with `slack` a muscle never pushes.
+        """Torque [N m] at another angle [rad].
 
-        Without, a muscle that has no state pulls with nothing.
+        With `slack`, negative forces are zero and impossible states are nan; without it, impossible
+        states count as zero force.
         """
         forces = self.forces(angle, flexor, extensor)
         missing = jnp.isnan(forces)
@@ -395,10 +392,10 @@ class HeldPair(eqx.Module):
         Float[Array, "2"],
         Int[Array, ""],
     ]:
-        """Lowest and highest torque [N m] of taut muscles; limits and least pulls; arms; the code.
+        """Lowest and highest torque [N m] of taut muscles, limits, least pulls, moment arms, code.
 
-        Limits are the pulls [N], 0 for nan, at the least and the highest pressure, a row for each
-        muscle; a least pull is at least `least_pull`.
+        Limits are the pulls [N] at the lowest and the highest pressure, one row for each muscle, with 0
+        for nan. The least pulls are not below `least_pull`.
         """
         ends, arms = self.joint.pressures, self.arms(self.angle)
         raw = self.forces(self.angle, ends, ends)
@@ -407,14 +404,12 @@ class HeldPair(eqx.Module):
         code = jnp.where(jnp.all(least <= most), Outcome.FEASIBLE, Outcome.SLACK)
         code = jnp.where((arms[0] > 0) & (arms[1] < 0), code, Outcome.MOMENT_ARM)
         code = jnp.where(jnp.all(jnp.isfinite(raw)), code, Outcome.NO_STATE)
-        lowest, highest = (
-            arms[0] * least[0] + arms[1] * most[1],
-            arms[0] * most[0] + arms[1] * least[1],
-        )
+        lowest = arms[0] * least[0] + arms[1] * most[1]
+        highest = arms[0] * most[0] + arms[1] * least[1]
         return lowest, highest, limits, least, arms, code
 
     def curve(self, torque: RealArray) -> "CoContraction":
-        """The pressures that give a torque [N m], or the nearest torque that the pair has."""
+        """Return the curve of pressures with a torque [N m], or with the nearest possible torque."""
         lowest, highest, limits, least, (r_f, r_e), code = self.reach()
         most = limits[:, 1]
         rounding = ROUNDED * jnp.finfo(lowest.dtype).eps * (r_f * most[0] - r_e * most[1])
@@ -423,7 +418,7 @@ class HeldPair(eqx.Module):
         code = jnp.where(feasible & (torque > highest + rounding), Outcome.TORQUE_HIGH, code)
         code = jnp.where(jnp.isfinite(torque), code, Outcome.NO_STATE)
         torque = jnp.where(jnp.isfinite(torque), jnp.clip(torque, lowest, highest), lowest)
-        # Arms of the wrong sign have another code, and are not to divide by zero.
+        # Avoid division by zero; a moment arm with the wrong sign already has its own code.
         arm = jnp.where(r_f > 0, r_f, 1.0)
         ends = jnp.stack([
             jnp.maximum(least[0], (torque - r_e * least[1]) / arm),
@@ -433,12 +428,12 @@ class HeldPair(eqx.Module):
         return CoContraction(self, torque, start, end, limits, code)
 
     def pressure(self, which: int, limits: Float[Array, "2 2"], pull: RealArray) -> RealArray:
-        """The pressure [Pa] of a pull [N] that a muscle has between the limits, to rounding.
+        """Return the pressure [Pa] at which a muscle has a pull [N] between its limits.
 
         Args:
             which: 0 for the flexor, 1 for the extensor.
             limits: see `reach`.
-            pull: [N]. At a limit, or beyond it by rounding, the limit is the answer.
+            pull: pull [N]; at or beyond a limit by rounding, the result is the limit.
         """
         muscle = (self.joint.flexor, self.joint.extensor)[which]
         length = self.joint.paths[which].length(self.angle)
@@ -452,14 +447,14 @@ class HeldPair(eqx.Module):
 
 
 class CoContraction(eqx.Module):
-    """The pressures at which a pair has a torque: a curve, on which both rise together.
+    """Curve of pressures at which a pair has a torque; both pressures rise together along it.
 
     Attributes:
         pair: the pair at its angle.
-        torque: [N m], the nearest that the pair has.
+        torque: torque [N m], the requested one or the nearest possible.
         start, end: flexor's gauge pressure [Pa] at the ends of the curve.
         limits: see `HeldPair.reach`.
-        code: an `Outcome`: FEASIBLE, TORQUE_LOW or TORQUE_HIGH, or why there is no curve.
+        code: an `Outcome`: FEASIBLE, TORQUE_LOW or TORQUE_HIGH, or the reason why no curve exists.
     """
 
     pair: HeldPair
@@ -470,7 +465,7 @@ class CoContraction(eqx.Module):
     code: Int[Array, ""]
 
     def pressures(self, share: RealArray) -> tuple[RealArray, RealArray]:
-        """Pressures [Pa] of flexor and extensor at a share [-] of the way from start to end."""
+        """Pressures [Pa] of flexor and extensor at a fraction [-] of the curve."""
         pair = self.pair
         r_f, r_e = pair.arms(pair.angle)
         flexor = self.start + share * (self.end - self.start)
@@ -480,13 +475,13 @@ class CoContraction(eqx.Module):
         return flexor, pair.pressure(1, self.limits, wanted)
 
     def stiffness(self, share: RealArray) -> RealArray:
-        """K [N m/rad] there."""
+        """Stiffness K [N m/rad] at a fraction of the curve."""
         return self.pair.stiffness(*self.pressures(share), slack=False)
 
     def extremes(self) -> Float[Array, "2"]:
-        """Shares [-] of the way at which the stiffness is least and largest; not differentiated.
+        """Fractions [-] of the curve with the least and the largest stiffness; not differentiated.
 
-        What depends on the place of an extremum changes there in second order only.
+        At an extremum the stiffness depends on the position only in second order.
         """
         held = jax.lax.stop_gradient(self)
         even = jnp.linspace(0.0, 1.0, _SHARES + 1, dtype=self.start.dtype)
@@ -503,7 +498,7 @@ class CoContraction(eqx.Module):
         return jax.vmap(extreme)(jnp.array([1.0, -1.0], even.dtype))
 
     def share_of(self, stiffness: RealArray) -> Crossing:
-        """The first share [-] of the way with a stiffness [N m/rad], or that with the nearest."""
+        """First fraction [-] of the curve with a stiffness [N m/rad], or with the nearest one."""
         even = jnp.linspace(0.0, 1.0, _SHARES + 1, dtype=self.start.dtype)
         shares = jnp.sort(jnp.concatenate([even, self.extremes()]))
         return first_crossing(self.stiffness, shares, stiffness)
@@ -514,5 +509,5 @@ def _force(muscle: HasForce, length: RealArray, pressure: RealArray) -> RealArra
 
 
 def _number(value: RealArray) -> RealArray:
-    """The value, 0 where it is not a number: nan would spoil the derivatives of others in a batch."""
+    """Replace nan and inf by 0, so they do not contaminate the derivatives of a batch."""
     return jnp.where(jnp.isfinite(value), value, 0.0)

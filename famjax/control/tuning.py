@@ -1,4 +1,4 @@
-"""Gains of a pressure controller and a ramp of its set pressure, by gradients through uncertain plants."""
+"""Tuning of pressure-controller gains and set-pressure ramp by gradients through uncertain plants."""
 
 import dataclasses
 import itertools
@@ -34,12 +34,12 @@ _OTHERS = 0.3
 
 
 class Gains(NamedTuple):
-    """What is tuned.
+    """Tuned quantities.
 
     Attributes:
-        proportional: K_p [1/Pa], part of the full output.
+        proportional: K_p [1/Pa], as a fraction of the full output.
         integral: K_i [1/(Pa s)].
-        ramp: of the set pressure [Pa/s].
+        ramp: ramp of the set pressure [Pa/s].
     """
 
     proportional: float
@@ -48,24 +48,24 @@ class Gains(NamedTuple):
 
     @classmethod
     def per_psi(cls, proportional: float, integral: float, ramp: float) -> "Gains":
-        """Of counts (255 to the full output) per psi, counts per psi and second, and psi per second."""
+        """Convert from counts/psi (255 counts are full output), counts/(psi s) and psi/s."""
         return cls(*(np.array([proportional, integral, ramp]) * _PER_COUNT).tolist())
 
     def in_counts(self) -> tuple[float, float, float]:
-        """Counts per psi, counts per psi and second, psi per second."""
+        """Return the gains in counts/psi, counts/(psi s) and psi/s."""
         proportional, integral, ramp = (np.array(self) / _PER_COUNT).tolist()
         return proportional, integral, ramp
 
 
 @dataclasses.dataclass(frozen=True)
 class Duty:
-    """What a controller has to do: steps of the set pressure, and strokes at each.
+    """Task of a controller: steps of the set pressure, and strokes at each.
 
     Attributes:
-        pressures: set pressures [Pa], in their order, from 0.
-        stroke: of the machine [m].
-        rate: of the strokes [m/s].
-        settle: time from a step to the strokes [s].
+        pressures: set pressures [Pa] in order; the first step starts from 0.
+        stroke: stroke of the machine [m].
+        rate: rate of the strokes [m/s].
+        settle: time [s] between a step and the strokes.
         limit: pressure [Pa] at which the device trips.
     """
 
@@ -76,10 +76,10 @@ class Duty:
     limit: float
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be done.
+        """Check the task.
 
         Raises:
-            InputError: no pressure, one at or above the limit, or times and rates that are not > 0.
+            InputError: there is no pressure, a pressure reaches the limit, or a time or rate is not > 0.
         """
         if not self.pressures or not all(0 < one < self.limit for one in self.pressures):
             raise InputError(
@@ -95,14 +95,14 @@ class Duty:
 
 @dataclasses.dataclass(frozen=True)
 class Expected:
-    """What a controller does with every plant at every set pressure, shape (plants, pressures).
+    """Expected behaviour for every plant and set pressure, shape (plants, pressures).
 
     Attributes:
-        rms: of the pressure's error in strokes [Pa].
-        overshoot: beyond the set pressure [Pa], until the strokes begin.
+        rms: root mean square pressure error [Pa] during strokes.
+        overshoot: overshoot [Pa] beyond the set pressure before the strokes begin.
         late: root mean square error [Pa] at the end of the settling.
-        highest: pressure [Pa].
-        force: mean pull [N] in the strokes.
+        highest: highest pressure [Pa].
+        force: mean pull [N] during the strokes.
     """
 
     rms: Float[np.ndarray, "plants pressures"]
@@ -123,14 +123,15 @@ class _Figures(NamedTuple):
 def drawn_circuits(
     circuit: AbstractCircuit, count: int = 8, seed: int = 0
 ) -> list[AbstractCircuit]:
-    """The circuit, and others whose numbers differ as those of a rig that nobody has measured.
+    """Return the circuit and random variations that represent an unmeasured rig.
 
-    Log-uniform: pump and needle within 5 %, all else within 30 %, in the range of each.
+    The distribution is log-uniform: pump and needle within 5 %, all other parameters within 30 %,
+    clipped to their ranges.
 
     Args:
-        circuit: what is assumed.
-        count: with the circuit itself.
-        seed: of the draws.
+        circuit: nominal circuit.
+        count: number of circuits, including the nominal one.
+        seed: random seed.
     """
     rng, found = np.random.default_rng(seed), [circuit]
     free = {
@@ -154,14 +155,14 @@ def expect(
     duty: Duty,
     seed: int = 0,
 ) -> Expected:
-    """What a controller with these gains does.
+    """Simulate a controller with given gains.
 
     Args:
-        plants: of one structure, each of one driven muscle.
-        feed_forwards: coefficients of the output that holds a set pressure, see `PressureController`.
-        gains: of the controller.
-        duty: what it has to do.
-        seed: of the noise of its readings.
+        plants: plants with the same structure, each with one driven muscle.
+        feed_forwards: coefficients of the output that holds a set pressure; see `PressureController`.
+        gains: gains of the controller.
+        duty: task of the controller.
+        seed: random seed of the sensor noise.
     """
     figures = _figures(*_batched(plants), jnp.asarray(feed_forwards), jnp.log(jnp.array(gains)),
                        *_course(duty, seed))  # fmt: skip
@@ -177,22 +178,22 @@ def tune(
     seed: int = 0,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Gains:
-    """Gains and ramp that hold the pressure best in strokes, over all plants.
+    """Find the gains and the ramp that best hold the pressure during strokes, over all plants.
 
-    Least of the mean square error in strokes and at the end of the settling, with a cost of overshoot
-    beyond 8 % of a step and of pressures within 2 psi of the limit. The gradient is through
-    the simulation; the readings of the pressure have noise, which large gains would amplify.
+    Minimises the mean square error during strokes and at the end of settling, with penalties for
+    overshoot beyond 8 % of a step and for pressures within 2 psi of the limit. The gradient is
+    computed through the simulation. Sensor noise penalises large gains.
 
     Args:
         plants: as for `expect`.
-        feed_forwards: likewise.
-        duty: what the controller has to do.
-        start: of the search; moderate gains unless given.
-        seed: of the noise.
-        progress: called with the number of steps done and the largest number of them.
+        feed_forwards: as for `expect`.
+        duty: task of the controller.
+        start: initial guess; moderate gains if omitted.
+        seed: random seed of the sensor noise.
+        progress: called with the number of completed steps and the maximum number.
 
     Raises:
-        InputError: no gains let every plant hold its pressures.
+        InputError: no gains hold the pressures of every plant.
     """
     arrays, static = _batched(plants)
     course, feed = _course(duty, seed), jnp.asarray(feed_forwards)
@@ -223,13 +224,13 @@ def tune(
 
 
 def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
-    """The numbers of plants of one structure, stacked, and what is common."""
+    """Stacked parameters of plants with the same structure, and their common static part."""
     parts = [eqx.partition(one, eqx.is_array) for one in plants]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *(one[0] for one in parts)), parts[0][1]
 
 
 class _Counts(NamedTuple):
-    """Ticks before the step, until the strokes, of each leg that is simulated, and of a whole one."""
+    """Ticks before the step, of settling, of a simulated leg, and of a whole leg."""
 
     before: int
     settle: int
@@ -317,7 +318,7 @@ def _cost(
     limit: float,
     *course: Any,
 ) -> tuple[Array, Float[Array, "3"]]:
-    """The cost and its slope in the logarithms of the gains in counts and psi."""
+    """Cost and its gradient in the logarithms of the gains in counts and psi."""
 
     def cost(x: Float[Array, "3"]) -> tuple[Array, Array]:
         seen = _figures(arrays, static, feed, x + np.log(_PER_COUNT), *course)

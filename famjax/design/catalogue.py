@@ -1,16 +1,16 @@
 """Catalogues of braids, bladders and swage tubes, and the swaged end-fittings that join them.
 
-The fitting has two steps. On one lies the braid alone, on the other the bladder with the braid over
-it. After the die the gap between fitting and tube, on each side, is what is left of the layers:
+The fitting has two steps: one carries the braid alone, the other the bladder with the braid over
+it. After swaging, the gap between fitting and tube on each side equals the compressed layers:
 
     on the braid:    d = D_bore - 2 t_braid (1 - c_braid)
     on the bladder:  d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
     D_bore = D_tube - reduction - 2 t_tube
 
-These are equations 2.6 and 2.7 of the reference work: the die leaves the wall of the tube as it is,
-and over the far softer rubber the braid is not compressed. For the 7/8 in muscle they give 0.8387
-in and 0.7475 in where 0.838 in and 0.748 in are published, within a thousandth of an inch. A wall
-that keeps its section thickens by 0.0018 in, which on each side is 0.17 of the braid: measure the
+These are equations 2.6 and 2.7 of the reference work. They assume that the die does not change the
+wall of the tube, and that the braid is not compressed where it lies over the far softer rubber. For
+the 7/8 in muscle they give 0.8387 in and 0.7475 in; 0.838 in and 0.748 in are published. A wall that
+keeps its cross-section thickens by 0.0018 in, which on each side is 0.17 of the braid: measure the
 bore of a swaged tube before trusting the sizes.
 
 References:
@@ -45,36 +45,36 @@ _Pair = Annotated[
 ]
 _Coefficients = Annotated[
     tuple[float, ...],
-    Meta(min_length=1, description="a list of numbers, the first that of the strain itself"),
+    Meta(min_length=1, description="a list of numbers, beginning with the linear coefficient"),
 ]
 
 
 class CatalogueError(InputError):
-    """An error in a catalogue file or an option: what is wrong, where, and what to write instead."""
+    """A catalogue file or an option is invalid; the message gives the place and the remedy."""
 
 
 def _check_wall(diameter: float, thickness: float) -> None:
     if not 2 * thickness < diameter:
         raise CatalogueError(
-            f"a wall of {thickness:.4g} m closes a tube of {diameter:.4g} m; check the two units"
+            f"a wall of {thickness:.4g} m closes a tube of {diameter:.4g} m; check both units"
         )
 
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueBraid:
-    """A braided sleeve as it is sold.
+    """A commercial braided sleeve.
 
     Attributes:
         name: unique in the catalogue.
-        nominal_diameter: [m], that at 45 deg.
-        thickness: t_braid [m], two threads crossing.
-        diameter_range: smallest and largest diameter [m], where the braid jams.
-        source: where the row comes from.
-        boundary_range: the same, unless given, or wider [m]: what lies between the two is usable by
-            its source, but outside its jamming range.
-        angle_range: angles [rad] at the ends of `diameter_range` as printed, or None.
-        n_threads: n [-], of both families, or None: the file does not say.
-        breaking_load: of one thread [N], or None.
+        nominal_diameter: diameter [m] at 45 deg.
+        thickness: t_braid [m] where two threads cross.
+        diameter_range: smallest and largest diameter [m], at which the braid jams.
+        source: origin of the row.
+        boundary_range: usable diameters [m] outside the jamming range, according to the source.
+            `diameter_range` if omitted.
+        angle_range: printed angles [rad] at the ends of `diameter_range`, or None.
+        n_threads: number n [-] of threads in both families, or None if unknown.
+        breaking_load: breaking load [N] of one thread, or None if unknown.
     """
 
     name: Text
@@ -89,35 +89,33 @@ class CatalogueBraid:
 
     def __post_init__(self) -> None:
         nominal = self.nominal_diameter
-        smallest, largest = self.diameter_range
         straight = nominal / math.cos(NOMINAL_ANGLE)
+        smallest, largest = self.diameter_range
         if not smallest < nominal < largest < straight:
             raise CatalogueError(
-                "diameter_range must be [smallest, largest] with the nominal diameter between them "
-                f"and less than nominal / cos(45 deg) = {straight:.4g} m, at which the threads lie "
-                f"all round; got [{smallest:.4g}, {largest:.4g}] m about {nominal:.4g} m"
+                "diameter_range must be [smallest, largest], contain the nominal diameter and end below "
+                f"nominal / cos(45 deg) = {straight:.4g} m, where the threads run around the muscle; "
+                f"got [{smallest:.4g}, {largest:.4g}] m and a nominal diameter of {nominal:.4g} m"
             )
-        outer_smallest, outer_largest = self.boundary_range or self.diameter_range
-        if not outer_smallest <= smallest < largest <= outer_largest < straight:
+        low, high = self.boundary_range or self.diameter_range
+        if not low <= smallest < largest <= high < straight:
             raise CatalogueError(
                 f"boundary_range must contain diameter_range and end below {straight:.4g} m; got "
-                f"[{outer_smallest:.4g}, {outer_largest:.4g}] m about [{smallest:.4g}, "
-                f"{largest:.4g}] m"
+                f"[{low:.4g}, {high:.4g}] m and [{smallest:.4g}, {largest:.4g}] m"
             )
 
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueBladder:
-    """A rubber tube as it is sold.
+    """A commercial rubber tube.
 
     Attributes:
         name: unique in the catalogue.
-        diameter: outer [m].
-        thickness: of the wall [m].
-        source: where the row comes from.
-        coefficients: E_n [Pa] of its rubber, as `PolynomialMaterial` takes them, or None: the file
-            does not say.
-        coefficients_source: where they come from, or None.
+        diameter: outer diameter [m].
+        thickness: wall thickness [m].
+        source: origin of the row.
+        coefficients: E_n [Pa] of the rubber for `PolynomialMaterial`, or None if unknown.
+        coefficients_source: origin of the coefficients, or None.
     """
 
     name: Text
@@ -138,14 +136,14 @@ class CatalogueBladder:
 
 @dataclasses.dataclass(frozen=True)
 class CatalogueTube:
-    """A swage tube as it is sold, and its reduction by the die.
+    """A commercial swage tube, and its reduction in the die.
 
     Attributes:
         name: unique in the catalogue.
-        outer_diameter: [m], before swaging.
-        thickness: wall [m], before swaging.
-        swage_reduction: of the outer diameter [m], in the die.
-        source: where the row comes from.
+        outer_diameter: outer diameter [m] before swaging.
+        thickness: wall thickness [m] before swaging.
+        swage_reduction: reduction of the outer diameter [m] in the die.
+        source: origin of the row.
     """
 
     name: Text
@@ -160,7 +158,7 @@ class CatalogueTube:
 
 @dataclasses.dataclass(frozen=True)
 class Catalogue:
-    """All parts on offer, in the order of the files."""
+    """All available parts, in the order of the files."""
 
     braids: tuple[CatalogueBraid, ...]
     bladders: tuple[CatalogueBladder, ...]
@@ -168,18 +166,18 @@ class Catalogue:
 
 
 def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) -> Catalogue:
-    """The catalogue that comes with famjax, followed by the user's own files.
+    """Load the bundled catalogue, followed by the user's own files.
 
     Args:
-        paths: TOML files of the form of `famjax/data/catalogue.toml`.
-        bundled: start from the bundled catalogue; if False, the files are all there is.
+        paths: TOML files in the format of `famjax/data/catalogue.toml`.
+        bundled: False omits the bundled catalogue.
 
     Returns:
         The catalogue in SI.
 
     Raises:
-        CatalogueError: what is wrong, with file and row: a missing or unknown unit, an unknown key,
-            a value out of range, a name that is there twice.
+        CatalogueError: a missing or unknown unit, an unknown key, a value out of range, or a
+            duplicate name; the message gives file and row.
 
     >>> catalogue = load_catalogue()
     >>> [braid.name for braid in catalogue.braids]
@@ -187,29 +185,25 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
     >>> len(catalogue.bladders), len(catalogue.tubes)
     (15, 4)
     """
-    parts = []
-    if bundled:
-        resource = importlib.resources.files("famjax") / "data" / "catalogue.toml"
-        parts.append(_read(resource, "bundled catalogue: "))
+    own = importlib.resources.files("famjax") / "data" / "catalogue.toml"
+    parts = [_read(own, "bundled catalogue: ")] if bundled else []
     parts += [_read(Path(path), f"{path}: ") for path in paths]
     rows = {kind: tuple(row for part in parts for row in part[kind]) for kind in _KINDS}
     for kind, of in rows.items():
         for name, count in collections.Counter(row.name for row in of).items():
             if count > 1:
-                raise CatalogueError(f"the {kind} {name!r} is there twice: remove or rename one")
+                raise CatalogueError(f"the {kind} {name!r} appears twice: remove or rename one")
     return Catalogue(*rows.values())
 
 
-_Rows = Annotated[
-    tuple[dict[str, Any], ...], Meta(description="rows, with [[...]], two brackets, above each")
-]
+_Rows = Annotated[tuple[dict[str, Any], ...], Meta(description="rows, each below a [[...]] line")]
 
 
 @dataclasses.dataclass(frozen=True)
 class _CatalogueFile:
     source: Annotated[
         str,
-        Meta(pattern=r"\S", description="a text in quotes that says where its numbers come from"),
+        Meta(pattern=r"\S", description="a text in quotes that names the origin of the numbers"),
     ]
     braid: _Rows = ()
     bladder: _Rows = ()
@@ -217,7 +211,7 @@ class _CatalogueFile:
 
 
 def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
-    """The rows of one file, by table."""
+
     content = read_toml(path, "catalogue", CatalogueError, where=where)
     file = from_entries(_CatalogueFile, content, where=where, error=CatalogueError)
     return {
@@ -246,11 +240,11 @@ _KINDS: dict[str, tuple[type[Any], tuple[str, ...]]] = {
     "bladder": (CatalogueBladder, ("diameter", "thickness")),
     "tube": (CatalogueTube, ("outer_diameter", "thickness")),
 }
-"""What a row of each table is, and which of its sizes may be lists."""
+"""Class of the rows in each table, and the sizes that may be lists."""
 
 
 def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list[Any]:
-    """What one table of a file offers: a row for every pair of the sizes that it lists."""
+    """Expand one table of a file: one row for each combination of the listed sizes."""
     cls, sizes = _KINDS[kind]
     where += f" ({fields['name']!r}): " if "name" in fields else ": "
     keys = [key for size in sizes for key in fields if key.startswith(f"{size}_")]
@@ -258,10 +252,10 @@ def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list
     rows = []
     for values in itertools.product(*lists):
         units = (key.rpartition("_")[2] for key in keys)
-        said = [
+        texts = (
             f"{one} {unit}".replace(".0 ", " ") for one, unit in zip(values, units, strict=True)
-        ]
-        named = {"name": f"{kind} {' x '.join(said)}"} if sizes else {}
+        )
+        named = {"name": f"{kind} {' x '.join(texts)}"} if sizes else {}
         given = {"source": source, **named, **fields, **dict(zip(keys, values, strict=True))}
         rows.append(from_entries(cls, given, _FORM, where=where, error=CatalogueError))
     return rows
@@ -271,12 +265,12 @@ def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list
 
 
 def swaged_bore(outer_diameter: Real, thickness: Real, reduction: Real) -> RealArray:
-    """Bore D_bore [m] of a tube after the die, D - reduction - 2 t, its wall taken as unchanged.
+    """Bore D_bore [m] of a swaged tube, D - reduction - 2 t, with an unchanged wall.
 
     Args:
-        outer_diameter: D [m], before swaging.
-        thickness: wall t [m]; that after the die for one that thickens.
-        reduction: of the outer diameter [m], in the die.
+        outer_diameter: D [m] before swaging.
+        thickness: wall thickness t [m]; if the wall thickens in the die, the value after swaging.
+        reduction: reduction of the outer diameter [m] in the die.
 
     Returns:
         D_bore [m], broadcast shape.
@@ -293,9 +287,9 @@ def fitting_diameter_on_braid(
     """Diameter d [m] of the fitting under the braid alone, D_bore - 2 t_braid (1 - c_braid).
 
     Args:
-        bore: D_bore [m], of the tube after swaging.
-        braid_thickness: t_braid [m], two threads crossing.
-        braid_compression: c_braid [-], the share by which the braid is thinned, in [0, 1).
+        bore: D_bore [m] of the tube after swaging.
+        braid_thickness: t_braid [m] where two threads cross.
+        braid_compression: c_braid [-], relative reduction of the braid's thickness, in [0, 1).
 
     Returns:
         d [m], broadcast shape.
@@ -312,15 +306,15 @@ def fitting_diameter_on_braid(
 def fitting_diameter_on_bladder(
     bore: Real, braid_thickness: Real, bladder_thickness: Real, bladder_compression: Real
 ) -> RealArray:
-    """Diameter d [m] of the fitting under bladder and braid, the braid not compressed.
+    """Diameter d [m] of the fitting under bladder and braid; the braid is not compressed.
 
     d = D_bore - 2 t_braid - 2 t_bladder (1 - c_bladder)
 
     Args:
-        bore: D_bore [m], of the tube after swaging.
+        bore: D_bore [m] of the tube after swaging.
         braid_thickness: t_braid [m].
-        bladder_thickness: t_bladder [m], at rest.
-        bladder_compression: c_bladder [-], the share by which the bladder is thinned, in [0, 1).
+        bladder_thickness: t_bladder [m] at rest.
+        bladder_compression: c_bladder [-], relative reduction of the bladder's thickness, in [0, 1).
 
     Returns:
         d [m], broadcast shape.
@@ -338,18 +332,17 @@ def fitting_diameter_on_bladder(
 
 @dataclasses.dataclass(frozen=True)
 class EndFitting:
-    """One sizing of the inner fitting.
+    """Dimensions of an inner fitting.
 
     Attributes:
         tube: swage tube.
         bladder: rubber tube.
         braid: sleeve.
-        diameter_on_braid: [m], of the step under the braid.
-        diameter_on_bladder: [m], of the step under bladder and braid.
-        bore_stretch: [-], by how much the fitting must stretch the bladder's bore to enter it;
-            negative where it goes in with clearance.
-        feasible: True where the fitting has a positive diameter and goes into the bore with no more
-            stretch than was allowed.
+        diameter_on_braid: diameter [m] of the step under the braid.
+        diameter_on_bladder: diameter [m] of the step under bladder and braid.
+        bore_stretch: relative stretch [-] of the bladder's bore on the fitting; negative if there
+            is clearance.
+        feasible: True if the diameter is positive and the stretch is allowed.
     """
 
     tube: CatalogueTube
@@ -370,7 +363,7 @@ def size_end_fittings(
     bladder_compression: float = 0.30,
     allowed_bore_stretch: float = 0.0,
 ) -> list[EndFitting]:
-    """The inner fitting for every tube and every bladder of one diameter in the catalogue.
+    """Size the inner fitting for every tube and every bladder of one diameter.
 
     Args:
         catalogue: from `load_catalogue`.
@@ -379,22 +372,23 @@ def size_end_fittings(
         braid_compression: c_braid [-]; 0.17 for the reference work's first muscle, 0.27 for every
             later one.
         bladder_compression: c_bladder [-]; 0.30 in the reference work.
-        allowed_bore_stretch: [-], by how much the fitting may stretch the bladder's bore.
+        allowed_bore_stretch: largest relative stretch [-] of the bladder's bore.
 
     Returns:
-        One sizing per tube and bladder thickness, in the order of the catalogue.
+        One fitting per tube and bladder thickness, in the order of the catalogue.
 
     Raises:
-        ValueError: no bladder of that diameter, or a compression outside [0, 1).
+        ValueError: no bladder has this diameter, or a compression is outside [0, 1).
     """
     for name, share in (("braid", braid_compression), ("bladder", bladder_compression)):
         if not 0 <= share < 1:
-            raise ValueError(f"the compression of the {name} must be in [0, 1), got {share}")
+            raise ValueError(f"{name}_compression must be in [0, 1), got {share}")
     bladders = [b for b in catalogue.bladders if abs(b.diameter / bladder_diameter - 1) < 1e-9]
     if not bladders:
         offered = ", ".join(f"{d:.6g}" for d in sorted({b.diameter for b in catalogue.bladders}))
         raise ValueError(
-            f"the catalogue has no bladder of diameter {bladder_diameter:.6g} m; it has {offered} m"
+            f"the catalogue has no bladder with a diameter of {bladder_diameter:.6g} m; available: "
+            f"{offered} m"
         )
     found = []
     for tube, bladder in itertools.product(catalogue.tubes, bladders):

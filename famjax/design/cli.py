@@ -1,4 +1,4 @@
-"""`famjax design`, and its options `key_unit=value` as numbers in SI."""
+"""The command `famjax design` and its options `key_unit=value`, converted to SI."""
 
 import dataclasses
 import math
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from .search import Range, Requirement
 
 _T = TypeVar("_T")
-_SHOWN = 10  # rows of a front on the terminal; all are in the file
-_USUAL = 0.5  # longest rest length [m] where none is asked for
+_SHOWN = 10  # rows of the front printed; the file contains all
+_USUAL = 0.5  # default of the longest rest length [m]
 
 _FORM = Form(
     kinds={
@@ -43,40 +43,39 @@ def design(
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 
-    Writes `design.json` (all rows: Pareto front, its most balanced design refined, what each limit leaves
-    out, end-fittings) and `feasible.csv`. Exits with 1 where nothing
-    is feasible, and names the nearest miss.
+    Writes `design.json` (Pareto front, refined design, candidates excluded by each limit, end-fittings)
+    and `feasible.csv`. If no candidate is feasible, prints the nearest miss and exits with 1.
 
     Parameters
     ----------
     require
-        What the muscle must do, key_unit=value, repeatable: pressure_psi=100, the greatest that there
-        is and the only one that is needed; force_lbf=900 (at force_contraction, else blocked),
-        force_contraction=0.1, contraction=0.3, stroke_mm=50, largest_diameter_in=2.2,
-        longest_length_mm=400 (space between the end-fittings), thread_factor=3.
+        Requirement as key_unit=value, repeatable: pressure_psi=100 (supply pressure, required),
+        force_lbf=900 (blocked force unless force_contraction is given), force_contraction=0.1,
+        contraction=0.3, stroke_mm=50, largest_diameter_in=2.2, longest_length_mm=400 (between the
+        end-fittings), thread_factor=3.
     catalogue
-        Your own catalogue files, repeatable; the bundled one shows the format.
+        Your own catalogue file, repeatable; the bundled catalogue shows the format.
     bundled
-        Whether to search the bundled catalogue too.
+        Search the bundled catalogue as well.
     search
-        About how many candidates to evaluate: a grid of rest lengths and pressures for each bladder and
-        braid that can be built.
+        Approximate number of candidates: a grid of rest lengths and pressures for each pair of bladder
+        and braid that can be built.
     objective
-        What the front weighs, repeatable: outer_diameter, rest_length, pressure, air (free air of a
-        stroke), of which less is better; force, blocked_force, contraction, stroke, of which more
-        is. Outer_diameter, rest_length and air if omitted.
+        Objective of the Pareto front, repeatable. Minimised: outer_diameter, rest_length, pressure, air
+        (free air per stroke). Maximised: force, blocked_force, contraction, stroke. If omitted:
+        outer_diameter, rest_length and air.
     vary
-        Range of a search, key_unit=least:greatest, or one number to keep it fixed:
-        rest_length_mm=100:600, pressure_psi=20:100. If omitted, a quarter of the pressure to all of it,
-        and a quarter of the longest length, or of 500 mm, to all of it.
+        Search range as key_unit=least:greatest, or a single number to fix the value:
+        rest_length_mm=100:600, pressure_psi=20:100. If omitted, from a quarter of the supply pressure
+        and of the longest length (or 500 mm) up to the full value.
     end_fittings
-        Whether a swage tube of the catalogue must fit.
+        Require a swage tube that fits.
     output
         Folder for the files, created if missing.
     units
-        Of tables and files: si, metric (mm, kPa, N) or us (in, psi, lbf).
+        Units of tables and files: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print only one JSON object to standard output.
     """
     from famjax.boundary.files import Origin
     from famjax.compilation_cache import start_jax
@@ -116,7 +115,7 @@ def design(
 
 
 def _narrow(rows: list[dict]) -> list[dict]:
-    """Rows for the terminal; the rest of their columns is in the file."""
+    """Rows without the columns that only the file contains."""
     left = ("start", "feasibility", "tube", "blocked_force", "thread", "turns")
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]
 
@@ -132,7 +131,7 @@ def parse_requirement(entries: Iterable[str]) -> "Requirement":
             required.
 
     Raises:
-        InputError: an entry that cannot be read, with what is known, or that no muscle can meet.
+        InputError: an entry cannot be read, or no muscle can meet it.
 
     >>> parse_requirement(["pressure_bar=7", "stroke_mm=50"]).stroke
     0.05
@@ -144,7 +143,7 @@ def parse_requirement(entries: Iterable[str]) -> "Requirement":
 
 @dataclasses.dataclass(frozen=True)
 class _Varied:
-    """What a search varies; None where it is not said."""
+    """Ranges of a search; None if not given."""
 
     pressure: tuple[float, float] | None = None
     rest_length: tuple[float, float] | None = None
@@ -154,12 +153,13 @@ def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[st
     """Parse the ranges of a search, such as `rest_length_mm=100:600` and `pressure_psi=20:100`.
 
     Args:
-        entries: `key_unit=least:greatest`; one number keeps it fixed. What is not given goes from a
-            quarter of the required pressure, and of the longest length or 0.5 m, to all of it.
+        entries: `key_unit=least:greatest`, or a single number to fix the value. By default the
+            pressure ranges from a quarter of the required pressure to all of it, and the rest
+            length from a quarter of the longest length (or 0.5 m) to all of it.
         requirement: in SI.
 
     Raises:
-        InputError: an entry that cannot be read, with what is known.
+        InputError: an entry cannot be read.
 
     >>> asked = parse_requirement(["pressure_kPa=700"])
     >>> parse_ranges(["rest_length_mm=100:600"], asked)
@@ -174,7 +174,7 @@ def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[st
 
 
 def _read(kind: type[_T], entries: Iterable[str], option: str, example: str) -> _T:
-    """A dataclass of entries with one number each, or two about a colon where it has a pair."""
+    """Read entries with one number, or two numbers separated by a colon, into a dataclass."""
     given = parse_entries(entries, option, example)
     try:
         numbers = {key: [float(one) for one in text.split(":")] for key, text in given.items()}

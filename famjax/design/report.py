@@ -1,4 +1,4 @@
-"""Designs as plain rows with the unit in each key, and as a table of feasible ones."""
+"""Designs as rows with the unit in each key, and the table of feasible designs."""
 
 import dataclasses
 import math
@@ -23,13 +23,13 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 
 
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
-    """Some candidates of a search, in order; None if a number is not known.
+    """Return candidates of a search as rows; an unknown number is None.
 
-    Each says what to buy, the numbers of its columns, and how long to cut and wind its threads.
+    Each row lists the parts to buy, the columns of the search, and length and turns of the threads.
 
     Args:
         found: from `search`.
-        at: positions, such as `found.front`.
+        at: indices of candidates, such as `found.front`.
         system: "si", "metric" or "us".
     """
     return [
@@ -54,9 +54,9 @@ def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
 def exclusion_rows(found: Search, *, system: str) -> list[Row]:
     """Number of candidates that each constraint excludes, largest first, and the best value found.
 
-    `alone` counts those that keep to everything else.
+    `alone` counts the candidates that meet all other constraints.
     """
-    fails, rows = ~(found.margins >= 0), []  # nan is not kept
+    fails, rows = ~(found.margins >= 0), []  # nan fails
     for k, (name, (column, side)) in enumerate(CONSTRAINTS.items()):
         if fails[:, k].any():
             best = np.fmin.reduce if side == "most" else np.fmax.reduce
@@ -74,16 +74,16 @@ def exclusion_rows(found: Search, *, system: str) -> list[Row]:
 
 
 def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict[str, Any]:
-    """The result of a search without the table of feasible designs, JSON-ready.
+    """Return the result of a search, without the table of feasible designs, ready for JSON.
 
     Args:
         found: from `search`.
-        catalogue: that was searched.
+        catalogue: the searched catalogue.
         system: "si", "metric" or "us".
 
     Returns:
-        `search` (what was asked for, in SI, and how many candidates there were), `front`, `refined`,
-        `exclusions`, `nearest` (where nothing is feasible), `end_fittings`.
+        `search` (requirement in SI and number of candidates), `front`, `refined`, `exclusions`,
+        `nearest` (empty if a candidate is feasible), `end_fittings`.
     """
     refined = []
     if found.refined is not None:
@@ -110,7 +110,7 @@ def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict
 
 
 def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
-    """The end-fitting of every tube, bladder and braid that fit."""
+    """Rows with the end-fittings of every bladder, and of every braid that fits it."""
     sizes = {"diameter_on_braid": "length", "diameter_on_bladder": "length"}
     return [
         {
@@ -130,7 +130,7 @@ def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
 
 
 def feasible_table(found: Search, *, system: str) -> bytes:
-    """The feasible candidates of a search as CSV, at most 100,000, evenly selected."""
+    """Return the feasible candidates as CSV; beyond 100,000 an even selection."""
     at = found.feasible
     at = at[:: max(1, -(-len(at) // _MOST_ROWS))]
     units = {name: unit_system(system)[kind] for name, kind in COLUMNS.items()}
@@ -144,34 +144,34 @@ def feasible_table(found: Search, *, system: str) -> bytes:
 
 _REASONS = {
     "braid": "the braid does not fit the bladder",
-    "end_fitting": "no swage tube of the catalogue fits",
-    "untested": "the strength of their threads is not known",
+    "end_fitting": "no swage tube in the catalogue fits",
+    "untested": "the strength of the threads is unknown",
 }
 
 
 def summary(found: Search, *, system: str) -> list[str]:
-    """Sentences on how many candidates are feasible, how many pairs are excluded, and why.
+    """Summarise in sentences how many candidates are feasible, and why pairs are excluded.
 
-    Where nothing is feasible also what each constraint leaves out.
+    If no candidate is feasible, add the number that each constraint excludes.
 
     Args:
         found: from `search`.
         system: "si", "metric" or "us".
     """
     said = [
-        f"{len(found.feasible):,} of {len(found.margins):,} candidates, of {len(found.pairs)} pairs of "
-        "bladder and braid, meet everything."
+        f"{len(found.feasible):,} of {len(found.margins):,} candidates ({len(found.pairs)} pairs of "
+        "bladder and braid) meet all requirements."
     ]
-    if left_out := [f"{n}: {_REASONS[reason]}" for reason, n in found.left_out.items() if n]:
-        said.append(f"Pairs left out: {', '.join(left_out)}.")
+    if left_out := [f"{n} ({_REASONS[reason]})" for reason, n in found.left_out.items() if n]:
+        said.append(f"Excluded pairs: {', '.join(left_out)}.")
     for row in [] if len(found.feasible) else exclusion_rows(found, system=system):
         column, side = CONSTRAINTS[row["constraint"]]
         unit = unit_system(system)[COLUMNS[column]]
         asked, best = (row[f"{key}_{unit}".rstrip("_")] for key in ("limit", "closest"))
-        reached = "none that can be reached" if best is None else f"{best:.4g} {unit}".rstrip()
+        reached = "unknown" if best is None else f"{best:.4g} {unit}".rstrip()
         said.append(
-            f"{row['excluded']:,} fail the {row['constraint'].replace('_', ' ')}, {row['alone']:,} of "
-            f"them that alone: asked for is at {side} {f'{asked:.4g} {unit}'.rstrip()}, the best of "
-            f"all is {reached}."
+            f"{row['excluded']:,} fail the {row['constraint'].replace('_', ' ')} requirement (at {side} "
+            f"{f'{asked:.4g} {unit}'.rstrip()}), {row['alone']:,} of them only this one; the best "
+            f"value is {reached}."
         )
     return said

@@ -1,11 +1,11 @@
-"""Search of a catalogue: every pair of bladder and braid at every rest length and pressure of a grid.
+"""Catalogue search: all pairs of bladder and braid on a grid of rest lengths and pressures.
 
-The grid is evaluated in one mapped program, held against a `Requirement`, and reduced to its Pareto
-front, of which the most balanced design is refined between the points of the grid.
+One mapped program evaluates the grid and compares it with a `Requirement`. The feasible candidates
+are reduced to a Pareto front, and its most balanced design is refined between the grid points.
 
-The braid's angle on a bladder follows from cos(theta) / D = cos(45 deg) / D_nominal. As in the
-reference work's table 2.3, D is the bladder's outer diameter: the thickness of the braid is left
-out of the force and counted only in the diameter outside the braid.
+The braid angle on a bladder follows from cos(theta) / D = cos(45 deg) / D_nominal. As in table 2.3
+of the reference work, D is the bladder's outer diameter: the braid's thickness is neglected in the
+force and counts only in the diameter outside the braid.
 """
 
 import dataclasses
@@ -44,10 +44,10 @@ Floats = NDArray[np.floating]
 Range = tuple[float, float]
 
 ATMOSPHERE = 101325.0
-"""Standard atmosphere [Pa], at which free air is counted."""
+"""Standard atmosphere [Pa], the reference pressure of free air."""
 
 LATEX = (257.8 * units.PSI, -57.9 * units.PSI, 32.7 * units.PSI)
-"""E_n [Pa] of the reference work's latex (Chambers 2021, chapter 6): the bladder of the design."""
+"""Default E_n [Pa]: latex of the reference work (Chambers 2021, chapter 6)."""
 
 COLUMNS: dict[str, str] = {
     "rest_length": "length",
@@ -61,16 +61,16 @@ COLUMNS: dict[str, str] = {
     "air": "volume",
     "thread_factor": "number",
 }
-"""The numbers of a candidate, in SI, and the kind of unit of each; see `Search`."""
+"""Columns of a candidate and the quantity of each, which sets its unit; see `Search`."""
 
 OBJECTIVES: dict[str, Literal["least", "most"]] = {
     **dict.fromkeys(("outer_diameter", "rest_length", "pressure", "air"), "least"),
     **dict.fromkeys(("force", "blocked_force", "contraction", "stroke"), "most"),
 }
-"""What a front can weigh, and which of it is better."""
+"""Available objectives, and whether the least or the most is best."""
 
 DEFAULT_OBJECTIVES = ("outer_diameter", "rest_length", "air")
-"""The room that a muscle takes, and the air that a stroke costs."""
+"""Size of the muscle and air per stroke."""
 
 CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
     "force": ("force", "least"),
@@ -80,20 +80,20 @@ CONSTRAINTS: dict[str, tuple[str, Literal["least", "most"]]] = {
     "longest_length": ("rest_length", "most"),
     "thread_factor": ("thread_factor", "least"),
 }
-"""What is asked for: the column that it is held against, and whether as a lower or an upper limit."""
+"""Column compared with each requirement; "least" is a lower limit, "most" an upper one."""
 
 FRONT_STEP = 0.01
-"""Share by which designs on the front differ at least."""
+"""Smallest relative difference between two designs on the front."""
 
-_ZOOMS, _STEPS = 20, 41  # of the refinement: grids one within the other, and the steps of each
-_ALWAYS = ("force", "contraction")  # a muscle must pull and contract, whatever is asked for
+_ZOOMS, _STEPS = 20, 41  # nested grids of the refinement, and points along each axis
+_ALWAYS = ("force", "contraction")  # every muscle must pull and contract
 
 
 # --- a bladder under a braid
 
 
 class Feasibility(enum.StrEnum):
-    """Whether a braid fits a diameter."""
+    """Fit of a braid on a bladder."""
 
     FEASIBLE = "feasible"
     BOUNDARY = "boundary"
@@ -103,11 +103,11 @@ class Feasibility(enum.StrEnum):
 def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
     """Braid angle theta [rad] on a muscle, from cos(theta) / D = cos(45 deg) / D_nominal.
 
-    Jamming is not considered; see `feasibility`.
+    Jamming is neglected; see `feasibility`.
 
     Args:
-        diameter: D [m] of the muscle, the outer diameter of its bladder.
-        nominal_diameter: D_nominal [m] of the braid, that at 45 deg.
+        diameter: D [m], outer diameter of the bladder.
+        nominal_diameter: D_nominal [m] of the braid at 45 deg.
 
     Returns:
         theta [rad], from the circumference, broadcast shape; nan where D > sqrt(2) D_nominal.
@@ -123,17 +123,14 @@ def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
 
 
 def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
-    """Whether the braid can be put on a bladder of that diameter without jamming.
+    """Return whether the braid fits a bladder without jamming.
 
-    Feasible within the braid's `diameter_range`; boundary outside it but within its
-    `boundary_range`; infeasible elsewhere. The ends belong to the ranges.
+    Feasible within the braid's `diameter_range`, boundary outside it but within `boundary_range`,
+    infeasible elsewhere. The ranges include their ends.
 
     Args:
         diameter: D [m], outer diameter of the bladder.
-        braid: from the catalogue.
-
-    Returns:
-        The verdict.
+        braid: row of the catalogue.
     """
 
     def within(limits: tuple[float, float]) -> bool:
@@ -146,16 +143,16 @@ def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
 
 
 class Combination(eqx.Module):
-    """A bladder under a braid. Several may be stacked leaf by leaf, for `jax.vmap`.
+    """A bladder under a braid; instances can be stacked leaf by leaf for `jax.vmap`.
 
     Attributes:
-        bladder_diameter: D0 [m], outer; the braid's threads lie on it.
-        bladder_thickness: t0 [m].
-        nominal_diameter: [m], of the braid, at 45 deg.
-        braid_thickness: [m].
-        smallest_diameter: [m], at which the braid jams when stretched.
-        largest_diameter: [m], at which the braid jams when shortened.
-        rest_length: L0 [m], active length at rest; force against contraction does not depend on it.
+        bladder_diameter: outer diameter D0 [m], on which the threads lie.
+        bladder_thickness: wall thickness t0 [m].
+        nominal_diameter: braid diameter [m] at 45 deg.
+        braid_thickness: thickness [m] of the braid.
+        smallest_diameter: diameter [m] at which the stretched braid jams.
+        largest_diameter: diameter [m] at which the shortened braid jams.
+        rest_length: active length L0 [m] at rest; force against contraction does not depend on it.
     """
 
     bladder_diameter: Float[Given, "..."] = number("m")
@@ -170,7 +167,7 @@ class Combination(eqx.Module):
     def of(
         cls, bladder: CatalogueBladder, braid: CatalogueBraid, rest_length: Real = 1.0
     ) -> "Combination":
-        """The combination of two rows of the catalogue, of active length L0 [m]."""
+        """Combine two rows of the catalogue at an active length L0 [m]."""
         return cls(
             bladder.diameter, bladder.thickness, braid.nominal_diameter, braid.thickness,
             *braid.diameter_range, rest_length,
@@ -183,25 +180,25 @@ class Combination(eqx.Module):
 
     @property
     def braid(self) -> Braid:
-        """The braid at rest on the bladder, its thickness neglected."""
+        """Braid at rest on the bladder; its thickness is neglected."""
         return Braid.from_rest(
             diameter=self.bladder_diameter, braid_angle=self.braid_angle, length=self.rest_length
         )
 
     @property
     def geometry(self) -> EstimatedGeometry:
-        """The cylinder of braid and bladder, the thickness of the braid neglected."""
+        """Cylindrical geometry of braid and bladder; the braid's thickness is neglected."""
         bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
         return EstimatedGeometry(self.braid, bladder)
 
     def muscle(self, material: AbstractMaterial) -> Muscle:
-        """The muscle in the estimated geometry, with a bladder of that material."""
+        """Return the muscle with the estimated geometry and this bladder material."""
         return Muscle(self.geometry, material)
 
     def contraction_range(self) -> tuple[RealArray, RealArray]:
-        """Least and greatest contraction [-] that jamming allows; rest is always allowed.
+        """Least and greatest contraction [-] without jamming; zero is always included.
 
-        A boundary combination rests outside the braid's range and is taken to work from there.
+        A boundary combination rests outside the braid's range and is assumed to work from there.
         """
         least, greatest = (  # 1 - sin(theta) / sin(theta0)
             1 - jnp.sin(fam_angle(D, self.nominal_diameter)) / jnp.sin(self.braid_angle)
@@ -226,10 +223,10 @@ class Combination(eqx.Module):
         Args:
             contraction: (L0 - L) / L0 [-], a fraction.
             pressure: gauge pressure P [Pa].
-            material: of the bladder; None neglects the bladder, F = F_G.
+            material: bladder material; None neglects the bladder, F = F_G.
 
         Returns:
-            F [N], broadcast shape, not clipped: negative beyond the free contraction.
+            F [N], broadcast shape; not clipped, so it is negative beyond the free contraction.
 
         References:
             Gaylord 1958; Chambers 2021, equations 6.1 and 6.9.
@@ -245,10 +242,10 @@ class Combination(eqx.Module):
     def usable_contraction(
         self, pressure: Real, material: AbstractMaterial | None = None
     ) -> RealArray:
-        """Contraction [-] at zero force, or at which the braid jams if that comes first.
+        """Contraction [-] at zero force, or at jamming if that comes first.
 
-        Bisected, with the derivative of the implicit function theorem; nan where the pressure does not
-        move the bladder. Of the pressure's shape.
+        Found by bisection, with derivatives from the implicit function theorem. The result has the
+        pressure's shape and is nan where the pressure does not move the bladder.
         """
         greatest = self.contraction_range()[1]
         fine = jnp.finfo(greatest.dtype)
@@ -267,9 +264,9 @@ class Combination(eqx.Module):
         return jnp.vectorize(one)(as_real(pressure))
 
     def _length(self, contraction: Real) -> tuple[RealArray, Array]:
-        """Length [m], that of rest standing in where the braid jams, and where it does not jam."""
+        """Length [m] and a mask of states without jamming; jammed states get the rest length."""
         least, greatest = self.contraction_range()
-        rounding = 8 * jnp.finfo(least.dtype).eps  # the ends themselves are free
+        rounding = 8 * jnp.finfo(least.dtype).eps
         at = as_real(contraction)
         free = (at >= least - rounding) & (at <= greatest + rounding)
         return self.rest_length * (1 - jnp.where(free, at, 0.0)), free
@@ -280,17 +277,18 @@ class Combination(eqx.Module):
 
 @dataclasses.dataclass(frozen=True)
 class Requirement:
-    """Requirements of a muscle. Zero and infinity require nothing.
+    """Requirements of a muscle; zero or infinity means no requirement.
 
     Attributes:
-        pressure: gauge pressure P [Pa], the greatest that there is, > 0.
+        pressure: supply gauge pressure P [Pa], > 0.
         force: least pull [N] at `force_contraction`, >= 0.
-        contraction: [-] it must reach, a fraction in [0, 1).
-        largest_diameter: [m] outside the braid, at the contraction and stroke that are asked for.
-        force_contraction: contraction [-] at which `force` is asked for; 0 asks for blocked force.
-        stroke: travel [m] it must reach, >= 0.
-        longest_length: rest length [m] that it may have, between the end-fittings.
-        thread_factor: least breaking load of a thread over its tension at zero contraction [-].
+        contraction: least contraction [-], a fraction in [0, 1).
+        largest_diameter: largest diameter [m] outside the braid at the required contraction and
+            stroke.
+        force_contraction: contraction [-] at which `force` is required; 0 for blocked force.
+        stroke: least travel [m], >= 0.
+        longest_length: largest rest length [m] between the end-fittings.
+        thread_factor: least ratio [-] of a thread's breaking load to its tension at zero contraction.
     """
 
     pressure: float
@@ -323,8 +321,8 @@ class BuildablePair:
     Attributes:
         bladder: row of the catalogue.
         braid: row of the catalogue.
-        fit: feasible, or boundary: usable by its source but at rest outside its jamming range.
-        tube: the swage tube that fits with the thickest wall, or None where none is asked for.
+        fit: feasible or boundary; see `feasibility`.
+        tube: fitting swage tube with the thickest wall, or None if none is required.
     """
 
     bladder: CatalogueBladder
@@ -335,26 +333,26 @@ class BuildablePair:
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """Result of a search: candidates, in the order of pairs, pressures and rest lengths.
+    """Result of a search: candidates ordered by pair, pressure and rest length.
 
-    Columns are (candidates,), in SI: `pair`, a position in `pairs`, `rest_length` L0 [m], `pressure`
-    P [Pa], `braid_angle` theta0 [rad] from the circumference, `blocked_force` [N], `force` [N] where it
-    is asked for, usable `contraction` [-], to zero force or to jamming, `stroke` [m], `outer_diameter`
-    [m] and `air` [m3] at the contraction that is asked for, and the factors [-] of `Requirement`, nan
-    where nothing is known.
+    Columns have the shape (candidates,) and SI units: `pair`, an index into `pairs`; `rest_length`
+    L0 [m]; `pressure` P [Pa]; `braid_angle` theta0 [rad] from the circumference; `blocked_force` [N];
+    `force` [N] at `force_contraction`; usable `contraction` [-], to zero force or jamming; `stroke`
+    [m]; `outer_diameter` [m] and `air` [m3] at the required contraction; `thread_factor` [-], nan if
+    unknown.
 
     Attributes:
         requirement: as given.
-        ranges: of rest length [m] and pressure [Pa], as given.
+        ranges: ranges of rest length [m] and pressure [Pa].
         objectives: as given.
-        pairs: that can be built; the others are in `left_out`.
-        left_out: pairs that cannot be built, by reason: "braid", "end_fitting", "untested".
-        columns: of all candidates.
-        margins: (candidates, constraints), share of the limit by which each of `CONSTRAINTS` is kept,
-            negative where it is not; nan where the braid jams before it or nothing is known.
-        front: positions of the candidates of the Pareto front, the most balanced first.
-        refined: columns of the most balanced design refined between the points of the grid, and its
-            `gain` in the sum of balanced costs; None where nothing is feasible.
+        pairs: pairs that can be built.
+        left_out: number of excluded pairs by reason: "braid", "end_fitting", "untested".
+        columns: columns of all candidates.
+        margins: relative margin to each of `CONSTRAINTS`, shape (candidates, constraints). Negative
+            if the constraint is violated; nan if the braid jams first or the value is unknown.
+        front: indices of the candidates on the Pareto front, the most balanced first.
+        refined: columns of the most balanced design, refined between the grid points, and its `gain`
+            in the sum of balanced costs; None if no candidate is feasible.
     """
 
     requirement: Requirement
@@ -374,11 +372,11 @@ class Search:
 
     @property
     def nearest(self) -> NDArray[np.int64]:
-        """Index of the candidate with the smallest worst shortfall, (1,) or (0,)."""
+        """Index of the candidate whose worst shortfall is smallest, shape (1,) or (0,)."""
         missed = np.fmin(np.fmax(-self.margins, 0.0), 1.0)
         missed = np.where(np.isnan(self.margins), 1.0, missed)
         worst, together = (np.round(one, 6) for one in (missed.max(axis=-1), missed.sum(axis=-1)))
-        return np.lexsort((together, worst))[:1]  # rounding decides no tie
+        return np.lexsort((together, worst))[:1]
 
 
 def search(
@@ -392,27 +390,25 @@ def search(
     coefficients: Sequence[float] = LATEX,
     end_fittings: bool = True,
 ) -> Search:
-    """The Pareto front of every pair of a catalogue at every rest length and pressure.
+    """Find the Pareto front over all pairs of a catalogue, rest lengths and pressures.
 
     Args:
         catalogue: from `load_catalogue`.
-        requirement: in SI; its pressure is the greatest that may be given to the muscle.
-        rest_length: least and greatest active length L0 [m]; two equal ones keep it fixed.
-        pressure: least and greatest gauge pressure P [Pa]; a quarter of the requirement's pressure
-            to all of it if omitted.
-        about: number of candidates; the grid has at most so many, but one for each pair.
-        objectives: of `OBJECTIVES`; the fewer, the shorter the front.
-        coefficients: E_n [Pa] of the bladders whose rubber the catalogue does not know; (0.0,) neglects
-            them.
-        end_fittings: True if a swage tube of the catalogue must fit; of those that do, the one
-            with the thickest wall is taken.
+        requirement: in SI; its pressure is the highest available.
+        rest_length: least and greatest active length L0 [m]; two equal values fix it.
+        pressure: least and greatest gauge pressure P [Pa]. If omitted, from a quarter of the
+            requirement's pressure to all of it.
+        about: largest number of candidates, but at least one for each pair.
+        objectives: names from `OBJECTIVES`; fewer objectives give a shorter front.
+        coefficients: E_n [Pa] for bladders whose rubber is not in the catalogue; (0.0,) neglects it.
+        end_fittings: True if a swage tube must fit. The fitting tube with the thickest wall is used.
 
     Returns:
-        What was found; `front` is empty where no candidate keeps to everything.
+        The candidates and the front, which is empty if no candidate is feasible.
 
     Raises:
-        InputError: an unknown objective, a pressure range beyond the requirement's pressure, a number
-            out of its range, a catalogue without swage tubes.
+        InputError: an unknown objective, a pressure above the requirement's pressure, a number out
+            of range, or a catalogue without swage tubes.
 
     >>> from famjax.design import Requirement, load_catalogue
     >>> found = search(
@@ -425,7 +421,7 @@ def search(
     wanted = tuple(objectives)
     if not wanted or len({*wanted} & {*OBJECTIVES}) < len(wanted):
         raise InputError(
-            f"objectives must be one or more of {', '.join(OBJECTIVES)}, each once; got "
+            f"objectives must be one or more of {', '.join(OBJECTIVES)}, without repetition; got "
             f"{', '.join(map(repr, wanted)) or 'none'}"
         )
     if about < 1:
@@ -435,13 +431,13 @@ def search(
     for name, (low, high) in ranges.items():
         if not 0 < low <= high < math.inf:
             raise InputError(
-                f"the range of the {name} must be two numbers, 0 < least <= greatest, got "
+                f"the {name} range must satisfy 0 < least <= greatest, got "
                 f"{low:.6g} to {high:.6g} {'m' if name == 'rest_length' else 'Pa'}"
             )
     if ranges["pressure"][1] > greatest * (1 + 1e-9):  # the same pressure in two units
         raise InputError(
-            f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the pressure of the "
-            f"requirement, {greatest:.6g} Pa, which is the greatest that there is"
+            f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the required "
+            f"pressure of {greatest:.6g} Pa: lower the range or raise the requirement"
         )
     pairs, left_out = buildable_pairs(catalogue, requirement, end_fittings=end_fittings)
     share = about // max(1, len(pairs))
@@ -479,7 +475,7 @@ def buildable_pairs(
     *,
     end_fittings: bool,
 ) -> tuple[list[BuildablePair], dict[str, int]]:
-    """The pairs that can be built, and how many others are excluded for which reason.
+    """Return the pairs that can be built, and count the others by reason.
 
     Args:
         catalogue: from `load_catalogue`.
@@ -487,12 +483,12 @@ def buildable_pairs(
         end_fittings: True if a swage tube must fit.
 
     Returns:
-        (pairs in the order of the catalogue, number of pairs left out by reason: "braid" does not
-        fit the bladder, "end_fitting" no tube fits, "untested" a thread_factor is asked for and the
-        braid's threads are not known).
+        (pairs in the order of the catalogue, number of excluded pairs by reason). Reasons: "braid",
+        the braid does not fit the bladder; "end_fitting", no tube fits; "untested", a thread_factor
+        is required but the threads' breaking load is unknown.
 
     Raises:
-        InputError: an end-fitting is asked for, and the catalogue has no tubes.
+        InputError: end-fittings are required, but the catalogue has no tubes.
     """
     if end_fittings and not catalogue.tubes:
         raise InputError(
@@ -520,7 +516,7 @@ def buildable_pairs(
 
 
 def _known(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> dict[str, Any]:
-    """What the formulas need of each pair, stacked, in SI; nan where not known."""
+    """Stacked parameters of the pairs in SI; nan if unknown."""
     rubber = [list(p.bladder.coefficients or coefficients) for p in pairs]
     order = max(map(len, rubber))
     numbers = [(p.braid.n_threads, p.braid.breaking_load) for p in pairs]
@@ -539,11 +535,10 @@ def _performance(
     pressure: RealArray,
     asked: Mapping[str, Any],
 ) -> Float[Array, " numbers"]:
-    """The numbers of `COLUMNS`, then the margins of `CONSTRAINTS`, of one pair at L0 [m] and P [Pa].
+    """Values of `COLUMNS`, then margins of `CONSTRAINTS`, for one pair at L0 [m] and P [Pa].
 
-    Outer diameter and air are those at the contraction that is asked for, or at the usable one if that
-    is less. The air fills the muscle from rest without pressure to there under pressure, as free air:
-    ((P + P_a) V - P_a V0) / P_a, isothermal.
+    Outer diameter and air are evaluated at the required contraction, or at the usable contraction if
+    that is less. The free air of an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
     """
     muscle = eqx.tree_at(lambda c: c.rest_length, known["combination"], rest_length)
     rubber = PolynomialMaterial(known["coefficients"])
@@ -575,12 +570,12 @@ def _performance(
 
 
 def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) -> RealArray:
-    # Of a difference, so that what is at its limit keeps to it whatever the rounding of the share.
+    # The difference is exactly zero at the limit, which a quotient minus one is not.
     if upper:
         return jnp.where(jnp.isfinite(limit), (limit - found) / limit, 1.0)
     wanted = limit > 0
     share = (found - limit) / jnp.where(wanted, limit, 1.0)
-    # Without a limit the sign is what counts; what is not asked for is kept with room to spare.
+    # Without a limit only the sign of force and contraction counts.
     return jnp.where(wanted, share, jnp.sign(found) if always else 1.0)
 
 
@@ -597,15 +592,12 @@ def _grid(
     n_pairs = len(known["coefficients"])
     repeated = jax.tree.map(lambda one: jnp.repeat(one, len(pressures), axis=0), known)
     states = repeated, jnp.tile(pressures, n_pairs)
-    table = jax.lax.map(of_state, states)  # one at a time: memory does not grow with their number
+    table = jax.lax.map(of_state, states)  # one at a time to limit memory
     return table.reshape(-1, table.shape[-1])
 
 
 def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Floats:
-    """Costs to minimise: signed logarithms of the objectives, (n, objectives).
-
-    That of zero is taken as -1000, beyond every number's.
-    """
+    """Costs to minimise: signed logarithms of the objectives, clipped to +-1000, (n, objectives)."""
     signs = [1.0 if OBJECTIVES[name] == "least" else -1.0 for name in objectives]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = [np.log(np.asarray(columns[name], dtype=np.float64)) for name in objectives]
@@ -613,19 +605,19 @@ def costs_of(columns: Mapping[str, NDArray], objectives: Sequence[str]) -> Float
 
 
 def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
-    """Candidates on the front: a part of the Pareto front, at least a step apart.
+    """Select candidates on the Pareto front, at least a relative step apart.
 
-    The costs are cut into boxes of log(1 + step). Of the boxes that no other is better than, each
-    gives the candidate of the least sum of costs. None of them is dominated by any candidate, and for
-    every candidate there is one of them that is in no objective worse by more than the share `step`.
-    Without a step it is the whole front, of equal ones the first.
+    The cost space is divided into boxes of width log(1 + step). Each non-dominated box contributes
+    its candidate with the least sum of costs. No candidate dominates a selected one, and every
+    candidate has a selected one that is worse by at most `step` in each objective. With step = 0 the
+    result is the whole front; of equal candidates the first is kept.
 
     Args:
         costs: from `costs_of`, (n, objectives).
-        step: share [-], >= 0.
+        step: relative step [-], >= 0.
 
     Returns:
-        Positions in `costs`, rising.
+        Increasing indices into `costs`.
 
     References:
         Laumanns, Thiele, Deb & Zitzler 2002, Evolutionary Computation 10(3): epsilon-dominance.
@@ -633,7 +625,7 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
     boxes = np.floor(costs / np.log1p(step)) if step > 0 else costs
     order = np.lexsort((costs.sum(-1), *boxes.T))
     at = order[np.unique(boxes[order], axis=0, return_index=True)[1]]
-    # Ranks add up to more where a box is dominated, so that the first of what is left never is.
+    # A dominated box has a larger sum of ranks, so the first remaining box is never dominated.
     ranks = np.stack([np.unique(one, return_inverse=True)[1] for one in boxes[at].T], axis=-1)
     at, ranks = at[by_sum := np.argsort(ranks.sum(-1), kind="stable")], ranks[by_sum]
     found = []
@@ -645,9 +637,9 @@ def front_members(costs: Floats, step: float = 0.0) -> NDArray[np.int64]:
 
 
 def balance(costs: Floats) -> Floats:
-    """Cost weights, shape (objectives,); the balanced design minimises the weighted sum.
+    """Cost weights 1 / (range on the front), shape (objectives,).
 
-    Each cost counts by how far it is on the way from the front's least to its greatest.
+    The balanced design minimises the weighted sum.
     """
     span = np.ptp(costs, axis=0)
     return 1 / np.where(span > 0, span, 1.0)
@@ -656,10 +648,9 @@ def balance(costs: Floats) -> Floats:
 def _refined(
     found: Search, costs: Floats, first: int, known: Mapping[str, Any], asked: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The design of least weighed costs about the first of the front, of the same pair.
+    """Minimise the weighted costs near the first design on the front, for the same pair.
 
-    A grid about the best so far, a quarter as wide each time. It has the best so far in its
-    middle, so that no step is for the worse.
+    Each grid is centred on the best design so far and is a quarter as wide as the last one.
     """
     n, pair = len(COLUMNS), int(found.columns["pair"][first])
     own = jax.tree.map(lambda values: values[pair : pair + 1], known)

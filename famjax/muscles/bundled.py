@@ -1,4 +1,4 @@
-"""The two muscles of the bundled force maps, from their cards."""
+"""Bundled muscles, loaded from their cards."""
 
 import importlib.resources
 from importlib.resources.abc import Traversable
@@ -9,17 +9,16 @@ from ..cards import MuscleCard, read_card
 from ..continuation import SafeMuscle
 
 NAMES = ("DMSP-10", "DMSP-20")
-"""Muscles of which there is a card."""
+"""Muscles with a bundled card."""
 
 _MAPS = ("DMSP-10-250", "DMSP-20-300")
-"""Names of their force maps in `fitting`, in the same order."""
+"""Names of the force maps in `fitting`, in the same order."""
 
 
 def bundled_name(name: str) -> str | None:
-    """The name in `NAMES` of a bundled muscle in any common spelling, or None.
+    """Return the name in `NAMES` of a bundled muscle in any common spelling, or None.
 
-    In any case, with hyphens or underscores, and with or without the length of the muscle that was
-    measured, which the name of its force map has.
+    Upper or lower case, hyphens or underscores, and the name of the force map are accepted.
 
     >>> [bundled_name(one) for one in ("dmsp_20", "DMSP-20-300", "dmsp-20-500", "card.json")]
     ['DMSP-20', 'DMSP-20', None, None]
@@ -30,10 +29,10 @@ def bundled_name(name: str) -> str | None:
 
 
 def bundled_card(name: str) -> MuscleCard:
-    """The card of a bundled muscle, at the measured rest length.
+    """Return the card of a bundled muscle at the measured rest length.
 
     Args:
-        name: DMSP-10 or DMSP-20, or one that `bundled_name` takes.
+        name: DMSP-10 or DMSP-20, in any spelling accepted by `bundled_name`.
 
     Raises:
         InputError: there is no such card.
@@ -45,14 +44,14 @@ def bundled_card(name: str) -> MuscleCard:
 
 
 def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
-    """The card in a file, or a bundled one by its name.
+    """Read a card from a file, or a bundled card by its name.
 
     Args:
-        source: a file that `famjax card` has written, or the name of a bundled muscle.
-        own: modules and classes that are trusted, as for `famjax.cards.read_card`.
+        source: file written by `famjax card`, or name of a bundled muscle.
+        own: trusted modules and classes; see `famjax.cards.read_card`.
 
     Raises:
-        InputError: as of `read_card`.
+        InputError: see `read_card`.
     """
     if not Path(source).exists():
         if bundled_name(str(source)):
@@ -63,7 +62,7 @@ def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
 
 
 def bundled_text(name: str) -> bytes:
-    """The file of a bundled card, whose digest identifies the card of a result."""
+    """Return the content of a bundled card; its digest identifies the card in results."""
     return _file(name).read_bytes()
 
 
@@ -71,8 +70,7 @@ def _file(name: str) -> Traversable:
     known = bundled_name(name)
     if known is None:
         raise InputError(
-            f"no card of a muscle {name!r} is bundled; there are {', '.join(NAMES)}, also named "
-            f"{', '.join(_MAPS)} after their force maps"
+            f"there is no bundled muscle {name!r}; available: {', '.join((*NAMES, *_MAPS))}"
         )
     return importlib.resources.files(__name__.rpartition(".")[0]) / f"{known.lower()}.json"
 
@@ -80,17 +78,17 @@ def _file(name: str) -> Traversable:
 def dmsp_10(length: float | None = None) -> SafeMuscle:
     """A Festo DMSP-10 cut to a length, safe at any state.
 
-    Its model was chosen by what it predicts, and fitted to 85 readings of a muscle of 250 mm at up
-    to 650 kPa and 21 % of contraction; RMSE 1.2 N of 542 N. Beyond them it is continued, see
-    `famjax.SafeMuscle`. Enable float64 in JAX for every digit.
+    The model was selected by its held-out error and fitted to 85 readings of a 250 mm muscle, up to
+    650 kPa and 21 % contraction; the RMSE is 1.2 N of 542 N. `famjax.SafeMuscle` describes its
+    continuation beyond the data. Enable float64 in JAX for full precision.
 
     Args:
-        length: rest length [m] of the rubber between the fittings; that of the measured muscle
-            unless given. Other lengths are computed from the same braid and rubber: no measurement
-            has tested them.
+        length: rest length [m] of the rubber between the fittings. If omitted, the length of the
+            measured muscle. Other lengths use the same braid and rubber and are not validated by
+            measurements.
 
     Returns:
-        The muscle: `force(length, pressure)` in m, Pa (gauge) and N, and all that follows from it.
+        The muscle, with `force(length, pressure)` in m, Pa (gauge) and N.
 
     Raises:
         InputError: no such length.
@@ -104,11 +102,11 @@ def dmsp_10(length: float | None = None) -> SafeMuscle:
 def dmsp_20(length: float | None = None) -> SafeMuscle:
     """A Festo DMSP-20 cut to a length, safe at any state.
 
-    As `dmsp_10`: 126 readings of a muscle of 296 mm at up to 675 kPa and 25 % of contraction; RMSE
-    3.2 N of 1654 N.
+    See `dmsp_10`. Fitted to 126 readings of a 296 mm muscle, up to 675 kPa and 25 % contraction; the
+    RMSE is 3.2 N of 1654 N.
 
     Args:
-        length: rest length [m] of the rubber between the fittings; 296 mm unless given.
+        length: rest length [m] of the rubber between the fittings; 296 mm if omitted.
 
     Returns:
         The muscle.

@@ -1,7 +1,7 @@
-"""Published models by force balance: the braid, with corrections, walls and bladder laws.
+"""Published force balance models: the braid with corrections, walls and bladder laws.
 
-A new one has its parameters as fields and `formula(L, P)`; `length_range()` where half to 1.1 of the rest
-length is not where it holds.
+A new model has its parameters as fields and a method `formula(L, P)`. It overrides `length_range()` if
+it is not valid from 0.5 to 1.1 times the rest length.
 """
 
 import abc
@@ -28,26 +28,26 @@ from ..parameters import parameter
 from ..profiles import kothera_length, tondu_lopez_length
 from ..units import BAR, DEGREE, MEGAPASCAL
 
-_ANY_PRESSURE = 1e5  # Pa, at which every model has a force
+_ANY_PRESSURE = 1e5  # Pa, a pressure at which every model is finite
 
 
 class PeerModel(AbstractMuscle):
-    """A static force model of a fluidic artificial muscle, by a formula for its pull.
+    """A static force model of a fluidic artificial muscle with a formula for its pull.
 
-    The fields are its parameters, in SI. As with `famjax.Muscle`, the force is not clipped: a
-    negative one means that a real muscle is slack.
+    The fields are its parameters in SI. As in `famjax.Muscle` the force is not clipped; where it is
+    negative, a real muscle is slack.
     """
 
     @abc.abstractmethod
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at lengths L [m] > 0 and gauge pressures P [Pa], numbers of one shape."""
+        """Pull F [N] at lengths L [m] > 0 and gauge pressures P [Pa] with the same shape."""
 
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape.
 
-        Nan where length or pressure are no numbers, or the length is not positive. The formula is asked
-        of other numbers there: nan itself would spoil, in reverse mode, the derivatives of all other
-        members of a batch.
+        Nan where length or pressure is not finite, or the length is not positive. The formula receives
+        placeholders at these states, because nan would contaminate the derivatives of a whole batch in
+        reverse mode.
         """
         L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         holds = (L > 0) & jnp.isfinite(L) & jnp.isfinite(P)
@@ -56,31 +56,31 @@ class PeerModel(AbstractMuscle):
         return jnp.where(holds, found, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From half the rest length [m] to a tenth above it: beyond what muscles do."""
+        """Lengths [m] from 0.5 to 1.1 times the rest length, wider than the range of any muscle."""
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
 class WithoutRestLength(PeerModel):
-    """A model whose force needs no rest length; blocked force and contraction do."""
+    """A model whose force does not depend on the rest length; blocked force and contraction do."""
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction.
+        """Rest length L0 [m].
 
         Raises:
-            ValueError: it was not given.
+            ValueError: `resting_length` is None.
         """
         rest: RealArray | None = self.resting_length  # pyright: ignore -- a field of each of them
         if rest is None:
             raise ValueError(
-                f"the force of {type(self).__name__} knows no rest length, so that it has neither a "
-                "blocked force nor a contraction; give it resting_length [m]"
+                f"{type(self).__name__} has no rest length, so blocked force and contraction are "
+                "undefined: set resting_length [m]"
             )
         return rest
 
 
 def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
-    """From just below the neutral angle to the length [m] of the unloaded threads."""
+    """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
     thread = braid.rest_thread_length
     return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
 
@@ -90,14 +90,14 @@ class Gaylord(WithoutRestLength):
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
 
-    This is also virtual work, -(P - P_d) dV/dL + F_0, and Chou and Hannaford's model without wall.
-    With a `CompliantBraid` it is Davis' model of threads that stretch.
+    This equals virtual work, -(P - P_d) dV/dL + F_0, and the model of Chou and Hannaford without a wall.
+    With a `CompliantBraid` it is the model of Davis for elastic threads.
 
     Attributes:
-        braid: threads about the bladder.
+        braid: braid around the bladder.
         deadband_pressure: P_d [Pa], zero in the originals.
         force_offset: F_0 [N], zero in the originals.
-        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
+        resting_length: L0 [m]; required only for blocked force and contraction.
 
     References:
         Gaylord 1958; Chou & Hannaford 1996; Davis, Tsagarakis, Canderle & Caldwell 2003. General
@@ -124,21 +124,21 @@ class Gaylord(WithoutRestLength):
         return jnp.where(reached, pull, jnp.nan)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral angle to the length of the unloaded threads."""
+        """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
         return braid_range(self.braid)
 
 
 class ChouHannaford(WithoutRestLength):
-    """The braid around a wall of constant thickness that does not resist.
+    """A braid around a wall with constant thickness and no stiffness.
 
     F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
 
-    with D = B / (pi N), the diameter at 90 deg, and a the angle between thread and axis.
+    where D = B / (pi N) is the diameter at 90 deg, and a the angle between thread and axis.
 
     Attributes:
-        braid: threads of constant length.
-        wall_thickness: t [m] of braid and bladder together.
-        resting_length: L0 [m], which the force does not need; blocked force and contraction do.
+        braid: inelastic braid.
+        wall_thickness: total thickness t [m] of braid and bladder.
+        resting_length: L0 [m]; required only for blocked force and contraction.
 
     References:
         Chou & Hannaford 1996. General knowledge, not read again.
@@ -165,7 +165,7 @@ class ChouHannaford(WithoutRestLength):
 
 
 class TonduLopez(PeerModel):
-    """The braid alone at a contraction multiplied by k, for ends that are not cylindrical.
+    """The braid alone, with the contraction multiplied by k to account for rounded ends.
 
     F = (P - P_d) pi R0^2 (a (1 - k eps)^2 - b), k = a_k exp(-P / bar) + b_k
 
@@ -173,9 +173,9 @@ class TonduLopez(PeerModel):
 
     Attributes:
         braid: threads of constant length.
-        rest_length: L0 [m], from which the contraction eps is counted.
-        k_far: b_k [-], the value at high pressure; the constant k where `k_rise` is zero.
-        k_rise: a_k [-], by which k is greater without pressure.
+        rest_length: L0 [m], reference of the contraction eps.
+        k_far: b_k [-], the value of k at high pressure.
+        k_rise: a_k [-], increase of k at zero pressure.
         deadband_pressure: P_d [Pa], zero in the original.
 
     References:
@@ -196,7 +196,7 @@ class TonduLopez(PeerModel):
 
 
 def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:
-    """The force balance with a linear elastic bladder, sigma = E eps in both directions.
+    """Return the force balance with a linear elastic bladder, sigma = E eps in both directions.
 
     Args:
         geometry: usually an `EstimatedGeometry`.
@@ -213,13 +213,13 @@ def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real
 
 
 class Kothera(PeerModel):
-    """A force balance evaluated at the length of the part between two quarter-circle ends.
+    """A force balance evaluated at the length between two quarter-circle ends.
 
-    F(L, P) = F_cylinder(L - 2 (R - R0), P), R the braid's radius at L. That the ends take up some
-    of the thread is neglected.
+    F(L, P) = F_cylinder(L - 2 (R - R0), P), where R is the braid radius at L. The thread length in the
+    ends is neglected.
 
     Attributes:
-        muscle: the cylindrical one, in the original linear elastic.
+        muscle: cylindrical muscle, linear elastic in the original.
 
     References:
         Kothera, Jangid, Sirohi & Wereley 2009. The length is theirs from general knowledge; the
@@ -236,12 +236,12 @@ class Kothera(PeerModel):
         return self.muscle.force(kothera_length(L, radius, rest_radius), P)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
-        """Length range [m] of the cylindrical muscle, which is shorter than this one."""
+        """Length range [m] of the cylindrical muscle, shorter than the range of this model."""
         return self.muscle.length_range()
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction."""
+        """Rest length L0 [m], taken from the cylindrical muscle."""
         return self.muscle.rest_length
 
 
@@ -251,12 +251,12 @@ def robinson(
     coefficients: ArrayLike,
     deadband_pressure: Real = 0.0,
 ) -> Muscle:
-    """The force balance with polynomial coefficients that are linear in pressure.
+    """Return the force balance with polynomial coefficients linear in pressure.
 
     Args:
         geometry: usually an `EstimatedGeometry`.
-        pressures: two pressures [Pa] at which the coefficients are given, increasing.
-        coefficients: E_n [Pa] there, shape (2, order); positive in the originals.
+        pressures: two increasing pressures [Pa] at which the coefficients are given.
+        coefficients: E_n [Pa] at these pressures, shape (2, order); positive in the originals.
         deadband_pressure: P_d [Pa], zero in the originals.
 
     Returns:
@@ -272,9 +272,9 @@ def robinson(
 def klute_hannaford(
     geometry: AbstractGeometry, c10: Real, c01: Real, deadband_pressure: Real = 0.0
 ) -> Muscle:
-    """The pressure's virtual work and a Mooney-Rivlin bladder, F = -(P - P_d) dV/dL + V_b dW/dL.
+    """Return virtual work of the pressure plus a Mooney-Rivlin bladder, -(P - P_d) dV/dL + V_b dW/dL.
 
-    With the threads embedded in the wall the force balance is exactly this.
+    The force balance equals this model exactly if the threads are embedded in the wall.
 
     Args:
         geometry: usually an `EstimatedGeometry`.
@@ -301,16 +301,16 @@ _PUBLISHED = {
 
 
 class Martens(PeerModel):
-    """Virtual work of the pressure and a linear elastic wall whose modulus is a cubic of length.
+    """Virtual work of the pressure plus a linear elastic wall with a modulus cubic in length.
 
     F = -P dV/dL + E (D - D0)/D0 H0 pi L dD/dL - E (L - L0)/L0 H0 pi D,
     E = c0 + c1 L + c2 L^2 + c3 L^3
 
-    The wall H0 keeps its thickness, and the sign of the axial term is the printed one: a shortened
-    wall adds to the pull.
+    The wall thickness H0 is constant. The sign of the axial term is as printed: a shortened wall adds
+    to the pull.
 
     Attributes:
-        braid: threads of constant length, D and dD/dL.
+        braid: inelastic braid with D and dD/dL.
         rest_length: L0 [m].
         rest_diameter: D0 [m].
         wall_thickness: H0 [m].
@@ -318,8 +318,8 @@ class Martens(PeerModel):
 
     References:
         Martens & Boblan 2017, Actuators 6(4). Equations, constants, bore and nominal angle as
-        transcribed in the published code of Bolen et al. 2026. The angle correction is in radians:
-        only so do the constants return the published errors.
+        transcribed in the published code of Bolen et al. 2026. The angle correction must be in radians
+        to reproduce the published errors.
 
     >>> print(f"{Martens.published('DMSP-20-300').force(0.282, 6e5):.0f}")  # measured: 1004 N
     1022
@@ -335,7 +335,7 @@ class Martens(PeerModel):
 
     @classmethod
     def published(cls, muscle: str) -> "Martens":
-        """The published constants: 2.37 and 4.26 % of the largest measured force at worst.
+        """Create the model with published constants; worst errors 2.37 and 4.26 % of the largest force.
 
         Args:
             muscle: "DMSP-20-300" or "DMSP-10-250", with rest lengths of 300 and 250 mm.
@@ -344,11 +344,11 @@ class Martens(PeerModel):
             The model.
 
         Raises:
-            ValueError: no constants are known for that muscle.
+            ValueError: no constants are published for this muscle.
         """
         if muscle not in _PUBLISHED:
             raise ValueError(
-                f"Martens' constants are known for {', '.join(_PUBLISHED)}; got {muscle!r}"
+                f"Martens' constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}"
             )
         bore, rest_length, correction, coefficients = _PUBLISHED[muscle]
         angle = math.pi / 2 - (_NOMINAL_ANGLE + correction)

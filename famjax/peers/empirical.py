@@ -20,7 +20,7 @@ class Hildebrandt(PeerModel):
     The fractional power has no derivative at rest.
 
     Attributes:
-        rest_length: L0 [m], from which the contraction eps is counted.
+        rest_length: L0 [m], reference of the contraction eps.
         pressure_coefficients: a0 to a2 [m2], shape (3,).
         force_coefficients: b0 to b4 [N], shape (5,).
 
@@ -51,7 +51,7 @@ class PolynomialSurface(PeerModel):
     F = sum over i + j <= degree of c_ij eps^i (P / MPa)^j
 
     Attributes:
-        rest_length: L0 [m], from which the contraction eps is counted.
+        rest_length: L0 [m], reference of the contraction eps.
         coefficients: c_ij [N] in the order of `terms`, shape ((degree + 1) (degree + 2) / 2,).
         degree: total degree.
 
@@ -82,7 +82,7 @@ class PolynomialSurface(PeerModel):
         return jnp.stack(powers, axis=-1) @ self.coefficients
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """Names of the coefficients with their exponents: c_ij."""
+        """Name of a coefficient with its exponents, c_ij."""
         if field != "coefficients":
             return super().parameter_name(field, index)
         i, j = self.terms(self.degree)[index[0]]
@@ -106,7 +106,7 @@ class Sarosi(PeerModel):
     cent; the four-parameter form a1 = 0 and a6 = -a2, so that the wall does not act at rest.
 
     Attributes:
-        rest_length: L0 [m], from which the contraction eps is counted.
+        rest_length: L0 [m], reference of the contraction eps.
         a1, a4, a5: [m2], force per pressure.
         a2, a6: [N].
         a3: [-], negative.
@@ -131,21 +131,21 @@ class Sarosi(PeerModel):
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float) -> "Sarosi":
-        """The published constants of a Festo muscle, converted from per cent and bar.
+        """Create the model of a Festo muscle from published constants, converted from per cent and bar.
 
         Args:
             muscle: "10 mm", "20-200" (20 mm by 200 mm) or "20-400".
-            rest_length: L0 [m] of the muscle at hand.
+            rest_length: L0 [m] of your muscle.
 
         Returns:
             The model.
 
         Raises:
-            ValueError: no constants are known for that muscle.
+            ValueError: no constants are available for that muscle.
         """
         if muscle not in _PUBLISHED:
             raise ValueError(
-                f"Sarosi's constants are known for {', '.join(_PUBLISHED)}; got {muscle!r}"
+                f"Sarosi's constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}"
             )
         a1, a2, a3, a4, a5, a6 = _PUBLISHED[muscle]
         return cls(rest_length, a1 / BAR, a2, 100 * a3, 100 * a4 / BAR, a5 / BAR, a6)
@@ -157,7 +157,7 @@ class Sarosi(PeerModel):
         return softening + self.a4 * P * eps + self.a5 * P + self.a6
 
 
-# Of F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
+# Constants in F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
 _PUBLISHED_BOLEN = {
     "10 mm": (303.5, 19.03, 0.0075, (0.5682, 4.254, 0.5597)),
     "20 mm": (922.4, 15.37, 0.013, (0.2579, 6.477, 1.321)),
@@ -165,21 +165,21 @@ _PUBLISHED_BOLEN = {
 
 
 class Bolen(PeerModel):
-    """A normalised surface: an exponential over contraction plus a bell that carries the pressure.
+    """A normalised surface: an exponential over contraction plus a bell scaled by the pressure.
 
     F = F_620 (c0 (exp(-c1 e) - 1) + P / P_620 exp(-c2 e^2)), e = eps / eps_620
 
     Attributes:
-        rest_length: L0 [m], from which the contraction eps is counted.
-        largest_contraction: eps_620 [-], free contraction at P_620. It only scales c1 and c2, and
-            cannot be fitted beside them.
+        rest_length: L0 [m], reference of the contraction eps.
+        largest_contraction: eps_620 [-], free contraction at P_620. It only scales c1 and c2 and
+            cannot be fitted together with them.
         largest_force: F_620 [N], blocked force at P_620.
         c0, c1, c2: [-].
         reference_pressure: P_620 [Pa], 620 kPa.
 
     References:
-        Bolen, Elzein, Pang & Hunt 2026, where form and constants were read. They set negative
-        forces to zero, here they stay.
+        Bolen, Elzein, Pang & Hunt 2026, form and constants. The authors set negative forces to
+        zero; here they are not clipped.
 
     >>> muscle = Bolen.published("10 mm", rest_length=0.112, largest_contraction=0.17)
     >>> print(f"{muscle.force(0.112, 620e3):.1f}")  # 335.3 N in the article
@@ -196,22 +196,22 @@ class Bolen(PeerModel):
 
     @classmethod
     def published(cls, muscle: str, *, rest_length: float, largest_contraction: float) -> "Bolen":
-        """The published constants, with the blocked force for the rest length.
+        """Create the model from published constants, with the blocked force for the rest length.
 
         Args:
             muscle: "10 mm" or "20 mm".
             rest_length: L0 [m].
-            largest_contraction: eps_620 [-] of the muscle at hand; the authors measure it.
+            largest_contraction: eps_620 [-] of your muscle; the authors measure it.
 
         Returns:
             The model.
 
         Raises:
-            ValueError: no constants are known for that muscle.
+            ValueError: no constants are available for that muscle.
         """
         if muscle not in _PUBLISHED_BOLEN:
             raise ValueError(
-                f"Bolen's constants are known for {', '.join(_PUBLISHED_BOLEN)}; got {muscle!r}"
+                f"Bolen's constants are available for {', '.join(_PUBLISHED_BOLEN)}; got {muscle!r}"
             )
         b1, b2, offset, (c0, c1, c2) = _PUBLISHED_BOLEN[muscle]
         force = b1 * math.atan(b2 * (rest_length - offset))
