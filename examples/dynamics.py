@@ -1,4 +1,4 @@
-"""A valve fills a bundled muscle, which lifts 20 kg: simulated, and differentiated in the valve's lag.
+"""Simulate a valve filling a bundled muscle that lifts 20 kg, and differentiate by the valve's lag.
 
 python examples/dynamics.py           # prints, and writes dynamics.svg
 """
@@ -13,7 +13,7 @@ from famjax.muscles import dmsp_20
 from famjax.plant import TICK, Command, MovingLoad, Plant, PlantState, PneumaticCircuit, simulate
 
 MUSCLE, LOAD = dmsp_20(), MovingLoad.hung(20.0, damping=200.0)
-COMMAND = Command(np.repeat([0.70, 0.50, 0.30, 0.50], 250))  # of the full output, 0.5 s each
+COMMAND = Command(np.repeat([0.70, 0.50, 0.30, 0.50], 250))  # fraction of full output, 0.5 s each
 
 
 def states(lag: float) -> PlantState:
@@ -29,7 +29,7 @@ if __name__ == "__main__":
     from matplotlib.figure import Figure
 
     height, slope = jax.value_and_grad(lift)(0.012)
-    print(f"lift {1e3 * height:.1f} mm; {1e3 * slope:.0f} mm for each second of the valve's lag")
+    print(f"lift {1e3 * height:.1f} mm; {1e3 * slope:.0f} mm per second of valve lag")
     found, time, figure = states(0.012), TICK * np.arange(1, 1001), Figure(layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     upper.plot(time, found.pressure / 1e3)

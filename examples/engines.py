@@ -1,4 +1,4 @@
-"""One league table on every engine that is installed here: the same numbers from each."""
+"""Run one comparison on every installed executor; all give the same numbers."""
 
 import multiprocessing
 import tempfile
@@ -22,9 +22,9 @@ def engines():
             yield "dask", client
 
 
-if __name__ == "__main__":  # processes import this file
+if __name__ == "__main__":  # worker processes import this file
     jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_compilation_cache_dir", tempfile.mkdtemp())  # one compiles for all
+    jax.config.update("jax_compilation_cache_dir", tempfile.mkdtemp())  # shared by all workers
     data = fitting.load_bundled("DMSP-20-300")
     models = ("gaylord", "ferraresi_deadband", "polynomial_3")
     found = {}

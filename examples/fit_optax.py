@@ -1,4 +1,4 @@
-"""The same fit by optax (L-BFGS), from the muscle's public parameters; bounds are kept."""
+"""Fit a muscle with optax (L-BFGS) through its public parameters, within their bounds."""
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ apart = famjax.take_apart(
 
 residual = lambda z: apart.muscle(apart.scaled_from_unbounded(z)).force(L, P) - F  # noqa: E731
 solver, z = optax.lbfgs(), apart.unbounded
-for _ in range(2):  # parameters lie on ridges: whiten them, anew where the last descent ended
+for _ in range(2):  # parameters form ridges: whiten them again after each descent
     whiten = jnp.linalg.pinv(jnp.linalg.qr(jax.jacfwd(residual)(z), mode="r"), rtol=1e-9)
     loss = lambda w, z=z, whiten=whiten: jnp.mean(residual(z + whiten @ w) ** 2)  # noqa: E731
 

@@ -1,4 +1,4 @@
-"""The same fit by optimistix, from the muscle's public parameters; bounds are kept."""
+"""Fit a muscle with optimistix through its public parameters, within their bounds."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""A joint in MuJoCo that two muscles hold at an angle with a stiffness, against gravity and a push."""
+"""Control a MuJoCo joint with two muscles: angle and stiffness against gravity and a push."""
 
 import jax
 import mujoco
@@ -22,7 +22,7 @@ data = mujoco.MjData(model)
 angle, stiffness, push = 0.4, 9.0, 0.5
 data.qpos[0] = angle
 mujoco.mj_forward(model, data)
-found = pair.pressures_for(angle, stiffness, data.qfrc_bias[0])  # what holds the arm's weight
+found = pair.pressures_for(angle, stiffness, data.qfrc_bias[0])  # balances the weight of the arm
 print(Outcome(int(found.code)).message, f"{found.flexor:.0f} Pa, {found.extensor:.0f} Pa")
 torque = jax.jit(lambda at: pair.torque(at, found.flexor, found.extensor))
 
@@ -34,5 +34,5 @@ def settled(extra: float) -> float:
     return float(data.qpos[0])
 
 
-held, gravity = settled(0.0), data.qfrc_bias[0] * np.tan(angle)  # the weight softens the joint
+held, gravity = settled(0.0), data.qfrc_bias[0] * np.tan(angle)  # gravity reduces the stiffness
 print(f"held at {held:.6f} rad; pushed {push / (settled(push) - held) + gravity:.2f} N m/rad")

@@ -1,4 +1,4 @@
-"""The posterior of a muscle by NUTS (blackjax), from its public parameters, within their bounds."""
+"""Sample the posterior of a muscle by NUTS (blackjax) through its public parameters, within bounds."""
 
 import blackjax
 import jax
@@ -17,10 +17,10 @@ free = ["braid_diameter", "braid_angle", "deadband_pressure", "E_1", "E_2", "E_3
 apart = famjax.take_apart(start, free, bounds={"braid_diameter": (0.020, 0.0236)})
 
 
-def log_density(z):  # flat within the bounds: the map's own Jacobian goes with the likelihood
+def log_density(z):  # flat prior within the bounds, with the Jacobian of the transform
     residual = (
         apart.muscle(apart.scaled_from_unbounded(z)).force(L, P) - F
-    ) / 8.0  # N, of one reading
+    ) / 8.0  # N, noise of one reading
     return (
         jnp.log(jnp.abs(jnp.diagonal(jax.jacfwd(apart.scaled_from_unbounded)(z)))).sum()
         - residual @ residual / 2

@@ -1,4 +1,4 @@
-"""A bladder law of one's own: Gent's, which stiffens towards a limit, identified and saved.
+"""Define a bladder law, Gent's, which stiffens towards a limit; identify it and save the fit.
 
 python examples/own_law.py            # or: famjax fit --law own_law:Gent  in this folder
 """
@@ -13,7 +13,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 class Gent(famjax.materials.AbstractHyperelastic):
-    """W = -mu/2 J ln(1 - (I1 - 3)/J); mu enters linearly, J is searched in its range."""
+    """W = -mu/2 J ln(1 - (I1 - 3)/J); mu is a linear parameter, J is bounded."""
 
     shear_modulus: Float[Array, ""] = famjax.parameter("Pa", kind="stress", low=0.0, linear=True)
     stretch_limit: Float[Array, ""] = famjax.parameter(low=2.0, high=30.0)

@@ -1,4 +1,4 @@
-"""The name of a column: what it measures, in which unit, or what else it is. Words: data/tables.toml."""
+"""Interpret column names: quantity, unit, or other meaning. The words are in data/tables.toml."""
 
 import functools
 import importlib.resources
@@ -14,8 +14,8 @@ KINDS = {
     "time": "time", "displacement": "length", "force": "force", "pressure": "pressure",
     "length": "length", "contraction": "contraction", "valve_state": "state",
 }  # fmt: skip
-"""Kind of unit of every quantity of a table; `force_std` is of the kind of `force`."""
-_LONGEST = 40  # characters of a cell in a message
+"""Kind of unit for every quantity of a table; `force_std` has the kind of `force`."""
+_LONGEST = 40  # characters of a cell shown in a message
 _WORDS = tomllib.loads(
     (importlib.resources.files("famjax") / "data" / "tables.toml").read_text(encoding="utf-8")
 )
@@ -47,19 +47,19 @@ _FORMULA = re.compile(r"[*^|=+\u00d7\u221a]|/\s*\d|^\s*[-\d]")
 
 
 class Column(NamedTuple):
-    """What a column of a table is, by its name and its unit.
+    """Meaning of a table column, from its name and unit.
 
     Attributes:
-        name: as the table has it.
-        title: without the unit.
-        unit: as written, "" for none.
-        quantity: that it measures, one of `KINDS`, or `force_std` and its kind; None for none.
-        reason: what it is instead of a measurement of the muscle, "" where that is not said.
-        plain: every word is known, and it is no formula: what is not may be anything.
-        absolute: a pressure from vacuum (True), gauge (False), or not said (None).
-        place: from 0.
+        name: name in the table.
+        title: name without the unit.
+        unit: unit as written, "" if there is none.
+        quantity: measured quantity, one of `KINDS` or `force_std` and the like; None if there is none.
+        reason: other meaning of the column, if it is not a measurement of the muscle; else "".
+        plain: True if every word is known and the name is not a formula.
+        absolute: True for absolute pressure, False for gauge pressure, None if unspecified.
+        place: column index, from 0.
         size: multiplier to SI.
-        named: the user says that it is.
+        named: True if the user assigned the column.
         first: value of the first reading, in the unit as written.
     """
 
@@ -80,20 +80,20 @@ class Column(NamedTuple):
 
 
 def shortened(text: str) -> str:
-    """A text as a message shows it, in quotes: what is long is cut."""
+    """Quote a text for a message and cut it if it is long."""
     return repr(text if len(text) <= _LONGEST else text[:_LONGEST] + "...")
 
 
 def kind_of(quantity: str) -> str:
-    """Kind of unit of a quantity."""
+    """Return the kind of unit of a quantity."""
     return KINDS[quantity.removesuffix("_std")]
 
 
 def unit_size(unit: str, kind: str) -> tuple[float, bool | None] | None:
-    """The multiplier that takes a unit, in any maker's spelling, to SI; None where it is not known.
+    """Return the multiplier of a unit to SI, in any manufacturer's spelling; None if it is unknown.
 
     Returns:
-        The multiplier, and of a pressure whether it is absolute, gauge, or not said (None).
+        The multiplier, and for a pressure True (absolute), False (gauge) or None (unspecified).
 
     >>> unit_size("mbar", "pressure"), unit_size("kgf/cm^2", "pressure"), unit_size("psia", "pressure")[1]
     ((100.0, None), (98066.5, None), True)
@@ -101,7 +101,7 @@ def unit_size(unit: str, kind: str) -> tuple[float, bool | None] | None:
     text = re.sub(r"[\s^*\u00b7()]", "", unicodedata.normalize("NFKC", unit)).rstrip(".")
     known, lower = SIZES[kind], text.casefold()
     same = [name for name in known if name.casefold() == lower]
-    if lower in {"mn", "mpa"}:  # milli or mega: the case tells
+    if lower in {"mn", "mpa"}:  # milli or mega: only the case decides
         same = [name for name in same if name == "MPa" and text[0] == "M"]
     elif text[:1] == "M" and not text.isupper():
         same = [name for name in same if name[0] == "M"]
@@ -116,7 +116,7 @@ def unit_size(unit: str, kind: str) -> tuple[float, bool | None] | None:
 
 
 def any_unit(text: str) -> bool:
-    """Whether a text is a unit of any kind."""
+    """Return True if the text is a unit of any kind."""
     return bool(text.strip("- ")) and (
         bool(CLOCK_UNIT.fullmatch(text))
         or any(unit_size(MODE.sub("", text), kind) is not None for kind in SIZES)
@@ -124,7 +124,7 @@ def any_unit(text: str) -> bool:
 
 
 def tokens_of(text: str) -> list[str]:
-    """The words of a name, composed ones in their parts."""
+    """Split a name into words, and compound words into their parts."""
     apart = re.sub("(?<=[a-zäöüß])(?=[A-ZÄÖÜ])", " ", text)
     words = re.findall(r"[^\W\d_]+", apart.casefold())
     return [part for word in words for part in _parts(word)]
@@ -143,12 +143,12 @@ def _parts(word: str) -> tuple[str, ...]:
 
 
 def _strange(text: str) -> bool:
-    """Whether no word of a text is known: it may be a unit that is not."""
+    """Return True if no word of the text is known: it may be an unknown unit."""
     return not any(word in _KNOWN or word in _HEADS for word in tokens_of(text))
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """`Load (N)`, `Kraft [N]`, `Weg / mm`, `time_s`, `Force, N`: the name and the unit, or "" for none."""
+    """Split `Load (N)`, `Weg / mm`, `time_s` or `Force, N` into name and unit, "" if there is none."""
     unknown: list[tuple[str, str]] = []
     for pattern in _BRACKETS:
         for match in reversed(list(pattern.finditer(text))):
@@ -170,29 +170,25 @@ def split_unit(text: str) -> tuple[str, str]:
 
 
 def joined_mode(text: str) -> str:
-    """A text whose units have their `(a)` or `g` beside them."""
+    """Attach a separate `(a)` or `g` to its pressure unit."""
     return _MODE_BESIDE.sub(lambda m: f"{m[1]}{m[2] or m[3]}", unicodedata.normalize("NFKC", text))
 
 
 @functools.lru_cache(4096)
 def judge(name: str, below: str = "") -> Column:
-    """What the name of a column says.
+    """Interpret the name of a column.
 
     Args:
-        name: as the table has it.
-        below: unit in a row of its own.
+        name: name in the table.
+        below: unit from a separate row.
 
     >>> judge("Pressure setpoint (psi)").reason, judge("Kraft [kN]").unit, judge("p abs. / mbar").absolute
     ('a set point or command', 'kN', True)
     """
     text, below = joined_mode(name).strip(" '\"#"), joined_mode(below)
     said = [bool(match[1]) for match in MODE.finditer(f"{text} {below}")]
-    text = (
-        re.sub(r"[(\[{]\s*[)\]}]", "", MODE.sub(" ", text))
-        .replace("__", "_")
-        .strip(" _,")
-        .rstrip("-")
-    )
+    text = re.sub(r"[(\[{]\s*[)\]}]", "", MODE.sub(" ", text)).replace("__", "_")
+    text = text.strip(" _,").rstrip("-")
     title, unit = split_unit(text)
     below = MODE.sub("", below).strip(" ,()[]")
     words = tokens_of(title)

@@ -1,4 +1,4 @@
-"""Time stamps as seconds: times of day, minutes or dates, including runs that cross midnight."""
+"""Convert time stamps to seconds: times of day, minutes or dates, including runs past midnight."""
 
 import datetime
 import math
@@ -10,9 +10,7 @@ import numpy as np
 from ._headers import CLOCK_UNIT, Column, remedy_for
 from .boundary.errors import InputError
 
-REPEATED = (
-    0.1  # of all rows: more that share the time of the row before, and the stamps are too coarse
-)
+REPEATED = 0.1  # fraction of rows that may repeat a time before the stamps count as too coarse
 _DAY = 86400.0
 STAMP = re.compile(
     r"(?:(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}"
@@ -24,7 +22,7 @@ _DATES = ("%Y-%m-%d", "%d-%m-%Y", "%m-%d-%Y", "%d-%b-%Y", "%d-%m-%y", "%m-%d-%y"
 
 
 def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
-    """Seconds of time stamps, across midnight and over days; nan where a cell is none."""
+    """Convert time stamps to seconds, past midnight and over days; nan for cells without a stamp."""
     stamps = [STAMP.fullmatch(cell) for cell in cells]
     good = [stamp for stamp in stamps if stamp is not None]
     if not good:
@@ -53,16 +51,16 @@ def clock_seconds(cells: Sequence[str], one: Column) -> np.ndarray:
 
 
 def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
-    """Whether stamps of two parts are minutes and seconds; what nothing tells is refused.
+    """Decide if two-part stamps are minutes and seconds; ambiguous stamps raise an error.
 
-    They are where there are fractions, more than 23 of the first, or a wrap at the hour; they are hours and
-    minutes where they wrap at midnight. The unit may say it.
+    Fractions, a first part above 23 or a wrap at the hour mean minutes and seconds. A wrap at midnight
+    means hours and minutes. The unit of the column takes precedence.
     """
     said = CLOCK_UNIT.fullmatch(one.unit.strip())
     if said:
         if said[1][0] in "mM" and (said[3] or said[2][0] not in "sS"):
             raise InputError(
-                f"the time's form {one.unit!r} is not known: hh:mm:ss, hh:mm and mm:ss are"
+                f"the time format {one.unit!r} is unknown: use hh:mm:ss, hh:mm or mm:ss"
             )
         return said[1][0] in "mM"
     if any(stamp["c"] or stamp["half"] or stamp["date"] for stamp in stamps):
@@ -73,8 +71,8 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
         return True
     if np.mean(np.diff(whole) == 0) > REPEATED:
         raise InputError(
-            f"the time in {one} does not advance, {whole.size} rows have {np.unique(whole).size} stamps, "
-            "hours and minutes it seems: export the time with seconds"
+            f"the time in {one} does not advance: {whole.size} rows have only {np.unique(whole).size} "
+            "stamps, apparently hours and minutes. Export the time with seconds"
         )
     back = np.flatnonzero(np.diff(whole) < 0)
     if first.max() > 23 or (back.size and first[back].min() >= 59):
@@ -88,7 +86,7 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
 
 
 def _days(dates: Sequence[str], one: Column) -> np.ndarray:
-    """Days since the first of these dates, which must rise in one order of day and month alone."""
+    """Return days since the first date; only one order of day and month may give rising dates."""
     distinct = list(dict.fromkeys(dates))
     if len(distinct) == 1:
         return np.zeros(len(dates))
@@ -104,8 +102,8 @@ def _days(dates: Sequence[str], one: Column) -> np.ndarray:
     best = sorted(readings, key=lambda days: days[-1])
     if not best or (len(best) > 1 and best[0][-1] > 2 * len(distinct)):
         raise InputError(
-            f"the dates in {one}, {distinct[0]!r} and {distinct[1]!r}, do not rise or can be read in "
-            "more than one way: write them as 2021-03-04"
+            f"the dates in {one}, {distinct[0]!r} and {distinct[1]!r}, do not rise or are ambiguous: "
+            "write them as 2021-03-04"
         )
     number = dict(zip(distinct, best[0], strict=True))
     return np.array([number[date] for date in dates], float)

@@ -22,49 +22,47 @@ from famjax.boundary.units import from_si
 # --- options
 
 Units = Literal["si", "metric", "us"]
-"""Unit system of what a command prints and draws."""
+"""Unit system of printed tables and pictures."""
 
 
 def whole(type_: Any, tokens: Sequence[Token]) -> Any:
-    """The whole number of a token, or a tuple of several; never rounded.
+    """Convert a token to a whole number, or several tokens to a tuple; never round.
 
     Raises:
-        ValueError: one is no whole number.
+        ValueError: a token is not a whole number.
     """
-    found = [_whole(token) for token in tokens]
+    found = []
+    for token in tokens:
+        try:
+            found.append(int(token.value))
+        except ValueError:
+            name = token.keyword or "the value"
+            raise ValueError(f"{name} must be a whole number, got {token.value!r}") from None
     return tuple(found) if getattr(type_, "__origin__", None) is tuple else found[0]
 
 
-def _whole(token: Token) -> int:
-    try:
-        return int(token.value)
-    except ValueError:
-        name = token.keyword or "the value"
-        raise ValueError(f"{name} must be a whole number, got {token.value!r}") from None
-
-
 def whole_number(least: int, most: int | None = None) -> Parameter:
-    """An option that is a whole number in a range, checked before anything is read or computed."""
+    """Define an option that takes a whole number in a range, checked before any work starts."""
     return Parameter(converter=whole, validator=validators.Number(gte=least, lte=most))
 
 
 Seed = Annotated[int, whole_number(0)]
-"""Of random numbers."""
+"""Seed of random numbers."""
 
 Jobs = Annotated[int | None, whole_number(1)]
 """Number of processes."""
 
 
 def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, str]:
-    """Parse repeated entries such as `operator=NAME` into names and values.
+    """Parse repeated entries such as `operator=NAME` into a dictionary.
 
     Args:
-        given: the entries.
-        option: its name, for messages.
-        example: of an entry, for messages.
+        given: entries to parse.
+        option: name of the option, for messages.
+        example: an example entry, for messages.
 
     Raises:
-        InputError: an entry that is not of this form, or a name twice.
+        InputError: an entry has another form, or a name occurs twice.
 
     >>> parse_entries(["force=Load 2"], "log-columns", "force=3")
     {'force': 'Load 2'}
@@ -74,36 +72,36 @@ def parse_entries(given: Iterable[str], option: str, example: str) -> dict[str, 
         name, equals, value = (part.strip() for part in entry.partition("="))
         if not (name and equals and value) or name in found:
             raise InputError(
-                f"{option} {entry!r} must read name=value, once for each name, as in {example}"
+                f"{option} {entry!r} must have the form name=value, each name once, such as {example}"
             )
         found[name] = value
     return found
 
 
 Signed = Parameter(allow_leading_hyphen=True)
-"""An option whose value may begin with a minus sign."""
+"""Option whose value may begin with a minus sign."""
 
 Columns = Annotated[tuple[str, ...], Parameter(name="--column")]
-"""Which column of a table is which quantity."""
+"""Assignment of table columns to quantities."""
 
 
 def parse_columns(given: Iterable[str]) -> dict[str, str]:
-    """Columns by quantity, of entries such as `force="Kraft [N]"`.
+    """Parse entries such as `force="Kraft [N]"` into columns by quantity.
 
     Raises:
-        InputError: an entry that is not of this form, or a quantity twice.
+        InputError: an entry has another form, or a quantity occurs twice.
     """
     return parse_entries(given, "--column", 'force="Kraft [N]"')
 
 
 def tell_columns(taken: str) -> None:
-    """Say on standard error what the columns of a file were taken as."""
+    """Print on standard error how the columns of a file were interpreted."""
     if taken:
         print(taken, file=sys.stderr)
 
 
 def add_cwd_to_path() -> None:
-    """Find classes in modules of the current folder."""
+    """Allow imports of modules in the current folder."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -111,18 +109,20 @@ def add_cwd_to_path() -> None:
 
 # --- progress
 
-_PATIENCE = 2.0  # s; what is done before it needs no bar
+_PATIENCE = 2.0  # s; shorter work needs no bar
 
 Show = Callable[..., None]
-"""Called with what is done, of what and, where that changes, what is under way."""
+"""Called with the finished amount, the total and, if it changes, the current task."""
 
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Show]:
-    """Show a bar with the time left on the terminal of standard error, from the third second to the end.
+    """Show a progress bar with the time left on standard error, if the work takes over 2 s.
+
+    Nothing is shown if standard error is not a terminal.
 
     Args:
-        what: is under way.
+        what: name of the current task.
     """
     console = Console(stderr=True)
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())
@@ -132,7 +132,7 @@ def progress(what: str) -> Iterator[Show]:
     begin.start()
 
     def show(done: int | float, total: int | float, now: str = what) -> None:
-        if now != bar.tasks[0].description:  # the time left is that of this part
+        if now != bar.tasks[0].description:  # estimate the time left for each task alone
             bar.reset(task, description=now)
         bar.update(task, completed=done, total=total)
 
@@ -148,10 +148,10 @@ def progress(what: str) -> Iterator[Show]:
 
 
 class Output:
-    """The folder of a command's files, checked before the work.
+    """Output folder of a command, checked before the work starts.
 
     Attributes:
-        folder: where they go.
+        folder: where files are written.
 
     Raises:
         InputError: the folder cannot be written.
@@ -168,36 +168,33 @@ class Output:
         Raises:
             InputError: the folder cannot be written.
         """
-        return write_all(
-            self.folder,
-            {
-                name: one
-                if isinstance(one, bytes)
-                else json.dumps(one, indent=1, allow_nan=False).encode()
-                for name, one in files.items()
-            },
-        )
+        contents = {
+            name: one if isinstance(one, bytes)
+            else json.dumps(one, indent=1, allow_nan=False).encode()
+            for name, one in files.items()
+        }  # fmt: skip
+        return write_all(self.folder, contents)
 
     def tell(self, paths: Iterable[Path]) -> None:
-        """Print what was written, and which earlier files it replaced."""
+        """Print the names of the written files, and which earlier files they replaced."""
         written = list(paths)
         print("written:", ", ".join(map(str, written)))
         if replaced := [path.name for path in written if path in self._there]:
             print(
-                f"note: replaced earlier files: {', '.join(replaced)}; --output names another folder"
+                f"note: replaced earlier files: {', '.join(replaced)}; use --output for another folder"
             )
 
 
 def print_json(document: object) -> None:
-    """Print one JSON value; a value that is not finite is an error of the program."""
+    """Print one JSON value; nan and infinity are errors of the program."""
     print(json.dumps(document, allow_nan=False))
 
 
-_LOG = 100  # characters of a line of a log
+_LOG = 100  # characters per line if the output is not a terminal
 
 
 def print_lines(rows: Iterable[tuple[str, str]]) -> None:
-    """Print labelled sentences, wrapped to the width of the terminal beside their labels."""
+    """Print labelled sentences, wrapped to the width of the terminal next to their labels."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for label, text in rows:
         table.add_row(Text(label, style="bold"), Text(text))
@@ -207,11 +204,11 @@ def print_lines(rows: Iterable[tuple[str, str]]) -> None:
     console.print(table)
 
 
-_WIDEST = 250  # characters of a table
+_WIDEST = 250  # characters per table row
 
 
 def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print rows with the same keys as a table; lists are only in the JSON file."""
+    """Print rows with the same keys as a table, without values that are lists."""
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)] if rows else []
     header = [key.replace("_", " ") for key in keys]
     print_table(title, header, [[_cell(row[key]) for key in keys] for row in rows], numbers="left")
@@ -224,7 +221,7 @@ def print_table(
     *,
     numbers: Literal["left", "right"] = "right",
 ) -> None:
-    """Print a text table; all columns but the first are right-aligned."""
+    """Print a text table; all columns but the first are right-aligned by default."""
     columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
     widths = [
         max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
@@ -232,7 +229,7 @@ def print_table(
     total = sum(widths) + 2 * (len(widths) - 1)
     table = Table(box=None, pad_edge=False)
     for k, (name, width) in enumerate(zip(header, widths, strict=True)):
-        # Widths that are given are not measured, twice, cell by cell.
+        # Given widths save rich from measuring every cell twice.
         known = width if total <= _WIDEST else None
         table.add_column(name, justify=numbers if k else "left", overflow="fold", width=known)
     for row in rows:
@@ -252,27 +249,28 @@ def _cell(value: object) -> str:
 
 
 _KINDS = {"m": "length", "Pa": "pressure", "N": "force"}
-"""Kind of a quantity, by the SI unit that its key ends in."""
+"""Kind of quantity for the SI unit at the end of a key."""
 
 
 def in_units(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Rows in SI converted to other units, with the unit in each key.
+    """Convert rows from SI to other units and rename their keys.
 
     Args:
-        rows: with keys such as `length_m`, `force_N`; what has no unit stays, or one such as `N_per_m`.
-        units: of each kind of quantity.
+        rows: rows with keys such as `length_m` and `force_N`. Keys without a unit, or with a compound
+            unit such as `N_per_m`, are unchanged.
+        units: unit for each kind of quantity.
 
     >>> in_units([{"length_m": 0.27, "slack": False}], {"length": "mm"})
     [{'length_mm': 270.0, 'slack': False}]
     >>> in_units([{"margin_N_per_m": 2.0}], {"length": "mm"})
     [{'margin_N_per_m': 2.0}]
     """
-    return [dict(_entry(key, value, units) for key, value in row.items()) for row in rows]
 
+    def converted(key: str, value: Any) -> tuple[str, Any]:
+        name, _, end = key.rpartition("_")
+        if end not in _KINDS or name.endswith("_per"):
+            return key, value
+        unit = units[_KINDS[end]]
+        return f"{name}_{unit}", None if value is None else from_si(value, unit, _KINDS[end])
 
-def _entry(key: str, value: Any, units: Mapping[str, str]) -> tuple[str, Any]:
-    name, _, end = key.rpartition("_")
-    if end not in _KINDS or name.endswith("_per"):
-        return key, value
-    unit = units[_KINDS[end]]
-    return f"{name}_{unit}", None if value is None else from_si(value, unit, _KINDS[end])
+    return [dict(converted(key, value) for key, value in row.items()) for row in rows]

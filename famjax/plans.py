@@ -1,4 +1,4 @@
-"""Plans of `famjax simulate`: the circuit and the friction of a plant from a TOML file."""
+"""Plans of `famjax simulate`: circuit and friction of a plant, read from a TOML file."""
 
 import dataclasses
 from pathlib import Path
@@ -22,10 +22,10 @@ _UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "vol
 
 
 def read_plan(plan: Path) -> dict[str, Any]:
-    """The tables of a plan.
+    """Read the tables of a plan.
 
     Raises:
-        InputError: no such file, no TOML, or an unknown table.
+        InputError: the file is missing, is not valid TOML, or has an unknown table.
     """
     tables = read_toml(plan, "plan")
     if unknown := tables.keys() - set(_TABLES):
@@ -34,10 +34,12 @@ def read_plan(plan: Path) -> dict[str, Any]:
 
 
 def read_plant(plan: Path, muscle: SafeMuscle) -> Plant:
-    """A muscle with circuit and friction of a plan, its length driven; load and steps are not read.
+    """Build a plant of prescribed length from a muscle and a plan's circuit and friction.
+
+    Ignores the tables [load] and [[step]].
 
     Raises:
-        InputError: as `read_plan`, or what a table has wrong.
+        InputError: see `read_plan`, or a table is invalid.
     """
     tables = read_plan(plan)
     circuit, friction = circuit_of(tables, plan), friction_of(tables, plan, muscle)
@@ -45,7 +47,7 @@ def read_plant(plan: Path, muscle: SafeMuscle) -> Plant:
 
 
 def circuit_of(tables: dict[str, Any], plan: Path) -> AbstractCircuit:
-    """The circuit of the table [circuit]."""
+    """Build the circuit from the table [circuit]."""
     entries = dict(tables.get("circuit", {}))
     fluid = entries.pop("fluid", "air")
     if fluid not in ("air", "water"):
@@ -55,14 +57,14 @@ def circuit_of(tables: dict[str, Any], plan: Path) -> AbstractCircuit:
 
 
 def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> AbstractFriction | None:
-    """The friction of the table [friction], or the muscle's hysteresis."""
+    """Build the friction from the table [friction], or else from the muscle's hysteresis."""
     if "friction" in tables:
         return _with_numbers(DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
     return None if muscle.hysteresis is None else SlipFriction(muscle.hysteresis)
 
 
 def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:
-    """A part with the numbers of a table in place of its own: units in the key, or SI."""
+    """Override the parameters of a component by table entries with units in their keys, or in SI."""
     declared = part.declared()
     kinds = {name: _UNITS[one.unit] for name, one in declared.items() if one.unit in _UNITS}
     table = dataclasses.make_dataclass("table", [(n, float | None, None) for n in declared])

@@ -1,7 +1,7 @@
-"""The one reader of tables: force maps, ramps, logs of any maker, each column judged by its whole name.
+"""Read tables from any source: force maps, ramps and machine logs, with columns identified by name.
 
-A set point, a limit, a peak, an atmosphere or a counter is no measurement of the muscle unless the user
-says so. What cannot be told is refused with the option that tells it.
+Set points, limits, peaks, atmospheric pressures and counters are not taken as measurements of the muscle
+unless the user assigns them. Ambiguous columns raise an error that names the option to use.
 """
 
 import dataclasses
@@ -49,8 +49,8 @@ from ._stamps import REPEATED, STAMP, clock_seconds
 from .boundary.errors import InputError, import_extra, meant
 from .boundary.units import UNITS, parse_quantity, si_unit
 
-_BAROMETER = (96e3, 102.8e3)  # Pa: where people live
-_ATMOSPHERE = (100.6e3, 102.0e3)  # Pa: where absolute readings begin
+_BAROMETER = (96e3, 102.8e3)  # Pa: range of atmospheric pressure where people live
+_ATMOSPHERE = (100.6e3, 102.0e3)  # Pa: range of the first reading of an absolute sensor
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,14 +58,14 @@ class Table:
     """A table in SI.
 
     Attributes:
-        columns: by quantity, shape (n,); pressures are gauge unless absolute ones were asked for.
-        taken: what each was taken from.
-        others: every other column of numbers, as printed, by its name.
-        lines: number of the line of each row, from 1.
-        unread: lines between the first and the last row that are no readings.
+        columns: values by quantity, shape (n,); pressures are gauge unless absolute ones were requested.
+        taken: source column of each quantity.
+        others: all other numeric columns, unconverted, by name.
+        lines: line number of each row, from 1.
+        unread: lines between the first and last row that are not readings.
         comments: lines that begin with #.
-        source: the file's name.
-        sha256: of the file.
+        source: name of the file.
+        sha256: digest of the file.
     """
 
     columns: dict[str, np.ndarray]
@@ -79,16 +79,16 @@ class Table:
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the columns by the names of this program; those of SI where it has none."""
+        """Units of the columns by their names in famjax; SI units if famjax has no name for them."""
         found = {}
         for quantity, one in self.taken.items():
             kind = kind_of(quantity)
-            same = [name for name, size in UNITS[kind].items() if size == one.size]
-            found[quantity] = next(iter(same), si_unit(kind))
+            same = (name for name, size in UNITS[kind].items() if size == one.size)
+            found[quantity] = next(same, si_unit(kind))
         return found
 
     def said(self) -> str:
-        """What was taken as what: one line, or a table with what was said or left aside."""
+        """Describe the source of each quantity: one line, or a table if columns were named or ignored."""
         if not self.others and not any(one.named for one in self.taken.values()):
             each = (
                 f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}"
@@ -96,10 +96,10 @@ class Table:
             )
             return f"columns: {'; '.join(each)}"
         rows = [
-            f"{quantity:<12} {one.name!r:<28} first {one.first:.6g} {one.unit}{', as was said' * one.named}"
+            f"{quantity:<12} {one.name!r:<28} first {one.first:.6g} {one.unit}{', as given' * one.named}"
             for quantity, one in self.taken.items()
         ]
-        left = [f"left aside   {', '.join(map(repr, self.others))}"] if self.others else []
+        left = [f"ignored      {', '.join(map(repr, self.others))}"] if self.others else []
         return "\n".join(["columns:", *rows, *left])
 
 
@@ -113,33 +113,33 @@ def read_table(
     absolute: bool = False,
     fewest: int = 1,
 ) -> Table:
-    """The table in a file of any maker and country; nothing is interpolated, and no unit is guessed.
+    """Read a table in any usual format; nothing is interpolated and no unit is guessed.
 
-    Text in UTF-8, UTF-16 or cp1252, separated by tab, semicolon, comma, bar or blanks, with decimal points
-    or commas, what stands above the names, and units in the names or in a row of their own; or a workbook,
-    .xlsx, by pandas.
+    Reads text in UTF-8, UTF-16 or cp1252, separated by tabs, semicolons, commas, bars or blanks, with
+    decimal points or commas. Lines may precede the header, and units may be in the names or in a separate
+    row. Also reads .xlsx workbooks by pandas.
 
     Args:
-        source: a path; or an open file, such as standard input.
-        needed: quantities of `KINDS` that the table must hold; a `contraction` stands for a `length`.
-        optional: those that it may hold.
-        columns: what the user says of them: name, or number from 1, by quantity, with the unit in brackets
-            where the table does not say it, `{"force": "Kraft [N]"}`, or `-` for none; `{"decimal": ","}`
-            is the decimal sign, and `{"atmosphere": "101.3kPa"}` what absolute pressures are counted from.
-        strict: every row must be a reading; otherwise those that are none are reported.
-        absolute: pressures stay as they are, for those whose zero is subtracted later.
-        fewest: rows of numbers.
+        source: a path or an open file, such as standard input.
+        needed: required quantities of `KINDS`; a `contraction` may replace a `length`.
+        optional: optional quantities.
+        columns: columns assigned by the user: name, or number from 1, by quantity. Add the unit in brackets
+            if the table lacks it, `{"force": "Kraft [N]"}`; `-` ignores a quantity. `{"decimal": ","}` sets
+            the decimal sign and `{"atmosphere": "101.3kPa"}` the reference of absolute pressures.
+        strict: require every row to be a reading; otherwise other rows are skipped and reported.
+        absolute: leave absolute pressures unchanged, for a caller that subtracts the zero later.
+        fewest: minimum number of numeric rows.
 
     Returns:
         The table.
 
     Raises:
-        InputError: what is wrong with the file, with the number of the line and what to do.
+        InputError: the message describes the fault, its line number and the remedy.
     """
     asked = Asked(tuple(needed), tuple(optional), columns or {}, strict, absolute, fewest)
     known = [*asked.needed, *asked.optional, "decimal", "atmosphere"]
     for unknown in sorted(asked.columns.keys() - {*known, "contraction"}):
-        raise InputError(f"--column {unknown}=...: {unknown} is none of {', '.join(known)}")
+        raise InputError(f"--column {unknown}=...: {unknown} must be one of {', '.join(known)}")
     where, name = str(getattr(source, "name", "a stream")).strip("<>"), ""
     if not hasattr(source, "read"):
         check_size(source)
@@ -156,10 +156,10 @@ def read_table(
 
 
 def text_lines(path: str | Path) -> list[str]:
-    """The lines of a text file in any usual encoding.
+    """Read the lines of a text file in any usual encoding.
 
     Raises:
-        InputError: there is no such file, or it is no text.
+        InputError: the file is missing, or is not a text file.
     """
     check_size(path)
     try:
@@ -169,10 +169,10 @@ def text_lines(path: str | Path) -> list[str]:
 
 
 def check_size(path: str | Path, most: float = MOST_BYTES) -> None:
-    """Refuse a file that is larger than such files are, before it is read.
+    """Refuse a file that is too large, before reading it.
 
     Raises:
-        InputError: it is not there, or too large.
+        InputError: the file is missing or too large.
     """
     try:
         size = Path(path).stat().st_size
@@ -182,12 +182,12 @@ def check_size(path: str | Path, most: float = MOST_BYTES) -> None:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if size > most:
         raise InputError(
-            f"{path} has {size / 1e6:.0f} MB, {most / 1e6:.0f} at most are read: export less"
+            f"{path} has {size / 1e6:.0f} MB, and the limit is {most / 1e6:.0f} MB: export less data"
         )
 
 
 def _of_workbook(data: bytes, asked: Asked) -> Table:
-    """The one sheet of a workbook that holds the table."""
+    """Read the only sheet of a workbook that contains the table."""
     try:
         check_workbook(data)
         pandas = import_extra("pandas", "tables")
@@ -197,7 +197,7 @@ def _of_workbook(data: bytes, asked: Asked) -> Table:
     except InputError:
         raise
     except DAMAGED as error:
-        raise InputError(f"it is no workbook that can be read ({error}): save it as CSV") from None
+        raise InputError(f"it is not a readable workbook ({error}): save it as CSV") from None
     found, refused = {}, []
     for name, frame in sheets.items():
         rows = [trimmed_cells(tuple(map(cell_text, row))) for row in frame.itertuples(index=False)]
@@ -210,7 +210,7 @@ def _of_workbook(data: bytes, asked: Asked) -> Table:
             refused.append(f"sheet {str(name)!r}: {error}")
     if len(found) > 1:
         several = ", ".join(map(repr, found))
-        raise InputError(f"the sheets {several} hold such a table: keep one, or save it as CSV")
+        raise InputError(f"the sheets {several} all contain the table: keep one, or save it as CSV")
     if not found:
         raise InputError("; ".join(refused))
     return next(iter(found.values()))
@@ -219,7 +219,7 @@ def _of_workbook(data: bytes, asked: Asked) -> Table:
 def _find(
     quantity: str, held: Sequence[Column], wanted: str | None, clock: Callable
 ) -> Column | None:
-    """The column of a quantity; None where there is none."""
+    """Find the column of a quantity; None if there is none."""
     kind = kind_of(quantity)
     if wanted == "-":
         return None
@@ -227,7 +227,7 @@ def _find(
         one = _wanted(quantity, held, wanted)
     else:
         mine = [one for one in held if one.quantity == quantity and one.plain and not one.reason]
-        # Load and load rate: the unit tells.
+        # For load and load rate, the unit decides.
         fitting = [one for one in mine if unit_size(one.unit, kind) is not None]
         mine = fitting or [one for one in mine if not any_unit(one.unit)] or mine
         if quantity == "time" and len(mine) > 1:
@@ -253,12 +253,12 @@ def _find(
     hint = ": a contraction is (L0 - L)/L0, a fraction or in %" if kind == "contraction" else ""
     raise InputError(
         f"{one} has {lacks}{hint}; known units of {kind} are: {', '.join(every)}"
-        f"{meant(one.unit, every)}: say it, {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
+        f"{meant(one.unit, every)}: specify it, {remedy_for(quantity, f'{one.title} [{every[0]}]')}"
     )
 
 
 def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
-    """The column that the user names, with or without its unit or by number, with the unit that is said."""
+    """Find the column that the user assigned by name or number, and apply the given unit."""
     wanted = wanted.strip()
     title, unit = split_unit(joined_mode(wanted))
     said = [bool(match[1]) for match in MODE.finditer(unit)]
@@ -275,13 +275,13 @@ def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
             absolute = said[0] if said else None if unit and unit != one.unit else one.absolute
             return one._replace(unit=unit or one.unit, absolute=absolute, named=True)
     raise InputError(
-        f"--column {quantity}={wanted}: no column, or more than one, has that name; the table has "
-        f"{', '.join(one.name for one in held)}, by name or by number from 1"
+        f"--column {quantity}={wanted}: this must match one column; the table has "
+        f"{', '.join(one.name for one in held)}; use a name, or a number from 1"
     )
 
 
 def _missing(quantity: str, held: Sequence[Column]) -> InputError:
-    """What is there in the place of a quantity, and how to say which it is."""
+    """Build the error for a missing quantity, with possible columns and the option to assign one."""
     kind = kind_of(quantity)
     near = [
         f"{shortened(one.name)} {f'is {one.reason}' if one.reason else 'may be it, or not'}"
@@ -294,13 +294,13 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
     example = "1 [N]" if held[0].name == "column 1" else "NAME [unit]"
     return InputError(
         f"no column for {quantity}{': ' * bool(near)}{'; '.join(near)}; the table has "
-        f"{', '.join(shortened(one.name)[1:-1] for one in held)}{hint}: name it with its unit, as in "
-        f"{known[-1]}, or say which it is, {remedy_for(quantity, example)}"
+        f"{', '.join(shortened(one.name)[1:-1] for one in held)}{hint}: name it with its unit, such as "
+        f"{known[-1]}, or assign a column, {remedy_for(quantity, example)}"
     )
 
 
 def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[str, Column]:
-    """The columns of quantities by their names."""
+    """Find the columns of all quantities by name."""
     held = []
     for k, (name, below, beside) in enumerate(
         zip(sheet.names, sheet.below, sheet.beside, strict=True)
@@ -314,9 +314,7 @@ def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[
             if (one := _find(name, held, asked.columns.get(name), clock)) is not None:
                 both[name] = one
         if len(both) > 1:
-            raise InputError(
-                f"{' and '.join(map(repr, both))} say the same of a reading; keep one column"
-            )
+            raise InputError(f"{' and '.join(map(repr, both))} are redundant; keep one column")
         if not both and quantity in asked.needed:
             raise _missing(quantity, held)
         found |= both
@@ -324,9 +322,9 @@ def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[
 
 
 def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
-    """The columns of a sheet in SI."""
+    """Extract the columns of a sheet in SI."""
     names, body, width = sheet.names, sheet.rows, len(sheet.names)
-    if asked.strict:  # up to the last row that holds a number: a footer is none
+    if asked.strict:  # up to the last row with a number, to exclude a footer
         last = max(k for k, (_, row) in enumerate(body) if any(map(looks_number, row)))
         body = body[: last + 1]
         for line, row in body:
@@ -356,7 +354,7 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
         quantity = next(quantity for quantity, column in values.items() if np.isnan(column[k]))
         _refuse_cell(quantity, cells[found[quantity].place][k], int(lines[k]))
     if bad.all():
-        raise InputError("no row has numbers in all the columns that are needed")
+        raise InputError("no row has numbers in all required columns")
     others = {}
     for k in sorted(set(range(width)) - {one.place for one in found.values()}):
         if any(map(looks_number, cells[k][:NEAREST])):
@@ -369,7 +367,7 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
 
 
 def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> Sequence[str]:
-    """Times of the day with the date that stands in a column of its own."""
+    """Prepend the date from a separate column to times of day."""
     for k, name in enumerate(names):
         if k != place and {"date", "datum"} & set(tokens_of(name)):
             both = [" ".join(one) for one in zip(cells[k], cells[place], strict=True)]
@@ -379,11 +377,11 @@ def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> 
 
 
 def _refuse_cell(quantity: str, cell: str, line: int) -> None:
-    hint = " (write a decimal point, and nothing between thousands)" if "," in cell else ""
+    hint = " (write a decimal point, and no thousands separators)" if "," in cell else ""
     fault = f"is {shortened(cell)}, not a number{hint}"
     if cell.lstrip("+-").casefold() in {"nan", "inf", "infinity"}:
         fault = f"is {cell}; every value must be finite"
-    fault = fault if cell else "is missing; take the row out, or write what was read"
+    fault = fault if cell else "is missing; remove the row, or write the reading"
     raise InputError(f"row {line}: {quantity} {fault}")
 
 
@@ -395,7 +393,7 @@ def _in_si(
     asked: Asked,
     **rest: Any,
 ) -> Table:
-    """The numbers of columns in SI, pressures from the atmosphere."""
+    """Convert columns to SI, and absolute pressures to gauge."""
     columns = {quantity: one.size * values[quantity] for quantity, one in found.items()}
     for quantity, one in found.items():
         if not one.named and len(lines) > 2:
@@ -404,8 +402,8 @@ def _in_si(
     if one is not None and one.absolute and not asked.absolute:
         if "atmosphere" not in asked.columns:
             raise InputError(
-                f"{one} is an absolute pressure, and a muscle's is counted from the atmosphere: say what "
-                "that was, --column atmosphere=101.3kPa, or give a column of gauge pressure"
+                f"{one} is an absolute pressure, but the muscle needs gauge pressure: give the atmospheric "
+                "pressure, --column atmosphere=101.3kPa, or a column of gauge pressure"
             )
         columns["pressure"] -= parse_quantity(asked.columns["atmosphere"], "pressure")
     taken = {key: one._replace(first=float(values[key][0])) for key, one in found.items()}
@@ -413,42 +411,44 @@ def _in_si(
 
 
 def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) -> None:
-    """Refuse a column whose values are those of something else."""
+    """Refuse a column whose values contradict its name."""
     raw = values / one.size
     if quantity == "force" and len(raw) >= 10 and np.all(np.diff(raw) == 1) and raw[0] % 1 == 0:
         remedy = remedy_for("force", "NAME [unit]")
-        raise InputError(f"{one} counts the rows: say which is the force, {remedy}")
+        raise InputError(f"{one} counts the rows: say which column is the force, {remedy}")
     if quantity != "pressure" or asked.absolute or one.absolute is not None:
         return
     low, high = float(values.min()), float(values.max())
     at_one = _ATMOSPHERE[0] < low < _ATMOSPHERE[1]
     stands = low == high and at_one
     stands |= _BAROMETER[0] < low < high < _BAROMETER[1] and high - low < 0.01 * high
-    plain = math.isclose(float(f"{raw.min():.2g}"), raw.min())  # 30 inHg is set, not read
+    plain = math.isclose(
+        float(f"{raw.min():.2g}"), raw.min()
+    )  # 30 inHg is a setting, not a reading
     if stands or (at_one and high > 1.3 * low and not plain):
         remedy = f'--column pressure="{one.title} [{one.unit}'
         raise InputError(
-            f"{one} {'stands' if stands else 'begins'} at the atmosphere, "
-            f'{raw.min():.6g} {one.unit}, as absolute readings do: say what it is, {remedy} gauge]" or '
-            f'{remedy} abs]" with --column atmosphere=101.3kPa; or leave it aside, --column pressure=-'
+            f"{one} {'stays' if stands else 'begins'} at atmospheric pressure, "
+            f'{raw.min():.6g} {one.unit}, as absolute readings do: specify the kind, {remedy} gauge]" or '
+            f'{remedy} abs]" with --column atmosphere=101.3kPa; or ignore it, --column pressure=-'
         )
 
 
 def check_time(table: Table, most: float = REPEATED) -> np.ndarray:
-    """Rows of a table whose time is later than that of the row before.
+    """Return a mask of the rows that are later than the row before.
 
     Args:
-        table: with a time.
-        most: part of the rows that may share the time of the row before.
+        table: table with a time column.
+        most: fraction of rows that may repeat the time of the row before.
 
     Raises:
-        InputError: time goes back, or does not advance.
+        InputError: time goes back or does not advance.
     """
     time, step = table.columns["time"], np.diff(table.columns["time"])
     for k in np.flatnonzero(step < 0):
         raise InputError(
-            f"time goes back from {time[k]:.6g} s to {time[k + 1]:.6g} s at line {table.lines[k + 1]}: a "
-            "file must hold one test; split it there"
+            f"time goes back from {time[k]:.6g} s to {time[k + 1]:.6g} s at line {table.lines[k + 1]}: "
+            "a file must contain one test; split it there"
         )
     if step.size and np.mean(step == 0) > most:
         raise InputError(

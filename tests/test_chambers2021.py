@@ -85,7 +85,7 @@ def test_answer_follows_from_the_numbers(chapter7: ModuleType) -> None:
     first, second = chapter7.answer(changed("own", left_out=0.02))
     assert "they are enough for 2 of 2" in first
     assert (
-        "they do not: the best constant law (estimated inelastic, deadband zero) errs by 2 %"
+        "they do not: the best constant law (estimated inelastic, deadband zero) has an error of 2 %"
         in second
     )
 
@@ -103,7 +103,7 @@ def test_chapters_on_a_twin(tmp_path: Path) -> None:
     told = said(FOLDER / "chapter7_identification.py", *folder)
     assert "TWIN, order 3, fixed, E_1" in told
     # What was made of a constant law needs no other where shape, deadband and pull are right.
-    assert "they are enough for 4 of 4 muscles of known truth" in told
+    assert "they are enough for 4 of 4 muscles with known truth" in told
     assert "For the work's own muscle, as far as ten printed readings tell, they do not" in told
 
 

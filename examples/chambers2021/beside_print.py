@@ -1,6 +1,6 @@
-"""A figure of the dissertation beside ours, and the tables of a chapter, shown where they are defined.
+"""Compare computed figures with those printed in the dissertation, and show the tables of a chapter.
 
-Everything is in inch, psi, lbf and degrees, as printed. The figures come from
+All values are in inches, psi, lbf and degrees, as printed. The printed figures come from
 `benchmarks/reference/chambers2021.toml`, transcribed from Chambers 2021.
 """
 
@@ -18,7 +18,7 @@ import jax
 from notes import NOTES
 
 _MOST = 12
-"""Rows that are shown of a table of which no figure was printed."""
+"""Number of rows shown for a table without printed figures."""
 
 _REFERENCE = Path(__file__).resolve().parents[2] / "benchmarks/reference/chambers2021.toml"
 
@@ -28,16 +28,16 @@ class Row:
     """One figure, published and computed.
 
     Attributes:
-        table: of the work, as in "6.11", or what the figure belongs to.
-        entry: which figure, and under which conditions.
-        computed: ours, in `unit`.
-        unit: "in", "psi", "1" for a pure number and so on.
-        published: theirs; None where it was not given to us.
-        tolerance: largest difference that counts as agreement, in `unit`; None with `published`, and
-            where ours comes from a twin or a reconstruction, which need not agree.
-        reason: what the tolerance consists of.
-        key: place of the published figure in the reference file; no two rows have the same.
-        misprint: whether the reference file marks the published figure as a misprint.
+        table: table of the work, such as "6.11", or the topic of the figure.
+        entry: quantity and conditions.
+        computed: computed value, in `unit`.
+        unit: "in", "psi", "1" for a pure number, and so on.
+        published: printed value; None if it is not available.
+        tolerance: largest difference that counts as agreement, in `unit`. None without `published`, and if
+            the computed value comes from a twin or a reconstruction, which need not agree.
+        reason: contributions to the tolerance.
+        key: location of the published figure in the reference file, unique among all rows.
+        misprint: True if the reference file marks the published figure as a misprint.
     """
 
     table: str
@@ -52,25 +52,25 @@ class Row:
 
     @property
     def difference(self) -> float | None:
-        """Computed minus published, None where nothing was published."""
+        """Computed minus published; None if nothing was published."""
         return None if self.published is None else self.computed - self.published
 
     @property
     def within(self) -> bool | None:
-        """Whether the difference is within the tolerance; rounding of binary numbers forgiven."""
+        """True if the difference is within the tolerance, apart from binary rounding."""
         if self.difference is None or self.tolerance is None:
             return None
         return bool(abs(self.difference) <= self.tolerance * (1 + 1e-9))
 
     @property
     def verdict(self) -> str:
-        """In words: within, outside, misprint, no verdict, not published."""
+        """Result in words: within, outside, misprint, no verdict or not published."""
         if self.within is None:
             return "not published" if self.published is None else "no verdict"
         return "within" if self.within else "misprint" if self.misprint else "outside"
 
     def as_dict(self) -> dict[str, Any]:
-        """The row as the command's --json prints it."""
+        """Return the row for the command's --json."""
         names = ("table", "entry", "published", "computed", "unit", "tolerance", "within",
                  "verdict", "reason")  # fmt: skip
         return {name: getattr(self, name) for name in names}
@@ -80,17 +80,17 @@ def beside(
     table: str, entry: str, computed: float, unit: str, key: str, spread: float = 0.0, why: str = "",
     *, misprint: bool = False,
 ) -> Row:  # fmt: skip
-    """A figure beside the printed one, with the tolerance that the print itself implies.
+    """Create a row for a printed figure, with the tolerance given by its rounding.
 
     Args:
-        table: of the work, see `Row`.
-        entry: which figure.
-        computed: ours, in `unit`.
-        unit: of both.
-        misprint: whether the reference file marks the figure so.
-        key: where the printed figure stands in the reference file, "elastic_braid.D_in.0".
-        spread: what is added to half a unit of the last printed digit, in `unit`.
-        why: what the spread is.
+        table: table of the work, see `Row`.
+        entry: quantity and conditions.
+        computed: computed value, in `unit`.
+        unit: unit of both values.
+        misprint: True if the reference file marks the figure as a misprint.
+        key: location of the printed figure in the reference file, "elastic_braid.D_in.0".
+        spread: tolerance in addition to half a unit of the last printed digit, in `unit`.
+        why: source of the spread.
     """
     at: Any = _as_written()
     for part in key.split("."):
@@ -104,41 +104,41 @@ def beside(
 
 
 Table = tuple[str, Callable[[], list[Row]]]
-"""What is computed, in words, and the function that gives its rows."""
+"""Title of a table and the function that computes its rows."""
 
 
 @functools.cache
 def printed() -> dict[str, Any]:
-    """The figures of the reference work; see the comments in the file."""
+    """Return the figures of the reference work; see the comments in the file."""
     return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"))
 
 
 @functools.cache
 def _as_written() -> dict[str, Any]:
-    """The same as decimals, which know their last digit."""
+    """Return the figures as decimals, which keep their last digit."""
     return tomllib.loads(_REFERENCE.read_text(encoding="utf-8"), parse_float=Decimal)
 
 
 class Chapter:
-    """The tables of a chapter, in the order of the work.
+    """Tables of a chapter, in the order of the work.
 
-    In a script or a notebook each is computed and shown where it is defined; a chapter that is
-    imported only keeps them.
+    In a script or notebook, each table is computed and shown where it is defined; an imported chapter
+    only stores them.
     """
 
     def __init__(self, module: str) -> None:
         self.shown = module == "__main__"
         self._tables: list[Table] = []
-        if self.shown:  # equilibria are found to the last digit in float64
+        if self.shown:  # equilibria need float64 for all printed digits
             jax.config.update("jax_enable_x64", True)
 
     @property
     def tables(self) -> tuple[Table, ...]:
-        """Of the chapter."""
+        """Tables of the chapter, with titles."""
         return tuple(self._tables)
 
     def table(self, title: str) -> Callable[[Callable[[], list[Row]]], Callable[[], list[Row]]]:
-        """Marks a function that gives the rows of a table from what the work prints."""
+        """Register a function that computes the rows of a table from printed data."""
 
         def keep(compute: Callable[[], list[Row]]) -> Callable[[], list[Row]]:
             self._tables.append((title, compute))
@@ -150,7 +150,7 @@ class Chapter:
         return keep
 
     def show(self, title: str, rows: Iterable[Row]) -> None:
-        """Print a table of a twin, all of it, in a script or a notebook."""
+        """Print all rows of a twin's table, in a script or notebook."""
         _print(title, _lines(list(rows)))
 
 
@@ -159,7 +159,7 @@ def _print(title: str, *lines: list[str]) -> None:
 
 
 def _lines(rows: list[Row], most: int | None = None) -> list[str]:
-    """All rows; or those of which a figure was printed, or where none was, the first few."""
+    """Return all rows, or only those with printed figures, or else the first few."""
     shown = rows
     if most is not None:
         shown = [row for row in rows if row.published is not None] or rows[:most]

@@ -1,4 +1,4 @@
-"""Chapter 2, design: which braid on which bladder, and the fitting that holds both."""
+"""Chapter 2, design: which braid fits which bladder, and the fitting that holds both."""
 
 import fractions
 import itertools
@@ -29,21 +29,21 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 2: design
-# The muscles are made of a latex tube, a braided Kevlar sleeve and two end-fittings over which a
-# metal tube is swaged. The chapter asks what force and contraction a braid on a bladder gives, which
-# braids go on which bladders at all, and how wide the inner fitting must be for the swage to hold.
-# Nothing is measured here that famjax could compute: each table follows from sizes in the print.
+# The muscles consist of a latex tube, a braided Kevlar sleeve and two end-fittings with a swaged metal
+# tube. The chapter asks for the force and contraction of a braid on a bladder, which braids fit which
+# bladders, and the diameter of the inner fitting at which the swage holds. Every table here follows from
+# printed sizes; measured results are inputs.
 #
-# ## Table 2.1: what muscles built before do, and what their braids alone would
-# Gaylord's force P pi R^2 (2 tan^2 theta - 1) at rest, and the contraction at which theta has fallen to
-# the neutral angle of 35.26 deg. Every built muscle contracts less: its bladder takes a share. Two pull
-# more than the braid of their name and angle would.
+# ## Table 2.1: earlier muscles, and the ideal forces of their braids
+# Gaylord's force P pi R^2 (2 tan^2 theta - 1) at rest, and the contraction at which theta reaches the
+# neutral angle of 35.26 deg. Every built muscle contracts less, because its bladder resists. Two pull
+# harder than a braid with their nominal diameter and angle would.
 
 
 # %%
 @chapter.table("table 2.1: muscles and their braids alone")
 def swaged() -> list[Row]:
-    """Table 2.1: what the ideal braid alone would do, and how far the built muscles are from it."""
+    """Table 2.1: ideal braid, and its difference from the built muscles."""
     found = []
     for of in printed()["swaged_fam"]:
         name, pressure, theta = of["name"], of["pressure_psi"], math.radians(of["braid_angle_deg"])
@@ -65,8 +65,8 @@ def swaged() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.2: angles at which braids jam
-# A braid is named by its diameter at 45 deg. The same thread at another diameter lies at another
-# angle, and where yarns touch, the braid can go no further.
+# A braid is named by its diameter at 45 deg. At another diameter, the same thread has another angle. The
+# braid jams where the yarns touch.
 
 # %%
 _angle_rad = quick_jit(fam_angle)
@@ -91,7 +91,7 @@ def jamming_angles() -> list[Row]:
 
 # %% [markdown]
 # ## Table 2.3: braids on bladders
-# The angle that each braid takes on each bladder; empty in the print where the braid jams first.
+# The angle of each braid on each bladder; the print leaves a cell empty if the braid jams first.
 
 
 # %%
@@ -119,7 +119,7 @@ def braid_angles() -> list[Row]:
 
 
 def combination(diameter: float, braid: CatalogueBraid) -> Combination:
-    """A bladder of that outer diameter [in] and the specimen's wall under a braid, in inch."""
+    """Build a bladder with this outer diameter [in] and the specimen's wall under a braid, in inches."""
     numbers = (
         diameter,
         printed()["specimen"]["bladder_thickness_in"],
@@ -133,14 +133,14 @@ def combination(diameter: float, braid: CatalogueBraid) -> Combination:
 
 # %% [markdown]
 # ## Table 2.4: the inner fitting
-# The swaged tube presses braid, and bladder, onto the inner fitting: its diameter follows from the
-# bore after swaging and the compression wanted. A thousandth of an inch matters.
+# The swaged tube presses braid and bladder onto the inner fitting. The diameter of the fitting follows
+# from the bore after swaging and the required compression. A thousandth of an inch matters.
 
 
 # %%
 @quick_jit
 def _fittings() -> tuple[Float[Array, ""], ...]:
-    """Diameters [in] under braid and bladder, and the change of compression [-]."""
+    """Return the diameters [in] under braid and bladder, and the change of compression [-]."""
     of, specimen = printed()["end_fitting"], printed()["specimen"]
     braid, wall = specimen["braid_thickness_in"], specimen["bladder_thickness_in"]
     tube = of["swage_tube_od_in"]
@@ -167,21 +167,21 @@ def end_fitting() -> list[Row]:
 # %% [markdown]
 # ## The support of the swage tube
 # The die pushes on a tube 3.10 in long, which may buckle. A support slides 1.25 in into it and
-# "approximately doubles" Euler's load. A rigid support leaves a column of 1.85 in; one that only
-# stiffens the tube, between pins, gains little. Between the two the load is doubled by the support's
-# stiffness against moving sideways at its inner end.
+# "approximately doubles" Euler's load. A rigid support leaves a column of 1.85 in. A support that only
+# stiffens the tube between pins gains little. In between, a finite lateral stiffness at the support's
+# inner end doubles the load.
 
 
 # %%
 def stepped_column_gain(inserted: float, stiffening: float) -> float:
-    """Euler's load of a column that is stiffer at one end, over that of the plain one; both pinned.
+    """Ratio of Euler's loads of a column stiffened at one end and a plain one, both pinned.
 
-    The least root of alpha cot(alpha a) + beta cot(beta b) = 0, where b = `inserted`, a = 1 - b,
+    The smallest root of alpha cot(alpha a) + beta cot(beta b) = 0, where b = `inserted`, a = 1 - b,
     alpha = pi sqrt(gain) and beta = alpha / sqrt(stiffening).
 
     Args:
-        inserted: part of the length over which the support is inserted [-], in (0, 1).
-        stiffening: second moment of area there over the plain one [-], >= 1.
+        inserted: fraction of the length with the support inserted [-], in (0, 1).
+        stiffening: ratio of the second moments of area, stiffened to plain [-], >= 1.
 
     Returns:
         Gain [-], from 1 to `stiffening`.
@@ -201,25 +201,25 @@ def stepped_column_gain(inserted: float, stiffening: float) -> float:
 
 
 def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
-    """Stiffness against sideways motion of the support's inner end that multiplies Euler's load.
+    """Lateral stiffness at the support's inner end that multiplies Euler's load by a gain.
 
-    The column of `stepped_column_gain`, held where the support ends by a spring k:
+    The column of `stepped_column_gain`, held at the end of the support by a spring k:
 
         k = P g / (a b g - 1),  g = alpha cot(alpha a) + beta cot(beta b)
 
-    in units of the length and of the plain column's load, with P the gain.
+    in units of the length and of the plain column's load, where P is the gain.
 
     Args:
-        gain: load over that of the plain column [-], above `stepped_column_gain` and below that of
+        gain: ratio to the load of the plain column [-], above `stepped_column_gain` and below that of
             the weaker part alone between pins, 1 / a^2 or `stiffening` / b^2.
-        inserted: part of the length over which the support is inserted [-], in (0, 1).
-        stiffening: second moment of area there over the plain one [-], >= 1.
+        inserted: fraction of the length with the support inserted [-], in (0, 1).
+        stiffening: ratio of the second moments of area, stiffened to plain [-], >= 1.
 
     Returns:
-        k L / P_Euler [-]; P_Euler and L are of the plain column.
+        k L / P_Euler [-], with P_Euler and L of the plain column.
 
     Raises:
-        ValueError: no spring gives that gain.
+        ValueError: no spring gives this gain.
 
     >>> print(f"{support_stiffness(2.0, 1.25 / 3.10, 1.756):.2f}")
     5.37
@@ -229,14 +229,14 @@ def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
     if not (g < 0 and 1 < gain < most):
         least = stepped_column_gain(inserted, stiffening)
         raise ValueError(
-            f"the gain of a support that yields sideways must be in ({least:.4g}, {most:.4g}), "
+            f"the gain of a laterally elastic support must be in ({least:.4g}, {most:.4g}), "
             f"got {gain:.4g}"
         )
     return gain * g / ((1 - inserted) * inserted * g - 1)
 
 
 def _restraint(gain: float, inserted: float, stiffening: float) -> float:
-    """The sum g of `support_stiffness`: negative where the plain joint alone does not hold."""
+    """Return the sum g of `support_stiffness`; negative if the plain joint alone does not hold."""
     alpha = math.pi * math.sqrt(gain)
     beta = alpha / math.sqrt(stiffening)
     return alpha / math.tan(alpha * (1 - inserted)) + beta / math.tan(beta * inserted)
@@ -264,7 +264,7 @@ def tube_support() -> list[Row]:
 
 
 # %% [markdown]
-# ## Table 2.5: how far the tested muscles were from breaking
+# ## Table 2.5: safety factors of the tested muscles
 
 
 # %%

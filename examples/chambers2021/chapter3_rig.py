@@ -1,15 +1,15 @@
-"""Chapter 3, the rig: pressure held while a machine strokes the muscle, on its twin's rig."""
+"""Chapter 3, the rig: pressure control while a machine strokes the muscle, on the twin's rig."""
 
 # %% [markdown]
 # # Chapter 3: the rig
-# A microcontroller holds the muscle's pressure while a test machine strokes it: with air by two
-# valves, with water by a pump. A PI controller turns the error in psi into counts of PWM; its gains
-# were found by hand for each muscle and fluid. Journal and machine keep clocks of their own, which
-# the chapter brings together before it compares anything.
+# A microcontroller controls the muscle's pressure while a test machine strokes it, with two valves for
+# air and a pump for water. A PI controller converts the error in psi to PWM counts. Its gains were tuned
+# by hand for each muscle and fluid. Journal and machine have separate clocks, which must be aligned
+# before any comparison.
 #
-# Measured pressures and forces are not printed. Here the twin is tested on the simulated rig by the
-# printed gains, supply and bias; noise, friction and the circuits' flow are assumed where the work
-# prints nothing. Each figure is the twin's beside the one that the work measured.
+# Measured pressures and forces are not printed. Here the twin is tested on the simulated rig with the
+# printed gains, supply and bias. Noise, friction and flow capacities are assumed where the work prints
+# none. Each figure of the twin is compared with the measured one.
 
 # %%
 
@@ -29,23 +29,23 @@ FAM = "7/8 in"
 
 # %% [markdown]
 # ## Table 3.2: the gains, and a test with water
-# The twin's folder holds a test in air. The same strokes with water, by the printed Kp and Ki.
+# The twin's folder contains a test in air. Here are the same strokes with water and the printed Kp and Ki.
 
 
 # %%
 def gains(fluid: str) -> Control:
-    """Of table 3.2, for the 7/8 in muscle."""
+    """Printed gains of table 3.2 for the 7/8 in muscle."""
     (of,) = [row[fluid] for row in printed()["controller_gains"] if row["fam"] == FAM]
     return Control.per_psi(of["Kp"], of["Ki"])
 
 
 def water(twin: Twin) -> Characterisation:
-    """The twin tested with water at its set pressures, kept in the folder."""
+    """Test the twin with water at its set pressures; the result is kept in the folder."""
     folder, test = twin.folder / "water", twin.test
     rest = twin.sheet.specimen.rest_length
     if not (folder / "machine.csv").exists():
         bars, true = test.characterisation.isobars, twin.muscle
-        # No longer than the shape is known: the machine turns where no force is left, or after this.
+        # Limited to the known shape: the machine reverses at zero force, or after this stroke.
         stroke = min(rest - float(test.record.length.min()), 0.34 * rest)
         set_pressures = tuple(bar.set_pressure for bar in bars)
         rate = printed()["specimen"]["stroke_rate_in_per_s"] * units.INCH
@@ -58,15 +58,15 @@ def water(twin: Twin) -> Characterisation:
 
 
 # %% [markdown]
-# ## Tables 3.3 and 3.4: mean and scatter of the pressure held
-# Water at the 0.04 in/s of chapter 4, twice the rate of the print's tables: at each turn of the stroke the
-# pump has to follow, and the pressure scatters more than in the print. (At 0.1 in/s, the rate of the
-# twin's test in air, the pump does not follow at all, and the device trips.)
+# ## Tables 3.3 and 3.4: mean and scatter of the pressure
+# Water at the 0.04 in/s of chapter 4, twice the rate of the printed tables. The pump lags behind each
+# reversal of the stroke, so the pressure scatters more than in the print. (At 0.1 in/s, the rate of the
+# twin's test in air, the pump is too slow and the device trips.)
 
 
 # %%
 def held(tests: dict[str, Characterisation]) -> list[Row]:
-    """Mean and standard deviation of the pressure during the strokes, at pressures of the print."""
+    """Return mean and standard deviation of the pressure during the strokes, at printed pressures."""
     (of,) = [row for row in printed()["pressure_result"] if row["fam"] == FAM]
     found = []
     for (table, name, key), (fluid, test) in (
@@ -86,12 +86,12 @@ def held(tests: dict[str, Characterisation]) -> list[Row]:
 
 # %% [markdown]
 # ## Table 3.5: does the fluid change the force?
-# In the print by 7.65 lbf at most, of 1058 lbf; the twin's two tests differ in their rate as well.
+# In the print, at most by 7.65 lbf of 1058 lbf. The twin's two tests also differ in their rate.
 
 
 # %%
 def fluids(tests: dict[str, Characterisation]) -> list[Row]:
-    """Root mean square difference of the force between the fluids."""
+    """Return the RMS difference of the force between the fluids."""
     theirs = dict(
         zip(
             printed()["pressure_control"]["set_psi"],
@@ -109,12 +109,12 @@ def fluids(tests: dict[str, Characterisation]) -> list[Row]:
 
 # %% [markdown]
 # ## The clocks
-# What the machine's clock is ahead by follows from the two records of the force; the twin's is known.
+# The lead of the machine's clock follows from the two records of the force; the twin's true lead is known.
 
 
 # %%
 def clocks(twin: Twin) -> list[Row]:
-    """The alignment found, beside the truth."""
+    """Compare the computed alignment with the truth."""
     found, true = twin.test.alignment, twin.truth.rig
     at = (found.reference - true.clock_ahead) / (1 + true.clock_drift)
     error = float(found.journal_time(found.reference)) - at

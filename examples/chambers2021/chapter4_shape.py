@@ -1,4 +1,4 @@
-"""Chapter 4, photogrammetry: the muscle's shape, from print and from pictures of its twin."""
+"""Chapter 4, photogrammetry: the muscle's shape from printed data and from pictures of the twin."""
 
 import functools
 import math
@@ -25,12 +25,12 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 4: photogrammetry
-# One camera, 60 in away, photographs the muscle once a second while the machine strokes it. Bright
-# tapes on the fittings show where the active length ends, a ruler shows the scale, and in every
-# picture the outline is found and described by three Fourier terms. The chapter holds the lengths
-# against the test machine, and the shape against the cylinder that everybody else assumes.
+# One camera, 60 in away, photographs the muscle once a second while the machine strokes it. Bright tapes
+# on the fittings mark the ends of the active length, and a ruler gives the scale. In every picture the
+# outline is detected and described by three Fourier terms. The chapter compares the lengths with the test
+# machine, and the shape with the usual assumption of a cylinder.
 #
-# ## What follows from sizes and set-up
+# ## Sizes and set-up
 
 
 # %%
@@ -48,7 +48,7 @@ def volumes() -> list[Row]:
 
 @chapter.table("section 4: camera")
 def camera() -> list[Row]:
-    """What follows from scale and distance."""
+    """Derive pixel size, angle of view and depth error from scale and distance."""
     of = printed()["photogrammetry"]
     length, distance = printed()["specimen"]["active_length_in"], of["camera_distance_in"]
     view = math.degrees(2 * math.atan(length / (2 * distance)))
@@ -66,14 +66,14 @@ def camera() -> list[Row]:
 
 # %% [markdown]
 # ## The braid angle from the slope of blocked force
-# Without a camera the angle is estimated so: the braid's blocked force rises with pressure by
-# pi R^2 (2 tan^2 theta - 1). Two diameters are on offer, of bladder and of braid, and so are two angles.
+# Without a camera, the angle is estimated as follows: the braid's blocked force rises with pressure by
+# pi R^2 (2 tan^2 theta - 1). The diameter of bladder or braid may be used, which gives two angles.
 
 
 # %%
 @chapter.table("section 4: angle from the slope of blocked force")
 def angle_from_slope() -> list[Row]:
-    """theta0 that makes Gaylord's blocked force rise with pressure as the tested one does."""
+    """theta0 at which Gaylord's blocked force rises with pressure like the tested one."""
     tested = printed()["tested"]
     P, F = (np.array(tested[key], float) for key in ("pressure_psi", "blocked_force_lbf"))
     found = []
@@ -94,13 +94,13 @@ def angle_from_slope() -> list[Row]:
 
 # %% [markdown]
 # ## Table 4.3: profiles at 100 psi
-# D(x) = a0 + sum a_n cos(n w x) + b_n sin(n w x), five contractions. Only the row at 0 % describes a
-# muscle as it is printed: the others come out lopsided, some negative. A profile that is symmetric
-# about x = 1/2 needs b_n/a_n = tan(n w/2), and that gives w back.
+# D(x) = a0 + sum a_n cos(n w x) + b_n sin(n w x) at five contractions. As printed, only the row at 0 %
+# describes a muscle; the others are asymmetric, and some are negative. A profile that is symmetric about
+# x = 1/2 needs b_n/a_n = tan(n w/2), which determines w.
 
 # %%
 SHAPE_X = np.linspace(0, 1, 301)
-"""Positions at which the profiles of table 4.3 are drawn."""
+"""Positions of the plotted profiles of table 4.3."""
 
 _X = np.linspace(0, 1, 401)
 
@@ -108,7 +108,7 @@ _X = np.linspace(0, 1, 401)
 def printed_diameter(
     row: dict, x: Float[np.ndarray, " n"], *, corrected: bool
 ) -> Float[np.ndarray, " n"]:
-    """Diameter [in] of a row of table 4.3 at x, also where the print makes it negative."""
+    """Diameter [in] of a row of table 4.3 at x, even where the print makes it negative."""
     w = row["w_corrected" if corrected else "w_as_printed"]
     b = [row["b"][0] if corrected else row.get("b1_as_printed", row["b"][0]), *row["b"][1:]]
     angle = np.arange(1, len(b) + 1) * w * np.asarray(x)[:, None]
@@ -142,7 +142,7 @@ def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
 
 @functools.cache
 def shapes() -> dict[str, dict[str, Float[np.ndarray, "profiles ..."]]]:
-    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, of table 4.3's profiles."""
+    """w, mean D, arc length and volume in inches, and D at `SHAPE_X`, for the profiles of table 4.3."""
     used, transcribed = jax.tree.map(np.asarray, _shapes())
     return {"used": used, "transcribed w": transcribed}
 
@@ -166,7 +166,7 @@ def profiles() -> list[Row]:
         symmetric = float(shapes()["used"]["w"][k])
         entry = f"w that makes the printed a_n and b_n symmetric, {at}"
         key = f"profile_100psi.{k}.w_as_printed"
-        # The sign of w is that of the b_n, and the print's goes with them.
+        # The sign of w follows from the b_n, and the print is consistent with it.
         signed = math.copysign(symmetric, row["w_as_printed"])
         found.append(beside("4.3", entry, signed, "1", key, misprint=True))
         if "b1_as_printed" in row:
@@ -188,17 +188,17 @@ def profiles() -> list[Row]:
 
 # %% [markdown]
 # ## Table 4.2: how many Fourier terms a profile needs
-# The photographs are not printed: here on profiles made of elliptic ends and a cylinder.
+# The photographs are not printed, so these profiles consist of elliptic ends and a cylinder.
 
 # %%
 END_LENGTH, END_ANGLE = 1.1, 1.0
 """Length [in] of each rounded end of the synthetic profiles, and the parameter angle [rad] of its
-ellipse at the fitting: a finite slope there."""
+ellipse at the fitting, which gives a finite slope there."""
 
 _WAVE_NUMBERS = np.linspace(1.0, 7.0, 241)
 
 CONTRACTIONS = (0.0, 0.0875, 0.175, 0.2625, 0.35)
-"""Of the synthetic profiles."""
+"""Contractions of the synthetic profiles."""
 
 
 def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarray, "n p"]:
@@ -209,9 +209,9 @@ def _series(w: float, x: Float[np.ndarray, " n"], terms: int) -> Float[np.ndarra
 def fit_terms(
     x: Float[np.ndarray, " n"], diameters: Float[np.ndarray, "profiles n"], terms: int
 ) -> Float[np.ndarray, "profiles n"]:
-    """The series of so many terms and free w that comes nearest to each profile, in the squares.
+    """Fit a series with this number of terms and free w to each profile by least squares.
 
-    For each w of a grid the coefficients are a linear least-squares fit; the best w is kept.
+    For each w of a grid, the coefficients follow from linear least squares; the best w is kept.
     """
     columns = [_series(w, x, terms) for w in _WAVE_NUMBERS]
     planes = [np.linalg.qr(column)[0] for column in columns]
@@ -231,16 +231,16 @@ def _synthetic_diameters() -> Float[Array, "profiles n"]:
 
 @functools.cache
 def synthetic_profiles() -> dict[float, Float[np.ndarray, " n"]]:
-    """SYNTHETIC diameters [in] at 201 positions, by contraction: elliptic ends, a cylinder.
+    """SYNTHETIC diameters [in] at 201 positions by contraction: elliptic ends and a cylinder.
 
-    The middle follows the braid's triangle, and the ends have the braid's resting diameter.
+    The middle follows the braid's triangle, and the ends keep the braid's rest diameter.
     """
     return dict(zip(CONTRACTIONS, np.asarray(_synthetic_diameters()), strict=True))
 
 
 @chapter.table("table 4.2: Fourier terms of a profile")
 def fourier_terms() -> list[Row]:
-    """Table 4.2's errors on synthetic profiles: the photographs are not printed."""
+    """Errors of table 4.2 for synthetic profiles, because the photographs are not printed."""
     profiles = np.stack(list(synthetic_profiles().values()))
     found = []
     for terms in printed()["fourier_terms"]["terms"]:
@@ -257,13 +257,13 @@ def fourier_terms() -> list[Row]:
 
 # %% [markdown]
 # ## Photographs of the twin
-# What the work's photographs were for: lengths against the test machine, and the number of Fourier terms
-# that a profile takes. The twin's were rendered, and its true lengths are known.
+# The work used its photographs to compare lengths with the test machine, and to choose the number of
+# Fourier terms. The twin's photographs are rendered, and its true lengths are known.
 
 
 # %%
 def photographed_lengths(twin: Twin) -> list[Row]:
-    """Largest error of the length, against the machine as in the work, and against the truth."""
+    """Return the largest error of the length relative to the machine, as in the work, and to the truth."""
     table, rest = twin.pictures, twin.sheet.specimen.rest_length
     errors = {"the machine": table["length"] - (rest + table["displacement"])}
     true = np.array([twin.lengths[Path(path).name] for path in table.path])
@@ -277,7 +277,7 @@ def photographed_lengths(twin: Twin) -> list[Row]:
 
 
 def photographed_terms(twin: Twin) -> list[Row]:
-    """Table 4.2 on the twin's photographs."""
+    """Table 4.2 for the twin's photographs."""
     table, of = twin.pictures, printed()["fourier_terms"]
     diameters = table.diameter[table.ok] / units.INCH
     found = []

@@ -19,10 +19,10 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 5: the elastic braid
-# Photographs of the blocked muscle show that it grows with pressure: 1.001 in at rest, 1.044 in at 100
-# psi. A braid of threads that do not stretch cannot grow at constant length, so they stretch, and the
-# chapter finds out how much, and what that does to angle and force. Nothing is measured here: the
-# diameters and blocked forces are printed.
+# Photographs of the blocked muscle show that its diameter grows with pressure, from 1.001 in at rest to
+# 1.044 in at 100 psi. A braid of inextensible threads cannot grow at constant length, so the threads
+# stretch. The chapter determines by how much, and the effect on angle and force. Diameters and blocked
+# forces are the printed ones.
 #
 # ## The threads
 
@@ -37,12 +37,12 @@ def area() -> list[Row]:
 
 # %% [markdown]
 # ## Table 5.1: from the printed diameters
-# With L = B sin(theta) and pi N D = B cos(theta), each diameter gives a thread length and an angle; the
+# With L = B sin(theta) and pi N D = B cos(theta), each diameter gives a thread length and an angle. The
 # balance of forces gives the tension of a thread, (F + P pi R^2)/(n sin theta).
 
 # %%
 HIGH_PRESSURE = 80.0
-"""First pressure [psi] of the high-pressure line: which the work took is not printed."""
+"""First pressure [psi] of the fit at high pressure; the work's choice is not printed."""
 
 DIGIT = 0.0005
 """Half a unit of the last digit of the printed diameters [in]."""
@@ -51,10 +51,10 @@ WHY = "half a unit of the last digit of the printed diameters"
 
 
 def in_situ(change: float | np.ndarray = 0.0) -> InSitu:
-    """The threads' state at the printed diameters and tested blocked forces, in SI.
+    """Return the threads' state at the printed diameters and tested blocked forces, in SI.
 
     Args:
-        change: of the printed diameters [in].
+        change: change of the printed diameters [in].
     """
     of, table = printed()["specimen"], printed()["elastic_braid"]
     tested = printed()["tested"]
@@ -87,7 +87,7 @@ def from_diameters() -> list[Row]:
             found.append(beside("5.1", entry, of[k], unit, key, abs(changed[k] - of[k]), WHY))
     tension, strain = float(state.tension.max() / units.LBF), float(state.strain.max())
     rest, stretched = state.thread_length.min(), state.thread_length.max()
-    # Of the diameters at either end of the strain.
+    # Diameters at both ends of the strain interval.
     spread = float(wider.thread_length.max() - stretched + wider.thread_length.min() - rest) / rest
     return [
         *found,
@@ -99,9 +99,9 @@ def from_diameters() -> list[Row]:
 
 # %% [markdown]
 # ## The modulus in situ
-# Tension over area against strain: the slope is the threads' modulus. The work printed two: through
-# all points, where the model B = B0 (1 + T/(A_b E_b)) asks for a line through the origin, and through
-# those at high pressure, where the toe region is behind.
+# Stress against strain of the threads: the slope is their modulus. The work printed two moduli. One uses
+# all points; the model B = B0 (1 + T/(A_b E_b)) then requires a line through the origin. The other uses
+# the points at high pressure, beyond the toe region.
 
 
 # %%
@@ -127,16 +127,16 @@ def moduli() -> list[Row]:
 
 # %% [markdown]
 # ## Table 5.1 again: the elastic braid as a model
-# Now with the modulus alone: tension stretches the thread, and the stretched thread changes angle and
-# tension, a root in B. It is held against the photographs' diameters.
+# Here the modulus is the only input: tension stretches the thread, and the stretched thread changes angle
+# and tension, which gives an equation for B. The result is compared with the photographed diameters.
 
 # %%
 SWEPT = np.linspace(0, 100, 51)
-"""Gauge pressures [psi] of the sweep; those of tables 5.1 and 5.2 are among them."""
+"""Gauge pressures [psi] of the sweep, including those of tables 5.1 and 5.2."""
 
 
 def _at(pressure: float) -> int:
-    """Where a pressure [psi] is in `SWEPT`."""
+    """Return the index of a pressure [psi] in `SWEPT`."""
     return SWEPT.tolist().index(pressure)
 
 
@@ -151,14 +151,14 @@ def _stretched(
 
 @functools.cache
 def stretch(softness: float = 1.0) -> BraidStretch:
-    """The braid at the resting length at `SWEPT`, with and without stretch; NumPy arrays."""
+    """Return the braid at the resting length at `SWEPT`, with and without stretch, as NumPy arrays."""
     rest = np.asarray(printed()["specimen"]["active_length_in"])
     return jax.tree.map(np.asarray, _stretched(jnp.asarray(softness), rest, SWEPT))
 
 
 @chapter.table("table 5.1: the elastic braid")
 def model() -> list[Row]:
-    """The model against the diameters that were photographed."""
+    """Compare the model with the photographed diameters."""
     pixel = 1 / printed()["photogrammetry"]["scale_px_per_in"]
     return [
         beside("5.1", f"D of the model, {P} psi", float(stretch().elastic.diameter[_at(P)]), "in",
@@ -172,14 +172,14 @@ def model() -> list[Row]:
 
 # %%
 SOFT = 10.0
-"""Stiffness of Kevlar over that of the soft braid."""
+"""Ratio of the stiffness of Kevlar to that of the soft braid."""
 
 BRAIDS = (("5.2", "", 1.0), ("5, soft braid", "soft braid, ", SOFT))
-"""Table, label and softness of the braids that are listed with and without stretch."""
+"""Table, label and softness of the braids listed with and without stretch."""
 
 
 def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
-    """Unit and values of each quantity in the table of a braid."""
+    """Return unit and values of each quantity in the table of a braid."""
     return {
         "B": ("in", np.asarray(state.thread_length)),
         "D": ("in", np.asarray(state.diameter)),
@@ -191,7 +191,7 @@ def _columns(state: BraidState) -> dict[str, tuple[str, np.ndarray]]:
 
 @chapter.table("table 5.2: with and without stretch")
 def stretched() -> list[Row]:
-    """Table 5.2, and the same for the soft braid."""
+    """Table 5.2, and the same table for the soft braid."""
     found = []
     for table, label, softness in BRAIDS:
         both = stretch(softness)
@@ -206,7 +206,7 @@ def stretched() -> list[Row]:
 
 @chapter.table("table 5.2: changes by the elastic braid")
 def changes() -> list[Row]:
-    """What the stretch of the threads changes at rest and at the tested free contraction."""
+    """Effect of the stretch of the threads at rest and at the tested free contraction."""
     tested, rest = printed()["tested"], printed()["specimen"]["active_length_in"]
     free = rest * (1 - np.array(tested["free_contraction"]))
     lengths = np.stack([np.full_like(free, rest), free])
@@ -228,13 +228,13 @@ def changes() -> list[Row]:
 
 
 # %% [markdown]
-# ## How far the threads are from breaking
+# ## Strength margin of the threads
 
 
 # %%
 @chapter.table("section 5: strength of the threads")
 def strength() -> list[Row]:
-    """How far the threads are from breaking: their test's load and strain over those in use."""
+    """Ratio of the threads' tested strength and strain to those in use."""
     of, table = printed()["specimen"], printed()["elastic_braid"]
     burst = printed()["tested_fams"]
     state = in_situ()

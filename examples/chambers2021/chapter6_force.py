@@ -28,10 +28,10 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 6: the cylindrical approximation
-# The pull is that of the pressurised braid, Gaylord's force, less what the bladder takes along and
-# around. Each term needs diameter, angle, strain and wall, and the chapter takes them from four
-# geometries: a cylinder in an inelastic or an elastic braid (estimated), the mean of the photographed
-# diameters, and the photographed shape itself. The question is what the cylinder costs.
+# The force is that of the pressurised braid, Gaylord's force, minus the axial and hoop contributions of
+# the bladder. Each term needs diameter, angle, strain and wall thickness. The chapter takes them from four
+# geometries: a cylinder with an inelastic or an elastic braid (estimated), the mean of the photographed
+# diameters, and the photographed shape itself. It quantifies the error of the cylinder.
 #
 # ## The latex of the bladder
 
@@ -39,7 +39,7 @@ chapter = Chapter(__name__)
 # %%
 @chapter.table("section 6: latex specimen")
 def latex() -> list[Row]:
-    """The tensile specimen's volume and sections from its tube."""
+    """Volume and cross-sections of the tensile specimen, from its tube."""
     of, specimen = printed()["latex"], printed()["specimen"]
     before = of["test_length_in"] - 3 / 32
     tube = (specimen["bladder_outer_diameter_in"], specimen["bladder_thickness_in"])
@@ -55,8 +55,9 @@ def latex() -> list[Row]:
 
 # %% [markdown]
 # ## Tables 6.1 and 6.2: powers of strain
-# A law sigma = sum E_n eps^n needs the mean of eps^n over the length, which is not the mean to the nth.
-# Along the shape the bladder is strained less than (L0 - L)/L0: its arc is longer than its axis.
+# A law sigma = sum E_n eps^n needs the mean of eps^n over the length, which is not the n-th power of the
+# mean. The axial strain along the shape is smaller than (L0 - L)/L0, because its arc is longer than its
+# axis.
 
 # %%
 STRAINS = {
@@ -64,11 +65,11 @@ STRAINS = {
     for table, strain in (("6.1", "axial"), ("6.2", "hoop"))
     for n in range(1, 5)
 }
-"""Table and unit of the powers of strain."""
+"""Table and unit of each power of strain."""
 
 
 def _at_printed(name: str, quantity: str) -> tuple[float, float]:
-    """A quantity at 100 psi and 35.3 %, and its spread."""
+    """Return a quantity at 100 psi and 35.3 %, and its spread."""
 
     def value(of: Mapping[str, Terms]) -> float:
         return float(of[name].at_100_psi(quantity)[PRINTED])
@@ -78,10 +79,10 @@ def _at_printed(name: str, quantity: str) -> tuple[float, float]:
 
 @chapter.table("tables 6.1 and 6.2: strains")
 def strains() -> list[Row]:
-    """At 35.3 %, the printed free contraction.
+    """Strains at 35.3 %, the printed free contraction.
 
-    The arc of the measured outline, which is its axial strain, is open by more: where three terms
-    miss the outline most, at the two ends, they miss it by 0.036 in of diameter (table 4.2).
+    The axial strain of the measured shape comes from the arc of the outline, which is less certain. Three
+    terms miss the outline most at the two ends, by 0.036 in of diameter (table 4.2).
     """
     of = printed()["fourier_terms"]
     end = dict(zip(of["terms"], of["max_error_in"], strict=True))[3]
@@ -131,7 +132,7 @@ def thinnest() -> list[Row]:
 # %%
 @chapter.table("table 6.3: Gaylord's force")
 def gaylord() -> list[Row]:
-    """Table 6.3: 100 psi, to the tested free contraction."""
+    """Table 6.3: 100 psi, up to the tested free contraction."""
     found = []
     for state, keys in printed()["gaylord_100psi"].items():
         for key in keys:
@@ -158,8 +159,8 @@ def gaylord() -> list[Row]:
 
 
 # %% [markdown]
-# ## Tables 6.3 to 6.9: every term at rest, when free, at its largest
-# The transcription has no numbers of these tables: the first few of ours are shown.
+# ## Tables 6.3 to 6.9: every term at rest, at free contraction and at its maximum
+# The transcription has no numbers for these tables; the first few computed rows are shown.
 
 # %%
 QUANTITIES = {
@@ -172,7 +173,7 @@ QUANTITIES = {
     "bladder force": ("6.8", "lbf"),
     "total force": ("6.9", "lbf"),
 }
-"""Table, as the work numbers them, and unit of each quantity over contraction."""
+"""Table of the work and unit for each quantity over contraction."""
 
 STATES = {
     "rest": "at rest",
@@ -183,7 +184,7 @@ STATES = {
 
 
 def _states(quantity: str, geometry: str, pressure: float) -> dict[str, str]:
-    """The states that `every_term` lists; what has a published figure is in `gaylord`."""
+    """Return the states listed by `every_term`; rows with published figures are in `gaylord`."""
     if quantity == "bladder thickness":
         return STATES | {"minimum": "at the minimum"}
     if quantity == "Gaylord force" and pressure == 100 and geometry != "measured":
@@ -193,7 +194,7 @@ def _states(quantity: str, geometry: str, pressure: float) -> dict[str, str]:
 
 @chapter.table("tables 6.3 to 6.9: terms of the balance")
 def every_term() -> list[Row]:
-    """Each quantity, geometry, pressure and state of which no figure was given to us."""
+    """Each quantity, geometry, pressure and state without a published figure."""
     found = []
     for quantity, (table, unit) in QUANTITIES.items():
         for name, of in terms().items():
@@ -206,10 +207,10 @@ def every_term() -> list[Row]:
 
 @chapter.table("tables 6.1 to 6.9: mean absolute differences")
 def mean_absolute() -> list[Row]:
-    """The rows of mean absolute errors: each geometry against the measured one.
+    """Mean absolute errors of each geometry relative to the measured one.
 
-    Means over contraction from rest to the tested free contraction. That of Gaylord's force at 100
-    psi is in `gaylord`, against the average diameter, which in this term is the measured one.
+    Means over contraction from rest to the tested free contraction. The error of Gaylord's force at 100
+    psi is in `gaylord`. It is relative to the average diameter, which is equivalent for this term.
     """
     measured, found = terms()["measured"], []
     for quantity, (table, unit) in {**STRAINS, **QUANTITIES}.items():
@@ -228,16 +229,16 @@ def mean_absolute() -> list[Row]:
 
 
 # %% [markdown]
-# ## The chapter's summary: what the cylinder costs at 35 %
+# ## Summary of the chapter: errors of the cylinder at 35 %
 
-# The thread's length in a cylinder of the mean diameter is 0.29 in less than the thread is long: "lost
-# to curvature". It is lost by the cylinder. Along the measured outline, at a constant pitch, the same
-# thread is as long as the last row says.
+# In a cylinder with the mean diameter, the thread is 0.29 in shorter than its true length: "lost to
+# curvature". This is an artefact of the cylinder. The last row gives the length of the same thread along
+# the measured outline at constant pitch.
 
 
 # %%
 def _differences(of: Mapping[str, Terms]) -> dict[str, float]:
-    """Estimated (elastic) less measured, at 35.3 % and 100 psi."""
+    """Estimated (elastic) minus measured, at 35.3 % and 100 psi."""
     (D, theta), (mean, measured) = (
         [float(of[name].at_100_psi(key)[PRINTED]) for key in ("diameter", "braid angle")]
         for name in ("estimated elastic", "measured")
@@ -252,17 +253,17 @@ def _differences(of: Mapping[str, Terms]) -> dict[str, float]:
 
 
 def _length() -> float:
-    """Active length [in] at the printed free contraction."""
+    """Return the active length [in] at the printed free contraction."""
     return printed()["specimen"]["active_length_in"] * (1 - PRINTED_FREE)
 
 
 def _cylinder(diameter: float) -> float:
-    """Length [in] of a thread wound on a cylinder."""
+    """Return the length [in] of a thread wound on a cylinder."""
     return math.hypot(_length(), math.pi * printed()["specimen"]["turns_N"] * diameter)
 
 
 def thread_along_outline() -> float:
-    """Length [in] of a thread of constant pitch on the measured outline, 35.3 %, 100 psi."""
+    """Return the length [in] of a thread with constant pitch on the measured outline, 35.3 %, 100 psi."""
     x, N = np.linspace(0, 1, 2001), printed()["specimen"]["turns_N"]
     D = np.asarray(measured_family().diameter(x, _length(), 100.0))
     slope = np.gradient(D / 2, x)
@@ -295,13 +296,13 @@ def headline() -> list[Row]:
 
 # %% [markdown]
 # ## Tables 6.11 and 6.12: blocked force and free contraction
-# With the latex law of a tensile test, nothing fitted.
+# With the latex law of a tensile test, without any fit.
 
 
 # %%
 @chapter.table("table 6.11: blocked force")
 def blocked() -> list[Row]:
-    """Table 6.11: the model columns, and how far each is from the tested column."""
+    """Table 6.11: model columns and their errors relative to the tested column."""
     found = []
     for name, of in terms().items():
         for row, P in enumerate(PRESSURES):
@@ -319,7 +320,7 @@ def blocked() -> list[Row]:
 
 @chapter.table("table 6.12: free contraction")
 def free() -> list[Row]:
-    """Table 6.12: the model columns, and how far each is from the tested column."""
+    """Table 6.12: model columns and their errors relative to the tested column."""
     found = []
     for name, contractions in free_contractions().items():
         for row, P in enumerate(PRESSURES):
@@ -336,14 +337,14 @@ def free() -> list[Row]:
 
 
 # %% [markdown]
-# ## The twin: what each geometry misses of measured forces
-# The shape is that of its photographs, the law that of its own rubber, which a tensile test would have
-# given; nothing is fitted. As in the print the cylinders are the worse.
+# ## The twin: force errors of each geometry
+# The shape comes from the twin's photographs, and the law is that of its own rubber, which a tensile test
+# would give; nothing is fitted. As in the print, the cylinders have the larger errors.
 
 
 # %%
 def missed(twin: Twin) -> list[Row]:
-    """Blocked force and force over the stroke less the twin's own, by geometry and pressure."""
+    """Errors of blocked force and force over the stroke for the twin, by geometry and pressure."""
     law, data = famjax.PolynomialMaterial(jnp.array(twin.muscle.coefficients)), twin.data
     level, found = data.pressures.level, []
     for name, shape in twin.geometries().items():

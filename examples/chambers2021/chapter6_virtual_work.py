@@ -1,4 +1,4 @@
-"""Chapter 6, beyond the print: what virtual work changes, -P dV/dL in place of Gaylord's force."""
+"""Chapter 6, beyond the print: virtual work, -P dV/dL, instead of Gaylord's force."""
 
 import functools
 
@@ -13,16 +13,16 @@ import famjax
 chapter = Chapter(__name__)
 
 # %% [markdown]
-# # Chapter 6, beyond the print: virtual work in the place of Gaylord's force
-# Gaylord's force belongs to a cylinder. A body of any outline pulls with -P dV/dL; where threads
-# stretch, at constant thread length, as the work that stretches them is not the muscle's.
+# # Chapter 6, beyond the print: virtual work instead of Gaylord's force
+# Gaylord's force applies to a cylinder. A body with any outline pulls with -P dV/dL. If the threads
+# stretch, the derivative is at constant thread length, because the work that stretches them is internal.
 
 # %%
 PRESSURE = 100.0
 
 
 CONTRACTIONS = np.linspace(0, 0.35, 71)
-"""The range of the measured profiles."""
+"""Range of the measured profiles."""
 
 TABULATED = (0.0, 0.1, 0.2, 0.3, 0.35)
 
@@ -31,13 +31,13 @@ GAYLORD = "Gaylord force"
 AT_PRESSURE = "-P dV/dL at constant pressure"
 
 AT_THREAD_LENGTH = "-P dV/dL at constant thread length"
-"""The pressure's pull by the cylinder, and by virtual work; at constant thread length the work
-that stretches the threads is not counted as the muscle's."""
+"""Force of the pressure for a cylinder and by virtual work. At constant thread length, the work that
+stretches the threads is excluded."""
 
 
 @functools.cache
 def over_contraction() -> dict[str, dict[str, Float[np.ndarray, " contractions"]]]:
-    """The pressure terms [lbf] of each geometry at `CONTRACTIONS`."""
+    """Return the pressure terms [lbf] of each geometry at `CONTRACTIONS`."""
     found = {}
     for name, muscle in muscles().items():
         at = balance(muscle, CONTRACTIONS, PRESSURE)
@@ -46,7 +46,7 @@ def over_contraction() -> dict[str, dict[str, Float[np.ndarray, " contractions"]
 
 
 def _mean(values: Float[np.ndarray, " n"]) -> float:
-    """Mean over the range of contraction."""
+    """Return the mean over the range of contraction."""
     return float(np.trapezoid(values, CONTRACTIONS) / np.ptp(CONTRACTIONS))
 
 
@@ -54,8 +54,8 @@ def _mean(values: Float[np.ndarray, " n"]) -> float:
 def work() -> list[Row]:
     """Both terms and their means.
 
-    At constant pressure the rate's mean over the range is exact, the difference of two volumes; at
-    one contraction the rate is that of the spline between five profiles.
+    At constant pressure, the mean of the derivative over the range is exact: a difference of two
+    volumes. At a single contraction, the derivative is that of the spline through five profiles.
     """
     table, found = "virtual work", []
     for name, columns in over_contraction().items():
@@ -79,16 +79,16 @@ def work() -> list[Row]:
 
 
 # %% [markdown]
-# ## Where the work goes
-# Over a stroke from rest to 35 % (or to where the pull ends), int F dL on the load, int P dV of the
-# fluid, and the change of the energy of bladder and threads. Below zero, what is left over is work
-# that the force makes from nothing.
+# ## The work budget
+# For a stroke from rest to 35 % (or to zero force): int F dL on the load, int P dV of the fluid, and the
+# change of the energy of bladder and threads. A negative remainder is work that the force model creates
+# from nothing.
 
 
 # %%
 @chapter.table("work of a stroke")
 def strokes() -> list[Row]:
-    """The work budget of every geometry, and of the shape from mechanics."""
+    """Work budget of every geometry, and of the shape from mechanics."""
     tube, budgets = bladder(), {}
     shaped = famjax.EquilibriumMuscle(inelastic_braid(), tube, latex(), end_diameter=0.863)
     rest = float(tube.rest_length)

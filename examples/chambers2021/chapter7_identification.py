@@ -1,4 +1,4 @@
-"""Chapter 7, identification: the bladder law that the muscle's own isobars ask for."""
+"""Chapter 7, identification: bladder laws fitted to the muscle's own isobars."""
 
 import dataclasses
 import math
@@ -24,28 +24,28 @@ chapter = Chapter(__name__)
 
 # %% [markdown]
 # # Chapter 7: identification
-# With the latex law of a tensile test the model misses the tested isobars, so the chapter turns the
-# question round: which E_n would make the model meet them? It fits laws of order 1 to 4, free, linear
-# or fixed in pressure, under four constraints, 48 fits in the measured geometry; the objective is the
-# mean over pressures of the RMSE. The work used a local solver. The force is linear in the E_n, so
-# that each fit has one optimum, which `fitting.sweep` certifies.
+# With the latex law of a tensile test, the model misses the tested isobars. The chapter therefore asks
+# which E_n would fit them. It fits laws of order 1 to 4, free, linear or fixed in pressure, under four
+# constraints: 48 fits in the measured geometry. The objective is the mean over pressures of the RMSE. The
+# work used a local solver. Because the force is linear in the E_n, each fit has one optimum, which
+# `fitting.sweep` certifies.
 #
-# The tested isobars are not printed. Every figure below is of other isobars, those of the twin, or in
-# `famjax reproduce` of a reconstruction: near the print, it says that the method is the same.
+# The tested isobars are not printed. Every figure below uses other isobars: those of the twin, or, in
+# `famjax reproduce`, of a reconstruction. Agreement with the print shows that the method is the same.
 
 
 # %%
 @dataclasses.dataclass(frozen=True)
 class Isobars:
-    """What the law is fitted to.
+    """Isobars to which the law is fitted.
 
     Attributes:
-        mark: put before every entry: what these isobars are.
-        data: the readings.
-        geometry: that the fits are made with.
-        ends: blocked force and free contraction of each isobar where they are known apart from the
-            readings, as of a twin, whose records end before either; None takes them from the readings.
-        psi, lbf: in the units of all.
+        mark: prefix of every entry that names these isobars.
+        data: readings.
+        geometry: geometry of the fits.
+        ends: blocked force and free contraction of each isobar if known independently of the readings, for
+            example for a twin, whose records end before either; None takes them from the readings.
+        psi, lbf: values of these units in the units of the data.
     """
 
     mark: str
@@ -56,7 +56,7 @@ class Isobars:
     lbf: float = 1.0
 
     def end_errors(self, fit: SweepRow) -> tuple[Float[np.ndarray, " pressures"], ...]:
-        """Blocked force [lbf] and free contraction [-] of a fit minus measured, by pressure."""
+        """Return errors of blocked force [lbf] and free contraction [-] of a fit, by pressure."""
         if self.ends is None:
             blocked, free = fit.blocked_error_by_pressure, fit.free_contraction_error_by_pressure
             return blocked / self.lbf, free
@@ -71,7 +71,7 @@ class Isobars:
         return (blocked - self.ends[0]) / self.lbf, free - self.ends[1]
 
     def fits(self, dependence: str, order: int, *constraints: str) -> Sweep:
-        """Fits by the work's objective, no deadband."""
+        """Run the fits with the work's objective and no deadband."""
         return sweep(
             self.data,
             self.geometry,
@@ -82,7 +82,7 @@ class Isobars:
         )
 
     def latex_errors(self) -> dict[str, float]:
-        """Mean MAE and RMSE [lbf] of the latex law of chapter 6, which is not fitted."""
+        """Return mean MAE and RMSE [lbf] of the latex law of chapter 6, which is not fitted."""
         law = famjax.PolynomialMaterial(jnp.array(printed()["latex"]["E_psi"]) * self.psi)
         data = self.data
         force = famjax.Muscle(self.geometry, law).force(data.length, data.pressure)
@@ -100,11 +100,11 @@ FIGURES = (
     ("mae_lbf", "MAE", "lbf"),
     ("rmse_lbf", "RMSE", "lbf"),
 )
-"""What is printed of a fit: its key in the reference file, its name and its unit."""
+"""Printed figures of a fit: key in the reference file, name and unit."""
 
 
 def errors(of: Isobars, fit: SweepRow) -> dict[str, Float[np.ndarray, " pressures"]]:
-    """The figures of a fit by their keys, at each pressure."""
+    """Return the figures of a fit by key, at each pressure."""
     blocked, free = of.end_errors(fit)
     found = (blocked, free, fit.mae_by_pressure / of.lbf, fit.rmse_by_pressure / of.lbf)
     return {key: values for (key, _, _), values in zip(FIGURES, found, strict=True)}
@@ -113,7 +113,7 @@ def errors(of: Isobars, fit: SweepRow) -> dict[str, Float[np.ndarray, " pressure
 def averages(
     of: Isobars, table: str, label: str, fit: SweepRow, published: dict[str, Any]
 ) -> list[Row]:
-    """Mean sizes of the errors over pressures, where the work prints them."""
+    """Return mean absolute errors over pressures, if the work prints them."""
     found = []
     for (key, name, unit), values in zip(FIGURES, errors(of, fit).values(), strict=True):
         known = np.abs(values[np.isfinite(values)])
@@ -125,7 +125,7 @@ def averages(
 
 
 # %% [markdown]
-# ## Table 7.2: what each constraint costs
+# ## Table 7.2: the effect of each constraint
 
 
 # %%
@@ -154,19 +154,19 @@ def constraints(of: Isobars) -> list[Row]:
 
 # %%
 def hocking(of: Isobars) -> list[Row]:
-    """Fourth order, free at every pressure, no constraint."""
+    """Fourth order, free at every pressure, without constraints."""
     label = "order 4, free in pressure, none"
     (fit,) = of.fits("free", 4, "none").rows
     return averages(of, "7, Hocking", label, fit, printed()["hocking"])
 
 
 # %% [markdown]
-# ## Tables 7.3 and 7.4: the latex of the tensile test against the law that fits
+# ## Tables 7.3 and 7.4: the latex of the tensile test and the fitted law
 
 
 # %%
 def third_order(of: Isobars) -> list[Row]:
-    """Tables 7.3 and 7.4: third order, fixed in pressure, beside the latex of chapter 6."""
+    """Tables 7.3 and 7.4: third order, fixed in pressure, and the latex of chapter 6."""
     theirs_all, (fit,) = printed()["fixed_third_order"], of.fits("fixed", 3, "none").rows
     found = [
         Row("7.3", f"{of.mark}, order 3, fixed, E_{n}", float(ours), "psi", theirs)
@@ -186,13 +186,13 @@ def third_order(of: Isobars) -> list[Row]:
 
 
 # %% [markdown]
-# Two of table 7.4's errors need no isobars: blocked force and free contraction of the printed laws,
-# against the tested ones of tables 6.11 and 6.12, at the five pressures of which those are printed.
+# Two errors of table 7.4 need no isobars: blocked force and free contraction of the printed laws, relative
+# to tables 6.11 and 6.12, at the five pressures with printed values.
 
 
 # %%
 def _end_errors(E: tuple[float, ...], change: Change) -> Float[np.ndarray, "2"]:
-    """Mean size of the errors of a law in the measured geometry [lbf, -]."""
+    """Return mean absolute errors of a law in the measured geometry [lbf, -]."""
     tested, law = (
         printed()["tested"],
         PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E])),
@@ -235,7 +235,7 @@ def totals() -> list[Row]:
 
 # %% [markdown]
 # ## Table 7.6: the work's choice, third order, linear in pressure, Drucker-stable
-# Table 7.5, which should hold its coefficients, repeats the rows of table 7.3.
+# Table 7.5 should list its coefficients but repeats the rows of table 7.3.
 
 
 # %%
@@ -259,9 +259,9 @@ def best_fit(of: Isobars) -> list[Row]:
 
 
 def tables(of: Isobars) -> tuple[Table, ...]:
-    """Every printed error of the chapter, and ours on other isobars; none has a tolerance.
+    """Return every printed error of the chapter with the one on other isobars, without tolerances.
 
-    Each is a sweep of its own, so that a reader sees how far the work is.
+    Each is a separate sweep, which shows the progress to the reader.
     """
     return (
         ("chapter 7, table 7.2: order 4, linear in pressure, each constraint",
@@ -274,7 +274,7 @@ def tables(of: Isobars) -> tuple[Table, ...]:
 
 # %% [markdown]
 # ## The same on the twin
-# In the geometry of its photographs; the twin's true law does not depend on pressure.
+# In the geometry of its photographs. The twin's true law does not depend on pressure.
 
 # %%
 if chapter.shown:
@@ -289,30 +289,30 @@ if chapter.shown:
 
 # %% [markdown]
 # ## The open question: are pressure-independent E_n enough?
-# The work found that constant E_n missed its isobars by 19.7 lbf and E_n linear in pressure by 4.1 lbf,
-# and left open whether rubber that depends on pressure is needed, or shape, deadband and the
-# pressure's pull were not right yet. So: third order, constant, linear and free in pressure, in five
-# geometries, deadband held at zero and identified; fitted to muscles whose law does not depend on
-# pressure, of which all but the first are richer than any model, and to the ten readings that the work
-# printed. Judged by pressures that are left out of the fit, between others.
+# With constant E_n, the work missed its isobars by 19.7 lbf, and with E_n linear in pressure by 4.1 lbf.
+# It left open whether the rubber depends on pressure, or whether shape, deadband and braid force were not
+# yet right. This study fits third-order laws, constant, linear and free in pressure, in five geometries,
+# with the deadband held at zero or identified. The data are muscles with pressure-independent laws, all
+# but the first more complex than any model, and the ten readings printed in the work. The criterion is the
+# error at held-out interior pressures.
 #
-# A constant law is **enough** where it errs there by no more than the work's best fit erred on
-# the readings that it was fitted to, and is stable along the actuation paths without being held to it.
+# A constant law is **enough** if its held-out error is no larger than the in-sample error of the work's
+# best fit, and if it is stable along the actuation paths without a constraint.
 
 
 # %%
 def work_error() -> float:
-    """RMSE of the work's best fit, of its largest force."""
+    """Return the RMSE of the work's best fit, relative to its largest force."""
     of = printed()
     return of["best_fit"]["total_rmse_lbf"] / max(of["tested"]["blocked_force_lbf"])
 
 
 Case = dict[str, Trial]
-"""The forms of one model of one muscle."""
+"""Trials of one model of one muscle, by form."""
 
 
 def cases(found: Sequence[Trial]) -> dict[tuple[str, str, bool], Case]:
-    """The trials by muscle, model and whether the deadband is identified."""
+    """Group the trials by muscle, model and deadband option."""
     gathered: dict[tuple[str, str, bool], Case] = {}
     for one in found:
         gathered.setdefault((one.truth, one.model, one.deadband), {})[one.form] = one
@@ -320,13 +320,13 @@ def cases(found: Sequence[Trial]) -> dict[tuple[str, str, bool], Case]:
 
 
 def enough(case: Case) -> bool:
-    """Whether the constant law is stable and errs at pressures left out by no more than the work."""
+    """Return True if the constant law is stable and its held-out error does not exceed the work's."""
     constant = case["constant"]
     return constant.modulus >= 0 and constant.left_out <= work_error()
 
 
 def question_table(found: Sequence[Trial]) -> list[str]:
-    """Lines: error at pressures left out [% of the largest force], least modulus, and whether enough."""
+    """Format held-out error [% of the largest force], smallest modulus, and if the law is enough."""
     gathered, lines, last = cases(found), [], None
     for (truth, model, deadband), case in gathered.items():
         if truth != last:
@@ -345,7 +345,7 @@ def _percent(share: float) -> str:
 
 
 def answer(found: Sequence[Trial]) -> tuple[str, str]:
-    """Two sentences that follow from the numbers: of the muscles of known truth, and of the work's."""
+    """Summarise the numbers in two sentences: muscles with known truth, and the work's own muscle."""
     gathered = cases(found)
     *known, own = dict.fromkeys(one.truth for one in found)
     right = [
@@ -361,10 +361,10 @@ def answer(found: Sequence[Trial]) -> tuple[str, str]:
     verdict = "suffice" if count == len(known) else "do not suffice in every one"
     first = (
         f"With the measured shape, the deadband identified and the better of Gaylord's force and virtual "
-        f"work, constant E_n {verdict}: they are enough for {count} of {len(known)} muscles of known "
-        f"truth, erring at pressures left out by {worst:.2g} % of the largest force at most (E_n that "
-        f"depend on pressure by {dependent:.2g} %), while in the inelastic cylinder without deadband they "
-        f"are enough for {plain}, erring by up to {worst_plain:.2g} %."
+        f"work, constant E_n {verdict}: they are enough for {count} of {len(known)} muscles with known "
+        f"truth, with held-out errors up to {worst:.2g} % of the largest force (E_n that depend on "
+        f"pressure: {dependent:.2g} %). In the inelastic cylinder without deadband they are enough for "
+        f"{plain}, with errors up to {worst_plain:.2g} %."
     )
     theirs = {key: case for key, case in gathered.items() if key[0] == own}
     best = min(theirs.items(), key=lambda one: _constant_error(one[1]))
@@ -372,12 +372,12 @@ def answer(found: Sequence[Trial]) -> tuple[str, str]:
     linear = 100 * min(_known(case["linear"].left_out) for case in theirs.values())
     passed = sum(map(enough, theirs.values()))
     second = (
-        f"For the work's own muscle, as far as ten printed readings tell, they "
+        f"For the work's own muscle, judged by ten printed readings, they "
         f"{'suffice' if passed else 'do not'}: the best constant law ({best[0][1]}, deadband "
-        f"{'identified' if best[0][2] else 'zero'}) errs by {100 * _constant_error(best[1]):.2g} % and is "
-        f"{'stable' if best[1]['constant'].modulus >= 0 else 'not stable'}, the best stable one by "
-        f"{100 * min(map(_constant_error, stable), default=math.nan):.2g} %, E_n linear in pressure by "
-        f"{linear:.2g} %, and the work's best fit left {100 * work_error():.2g} %."
+        f"{'identified' if best[0][2] else 'zero'}) has an error of {100 * _constant_error(best[1]):.2g} % "
+        f"and is {'stable' if best[1]['constant'].modulus >= 0 else 'not stable'}. The best stable one has "
+        f"{100 * min(map(_constant_error, stable), default=math.nan):.2g} %, E_n linear in pressure "
+        f"{linear:.2g} %, and the work's best fit {100 * work_error():.2g} %."
     )
     return first, second
 
@@ -387,7 +387,7 @@ def _constant_error(case: Case) -> float:
 
 
 def _known(share: float) -> float:
-    """An error that is not known is no small one."""
+    """Return the error; an unknown error counts as large."""
     return math.inf if math.isnan(share) else share
 
 

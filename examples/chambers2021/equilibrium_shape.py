@@ -1,9 +1,9 @@
-"""Beyond the work: the shape from mechanics, from the printed specimen alone, beside its measurements.
+"""Beyond the work: the equilibrium shape computed from the printed specimen, compared with measurements.
 
-The work asks for a braid term of the real geometry. Here the profile is the one of least energy, and
-pull, diameter and free contraction follow together, with nothing fitted to the muscle. The latex is
-that of the work's tensile test, taken as two separate uniaxial laws, as the work does, or as one
-isotropic incompressible law through the same curve.
+The work asks for a braid term with the real geometry. Here the profile minimises the energy. Force,
+diameter and free contraction follow from it, with nothing fitted to the muscle. The latex is that of the
+work's tensile test, either as two separate uniaxial laws, as in the work, or as one isotropic
+incompressible law through the same curve.
 
     python examples/chambers2021/equilibrium_shape.py [--json] [--fit]
 """
@@ -27,7 +27,7 @@ from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 STATIONS = np.linspace(0, 1, 201)
 TOLERANCES = np.array([1 / 32, 0.005, 0.04])
-"""By which thread length [in], turns and end diameter [in] may differ from the print, in the fit."""
+"""Tolerances of the print used in the fit: thread length [in], turns and end diameter [in]."""
 
 
 class Latex(AbstractHyperelastic):
@@ -53,7 +53,7 @@ class Latex(AbstractHyperelastic):
 
 
 def isotropic() -> Latex:
-    """The isotropic law nearest to the printed tensile curve, in nominal stress up to a strain of 2.1."""
+    """Fit the isotropic law to the printed tensile curve, in nominal stress up to a strain of 2.1."""
     strain = np.linspace(0.01, 2.1, 210)
     true = sum(E * strain ** (n + 1) for n, E in enumerate(printed()["latex"]["E_psi"]))
     stretch = 1 + strain
@@ -69,24 +69,24 @@ LAWS = {"uniaxial": lambda: PolynomialMaterial(printed()["latex"]["E_psi"]), "is
 
 @functools.cache
 def muscle(law: str) -> EquilibriumMuscle:
-    """The specimen as printed, inch and psi."""
+    """Return the specimen as printed, in inches and psi."""
     return made(*nominal(), LAWS[law]())
 
 
 def nominal() -> tuple[float, float, float]:
-    """Thread length [in], turns and end diameter [in] as measured."""
+    """Return thread length [in], turns and end diameter [in] as measured."""
     of = printed()["specimen"]
     return of["thread_length_B_in"], of["turns_N"], of["braid_resting_diameter_in"]
 
 
 def made(B: Real, N: Real, end: Real, law: AbstractMaterial) -> EquilibriumMuscle:
-    """The specimen with these numbers."""
+    """Build the muscle from these numbers."""
     braid = Braid(B, N, printed()["specimen"]["braid_thickness_in"])
     return EquilibriumMuscle(braid, bladder(), law, end_diameter=end, modes=26)
 
 
 def rows() -> list[dict[str, Any]]:
-    """The tables, what is measured beside what is computed: profiles at 100 psi, ends of the stroke."""
+    """Compute the tables, measured and computed: profiles at 100 psi, and both ends of the stroke."""
     found = []
     table = printed()["profile_100psi"]
     contractions = np.array([row["contraction"] for row in table])
@@ -117,9 +117,9 @@ def rows() -> list[dict[str, Any]]:
 
 
 def one_law_fit() -> dict[str, Any]:
-    """One law free of pressure, B, N and the end diameter within tolerance, fitted to ten figures.
+    """Fit one pressure-independent law, with B, N and end diameter within tolerance, to ten figures.
 
-    They are the blocked forces at five pressures, and no force at the free contractions.
+    The figures are the blocked forces at five pressures, and zero force at the free contractions.
     """
     tested, P = printed()["tested"], np.tile(PRESSURES, 2)
     L0 = printed()["specimen"]["active_length_in"]
@@ -156,15 +156,15 @@ def one_law_fit() -> dict[str, Any]:
 
 
 def thread_lengths() -> list[dict[str, Any]]:
-    """Length of one thread wound along each measured profile, to be held against the measured 9.89 in.
+    """Return the length of one thread along each measured profile, for comparison with 9.89 in.
 
-    Pinned where it crosses others it winds evenly along itself, so that with the meridian s
+    A thread pinned at its crossings winds evenly along itself, so with the meridian s
 
-        int ds / sqrt(B^2 - (2 pi N r)^2) = 1;
+        int ds / sqrt(B^2 - (2 pi N r)^2) = 1.
 
-    free to slide it is a geodesic, r sin(angle to the meridian) = c with int c ds / (r sqrt(r^2 - c^2))
-    = 2 pi N. The thread length "lost to curvature" in the work is that of a cylinder of the mean
-    diameter, and an artefact of it.
+    A thread free to slide is a geodesic, r sin(angle to the meridian) = c, with
+    int c ds / (r sqrt(r^2 - c^2)) = 2 pi N. The thread length "lost to curvature" in the work is that of
+    a cylinder with the mean diameter, and an artefact of it.
     """
     nodes, weights = np.polynomial.legendre.leggauss(400)
     x, w = (nodes + 1) / 2, weights / 2
@@ -195,7 +195,7 @@ def thread_lengths() -> list[dict[str, Any]]:
 
 
 def _without_nan(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What there is none of is null in JSON."""
+    """Replace missing values by null for JSON."""
     return [{k: None if v != v else v for k, v in row.items()} for row in found]  # noqa: PLR0124
 
 

@@ -1,4 +1,4 @@
-"""The terms of the force balance of the four geometries, over pressure and contraction."""
+"""Terms of the force balance for the four geometries, over pressure and contraction."""
 
 import dataclasses
 import functools
@@ -20,26 +20,26 @@ PRINTED_FREE = 0.353
 """Contraction of tables 6.1 and 6.2."""
 
 GRID = 101
-"""Points from rest to a free contraction, over which extremes and means are taken."""
+"""Points from rest to a free contraction, used for extremes and means."""
 
 OWN, TESTED = slice(0, GRID), slice(GRID, 2 * GRID)
 """Columns of `Terms` from rest to the geometry's own and to the tested free contraction."""
 
 PRINTED, LAST = 2 * GRID, 2 * GRID + 1
-"""Columns of `Terms` at `PRINTED_FREE` and at the last profile measured."""
+"""Columns of `Terms` at `PRINTED_FREE` and at the last measured profile."""
 
 ORDERS = 4
 
 
 @dataclasses.dataclass(frozen=True)
 class Terms:
-    """Everything in the balance, over pressure (rows) and contraction (columns); psi, in, lbf."""
+    """All terms of the balance, over pressure (rows) and contraction (columns); psi, in, lbf."""
 
     contraction: Float[np.ndarray, "pressures columns"]
     values: dict[str, Float[np.ndarray, "pressures columns"]]
 
     def at(self, quantity: str, row: int, state: str) -> float:
-        """The quantity at one pressure and state; at an extreme of its size, with its sign."""
+        """Return the quantity at one pressure and state; for an extreme in magnitude, with its sign."""
         values = self.values[quantity][row]
         size = np.abs(values[OWN])
         column = {
@@ -52,26 +52,26 @@ class Terms:
         return float(values[column])
 
     def at_100_psi(self, quantity: str) -> Float[np.ndarray, " columns"]:
-        """The quantity at all contractions of the highest pressure."""
+        """Return the quantity at all contractions of the highest pressure."""
         return self.values[quantity][-1]
 
 
 _POINTS = 1024
-"""States of one call of the compiled balance."""
+"""States per call of the compiled balance."""
 
 _KNOWN = 0.367
-"""Contraction up to which all shapes are known: 0.35, and a twentieth of it by extrapolation."""
+"""Largest contraction with a known shape: 0.35, plus a twentieth of it by extrapolation."""
 
 
 def balance(
     muscle: Muscle, contraction: ArrayLike, pressure: ArrayLike
 ) -> dict[str, Float[np.ndarray, "..."]]:
-    """The terms of the force balance, strains and their moments included, broadcast shape.
+    """Compute the terms of the force balance with strains and their moments, broadcast shape.
 
-    Every geometry has one compiled program, whatever the number of states.
+    Each geometry needs one compiled program, whatever the number of states.
 
     Args:
-        muscle: in inch and psi.
+        muscle: muscle in inches and psi.
         contraction: (L0 - L) / L0 [-].
         pressure: gauge pressure [psi].
 
@@ -80,7 +80,7 @@ def balance(
     """
     c, P = np.broadcast_arrays(np.asarray(contraction, float), np.asarray(pressure, float))
     calls = -(-c.size // _POINTS)
-    # What fills up the last call repeats states that are there.
+    # Repeated states fill up the last call.
     states = [np.resize(values, (calls, _POINTS)) for values in (c, P)]
     found = [_balance(muscle, *state) for state in zip(*states, strict=True)]
     return {
@@ -130,11 +130,11 @@ def _balance(
 
 
 def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, " n"]:
-    """Contraction of zero force at each pressure [psi], the least one from rest.
+    """Return the smallest contraction with zero force at each pressure [psi].
 
-    The range to `_KNOWN` is divided, and the first part in which the force falls through zero
-    again, until its ends are neighbouring numbers. `Muscle.free_contraction` gives the same; this
-    needs no program beside that of the balance.
+    The range up to `_KNOWN` is subdivided, then repeatedly the first part in which the force falls
+    through zero, until its ends are adjacent numbers. `Muscle.free_contraction` gives the same result;
+    this function needs no program other than that of the balance.
 
     Raises:
         RuntimeError: the force does not fall through zero.
@@ -155,13 +155,16 @@ def free_contraction(muscle: Muscle, pressure: ArrayLike) -> Float[np.ndarray, "
 
 @functools.cache
 def free_contractions() -> dict[str, Float[np.ndarray, " pressures"]]:
-    """Free contraction of each geometry at `PRESSURES`: where its own model's force is zero."""
+    """Return the free contraction of each geometry at `PRESSURES`, where its own force is zero."""
     return {name: free_contraction(muscle, PRESSURES) for name, muscle in muscles().items()}
 
 
 @functools.cache
 def terms(change: Change = NONE, further: float = 0.0) -> dict[str, Terms]:
-    """The terms of each geometry; the specimen changed, and all contractions but the own `further`."""
+    """Compute the terms of each geometry for a changed specimen.
+
+    `further` shifts all contractions except those up to the geometry's own free contraction.
+    """
     tested = np.array(printed()["tested"]["free_contraction"])[:, None] + further
     last = printed()["profile_100psi"][-1]["contraction"]
     share = np.linspace(0, 1, GRID)
@@ -175,7 +178,7 @@ def terms(change: Change = NONE, further: float = 0.0) -> dict[str, Terms]:
 
 
 def open_changes() -> tuple[Change, ...]:
-    """What the print leaves open: half a digit of B0, N by table 5.1, and three terms' RMSE."""
+    """List the uncertainties of the print: half a digit of B0, N by table 5.1, RMSE of three terms."""
     rmse = dict(
         zip(*(printed()["fourier_terms"][key] for key in ("terms", "rmse_in")), strict=True)
     )
@@ -189,7 +192,7 @@ WHY = (
 
 
 def spread(value: Callable[[Mapping[str, Terms]], float]) -> float:
-    """How far a figure may be from the print for the reasons in `WHY`: the sum of their changes."""
+    """Return the tolerance of a figure for the reasons in `WHY`: the sum of their effects."""
     first = value(terms())
     others = [terms(NONE, 0.001), *(terms(change) for change in open_changes())]
     return sum(abs(value(of) - first) for of in others)

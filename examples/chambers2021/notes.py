@@ -1,10 +1,10 @@
-"""What stands beside the figures: how tables were read, why some differ, what cannot be computed."""
+"""Notes on the figures: how tables were read, why some differ, and what cannot be computed."""
 
 NOTES: tuple[tuple[str, str], ...] = (
     (
         "2.1",
         "The ideal braid of the printed diameter and angle: no bladder, no end-fittings. The "
-        "diameter in a muscle's name is taken for its braid's.",
+        "diameter in a muscle's name is assumed to be its braid's.",
     ),
     (
         "2.4",
@@ -12,68 +12,67 @@ NOTES: tuple[tuple[str, str], ...] = (
     ),
     (
         "2.4, support",
-        'The print says that the support "approximately doubles" Euler\'s load. By its lengths a rigid '
-        "one would multiply it by 2.81, and one that only stiffens the tube between pins by 1.14; the "
-        "stiffness that doubles it is in units of the bare tube's load over its length.",
+        'The print says that the support "approximately doubles" Euler\'s load. With the printed lengths, '
+        "a rigid support would multiply it by 2.81, and a support that only stiffens the tube between pins "
+        "by 1.14. The stiffness that doubles it is in units of the bare tube's load over its length.",
     ),
     (
         "4, angle",
-        "The two printed angles imply slopes of 11.2 and 10.4 lbf/psi, which contradict one another, and "
-        "the tested blocked forces rise by 11.0 lbf/psi, between neighbouring pressures by 10.4 to 11.3. "
-        "The forces that chapter 4 used are not printed.",
+        "The two printed angles imply slopes of 11.2 and 10.4 lbf/psi, which are inconsistent. The tested "
+        "blocked forces rise by 11.0 lbf/psi, and by 10.4 to 11.3 between neighbouring pressures. The "
+        "forces used in chapter 4 are not printed.",
     ),
     (
         "4.2",
-        "SYNTHETIC: elliptic ends and a cylinder instead of photographs. Only the fall of the "
+        "SYNTHETIC: elliptic ends and a cylinder instead of photographs. Only the decrease of the "
         "error with the number of terms can be compared.",
     ),
     (
         "4.3",
-        "Misprints: as printed only the row at 0 % describes a muscle, and even its w is not that of a "
-        "symmetric profile; the corrected w, and b1 at 35 %, make "
-        "every row symmetric. Used is the w that the printed a_n and b_n themselves make symmetric "
-        "about x = 1/2: at 35 % it is 2.1776 in place of the transcribed 2.176, and the profile is "
-        "symmetric to the rounding of the print. No diameters were printed to hold these against. "
-        "At x = 0 the sum of the a_n is 1.00 in at 35 %, to 0.02 in whatever w and b_n are: the "
-        "0.863 in of the end-fittings cannot be laid on this row.",
+        "Misprints: as printed, only the row at 0 % describes a muscle, and even its w is not that of a "
+        "symmetric profile. The corrected w, and b1 at 35 %, make every row symmetric. The computation "
+        "uses the w that makes the printed a_n and b_n symmetric about x = 1/2: at 35 % it is 2.1776 "
+        "instead of the transcribed 2.176, and the profile is symmetric within the rounding of the print. "
+        "No diameters were printed for comparison. At x = 0 the sum of the a_n is 1.00 in at 35 %, within "
+        "0.02 in for any w and b_n: it cannot match the 0.863 in of the end-fittings.",
     ),
     (
         "5, thread",
-        "The readings behind the moduli are not printed. Here they follow from table 5.1's rounded "
-        "diameters and the tested blocked forces; which points count as high pressure is not said.",
+        "The readings behind the moduli are not printed. Here the moduli follow from table 5.1's rounded "
+        "diameters and the tested blocked forces. The work does not state which points are high pressure.",
     ),
     (
         "5.1",
-        "'From the printed D' uses the triangle alone. 'Of the model' starts from B0 = 9.894 in, the "
+        "'From the printed D' uses only the triangle. 'Of the model' starts from B0 = 9.894 in, the "
         "length at 0 psi.",
     ),
     (
         "5.2",
-        "Read as the braid over pressure at rest, with and without stretch. Changes: elastic minus "
+        "Interpreted as the braid over pressure at rest, with and without stretch. Changes: elastic minus "
         "inelastic, under Gaylord's own force, at the resting length and at the tested free "
-        "contraction of each pressure; no figures of them were given to us.",
+        "contraction of each pressure. No printed figures are available.",
     ),
     (
         "6.1",
-        "35.3 % lies 0.3 % beyond the last profile. The arc of three Fourier terms is shorter than the "
+        "35.3 % is 0.3 % beyond the last profile. The arc of three Fourier terms is shorter than the "
         "outline, which is narrower at its ends.",
     ),
     (
         "6, thickness",
-        "Out of tolerance: the elastic braid's, by 0.00002 in. Its threads are stretched by Gaylord's "
-        "force here; by the muscle's own, which is zero when it is free, they would be stretched an "
-        "eighth less, and the wall be 0.0336 to 0.0337 in thick.",
+        "Out of tolerance: the elastic braid's, by 0.00002 in. Here Gaylord's force stretches its threads. "
+        "The muscle's own force, which is zero at free contraction, would stretch them by an eighth less, "
+        "with a wall thickness of 0.0336 to 0.0337 in.",
     ),
     (
         "6.3",
-        "The print gives three geometries at 100 psi; the other pressures, states and the measured "
-        "geometry (equal to the average diameter in this term) are ours.",
+        "The print gives three geometries at 100 psi. The other pressures and states, and the measured "
+        "geometry (equal to the average diameter in this term), are additional.",
     ),
     *(
         (
             table,
-            f"{subject}. The numbers of this table were not given to us. Mean absolute differences "
-            "are over contraction, from the measured geometry.",
+            f"{subject}. The numbers of this table are not available. Mean absolute differences are over "
+            "contraction, relative to the measured geometry.",
         )
         for table, subject in (
             ("6.4", "Axial stress of the bladder"),
@@ -86,40 +85,40 @@ NOTES: tuple[tuple[str, str], ...] = (
     ),
     (
         "6, summary",
-        "The thread length lost to curvature is that of two cylinders. It is an artefact of the cylinder: "
-        "wound on the measured outline at constant pitch the thread would be longer than it is, not "
-        "shorter, so that its pitch is not constant. Pinned where threads cross, it would be 9.96 to "
-        "10.08 in long, beside 9.89 measured; as a geodesic 9.95 to 9.62, and impossible from 26 % on: "
-        "the crossings hold (equilibrium_shape.py).",
+        "The thread length lost to curvature is the difference of two cylinders, and an artefact of the "
+        "cylinder. On the measured outline at constant pitch, the thread would be longer than it is, not "
+        "shorter, so its pitch is not constant. Pinned at its crossings, it would be 9.96 to 10.08 in, "
+        "and 9.89 was measured. As a geodesic it would be 9.95 to 9.62 in, and impossible from 26 % on. "
+        "The crossings therefore hold (equilibrium_shape.py).",
     ),
     (
         "6.11",
-        "The model columns were not given to us; the tested column was, and the difference from "
-        "it is listed. The latex law alone, not fitted, is not expected to meet the test.",
+        "The model columns are not available; the tested column is, and the rows list the difference from "
+        "it. The latex law alone, without a fit, is not expected to match the test.",
     ),
     (
         "6.12",
-        "As 6.11. Each geometry's own zero-force point; beyond 35 % the measured shape is "
+        "As 6.11. Each geometry has its own point of zero force. Beyond 35 %, the measured shape is "
         "extrapolated by up to 1.2 % of contraction.",
     ),
     (
         "7.4",
-        "Blocked force and free contraction of the printed laws against the tested ones, at the five "
-        "pressures of which those are printed. Out of tolerance: the free contraction of the optimised "
-        "law, by 0.0001. The work's mean is over ten pressures, of which five are not printed.",
+        "Blocked force and free contraction of the printed laws relative to the tested ones, at the five "
+        "printed pressures. Out of tolerance: the free contraction of the optimised law, by 0.0001. The "
+        "work's mean is over ten pressures, of which five are not printed.",
     ),
     (
         "7.6",
-        "Misprint: the total MAE. The mean of its column is 2.5, and the MAE of 100 psi, 2.58 beside an "
-        "RMSE of 7.36, is probably about 5.5.",
+        "Misprint: the total MAE. The mean of its column is 2.5. The MAE at 100 psi, 2.58 with an RMSE of "
+        "7.36, is probably about 5.5.",
     ),
     (
         "virtual work",
-        "Five profiles 8.75 % of contraction apart: at one contraction, above all at either end, "
-        "the rate is the spline's and moves with the rounding of the coefficients. The mean from "
-        "0 to 35 % is, at constant pressure, a difference of two volumes and free of the spline: "
-        "measured, it is about 15 % below Gaylord's, and the blocked force moves away from the "
-        "test. The triangle relation and the photographed volumes do not agree to better than that.",
+        "The five profiles are 8.75 % of contraction apart. At a single contraction, especially at either "
+        "end, the derivative is the spline's and depends on the rounding of the coefficients. The mean "
+        "from 0 to 35 % at constant pressure is a difference of two volumes and independent of the spline. "
+        "For the measured shape it is about 15 % below Gaylord's, and the blocked force moves away from "
+        "the test. The triangle relation and the photographed volumes do not agree better than that.",
     ),
 )
 """(table, remark) for readers."""
@@ -127,8 +126,8 @@ NOTES: tuple[tuple[str, str], ...] = (
 NOT_COMPUTED: tuple[tuple[str, str], ...] = (
     (
         "2.1, tested",
-        "forces, contractions and weights of built muscles: measured; what the braid alone would "
-        "do stands in the table",
+        "forces, contractions and weights of built muscles: measured; the table gives the values of the "
+        "braid alone",
     ),
     ("2.4, buckling", "the loads themselves: the swage tube's modulus is not printed"),
     ("2.5", "lengths, weights, blocked forces, bursts of three muscles: measured"),
@@ -147,8 +146,8 @@ NOT_COMPUTED: tuple[tuple[str, str], ...] = (
     ("6.12, tested", "free contraction of the muscle itself: measured, an input here"),
     (
         "7.1 to 7.6, fits",
-        "their errors: need the tested force curves, which are not printed. Fits of a "
-        "SYNTHETIC reconstruction stand at the end of the page, without verdicts",
+        "their errors: need the tested force curves, which are not printed. Fits of a SYNTHETIC "
+        "reconstruction are at the end of the page, without verdicts",
     ),
 )
 """(figures, why they are not computed)."""

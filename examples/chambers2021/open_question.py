@@ -1,4 +1,4 @@
-"""Do pressure-independent E_n suffice? Fits of each geometry to muscles whose truth is known or printed."""
+"""Do pressure-independent E_n suffice? Fits of each geometry to muscles with known or printed truth."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -26,20 +26,20 @@ from rig.control import Control
 from rig.plan import Isobaric, PlanFile
 
 ORDER = 3
-"""Of the law that the work chose."""
+"""Order of the law chosen in the work."""
 FORMS = ("constant", "linear", "free")
-"""How E_n may depend on pressure; free: values at each pressure tested, straight lines between."""
+"""Pressure dependence of the E_n; free: values at each tested pressure, linear in between."""
 WORK = "measured, virtual work"
 RUBBER = famjax.materials.MooneyRivlinMaterial(25.0 * units.PSI, 15.0 * units.PSI)
-"""As stiff as the latex of chapter 6 at its largest strain, and no polynomial."""
+"""A non-polynomial law, as stiff as the latex of chapter 6 at its largest strain."""
 
 Model = tuple[AbstractGeometry, PressurisedBraid | VirtualWork]
-"""Geometry, and the pressure's pull."""
+"""Geometry and force term of the pressure."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Truth:
-    """A muscle whose forces are fitted: its name, its force map, and the models of it, in SI."""
+    """A muscle to fit: name, force map and its models, in SI."""
 
     name: str
     data: fitting.ForceData
@@ -48,13 +48,13 @@ class Truth:
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One model of one muscle with one dependence on pressure; errors in parts of the largest force.
+    """One model of one muscle with one pressure dependence; errors relative to the largest force.
 
     Attributes:
-        truth, model, deadband, form: what was fitted; the deadband is identified, or held at zero.
-        rmse: of the fit; nan where the readings do not determine the law.
-        left_out: of each pressure but the lowest and the highest, by a fit without it.
-        modulus: least modulus along the paths [Pa] of a constant law, Drucker-stable from 0 on.
+        truth, model, deadband, form: description of the fit; the deadband is identified or held at zero.
+        rmse: RMSE of the fit; nan if the readings do not determine the law.
+        left_out: held-out error for each pressure except the lowest and the highest.
+        modulus: smallest modulus along the paths [Pa] for a constant law; stable (Drucker) if >= 0.
     """
 
     truth: str
@@ -67,10 +67,10 @@ class Trial:
 
 
 def truths(twin: Twin) -> Iterator[Truth]:
-    """The twin as measured, three richer muscles on the same simulated rig, and the work's own.
+    """Yield the twin as measured, three more complex muscles on the simulated rig, and the work's own.
 
-    The richer ones have the work's braid, whose threads stretch. The shape that their models are
-    given is the true one, as photographs show it; their cylinders are those of the printed braid.
+    The complex muscles have the work's braid with elastic threads. Their models use the true shape, as
+    photographs would show it; their cylinders use the printed braid.
     """
     yield Truth("twin", twin.data, models(twin.geometries()))
     printed_shapes: dict[str, AbstractGeometry] = dict(
@@ -91,13 +91,13 @@ def truths(twin: Twin) -> Iterator[Truth]:
 
 
 def models(shapes: Mapping[str, AbstractGeometry]) -> dict[str, Model]:
-    """Gaylord's force in the four geometries, and virtual work in the measured one."""
+    """Return the four geometries with Gaylord's force, and the measured one with virtual work."""
     found: dict[str, Model] = {name: (one, PressurisedBraid(0.0)) for name, one in shapes.items()}
     return {**found, WORK: (shapes["measured"], VirtualWork(0.0))}
 
 
 def with_ends() -> dict[str, AbstractGeometry]:
-    """The four geometries of a muscle with elliptic ends, whose middle follows the elastic braid."""
+    """Return the geometries of a muscle with elliptic ends, whose middle follows the elastic braid."""
     of, tube = printed()["specimen"], bladder(units.INCH)
     rigid = inelastic_braid(units.INCH)
     braid = elastic_braid(inch=units.INCH, psi=units.PSI)
@@ -121,7 +121,7 @@ def with_ends() -> dict[str, AbstractGeometry]:
 
 
 def simulated(muscle: famjax.Muscle, friction: float, folder: Path) -> fitting.ForceData:
-    """The force map of a muscle on the simulated rig, kept in a folder."""
+    """Measure the force map of a muscle on the simulated rig; the result is kept in a folder."""
     path = folder / "dataset.csv"
     if not path.exists():
         rest = float(muscle.geometry.rest_length)
@@ -138,9 +138,9 @@ def simulated(muscle: famjax.Muscle, friction: float, folder: Path) -> fitting.F
 
 
 def ends_of_isobars() -> fitting.ForceData:
-    """The work's own blocked forces and free contractions: all that is printed of its isobars.
+    """Return the work's blocked forces and free contractions, the only printed values of its isobars.
 
-    A reading of no force is slack, and no reading: free contraction is given a pull of 0.01 lbf.
+    A reading of zero force counts as slack, so free contraction has a force of 0.01 lbf.
     """
     tested, tube = printed()["tested"], bladder(units.INCH)
     free = float(tube.rest_length) * (1 - np.array(tested["free_contraction"]))
@@ -157,7 +157,7 @@ def ends_of_isobars() -> fitting.ForceData:
 
 
 def trials(truth: Truth) -> Iterator[Trial]:
-    """Every model of a muscle with every form, the deadband held and identified."""
+    """Run every model of a muscle with every form, with the deadband held and identified."""
     for name, model in truth.models.items():
         system = System.of(truth.data, model)
         for deadband in (False, True):
@@ -167,7 +167,7 @@ def trials(truth: Truth) -> Iterator[Trial]:
                 yield Trial(truth.name, name, deadband, form, rmse, left_out, modulus)
 
 
-_SIZE = np.array([1e6] * ORDER + [1e4])  # Pa, of the E_n and of the deadband: of one order
+_SIZE = np.array([1e6] * ORDER + [1e4])  # Pa, scales of the E_n and the deadband
 _PADDED = 512
 
 
@@ -175,9 +175,9 @@ _PADDED = 512
 class System:
     """The force of a model at the readings, F = force + columns (E_1, E_2, E_3, P_d).
 
-    It is linear in the E_n and, as both pulls of the pressure are, in the deadband. So a fit is
-    linear least squares, and one without a pressure costs nothing more; `fitting.identify` finds the
-    same, with a certificate, with the law held to be stable, and with geometry to be identified too.
+    It is linear in the E_n, and for both force terms of the pressure also in the deadband. A fit is
+    therefore linear least squares, and leaving out a pressure costs nothing more. `fitting.identify` gives
+    the same result with a certificate, and can also enforce stability and identify the geometry.
     """
 
     data: fitting.ForceData
@@ -186,7 +186,7 @@ class System:
 
     @classmethod
     def of(cls, data: fitting.ForceData, model: Model) -> "System":
-        """At the readings whose lengths the geometry covers."""
+        """Evaluate the model at the readings whose lengths the geometry covers."""
         low, high = (float(end) for end in model[0].length_range())
         data = data.part(data.loaded & (data.length >= low) & (data.length <= high))
         force, columns = _linear(*model, *_padded(data.length, data.pressure))
@@ -196,7 +196,7 @@ class System:
     def judged(
         self, form: str, *, deadband: bool
     ) -> tuple[float, float, Float[np.ndarray, " unknowns"]]:
-        """RMSE of the fit and at pressures left out, of the largest force; and the unknowns [Pa]."""
+        """Return in-sample and held-out RMSE relative to the largest force, and the unknowns [Pa]."""
         level = self.data.pressures.level
         levels, whole = np.unique(level), np.ones(level.size, bool)
         unknowns = self._fit(form, levels, whole, deadband=deadband)
@@ -215,7 +215,7 @@ class System:
     def _matrix(
         self, form: str, levels: Float[np.ndarray, " p"]
     ) -> Float[np.ndarray, "n unknowns"]:
-        """Columns of the E_n at the nodes of the form, and of the deadband."""
+        """Return the columns of the E_n at the nodes of the form, and of the deadband."""
         P = self.data.pressure
         nodes = {"constant": levels[:1], "linear": levels[[0, -1]], "free": levels}[form]
         if nodes.size == 1:
@@ -236,7 +236,7 @@ class System:
         *,
         deadband: bool,
     ) -> Float[np.ndarray, " unknowns"]:
-        """Unknowns [Pa] of least squares, the deadband not negative; nan if not determined."""
+        """Solve for the unknowns [Pa] with a nonnegative deadband; nan if not determined."""
         A, target = self._matrix(form, levels)[rows], (self.data.force - self.force)[rows]
         count = A.shape[1] if deadband else A.shape[1] - 1
         size = np.linalg.norm(A[:, :count], axis=0)
@@ -261,7 +261,7 @@ def _linear(
     length: Float[Array | np.ndarray, " n"],
     pressure: Float[Array | np.ndarray, " n"],
 ) -> tuple[Float[Array, " n"], Float[Array, "unknowns n"]]:
-    """Force [N] without law and deadband, and what each unknown adds [N/Pa]."""
+    """Return the force [N] without law and deadband, and its derivative by each unknown [N/Pa]."""
 
     def force(unknowns: Float[Array, " unknowns"]) -> Float[Array, " n"]:
         law = famjax.PolynomialMaterial(unknowns[:ORDER])
@@ -275,7 +275,7 @@ def _linear(
 def least_modulus(
     data: fitting.ForceData, model: Model, unknowns: Float[np.ndarray, " unknowns"]
 ) -> float:
-    """Of a constant law along the actuation paths of all pressures tested [Pa]."""
+    """Return the smallest modulus of a constant law along the paths of all tested pressures [Pa]."""
     level, geometry = data.pressures.level, model[0]
     low = float(geometry.length_range()[0])
     lengths, pressures = [], []
@@ -298,6 +298,6 @@ def _moduli(
 
 
 def _padded(*columns: Float[np.ndarray, " n"]) -> list[Float[np.ndarray, " padded"]]:
-    """The last state repeated, so that one program serves every muscle."""
+    """Repeat the last state to a fixed size, so one program serves every muscle."""
     count = -(-columns[0].size // _PADDED) * _PADDED
     return [np.pad(one, (0, count - one.size), mode="edge") for one in columns]

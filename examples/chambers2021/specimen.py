@@ -1,6 +1,6 @@
-"""The dissertation's 7/8 in muscle as models: its braid, bladder, shape and latex.
+"""The dissertation's 7/8 in muscle as models: braid, bladder, shape and latex.
 
-They are in inch and psi, as printed, or in the units of which `inch` and `psi` are the multiples.
+Values are in inches and psi, as printed, or in other units given by `inch` and `psi`.
 """
 
 import functools
@@ -20,14 +20,14 @@ from famjax.profiles import FourierProfile
 from famjax.surfaces import MeasuredFamily
 
 PRESSURES = (20.0, 40.0, 60.0, 80.0, 100.0)
-"""Gauge pressures [psi] at which the work prints its tables of forces."""
+"""Gauge pressures [psi] of the printed force tables."""
 
 ENDS = (10.0, 100.0)
-"""Lowest and highest gauge pressure tested [psi]: the nodes of a law that is linear in pressure."""
+"""Lowest and highest tested gauge pressure [psi], the nodes of a law that is linear in pressure."""
 
 
 def bladder(inch: float = 1.0) -> Bladder:
-    """The latex tube of the 7/8 in specimen."""
+    """Return the latex tube of the 7/8 in specimen."""
     of = printed()["specimen"]
     return Bladder(
         of["active_length_in"] * inch,
@@ -37,12 +37,12 @@ def bladder(inch: float = 1.0) -> Bladder:
 
 
 class Change(NamedTuple):
-    """What the print leaves open of the specimen, added to it; inch, and turns.
+    """Changes of the specimen within the uncertainty of the print, in inches and turns.
 
     Attributes:
-        thread_length: of B0.
-        turns: of N.
-        diameter: of every photographed profile.
+        thread_length: change of B0.
+        turns: change of N.
+        diameter: change of every photographed profile.
     """
 
     thread_length: Real = 0.0
@@ -54,7 +54,7 @@ NONE = Change()
 
 
 def inelastic_braid(inch: float = 1.0, change: Change = NONE) -> Braid:
-    """The specimen's braid, its threads not stretching, of the thread length that chapter 6 used."""
+    """Return the specimen's braid with inextensible threads of the length used in chapter 6."""
     of = printed()["specimen"]
     return Braid(
         (of["thread_length_B_used_in_chapter_6_in"] + change.thread_length) * inch,
@@ -66,7 +66,7 @@ def inelastic_braid(inch: float = 1.0, change: Change = NONE) -> Braid:
 def elastic_braid(
     softness: Real = 1.0, *, inch: float = 1.0, psi: float = 1.0, change: Change = NONE
 ) -> ElasticBraid:
-    """The specimen's braid with the modulus found in situ, 11.6e6 psi over `softness`."""
+    """Return the specimen's braid with the modulus found in situ, 11.6e6 psi divided by `softness`."""
     of, braid = printed()["specimen"], inelastic_braid(inch, change)
     modulus = of["thread_modulus_in_situ_linear_psi"] * psi / softness
     thread = LinearThread(modulus, of["thread_area_in2"] * inch**2)
@@ -76,20 +76,21 @@ def elastic_braid(
 
 
 def transcribed_profile(row: dict[str, Any]) -> FourierProfile:
-    """One row of table 4.3 with its printing errors corrected as transcribed; not symmetrised."""
+    """Return one row of table 4.3 with printing errors corrected as transcribed, not symmetrised."""
     return FourierProfile(row["a"][0], row["a"][1:], row["b"], row["w_corrected"])
 
 
 def profile(row: dict[str, Any]) -> FourierProfile:
-    """One row of table 4.3 as used: its coefficients about their own middle.
+    """Return one row of table 4.3 as used: its coefficients about their own middle.
 
-    The printed a_n and b_n fix w: of the profile's odd part about x = 1/2,
+    The printed a_n and b_n determine w. The odd part of the profile about x = 1/2,
 
     o_n = b_n cos(n w / 2) - a_n sin(n w / 2),
 
-    the least sum of squares is left, and then taken out. In every row what is left is within the
-    rounding of the print, 0.005 of a coefficient and 0.05 of b_3 = -0.5 at 35 %. That row needs w
-    to four decimals, 2.1776: with the transcribed 2.176 a_1 would be off by seven times its rounding.
+    is minimised in the least-squares sense, and the remainder is removed. In every row the remainder is
+    within the rounding of the print, 0.005 of a coefficient and 0.05 of b_3 = -0.5 at 35 %. That row
+    needs w to four decimals, 2.1776: with the transcribed 2.176, a_1 would be off by seven times its
+    rounding.
     """
     a, b = np.array(row["a"][1:]), np.array(row["b"])
     n, w = np.arange(1, a.size + 1), row["w_corrected"]
@@ -102,7 +103,7 @@ def profile(row: dict[str, Any]) -> FourierProfile:
 
 
 def measured_family(inch: float = 1.0, psi: float = 1.0, change: Change = NONE) -> MeasuredFamily:
-    """Table 4.3, corrected and symmetrised, scaled in pressure by the elastic braid."""
+    """Return table 4.3, corrected and symmetrised, scaled in pressure by the elastic braid."""
     rest = printed()["specimen"]["active_length_in"] * inch
     rows = printed()["profile_100psi"]
     return MeasuredFamily(
@@ -118,9 +119,9 @@ def _scaled(one: FourierProfile, inch: float, wider: Real) -> FourierProfile:
 
 
 def latex() -> PressurePolynomialMaterial:
-    """The latex of chapter 6, psi: at all pressures the same.
+    """Return the latex of chapter 6 in psi, the same at all pressures.
 
-    It is written as a law that is linear in pressure, so that those meet its compiled programs.
+    It is written as a law that is linear in pressure, so both kinds share compiled programs.
     """
     E = printed()["latex"]["E_psi"]
     return PressurePolynomialMaterial(jnp.array(ENDS), jnp.array([E, E]))
@@ -133,7 +134,7 @@ GEOMETRIES = ("estimated inelastic", "estimated elastic", "measured average diam
 def four_geometries(
     inch: float = 1.0, psi: float = 1.0, change: Change = NONE
 ) -> tuple[AbstractGeometry, ...]:
-    """The geometries of the specimen, in the order of their names."""
+    """Build the geometries of the specimen, in the order of their names."""
     family, tube = measured_family(inch, psi, change), bladder(inch)
     return (
         EstimatedGeometry(inelastic_braid(inch, change), tube),
@@ -145,24 +146,24 @@ def four_geometries(
 
 @quick_jit
 def _build(change: Change) -> tuple[tuple[AbstractGeometry, ...], PressurePolynomialMaterial]:
-    """The geometries and the latex, in one program; alone each of their sums would be one."""
+    """Build geometries and latex in one program instead of one per operation."""
     return four_geometries(change=change), latex()
 
 
 @functools.cache
 def muscles(change: Change = NONE) -> dict[str, Muscle]:
-    """The four geometries of the specimen with the latex, by name."""
+    """Return the four muscles of the specimen with the latex, by name."""
     shapes, law = _build(Change(*map(np.asarray, map(float, change))))
     return {name: Muscle(shape, law) for name, shape in zip(GEOMETRIES, shapes, strict=True)}
 
 
 def geometries() -> dict[str, AbstractGeometry]:
-    """The four geometries of the specimen, by name."""
+    """Return the four geometries of the specimen, by name."""
     return {name: muscle.geometry for name, muscle in muscles().items()}
 
 
 def open_turns() -> float:
-    """How far N may be from 1.09 by table 5.1, where pi N D = B cos(theta), with its rounding."""
+    """Return the uncertainty of N = 1.09 by table 5.1, where pi N D = B cos(theta), with its rounding."""
     table, used = printed()["elastic_braid"], printed()["specimen"]["turns_N"]
     D, B, theta = np.array(table["D_in"]), np.array(table["B_in"]), np.deg2rad(table["theta_deg"])
     N = B * np.cos(theta) / (np.pi * D)

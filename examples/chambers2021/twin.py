@@ -1,9 +1,8 @@
-"""The twin of the muscle: records and photographs of a muscle that is known, made once into a folder.
+"""The twin of the muscle: records and photographs of a known muscle, created once in a folder.
 
-The work's own records and photographs are not published. `tests/rendering` of the clone draws a
-muscle near the work's, tests it on the simulated rig, and photographs it with the simulated camera,
-noise, clocks and faults included. What a chapter measures of it is kept in the folder, so that the
-next chapter need not measure it again.
+The work's own records and photographs are not published. `tests/rendering` in the clone simulates a
+similar muscle, tests it on the simulated rig and photographs it with the simulated camera, including
+noise, clock errors and faults. Measurements are kept in the folder, so the next chapter can reuse them.
 """
 
 import argparse
@@ -30,26 +29,26 @@ from imaging.pictures import measure_pictures
 from rig.journal import read_journal
 
 DISTANCE, PITCH, PLACEMENT = 60 * units.INCH, units.INCH / 8, 0.01 * units.INCH
-"""Camera to muscle, from mark to mark of the ruler, and how far that may be off the axis [m]."""
+"""Distances from camera to muscle and between ruler marks, and error of the ruler's plane [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Twin:
-    """A twin in its folder, and what is measured of it, in SI.
+    """A twin in its folder, and its measurements in SI.
 
     Attributes:
-        folder: with journal, log, photographs, ruler, sheet and the truth.
+        folder: folder with journal, log, photographs, ruler, sheet and truth.
     """
 
     folder: Path
 
     @classmethod
     def of_command_line(cls) -> "Twin":
-        """The twin of `--folder`, made if it is not there yet."""
+        """Open the twin in `--folder`; it is created if missing."""
         parser = argparse.ArgumentParser(allow_abbrev=False)
         parser.add_argument("--folder", type=Path, default=Path("chambers2021-twin"))
         parser.add_argument("--size", choices=("small", "large"), default="small")
-        given, _ = parser.parse_known_args()  # a notebook's kernel has arguments of its own
+        given, _ = parser.parse_known_args()  # a notebook kernel has its own arguments
         if not (given.folder / "characterisation.toml").exists():
             print(f"making the {given.size} twin in {given.folder} ...", file=sys.stderr)
             made.write_twin(given.folder, size=given.size)
@@ -57,29 +56,29 @@ class Twin:
 
     @functools.cached_property
     def sheet(self) -> Sheet:
-        """What is known of the muscle beforehand."""
+        """Known data of the muscle."""
         return read_sheet(self.folder)
 
     @functools.cached_property
     def truth(self) -> "folder_truth.Truth":
-        """What the twin was made from; used to judge, and where the work counted the braid's turns."""
-        drawn = folder_truth.drawn_truth(0, "small", flawed=True)  # which the file replaces whole
+        """True parameters of the twin, used to judge results and for the counted turns of the braid."""
+        drawn = folder_truth.drawn_truth(0, "small", flawed=True)  # replaced entirely by the file
         return folder_truth.read_truth(self.folder / folder_truth.TRUTH, drawn)
 
     @functools.cached_property
     def lengths(self) -> dict[str, float]:
-        """The true length [m] in each photograph."""
+        """True length [m] in each photograph."""
         with (self.folder / made.TRUE_LENGTHS).open(encoding="utf-8") as file:
             return {row["picture"]: float(row["length_m"]) for row in csv.DictReader(file)}
 
     @property
     def muscle(self) -> "folder_truth.TwinMuscle":
-        """The true muscle."""
+        """True muscle."""
         return self.truth.muscle
 
     @functools.cached_property
     def test(self) -> Analysis:
-        """Journal and machine's log on one clock, and the curves at each pressure."""
+        """Journal and machine log on one clock, and the curves at each pressure."""
         return analyse(
             read_journal(self.folder / "test.fam"),
             read_machine_log(self.folder / "machine.csv"),
@@ -88,7 +87,7 @@ class Twin:
 
     @functools.cached_property
     def data(self) -> fitting.ForceData:
-        """The force map: mean of both branches at each pressure."""
+        """Force map: mean of both branches at each pressure."""
         path = self.folder / "dataset.csv"
         entries = {k: v for k, v in self.sheet.entries.items() if not k.startswith("rest_length_")}
         write_dataset(self.test.characterisation, path, specimen=entries)
@@ -96,7 +95,7 @@ class Twin:
 
     @functools.cached_property
     def pictures(self) -> "imaging.Table":
-        """The photographs measured, each with what the machine read when it was taken."""
+        """Measured photographs with the machine's readings at each picture."""
         ruler = self.folder / "ruler.jpg"
         scale = imaging.calibrate_ruler(
             ruler, pitch=PITCH, distance=DISTANCE, placement_stderr=PLACEMENT
@@ -117,7 +116,7 @@ class Twin:
         return fitting.shape_surface(self.folder / "pictures" / "measurements.nc")
 
     def geometries(self) -> dict[str, AbstractGeometry]:
-        """The work's four, with its thread length and the twin's turns, which one counts."""
+        """The work's four geometries, with its thread length and the counted turns of the twin."""
         known, turns = self.sheet.specimen, self.muscle.turns
         given = inelastic_braid(units.INCH), elastic_braid(inch=units.INCH, psi=units.PSI)
         rigid, stretching = (dataclasses.replace(one, turns=turns) for one in given)

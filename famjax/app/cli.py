@@ -1,7 +1,6 @@
-"""The command `famjax`: every command by name and sentence, imported on demand."""
+"""The `famjax` command line: lists every command, imports only the one that runs."""
 
 import gc
-import importlib.util
 import inspect
 import io
 import os
@@ -17,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cyclopts import App
 
-# jaxlib on few cores can hang when two threads run batched LAPACK at once; this must be set first.
+# On few cores, batched LAPACK calls from two threads can hang jaxlib. Set this before JAX starts.
 os.environ.setdefault("PJRT_NPROC", "16")
 
-_RIG_HELP = "Control a muscle's pressure, record a test, or simulate both; see rig/firmware."
-_HELP = "Fluidic artificial muscles: from measured force maps to identified, stable models."
+_RIG_HELP = "Control the pressure of a muscle, record a test, or simulate both; see rig/firmware."
+_HELP = "Turn force measurements of fluidic artificial muscles into identified, stable models."
 
 _FITTING, _HERE = "fitting.cli", "famjax.app"
 COMMANDS = (
@@ -32,53 +31,41 @@ COMMANDS = (
     f"{_HERE}.doctor:reproduce", f"{_FITTING}.several:series", f"{_HERE}.shape:shape",
     f"{_HERE}.dynamics:simulate", f"{_FITTING}.several:sweep",
 )  # fmt: skip
-"""Where each command is, `module:function`."""
+"""Location of each command, `module:function`."""
 RIG_COMMANDS = (
     *(f"{_HERE}.commands:rig_{name}" for name in ("characterise", "convert", "simulate")),
     *(f"{_HERE}.tuning:rig_{name}" for name in ("step", "tune")),
 )
-"""Commands of the rig that need the muscle or the records; all others are in `rig.cli`."""
-_MOUNTED = {f"{_HERE}.commands:measure": "imaging.cli:measure"}
-"""Where the help of a command is, where it is elsewhere."""
+"""Commands under `famjax rig` that import other packages; `rig.cli` defines the rest."""
 
 STANDARD_INPUT = "<stdin>"
-"""What stands for `-` among the arguments."""
+"""Replaces `-` among the arguments."""
 STOPPED, NO_READER = 130, 141
-"""Exit codes after Ctrl-C, and where nobody reads the output any more, as of SIGPIPE."""
-
-_UNDO = ("measure", "rig")
-"""Commands that end by themselves: pictures under way are finished, a rig is vented."""
-_NOTHING = "nothing was written"
-_KEPT = "what was finished is kept in {}, and the same command goes on from there"
-_LEFT = {
-    "compare": _KEPT.format("the output folder"),
-    "characterise": _KEPT.format("results"),
-}
-_SHOW_CURSOR = "\x1b[?25h"
+"""Exit codes after Ctrl-C and after a closed pipe (as for SIGPIPE)."""
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line.
 
-    Exit code 0 done, 1 no certified result, 2 bad input, 3 some pictures not measured, 130 stopped,
-    141 nobody reads the output any more.
+    Exit codes: 0 success, 1 no certified result, 2 bad input, 3 some pictures not measured,
+    130 interrupted, 141 output pipe closed.
     """
     if arguments is not None:
         sys.exit(_run(arguments))
     end_at_interrupts(sys.argv[1:])
     warnings.showwarning = _as_note
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a name that it cannot show is no reason to end
+        if isinstance(stream, io.TextIOWrapper):  # escape what the terminal cannot encode
             stream.reconfigure(errors="backslashreplace")
-    # What imports and traces make stays to the end: it is searched for garbage less often.
+    # Imports and traces create many objects that live to the end: collect garbage less often.
     gc.set_threshold(400_000, 20, 50)
     try:
         code = _run(sys.argv[1:])
         sys.stdout.flush()
-    except BrokenPipeError:  # as after `| head`; what is left goes nowhere
+    except BrokenPipeError:  # as after `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = NO_READER
-    # The process ends: without this, searching all that JAX has loaded for garbage takes 0.3 s.
+    # Skip the last garbage collection, which takes 0.3 s once JAX is loaded.
     gc.freeze()
     sys.exit(code)
 
@@ -98,7 +85,7 @@ def _run(arguments: list[str]) -> int:
     if arguments and arguments[0] != "doctor" and (found := clashes()):
         print(*(f"famjax: {one}" for one in found), sep="\n", file=sys.stderr)
         return 2
-    # A bare hyphen would be read as an option that nobody knows.
+    # cyclopts would read a bare hyphen as an unknown option.
     words = [STANDARD_INPUT if word == "-" else word for word in arguments]
     try:
         code = command_line(words)(
@@ -118,16 +105,16 @@ def _run(arguments: list[str]) -> int:
 
 
 def command_line(arguments: Sequence[str]) -> "App":
-    """Make the command line for these arguments.
+    """Build the command line for these arguments.
 
-    The help of the command that they ask for is its docstring; all others are known by a sentence
-    and are not imported.
+    Only the requested command is imported, for the help in its docstring. The others are listed by
+    their first sentence.
     """
     from cyclopts import App, Parameter
 
     from famjax import __version__
 
-    # A switch has no `--no-`, and a list no `--empty-`, unless it says so.
+    # No `--no-` option for a switch and no `--empty-` option for a list.
     options = Parameter(negative=(), show_default=_as_typed)
     command, of_rig = [*arguments, "", ""][:2]
     app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
@@ -144,14 +131,14 @@ def command_line(arguments: Sequence[str]) -> "App":
         rig = App(name="rig", help=_RIG_HELP)
     app.command(rig)
     app.register_install_completion_command(
-        help="Complete commands and options in your shell: bash, zsh, fish. It adds a line to its "
-        "start-up file."
+        help="Install shell completion of commands and options for bash, zsh or fish. This adds a line "
+        "to the shell's start-up file."
     )
     return app
 
 
 def _as_typed(default: object) -> str | None:
-    """A default as one would type it; None for what is not given, off or empty."""
+    """Format a default as typed on the command line; None if it is not worth showing."""
     if default is None or default is False or default == ():
         return None
     return ", ".join(map(str, default)) if isinstance(default, tuple) else str(default)
@@ -160,50 +147,56 @@ def _as_typed(default: object) -> str | None:
 def _register(app: "App", commands: Sequence[str], asked: str) -> None:
     names = [path.partition(":")[2].removeprefix("rig_").replace("_", "-") for path in commands]
     for name, path in zip(names, commands, strict=True):
-        # A sentence replaces the whole help; where one of them is asked for, none is shown of the others.
+        # A sentence replaces the full help. If the help of one command is asked for, skip the others.
         shown = None if name == asked else "" if asked in names else sentence(path)
         app.command(path, name=name, help=shown)
 
 
 def sentence(path: str) -> str:
-    """The first sentence of a command's help, read from its file without an import."""
-    module, _, name = _MOUNTED.get(path, path).partition(":")
-    spec = importlib.util.find_spec(module)
-    assert spec is not None
-    assert spec.origin is not None
-    text = Path(spec.origin).read_text(encoding="utf-8")
-    found = re.search(rf'^def {name}\(.*?^    """(.*?)(?:\n\n|""")', text, re.DOTALL | re.MULTILINE)
-    assert found is not None
-    return inspect.cleandoc(found[1])
+    """Return the first paragraph of a command's docstring without importing its module."""
+    module, _, name = path.partition(":")
+    if name == "measure":  # the app only adds a reader for logs
+        module = "imaging.cli"
+    file = Path(__file__).resolve().parents[2] / f"{module.replace('.', '/')}.py"
+    text = file.read_text(encoding="utf-8")
+    found = re.findall(
+        rf'^def {name}\(.*?^    """(.*?)(?:\n\n|""")', text, re.DOTALL | re.MULTILINE
+    )
+    return inspect.cleandoc(found[0])
 
 
 def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
-    """A warning as a person reads it; those for developers are none of a user's."""
+    """Print a warning as a note; hide warnings meant for developers."""
     if issubclass(category, UserWarning):
         print(f"note: {message}", file=sys.stderr)
 
 
 def farewell(arguments: Sequence[str]) -> str:
-    """The message for an interrupted command."""
-    return f"famjax: stopped; {_LEFT.get(''.join(arguments[:1]), _NOTHING)}"
+    """Return the message for an interrupted command."""
+    resumable = {"compare": "the output folder", "characterise": "results"}
+    place = resumable.get("".join(arguments[:1]))
+    kept = f"finished work is kept in {place}; run the same command again to resume"
+    return f"famjax: stopped; {kept if place else 'nothing was written'}"
 
 
 def end_at_interrupts(arguments: Sequence[str]) -> None:
-    """Let an interrupt end the process of a command at any time.
+    """Exit at once when a command is interrupted.
 
-    Raised as an exception it would be lost in the callbacks of JAX, and would abort the process in the
-    import of a compiled module.
+    As an exception, an interrupt would be lost in a JAX callback and would abort the process during
+    the import of a compiled module.
     """
-    if "".join(arguments[:1]) in _UNDO or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # `measure` and `rig` handle interrupts themselves: they finish a picture or vent the rig.
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if ignored or "".join(arguments[:1]) in {"measure", "rig"}:
         return
     text = farewell(arguments)
 
     def end(_number: int, frame: FrameType | None) -> None:
         while frame is not None:
-            if frame.f_code.co_name == "write_all":  # files appear whole, and its draft goes
+            if frame.f_code.co_name == "write_all":  # it removes its unfinished files
                 raise KeyboardInterrupt
             frame = frame.f_back
-        shown = f"\n{_SHOW_CURSOR}" if sys.stderr.isatty() else ""
+        shown = "\n\x1b[?25h" if sys.stderr.isatty() else ""  # show the cursor again
         os.write(2, f"{shown}{text}\n".encode())
         os._exit(STOPPED)
 

@@ -1,4 +1,4 @@
-"""Commands that join packages: photographs with a log, a rig's tests, a characterisation folder."""
+"""Commands that combine packages: photographs with a log, rig tests, a characterisation folder."""
 
 import functools
 import json
@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import imaging.cli
-from famjax.boundary.units import parse_quantity
+from famjax.boundary.errors import InputError
+from famjax.boundary.files import Origin, check_output
+from famjax.boundary.units import parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import (
     Columns,
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
 
 @functools.wraps(imaging.cli.measure)
 def measure(*photos: str, **options: Any) -> int:
-    """The command of `imaging`, with a reader for logs."""
+    """`imaging.cli.measure` with a reader for machine logs."""
 
     def read_log(path: Path, *, offset: float | None, **how: Any) -> "AddLog":
         from .photographs import add_log, read_log_of_pictures
@@ -49,29 +51,26 @@ def measure(*photos: str, **options: Any) -> int:
 
 
 def new(folder: Path) -> int:
-    """Write the sheet of a new characterisation folder, with a comment on every entry.
+    """Create a characterisation folder with a commented sheet to fill in.
 
-    Fill in `characterisation.toml`, lay journal, log, pictures and ruler beside it, and run
-    `famjax characterise FOLDER`.
+    Fill in `characterisation.toml`, copy the journal, log, pictures and ruler photograph into the
+    folder, and run `famjax characterise FOLDER`.
 
     Parameters
     ----------
     folder
-        Folder; created if missing. It must not have a sheet yet.
+        Folder, created if missing. It must not contain a sheet yet.
     """
-    from famjax.boundary.errors import InputError
-    from famjax.boundary.files import check_output
-
     from .folder import SHEET, skeleton
 
     check_output(folder)
     path = folder / SHEET
     if path.exists():
-        raise InputError(f"{path} is there already: edit it, or give another folder")
+        raise InputError(f"{path} is there already: edit it, or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     path.write_text(skeleton(), encoding="utf-8")
     print(
-        f"written: {path}; fill it in, lay the files beside it, then: famjax characterise {folder}"
+        f"written: {path}; fill it in, copy the files there, then run: famjax characterise {folder}"
     )
     return 0
 
@@ -84,41 +83,39 @@ def characterise(
     jobs: Jobs = None,
     units: Units | None = None,
 ) -> int:
-    """Evaluate a characterisation folder: force, pictures, shape, fits of four geometries, report.
+    """Evaluate a characterisation folder: force, pictures, shape, fits with four geometries, report.
 
-    `characterisation.toml` describes the folder; `famjax new` writes one. A step that was done with
-    the same files and options is not done again, and stopped work goes on.
+    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. Steps whose files
+    and options have not changed are skipped, so an interrupted run resumes.
 
-    Writes into `FOLDER/results`, a folder for each step, and `report/report.html`. What two sources
-    say of one thing is compared, such as the length in the pictures and the machine's displacement:
-    where they contradict each other the work stops, and what is doubtful or not known is said here
-    and in the report, as are pictures that could not be measured. The report's figures are in
-    `report/figures` as SVG, its numbers in `report/tables` as CSV.
+    Writes one folder per step to `FOLDER/results`, and `report/report.html` with its figures as SVG in
+    `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare quantities that two
+    sources measure, such as the length in the pictures and the machine's displacement. A contradiction
+    stops the run. Doubtful or missing values and unmeasured pictures are listed here and in the report.
 
     Parameters
     ----------
     folder
-        With a `characterisation.toml`.
+        Folder with a `characterisation.toml`.
     only
-        Steps to carry out, repeatable: records, pictures, shape, cylinder, elastic-cylinder,
+        Run only this step, repeatable: records, pictures, shape, cylinder, elastic-cylinder,
         average-diameter, measured, virtual-work, report.
     force
-        Steps to carry out again, repeatable.
+        Run this step again, repeatable.
     jobs
-        Set the number of processes that measure the pictures; default: one for each core.
+        Set the number of processes that measure pictures; default: one per core.
     units
-        Choose the units of tables and pictures: si, metric or us; default: those of [units] in the
-        sheet, or metric.
+        Choose the units of tables and pictures: si, metric or us; default: [units] of the sheet, or
+        metric.
     """
     start_jax()
-    from famjax.boundary.files import Origin
 
     from .evaluation import evaluation_steps
-    from .folder import RESULTS, read_sheet, run_steps
+    from .folder import read_sheet, run_steps
     from .report.page import first_run, report_step
 
     sheet = read_sheet(folder)
-    results, system = folder / RESULTS, units or sheet.units
+    results, system = sheet.results, units or sheet.units
     results.mkdir(exist_ok=True)
     origin = first_run(results, Origin.of_this_command())
     steps = evaluation_steps(
@@ -146,32 +143,31 @@ def rig_simulate(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Carry out the same test against a simulated rig, far faster than real time.
+    """Run a test against a simulated rig, much faster than real time.
 
-    Device, serial line, recorder and test machine are simulated with their noise and clocks; what
-    they write is read back and analysed as a real test's is. Writes `test.fam` (journal),
-    `machine.csv` (the machine's log), `dataset.csv` (for `famjax fit`), `characterisation.json` and
-    `characterisation.png`.
+    Simulates the device, serial line, recorder and test machine with noise and clock errors, then reads
+    the files back and analyses them like those of a real test. Writes `test.fam` (journal), `machine.csv`
+    (machine log), `dataset.csv` (for `famjax fit`), `characterisation.json` and `characterisation.png`.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+        TOML file with the tables [plan] and [rig], including a pressure limit.
     fit
-        A `fit.json` of the muscle; the reference work's 7/8 in muscle unless given.
+        Simulate the muscle of this `fit.json`; default: the 7/8 in muscle of the reference work.
     own
-        A module that you trust, repeatable, with the classes of your own of which the fit's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust this module of your own that defines classes in the fit, repeatable, `--own my_rubber`.
+        Modules named only in the file are never imported.
     baud
-        Of the firmware.
+        Set the baud rate of the firmware.
     seed
-        Of all noise; the same seed gives the same files.
+        Seed all noise; the same seed gives the same files.
     output
-        Write the files to this folder; it is created if missing and must not hold a journal.
+        Write the files to this folder; it is created if missing and must not contain a journal.
     units
-        Of the picture and the table: si, metric or us.
+        Choose the units of the picture and the table: si, metric or us.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object on standard output, and nothing else.
     """
     start_jax()
     from rig import read_plan
@@ -206,46 +202,46 @@ def rig_characterise(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Turn a test's journal and the test machine's log into curves, figures and a dataset to fit.
+    """Turn a rig journal and the log of the test machine into curves, figures and a dataset to fit.
 
     Writes `dataset.csv`, `characterisation.json` and `characterisation.png`.
 
     Parameters
     ----------
     journal
-        The rig's journal.
+        Journal of the rig.
     log
-        The machine's log: any delimited text with time, displacement and force with their units.
+        Log of the test machine: delimited text with time, displacement and force, with units.
     rest_length
         Active length at zero contraction with its unit, `9.28125in`.
     column
-        Which column of the log is which where the names do not say it, `force="Kraft [N]"`, by name or
-        number, with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
-        pressures, `atmosphere=101.3kPa`.
+        Assign a column of the log to a quantity if its name does not identify it, repeatable:
+        `force="Kraft [N]"`, by name or number, with the unit. `pressure=-` ignores the pressure. Also
+        `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
     sync_column
-        Column of the log with the rig's sync pulses (`run` raises pin D7 at each pressure's first
-        stroke); without it the load aligns the clocks.
+        Align the clocks by this column of the log, the rig's sync pulses (`run` raises pin D7 at the
+        first stroke at each pressure); default: align by the load.
     near
-        Approximate offset from the machine's time to the journal's, with its unit; needed where
-        equal strokes leave it ambiguous.
+        Approximate offset from machine time to journal time with its unit; needed if equal strokes make
+        the alignment ambiguous.
     near_within
         Largest error of that offset.
     skip_cycles
-        First strokes at each pressure that are left out.
+        Skip this number of strokes at the start of each pressure.
     shortening_positive
-        The machine's displacement grows as the muscle shortens.
+        Declare that the machine's displacement increases as the muscle shortens.
     pushing_positive
-        The machine's force is positive in compression.
+        Declare that the machine's force is positive in compression.
     zero_displacement
-        What the machine shows at the rest length.
+        Displacement reading of the machine at the rest length.
     specimen
         Describe the muscle for the fit, key_unit=value, repeatable.
     output
         Write the files to this folder; it is created if missing.
     units
-        Of the picture and the table: si, metric or us.
+        Choose the units of the picture and the table: si, metric or us.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print one JSON object on standard output, and nothing else.
     """
     from fitting.records import read_machine_log, write_dataset
     from rig import read_journal
@@ -254,38 +250,29 @@ def rig_characterise(
 
     with ended_in_words():
         entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
-        rest, zero = (
-            parse_quantity(rest_length, "length"),
-            parse_quantity(zero_displacement, "length"),
-        )
+        rest, zero = (parse_quantity(one, "length") for one in (rest_length, zero_displacement))
         roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
         machine = read_machine_log(log, columns=parse_columns(column))
         tell_columns(machine.taken)
         found = analyse(
-            read_journal(journal),
-            machine,
-            rest_length=rest,
-            sync_column=sync_column,
-            near=roughly or None,
-            skip_cycles=skip_cycles,
-            shortening_positive=shortening_positive,
-            pushing_positive=pushing_positive,
-            zero_displacement=zero,
-        )
+            read_journal(journal), machine, rest_length=rest, zero_displacement=zero,
+            sync_column=sync_column, near=roughly or None, skip_cycles=skip_cycles,
+            shortening_positive=shortening_positive, pushing_positive=pushing_positive,
+        )  # fmt: skip
         output.mkdir(parents=True, exist_ok=True)
         path = write_dataset(found.characterisation, output / "dataset.csv", specimen=entries)
         return _report_test(found, [path], output, units, json_)
 
 
 def rig_convert(journal: Path, target: Path) -> int:
-    """Write a journal's records as a table with units; the journal stays the record.
+    """Write the records of a journal as a CSV table with units; the journal is left unchanged.
 
     Parameters
     ----------
     journal
-        The journal.
+        Journal to convert.
     target
-        File to write, .csv.
+        File to write, ending in .csv.
     """
     from .isobaric import convert
 
@@ -297,16 +284,14 @@ def rig_convert(journal: Path, target: Path) -> int:
 def _report_test(
     found: "Analysis", paths: list[Path], output: Path, units: str, json_: bool
 ) -> int:
-    """Write figures and picture of a test, and print its table."""
-    from famjax.boundary.units import unit_system
-
+    """Write the figures and the picture of a test, and print its table."""
     from .isobaric import figures, plot_characterisation
 
     document = figures(found)
     picture, numbers = output / "characterisation.png", output / "characterisation.json"
     plot_characterisation(found, units).savefig(picture, dpi=150)
     numbers.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    paths = [*(path for path in paths if path != numbers), numbers, picture]
+    paths = [*paths, numbers, picture]
     if json_:
         print_json(document | {"files": [str(p) for p in paths]})
         return 0
@@ -321,7 +306,7 @@ def _report_test(
 def _simulated_muscle(
     fit_json: Path | None, own: Sequence[str]
 ) -> tuple["AbstractMuscle", dict[str, Any]]:
-    """The muscle of a fit, or the reference work's, and its entries in a dataset."""
+    """Return a fit's muscle, or the reference work's, with its dataset entries."""
     from famjax import Muscle
     from famjax.muscle import MeanMuscle
 
@@ -340,7 +325,9 @@ def _simulated_muscle(
         muscle = saved.muscle
         others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
         specimen = saved.document["data"]["specimen"]
-        known = {key: value for key, value in specimen.items() if not key.startswith("rest_length")}
-        known = {key: value for key, value in known.items() if value is not None}
-    # A chosen model may be the mean of several.
+        known = {
+            key: value for key, value in specimen.items()
+            if value is not None and not key.startswith("rest_length")
+        }  # fmt: skip
+    # The fitted model may be the mean of several.
     return MeanMuscle((muscle, *others)) if others else muscle, known

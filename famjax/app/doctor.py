@@ -1,5 +1,6 @@
-"""Self-checks: `famjax doctor` of the installation, `famjax reproduce` of printed figures."""
+"""Self-checks: `famjax doctor` checks the installation, `famjax reproduce` the printed figures."""
 
+import importlib
 import importlib.metadata
 import os
 import platform
@@ -14,7 +15,7 @@ from famjax.console import print_json, print_rows, progress
 
 
 def versions() -> dict[str, str]:
-    """The interpreter and every package that famjax asks for, with its version or "not installed"."""
+    """Return the version of Python and of each required package, or "not installed"."""
     found = {"python": platform.python_version()}
     for needed in ("jaxlib", *(importlib.metadata.requires("famjax") or ())):
         name = re.split(r"[^\w.-]", needed)[0]
@@ -28,7 +29,7 @@ def versions() -> dict[str, str]:
 
 
 def doctor() -> int:
-    """Report versions, devices, precision and name clashes; exit code 1 if something is wrong."""
+    """Print versions, devices, precision and name clashes. Exits with 1 if it finds a problem."""
     print(f"famjax {__version__}")
     for name, version in versions().items():
         print(f"  {name} {version}")
@@ -39,13 +40,13 @@ def doctor() -> int:
         print("devices:", ", ".join(str(device) for device in jax.devices()))
     except (AssertionError, RuntimeError):
         found.append(
-            f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. Set "
-            "JAX_PLATFORMS=cpu, or unset it"
+            f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. "
+            "Set JAX_PLATFORMS=cpu, or unset it"
         )
     print(
         "float64:",
         "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
-        "- the famjax commands that identify switch it on themselves",
+        "- famjax commands that fit switch it on themselves",
     )
     print("compilation cache:", _cache_sentence())
     for problem in found:
@@ -56,34 +57,29 @@ def doctor() -> int:
 
 
 def _cache_sentence() -> str:
-    """Where compiled programs are kept, and how many."""
     if folder := switch_on():
         number, size = contents(folder)
         return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
     root = cache_root()
-    why = f"{VARIABLE} says so, or there is no home" if root is None else (
-        f"no folder of this user alone can be written below {root}; name another in {VARIABLE}"
+    why = f"{VARIABLE} disables it, or there is no home directory" if root is None else (
+        f"cannot write a private folder in {root}; set {VARIABLE} to another folder"
     )  # fmt: skip
-    return f"off ({why}); every command compiles anew"
+    return f"off ({why}); every command compiles again"
 
 
-def reproduce(
-    *,
-    output: Path = Path("famjax-reproduce"),
-    json_: bool = False,
-) -> int:
-    """Compute the reference work's tables and put them beside its printed figures.
+def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -> int:
+    """Recompute the tables of the reference work and compare them with its printed figures.
 
-    Works in a clone of the repository, installed by `python -m pip install -e ".[app]"` from its
-    folder: the code is in `benchmarks`, which no other installation has.
+    Runs only in a clone of the repository, installed from its folder by
+    `python -m pip install -e ".[app]"`: the code is in `benchmarks`.
 
     Parameters
     ----------
     output
-        Folder for the page with tables and figures, created if missing.
+        Write the page with tables and figures to this folder; it is created if missing.
     json_
-        Print the rows as one JSON list to standard output and nothing else there; chapter 7's fits
-        of a synthetic reconstruction, which have no verdict, are on the page without this option.
+        Print the rows as one JSON list on standard output, and nothing else. This leaves out the fits
+        of chapter 7's synthetic data, which have no verdict.
     """
     start_jax()
     from famjax.boundary.errors import InputError
@@ -97,9 +93,7 @@ def reproduce(
         )
     check_output(output)
     sys.path.insert(0, str(folder))
-    from importlib import import_module
-
-    benchmark = import_module("reproduce")
+    benchmark = importlib.import_module("reproduce")
     with progress("reproducing") as show:
         found = benchmark.reproduce(output, show, synthetic=not json_)
     rows = [row.as_dict() for row in found]
@@ -113,9 +107,8 @@ def reproduce(
     print_rows("Out of tolerance", outside)
     print_rows("Misprints of the reference work", misprints)
     print(
-        f"{len(inside)} of {len(inside) + len(outside)} printed figures within tolerance, beside "
-        f"{len(misprints)} that the work misprints; {len(new)} more computed that have no printed "
-        "figure here"
+        f"{len(inside)} of {len(inside) + len(outside)} printed figures are within tolerance; the work "
+        f"misprints {len(misprints)} more. {len(new)} computed values have no printed figure"
     )
     print(f"written: {output / benchmark.PAGE}")
     return 0

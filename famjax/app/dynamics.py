@@ -1,8 +1,7 @@
-"""The command `famjax simulate`: a muscle under valve commands, a controller and a load, over time."""
+"""`famjax simulate`: a muscle driven by valve commands, a controller and a load over time."""
 
 import dataclasses
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,12 +18,12 @@ from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json,
 if TYPE_CHECKING:
     from famjax.plant import AbstractCircuit, Plant
 
-_COUNTS = 255
+_COUNTS = 255  # full scale of the valve output
 
 
 @dataclasses.dataclass(frozen=True)
 class _Load:
-    """The table [load]; without a mass the muscle is driven."""
+    """The table [load]. Without a mass, the length is prescribed."""
 
     length: Positive | None = None
     mass: Positive | None = None
@@ -35,7 +34,7 @@ class _Load:
 
 @dataclasses.dataclass(frozen=True)
 class _Controller:
-    """The table [controller], the device's gains."""
+    """The table [controller], with the gains of the device."""
 
     proportional_counts_per_psi: NotNegative
     integral_counts_per_psi_s: NotNegative
@@ -43,12 +42,10 @@ class _Controller:
 
 @dataclasses.dataclass(frozen=True)
 class _Step:
-    """One of [[step]]; `signal` or `set_pressure`."""
+    """One [[step]] with either `signal` or `set_pressure`."""
 
     duration: Positive
-    signal: Annotated[float, Meta(ge=0, le=1, description="0 to 1 of the full output")] | None = (
-        None
-    )
+    signal: Annotated[float, Meta(ge=0, le=1, description="between 0 and 1")] | None = None
     set_pressure: NotNegative | None = None
     dump: bool = False
     rate: float = 0.0
@@ -74,29 +71,29 @@ def simulate(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Simulate a muscle under valve commands and loads: pressure, length and pull over time.
+    """Simulate a muscle under valve commands and loads: pressure, length and force over time.
 
     Writes `simulation.csv` and `simulation.svg`, and prints the state at the end of each step of the
-    plan. The concept page on dynamics shows a plan and says what is neglected.
+    plan. The concept page on dynamics shows an example plan and lists what the model neglects.
 
     Parameters
     ----------
     card
-        A card of `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
+        Card written by `famjax card`, or a bundled muscle, DMSP-10 or DMSP-20.
     plan
-        TOML file with the tables [circuit], [load] and one [[step]] for each command; [friction] and
-        [controller] if they are needed.
+        TOML file with the tables [circuit], [load] and one [[step]] per command; optionally [friction]
+        and [controller].
     every
         Time between two rows of the table with its unit, a multiple of 2 ms.
     own
-        A module that you trust, repeatable, with the classes of your own of which the card's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust this module of your own that defines classes in the card, repeatable, `--own my_rubber`.
+        Modules named only in the file are never imported.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     units
-        Of the table and the files: si, metric or us.
+        Choose the units of the table and the files: si, metric or us.
     json_
-        Print one JSON object in SI to standard output and nothing else there.
+        Print one JSON object in SI units on standard output, and nothing else.
     """
     start_jax()
     import numpy as np
@@ -107,11 +104,13 @@ def simulate(
 
     folder, each = Output(output), round(parse_quantity(every, "time") / TICK)
     if each < 1:
-        raise InputError(f"--every must be at least 2 ms, the time of a step; got {every}")
+        raise InputError(
+            f"--every must be at least 2 ms, the time step of the simulation; got {every}"
+        )
     tables = read_plan(plan)
     steps, circuit = _steps(tables, plan), circuit_of(tables, plan)
     controller = _controller(tables, plan, circuit) if steps[0].signal is None else None
-    plant, length = _plant(tables, plan, circuit, lambda: _opened(card, own).safe())
+    plant, length = _plant(tables, plan, circuit, card, own)
     system: Any = plant if controller is None else Regulated(plant, controller)
     counts = [max(round(one.duration / TICK), 1) for one in steps]
     asked = [one.set_pressure if one.signal is None else one.signal for one in steps]
@@ -128,8 +127,8 @@ def simulate(
     }
     if (bad := ~np.isfinite(found["force_N"] + found["pressure_Pa"])).any():
         raise InputError(
-            f"{plan}: the muscle has no state after {found['time_s'][bad][0]:.3f} s, at a length of "
-            f"{found['length_m'][bad][0]:.4g} m; shorten the stroke, or raise stiffness or damping"
+            f"{plan}: the muscle has no valid state after {found['time_s'][bad][0]:.3f} s, at a length of "
+            f"{found['length_m'][bad][0]:.4g} m; shorten the stroke, or increase stiffness or damping"
         )
 
     def rows(places: Any) -> list[dict[str, float]]:
@@ -139,25 +138,15 @@ def simulate(
     table = in_units(rows(slice(each - 1, None, each)), unit_system(units))
     table = [{name: float(f"{value:.9g}") for name, value in row.items()} for row in table]
     summary = rows(np.cumsum(counts) - 1)
-    files = {"simulation.csv": csv_text(table).encode(), "simulation.svg": _drawn(table)}
-    paths = folder.write(files)
+    paths = folder.write(
+        {"simulation.csv": csv_text(table).encode(), "simulation.svg": _drawn(table)}
+    )
     if json_:
         print_json({"steps": summary, "files": [str(path) for path in paths]})
         return 0
     print_rows("End of each step", in_units(summary, unit_system(units)))
     folder.tell(paths)
     return 0
-
-
-def _opened(card: str, own: tuple[str, ...]) -> Any:
-    from famjax.muscles import open_card
-
-    if own:
-        add_cwd_to_path()
-    found = open_card(card, own=own)
-    for note in found.provenance.notes:
-        print(f"note: {note}", file=sys.stderr)
-    return found
 
 
 def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
@@ -169,21 +158,27 @@ def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
     kinds = {(one.signal is None, one.set_pressure is None) for one in steps}
     if kinds not in ({(True, False)}, {(False, True)}):
         raise InputError(
-            f"{plan}: a plan has one [[step]] or more, all with a signal, or all with a set pressure as "
-            "set_pressure_kPa and a table [controller]"
+            f"{plan}: a plan must have at least one [[step]], all with a signal, or all with a set "
+            "pressure such as set_pressure_kPa and a table [controller]"
         )
     return steps
 
 
 def _plant(
-    tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit", read: Callable[[], Any]
+    tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit", card: str, own: tuple[str, ...]
 ) -> tuple["Plant", float]:
-    """The plant, and the length [m] at which it starts."""
+    """Return the plant and its initial length [m]."""
+    from famjax.muscles import open_card
     from famjax.plans import friction_of
     from famjax.plant import DrivenLength, MovingLoad, Plant
 
     load = from_entries(_Load, tables.get("load", {}), _LOAD_FORM, where=f"{plan}: [load]: ")
-    muscle = read()
+    if own:
+        add_cwd_to_path()
+    opened = open_card(card, own=own)
+    for note in opened.provenance.notes:
+        print(f"note: {note}", file=sys.stderr)
+    muscle = opened.safe()
     friction = friction_of(tables, plan, muscle)
     length = float(muscle.rest_length) if load.length is None else load.length
     moved: Any = DrivenLength()
@@ -208,7 +203,7 @@ def _controller(tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit") 
 
 
 def feed_forward(circuit: "AbstractCircuit") -> Any:
-    """Coefficients of the output that holds a pressure, as a calibration of the rig finds them."""
+    """Return polynomial coefficients of the output that holds a pressure, as a calibration would."""
     from famjax.units import PSI
     from rig.calibration import fit_feed_forward
 
@@ -221,7 +216,7 @@ def feed_forward(circuit: "AbstractCircuit") -> Any:
 
 
 def _drawn(rows: list[dict[str, float]]) -> bytes:
-    """Pressure, length and pull over time, as SVG."""
+    """Plot pressure, length and force over time, as SVG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 6), layout="constrained")

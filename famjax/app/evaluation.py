@@ -18,14 +18,14 @@ from famjax.boundary.tasks import AnyExecutor
 from famjax.console import parse_columns
 from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
 from fitting.parameters import Parameter
-from fitting.records import read_machine_log, write_dataset
+from fitting.records import MachineLog, read_machine_log, write_dataset
 from fitting.report import write_fit
 from imaging.campaign import PARTS, Table
 from rig.calibration import Calibration
 from rig.journal import read_journal, stored_calibration
 
 from .checks import record_checks, settle, specimen_checks, warnings_of
-from .folder import RESULTS, FolderStep, Photographs, Sheet
+from .folder import FolderStep, Photographs, Sheet
 from .isobaric import Analysis, analyse, branches_csv, figures, plot_characterisation
 from .photographs import add_log, picture_checks, read_log_of_pictures
 
@@ -33,16 +33,16 @@ RECORDS, PICTURES, SHAPE, REPORT = "records", "pictures", "shape", "report"
 CYLINDER, ELASTIC = "cylinder", "elastic-cylinder"
 AVERAGE, MEASURED, WORK = "average-diameter", "measured", "virtual-work"
 GEOMETRIES = {
-    CYLINDER: "cylinder of the braid's triangle",
-    ELASTIC: "cylinder of a braid whose threads stretch",
-    AVERAGE: "cylinder of the measured average diameter",
+    CYLINDER: "cylinder from the braid triangle",
+    ELASTIC: "cylinder with elastic threads",
+    AVERAGE: "cylinder with the measured average diameter",
     MEASURED: "measured shape",
-    WORK: "measured shape, braid by virtual work",
+    WORK: "measured shape, braid force by virtual work",
 }
-"""Geometries that are fitted, and what they are."""
+"""Fitted geometries and their descriptions."""
 FORCE_MAP = "dataset.csv"
 CLOCK = "clock"
-"""Source of error: the alignment of the journal's clock and the log's."""
+"""Source of error: the alignment of the journal's clock with the log's."""
 _CLOCK_MAP, _SENSORS, _PRESSURES = "dataset-clock.csv", "sensors.json", "pressures.csv"
 
 
@@ -53,16 +53,16 @@ def evaluation_steps(
     origin: Origin,
     system: str,
 ) -> list[FolderStep]:
-    """The steps of a folder in order, without its report.
+    """Return the steps of a folder in order, without its report.
 
     Args:
-        sheet: of the folder.
-        executor: what measures the pictures, as of `imaging.process`.
-        origin: of the first run of the folder, for the files.
-        system: of units in pictures and tables.
+        sheet: sheet of the folder.
+        executor: executor for the pictures, see `imaging.process`.
+        origin: date and command of the folder's first run, for the files.
+        system: unit system of pictures and tables.
 
     Raises:
-        InputError: a file that the sheet names is not there.
+        InputError: a file named in the sheet is missing.
     """
     records = sheet.records
     about = {
@@ -94,44 +94,36 @@ def evaluation_steps(
         names += [AVERAGE, MEASURED, WORK]
     for name in names:
         after = (RECORDS,) if name in (CYLINDER, ELASTIC) else (RECORDS, SHAPE)
-        options = {
-            "fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns,
-            "errors": dataclasses.asdict(sheet.errors), **about,
-        }  # fmt: skip
+        options = {"fit": dataclasses.asdict(sheet.fit), "turns": sheet.turns, **about}
         steps.append(FolderStep(name, [], options, after, _fitting(sheet, name, origin, system)))
     return steps
 
 
 def read_map(sheet: Sheet) -> fitting.ForceData:
-    """The force map that the first step made."""
-    return fitting.read_csv(_results(sheet) / RECORDS / FORCE_MAP, {})
-
-
-def _results(sheet: Sheet) -> Path:
-    return sheet.folder / RESULTS
+    """Read the force map written by the first step."""
+    return fitting.read_csv(sheet.results / RECORDS / FORCE_MAP, {})
 
 
 def _force(sheet: Sheet, place: Path, system: str) -> None:
-    """Journal and log, or a map, to a force map with the specimen in its header."""
+    """Convert journal and log, or a map, to a force map with the specimen in its header."""
     records = sheet.records
     if records.force_map is not None:
-        known = dataclasses.asdict(sheet.specimen)
         data = fitting.read_csv(
-            sheet.path(records.force_map), known, parse_columns(records.columns)
-        )
+            sheet.path(records.force_map), dataclasses.asdict(sheet.specimen),
+            parse_columns(records.columns),
+        )  # fmt: skip
         fitting.write_csv(data, place / FORCE_MAP)
         settle(specimen_checks(data.specimen), place)
         return
     assert records.journal is not None
     assert records.machine_log is not None
-    rest = sheet.specimen.rest_length
     journal = read_journal(sheet.path(records.journal))
     named = parse_columns(records.columns)
-    named.pop("pressure", None)  # the journal has it
+    named.pop("pressure", None)  # from the journal
     log = read_machine_log(sheet.path(records.machine_log), columns=named)
     analysed = functools.partial(
         analyse, journal, log,
-        rest_length=rest,
+        rest_length=sheet.specimen.rest_length,
         sync_column=records.sync_column,
         near=None if records.near is None else (records.near, 5.0),
         skip_cycles=records.skip_cycles,
@@ -153,15 +145,18 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
     dates = [note["wall"] for note in journal.notes_of("journal")]
     numbers = json.dumps({**figures(found), "dates": dates}, indent=1, allow_nan=False)
-    (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
-    picture = plot_characterisation(found, system)
-    (place / "characterisation.svg").write_text(as_svg(picture), encoding="utf-8")
-    (place / "branches.csv").write_text(branches_csv(found.characterisation), encoding="utf-8")
+    texts = {
+        "characterisation.json": numbers + "\n",
+        "characterisation.svg": as_svg(plot_characterisation(found, system)),
+        "branches.csv": branches_csv(found.characterisation),
+    }
+    for name, text in texts.items():
+        (place / name).write_text(text, encoding="utf-8")
     settle(record_checks(sheet, journal, found), place)
 
 
 def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]]:
-    """How the pictures of a folder are measured, and where that comes from."""
+    """Return the recipe that measures the pictures of a folder, and its provenance."""
     from imaging import Tone
     from imaging.pictures import picture_recipe
 
@@ -169,21 +164,21 @@ def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]
         None if name is None else sheet.path(name)
         for name in (photographs.ruler, photographs.recipe)
     )
-    reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
-    choices = {
-        name: getattr(photographs, name)
-        for name in ("distance", "tape_diameter", "k1", "orientation")
-    } | {"tone": None if photographs.tone is None else Tone.srgb()}
-    given, chosen = (
-        {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
-    )
+    given = {
+        "pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement,
+        "distance": photographs.distance, "tape_diameter": photographs.tape_diameter,
+        "k1": photographs.k1, "orientation": photographs.orientation,
+        "tone": None if photographs.tone is None else Tone.srgb(),
+    }  # fmt: skip
+    given = {name: one for name, one in given.items() if one is not None}
+    reading = {name: given.pop(name) for name in ("pitch", "placement_stderr") if name in given}
     return picture_recipe(
-        ruler=ruler, recipe=recipe, scale=photographs.scale, reading=given, choices=chosen
+        ruler=ruler, recipe=recipe, scale=photographs.scale, reading=reading, choices=given
     )
 
 
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
-    """The photographs of a folder, without its ruler."""
+    """Return the photographs of a folder, without its ruler."""
     from imaging.pictures import expand
 
     given = sheet.folder / photographs.pictures
@@ -202,44 +197,37 @@ def _measure(
 ) -> None:
     from imaging.pictures import measure_pictures
 
-    path = sheet.records.machine_log
-    log = (
-        None
-        if path is None
-        else read_log_of_pictures(sheet.path(path), columns=parse_columns(sheet.records.columns))
-    )
-
+    log, added = None, None
+    if (path := sheet.records.machine_log) is not None:
+        log = read_log_of_pictures(sheet.path(path), columns=parse_columns(sheet.records.columns))
+        added = functools.partial(
+            _with_log, log, photographs.log_offset, sheet.results / RECORDS / _PRESSURES
+        )
     outcome = measure_pictures(
-        [str(sheet.folder / photographs.pictures)],
-        recipe=recipe,
-        provenance=dict(provenance),
-        add_log=None
-        if log is None
-        else lambda table: _with_pressures(
-            add_log(log, photographs.log_offset)(table), _results(sheet) / RECORDS / _PRESSURES
-        ),
-        rest_length=sheet.specimen.rest_length,
-        executor=executor,
-        system=system,
+        [str(sheet.folder / photographs.pictures)], recipe=recipe, provenance=dict(provenance),
+        add_log=added, rest_length=sheet.specimen.rest_length, executor=executor, system=system,
         output=place,
-    )
+    )  # fmt: skip
     if not outcome.table.ok.any():
         reasons = "; ".join(sorted({error.partition(":")[0] for error in outcome.table.error}))
         raise InputError(
             f"no picture of {photographs.pictures} could be measured ({reasons}): see "
             f"{place / 'measurements.csv'}, or leave [photographs] out"
         )
-    checks = picture_checks(sheet, photographs, outcome.table, log, read_map(sheet).length)
-    settle(checks, place)
+    lengths = read_map(sheet).length
+    settle(picture_checks(sheet, photographs, outcome.table, log, lengths), place)
 
 
-def _with_pressures(table: Table, path: Path) -> Table:
-    """The table with the journal's pressure at each picture; nan where the journal is silent.
+def _with_log(log: MachineLog, offset: float | None, path: Path, table: Table) -> Table:
+    """Add the log and the journal's pressure at each picture; nan during gaps of the journal.
 
     Args:
-        table: of the pictures, with their times by the machine's clock.
-        path: pressures over the machine's time, from the records' step.
+        log: log of the test machine.
+        offset: lead of its clock over the first picture [s], if known.
+        path: file with pressure over machine time, from the first step.
+        table: table of the pictures.
     """
+    table = add_log(log, offset)(table)
     if "log_time" not in table.columns or "pressure" in table.columns or not path.exists():
         return table
     time, pressure = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
@@ -251,7 +239,7 @@ def _with_pressures(table: Table, path: Path) -> Table:
 
 
 def _shape(sheet: Sheet, place: Path) -> None:
-    """The surface, tested; its figures as JSON. The fits make it anew, which takes a tenth of a second."""
+    """Test the measured surface and write its figures as JSON; the fits recompute it in 0.1 s."""
     surface = measured_surface(sheet)
     test, threads = surface.held_out, surface.threads
     content = {
@@ -271,8 +259,8 @@ def _shape(sheet: Sheet, place: Path) -> None:
 
 
 def measured_surface(sheet: Sheet) -> fitting.shapes.ShapeSurface:
-    """The surface through the measured pictures."""
-    return fitting.shape_surface(_results(sheet) / PICTURES / "measurements.nc")
+    """Fit the surface through the measured pictures."""
+    return fitting.shape_surface(sheet.results / PICTURES / "measurements.nc")
 
 
 def _fitting(sheet: Sheet, name: str, origin: Origin, system: str) -> Callable[[Path], None]:
@@ -323,7 +311,7 @@ def _geometry(
     surface: fitting.shapes.ShapeSurface,
     draw: int | None = None,
 ) -> famjax.geometries.AbstractGeometry:
-    """A geometry of the shape, of a draw of it if its number is given."""
+    """Build a geometry from the measured shape, or from one of its draws."""
     turns = surface.threads.turns if sheet.turns is None else sheet.turns
     braid = famjax.Braid(surface.threads.length, turns, specimen.braid_thickness)
     geometry = surface.geometry(specimen, braid=braid, draw=draw)
@@ -338,8 +326,8 @@ def _shared(
     name: str,
     surface: fitting.shapes.ShapeSurface | None,
 ) -> dict[str, list[Move]]:
-    """The errors that the sheet states, and that of the shape."""
-    records = _results(sheet) / RECORDS
+    """Collect the errors that the sheet states, and those of clock and shape."""
+    records = sheet.results / RECORDS
     errors, clock = _shared_errors(sheet, records), _clock_moves(data, records)
     if surface is None:
         return {**moves_of(data, errors), **clock}
@@ -357,15 +345,15 @@ def _shared(
 def _within(
     data: fitting.ForceData, geometry: famjax.geometries.AbstractGeometry
 ) -> fitting.ForceData:
-    """The readings at lengths that the pictures show, and a note on the others."""
+    """Return the readings within the lengths of the pictures, with a note on the others."""
     low, high = (float(end) for end in geometry.length_range())
     inside = (data.length >= low) & (data.length <= high)
     if inside.all():
         return data
     if inside.sum() < 8:
         raise InputError(
-            f"only {int(inside.sum())} readings of the force lie within the lengths of the pictures, "
-            f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photographs and force are not of one stroke"
+            f"only {int(inside.sum())} force readings lie within the lengths of the pictures, "
+            f"{low * 1e3:.4g} to {high * 1e3:.4g} mm: photographs and force belong to different strokes"
         )
     note = (
         f"{int((~inside).sum())} readings outside the lengths of the pictures, {low * 1e3:.4g} to "
@@ -376,7 +364,7 @@ def _within(
 
 
 def _add_figures(result: fitting.Identification, evidence: Evidence, place: Path) -> None:
-    """What the comparison of the geometries needs beside the fit's own file."""
+    """Write the figures that the comparison of geometries needs in addition to the fit."""
     errors, shared = result.errors, evidence.shared
     values = {one.name: float(one.value) for one in result.estimates}
     scatter = {one.name: float(one.stderr) for one in result.estimates}
@@ -394,11 +382,11 @@ def _add_figures(result: fitting.Identification, evidence: Evidence, place: Path
 
 
 def _write_shared(clock_moved: Analysis, calibration: Calibration, place: Path) -> None:
-    """Write what the records' step knows of shared errors into its folder.
+    """Write the shared errors that the records determine into the step's folder.
 
     Args:
-        clock_moved: the analysis with the clocks a standard error apart.
-        calibration: of the journal's sensors.
+        clock_moved: analysis with the clocks shifted by one standard error.
+        calibration: calibration of the journal's sensors.
         place: folder of the step.
     """
     write_dataset(clock_moved.characterisation, place / _CLOCK_MAP)
@@ -412,11 +400,11 @@ def _write_shared(clock_moved: Analysis, calibration: Calibration, place: Path) 
 
 
 def _shared_errors(sheet: Sheet, records: Path) -> SharedErrors:
-    """The errors of the sheet, and where it states none of the pressure those of the calibration.
+    """Return the errors of the sheet; the calibration supplies unstated errors of the pressure.
 
     Args:
-        sheet: of the folder.
-        records: folder of the records' step.
+        sheet: sheet of the folder.
+        records: folder of the records step.
     """
     path = records / _SENSORS
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -427,14 +415,13 @@ def _shared_errors(sheet: Sheet, records: Path) -> SharedErrors:
 
 
 def _clock_moves(data: fitting.ForceData, records: Path) -> dict[str, list[Move]]:
-    """The map as it would be with the clocks a standard error apart; none without a record."""
+    """Return the map with the clocks shifted by one standard error; empty without a journal."""
     path = records / _CLOCK_MAP
     if not path.exists():
         return {}
-    known = dataclasses.asdict(data.specimen)
-    other = fitting.read_csv(path, known)
+    other = fitting.read_csv(path, dataclasses.asdict(data.specimen))
     moved = {name: getattr(data, name).copy() for name in ("force", "pressure", "length")}
-    # A stroke's end may have a reading more or less: what has no partner stays where it is.
+    # The end of a stroke may have one reading more or less; readings without a partner stay unchanged.
     near = np.abs(data.length[:, None] - other.length) + np.where(
         np.abs(data.pressures.level[:, None] - other.pressures.level)
         > np.abs(np.diff(np.unique(data.pressures.level), append=np.inf)).min() / 2,

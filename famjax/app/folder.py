@@ -1,6 +1,6 @@
-"""The folder of an experiment: characterisation.toml with units in its keys, and the evaluation steps.
+"""The folder of an experiment: its sheet with units in the keys, and the evaluation steps.
 
-A step is done once for the same inputs: stopped work resumes, and a change redoes little.
+A step runs again only if its inputs change, so an interrupted run resumes.
 """
 
 import dataclasses
@@ -18,20 +18,20 @@ from fitting.evidence import FORM as SHARED_ERRORS, SharedErrors
 from fitting.specimen import Specimen, parse_specimen
 
 SHEET = "characterisation.toml"
-"""Name of the file."""
+"""Name of the sheet."""
 RESULTS = "results"
-"""Folder of what is computed."""
+"""Folder for computed files."""
 
 
 def skeleton() -> str:
-    """A sheet to fill in, with a comment on every entry."""
+    """Return a sheet to fill in, with a comment on every entry."""
     place = importlib.resources.files("famjax.app") / "templates" / SHEET
     return place.read_text(encoding="utf-8")
 
 
 @dataclasses.dataclass(frozen=True)
 class Records:
-    """The force of the test: journal and machine's log, or a force map."""
+    """Force data of the test: journal and machine log, or a force map."""
 
     journal: Text | None = None
     machine_log: Text | None = None
@@ -47,18 +47,16 @@ class Records:
     def __post_init__(self) -> None:
         both = (self.journal is None, self.machine_log is None)
         if self.force_map is None and any(both):
-            raise ValueError(
-                "the force is in journal and machine_log, both of one test, or in a force_map alone"
-            )
+            raise ValueError("give journal and machine_log of one test, or a force_map alone")
         if self.force_map is not None and not all(both):
-            raise ValueError("force_map stands in the place of journal and machine_log: keep one")
+            raise ValueError("force_map replaces journal and machine_log: keep one of them")
         if self.skip_cycles < 0:
             raise ValueError(f"skip_cycles must be >= 0, got {self.skip_cycles}")
 
 
 @dataclasses.dataclass(frozen=True)
 class Photographs:
-    """The pictures of the test, with the options of `famjax measure`."""
+    """Pictures of the test, with the options of `famjax measure`."""
 
     pictures: Text
     ruler: Text | None = None
@@ -76,7 +74,7 @@ class Photographs:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """How the law is identified."""
+    """Options of the identification."""
 
     law: Text = "polynomial"
     order: int | None = None
@@ -87,8 +85,8 @@ class Fit:
     def __post_init__(self) -> None:
         if ":" in self.law:
             raise InputError(
-                f"the law must be one of famjax's own, got {self.law!r}: a file imports nothing by itself. "
-                "Fit a law of your own by famjax fit DATASET --law module:Class"
+                f"the law must be one of famjax's own, got {self.law!r}: files never import modules by "
+                "themselves. Fit your own law by famjax fit DATASET --law module:Class"
             )
 
 
@@ -100,24 +98,24 @@ class Shown:
 
 
 ASSUMED = SharedErrors(rest_length=0.5e-3, shortening=0.003, force_reading=0.02)
-"""Standard errors by which sources are compared where the sheet states none: of the rest length, of the
-machine's displacement with what its frame gives way, of either load cell."""
+"""Default standard errors for cross-checks: of the rest length, of the machine's displacement including
+frame compliance, and of each load cell."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """The file as read.
+    """Contents of the sheet.
 
     Attributes:
-        folder: where it lies.
-        specimen: of the muscle.
-        entries: of the specimen as they stand in the file, without the turns.
-        turns: of one thread; None where they are identified.
-        records: force.
-        photographs: shape, or None.
-        fit: how.
-        errors: that all readings share.
-        units: system of the report.
+        folder: folder of the sheet.
+        specimen: data of the muscle.
+        entries: entries of the specimen as written, without the turns.
+        turns: turns of one thread; None if they are to be identified.
+        records: force data.
+        photographs: pictures, or None.
+        fit: options of the identification.
+        errors: standard errors shared by all readings.
+        units: unit system of the report.
     """
 
     folder: Path
@@ -130,11 +128,16 @@ class Sheet:
     errors: SharedErrors
     units: str = "metric"
 
+    @property
+    def results(self) -> Path:
+        """Folder of the steps."""
+        return self.folder / RESULTS
+
     def path(self, name: str) -> Path:
-        """A file of the folder.
+        """Return the path of a file in the folder.
 
         Raises:
-            InputError: it is not there.
+            InputError: the file is missing.
         """
         path = self.folder / name
         if not path.exists():
@@ -142,13 +145,13 @@ class Sheet:
         return path
 
 
+_LENGTHS = ("zero_displacement", "distance", "pitch", "ruler_placement", "tape_diameter")
 _FORM = Form(
     {
         **SHARED_ERRORS.kinds,
-        **dict.fromkeys(("near", "log_offset"), "time"),
-        **dict.fromkeys(
-            ("zero_displacement", "distance", "pitch", "ruler_placement", "tape_diameter"), "length"
-        ),
+        "near": "time",
+        "log_offset": "time",
+        **dict.fromkeys(_LENGTHS, "length"),
     }
 )
 _TABLES: dict[str, Any] = {
@@ -157,10 +160,10 @@ _TABLES: dict[str, Any] = {
 
 
 def read_sheet(folder: Path) -> Sheet:
-    """The sheet of a folder.
+    """Read the sheet of a folder.
 
     Raises:
-        InputError: there is none, or what is wrong with it, with the place.
+        InputError: the sheet is missing or invalid; the message gives the location.
     """
     path = folder / SHEET
     if not path.exists():
@@ -187,7 +190,7 @@ def read_sheet(folder: Path) -> Sheet:
             f"{key}={str(value).lower() if isinstance(value, bool) else value}"
             for key, value in entries.items()
         )
-        known.pop("force_limit", None)  # of the map's readings, and in its header
+        known.pop("force_limit", None)  # applies to readings, and is in the header of the map
         specimen = Specimen(**known)
     except InputError as error:
         raise InputError(f"{path}: [specimen]: {error}") from None
@@ -202,7 +205,7 @@ def read_sheet(folder: Path) -> Sheet:
 
 
 MARK = "step.json"
-"""In a step's folder, written last: what it was made of, and what it holds."""
+"""File in a step's folder, written last, with digests of its inputs and files."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -210,13 +213,13 @@ class FolderStep:
     """A step of an evaluation.
 
     Attributes:
-        name: and of its folder.
-        files: that it reads, besides those of earlier steps.
-        options: that it depends on, of types that JSON knows.
+        name: name of the step and of its folder.
+        files: input files, in addition to those of earlier steps.
+        options: options that the step depends on, as JSON types.
         after: names of the steps whose files it reads.
-        run: makes its files in the folder that it is given.
-        resumes: names in its folder of what it goes on with after it was stopped.
-        says: lines on what is in its folder, printed when it is done and when it was done before.
+        run: function that writes the files of the step into the given folder.
+        resumes: names of files in its folder from which an interrupted step resumes.
+        says: lines that describe the files of the step, printed after each run, even if it is skipped.
     """
 
     name: str
@@ -238,65 +241,67 @@ def run_steps(
 ) -> None:
     """Run the steps in order, except those already done with the same inputs.
 
-    A step is done where its mark names the same content of the same files, the same options, and the
-    same steps before it, and its files are as it left them.
+    A step is done if its mark lists the same inputs, options and earlier steps, and its own files are
+    unchanged.
 
     Args:
-        steps: each after those it needs.
-        folder: of the results; each step has a folder in it.
-        only: names of the steps to carry out, where not all; what they need must be done.
-        force: names of steps to carry out again.
-        tell: called with a line on each step.
+        steps: steps in order of their dependencies.
+        folder: folder of the results, with one folder per step.
+        only: names of the steps to run, if not all; the steps they need must be done.
+        force: names of steps to run again.
+        tell: called with one line per step.
 
     Raises:
-        InputError: an unknown name, or a step whose needs are not done.
+        InputError: a name is unknown, or a required step is not done.
     """
     known = [step.name for step in steps]
     for name in (*only, *force):
         if name not in known:
-            raise InputError(f"there is no step {name!r} here; there are {', '.join(known)}")
+            raise InputError(f"there is no step {name!r} here; the steps are {', '.join(known)}")
     keys: dict[str, str] = {}
     for step in steps:
         chosen = not only or step.name in only
         keys[step.name] = key = _key(step, keys)
         place = folder / step.name
-        done = _is_done(place, key)
-        if done and step.name not in force:
-            if chosen:
-                tell(f"{step.name}: as before")
-                for line in step.says(place):
-                    tell(line)
-            continue
+        done = step.name not in force and _is_done(place, key)
+        if not chosen and not done and any(
+            step.name in other.after for other in steps if other.name in only
+        ):  # fmt: skip
+            raise InputError(
+                f"{' and '.join(only)} needs {step.name}, which is not done: run it first"
+            )
         if not chosen:
-            needed = any(step.name in other.after for other in steps if other.name in only)
-            if needed:
-                raise InputError(
-                    f"{' and '.join(only)} needs {step.name}, which is not done: run it first"
-                )
             continue
-        tell(f"{step.name} ...")
-        (place / MARK).unlink(missing_ok=True)
-        place.mkdir(parents=True, exist_ok=True)
-        kept = () if step.name in force else step.resumes
-        for path in place.iterdir():
-            if path.name not in kept:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-        step.run(place)
-        held = {path.relative_to(place).as_posix(): digest(path) for path in _files(place)}
-        mark = json.dumps({"key": key, "files": held}, indent=1, sort_keys=True)
-        (place / MARK).write_text(mark + "\n", encoding="utf-8")
+        if done:
+            tell(f"{step.name}: unchanged")
+        else:
+            tell(f"{step.name} ...")
+            _run(step, place, key, () if step.name in force else step.resumes)
         for line in step.says(place):
             tell(line)
 
 
+def _run(step: FolderStep, place: Path, key: str, kept: Sequence[str]) -> None:
+    (place / MARK).unlink(missing_ok=True)
+    place.mkdir(parents=True, exist_ok=True)
+    for path in place.iterdir():
+        if path.name not in kept:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    step.run(place)
+    files = sorted(path for path in place.rglob("*") if path.is_file() and path.name != MARK)
+    held = {path.relative_to(place).as_posix(): digest(path) for path in files}
+    mark = json.dumps({"key": key, "files": held}, indent=1, sort_keys=True)
+    (place / MARK).write_text(mark + "\n", encoding="utf-8")
+
+
 def digest(path: Path) -> str:
-    """The SHA-256 of a file's content."""
+    """Return the SHA-256 of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _key(step: FolderStep, keys: Mapping[str, str]) -> str:
-    """What a step is made of, as one digest."""
+    """Return one digest of all inputs of a step."""
     content = {
         "name": step.name,
         "files": [[path.name, digest(path)] for path in sorted(step.files)],
@@ -314,7 +319,3 @@ def _is_done(place: Path, key: str) -> bool:
         )
     except (OSError, ValueError, KeyError, TypeError):
         return False
-
-
-def _files(place: Path) -> list[Path]:
-    return sorted(path for path in place.rglob("*") if path.is_file() and path.name != MARK)

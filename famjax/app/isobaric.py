@@ -1,8 +1,9 @@
-"""A test at constant pressures: from its journal and the machine's log to curves, figures, a picture."""
+"""Tests at constant pressure: from journal and machine log to curves, figures and a picture."""
 
 import csv
 import dataclasses
 import math
+from collections import defaultdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,20 +33,21 @@ from rig.protocol import TICK_HZ, TICKS
 
 
 def table(record: Record) -> dict[str, NDArray[Any]]:
-    """The journal as columns, a row for each record, neglecting the shortest latency of the line.
+    """Return the journal as columns with one row per record.
+
+    Neglects the shortest latency of the serial line.
 
     Args:
-        record: a journal read back, with the calibration of its sensors.
+        record: journal, with the calibration of its sensors.
 
     Returns:
-        Arrays of shape (n,): time on the host's clock, as that of the notes, nan in a boot too short
-        to determine it (half a second); time on the device's;
-        pressure and force as means over the ticks of a record; the set pressure that the device
-        controlled for, nan where unknown; output [0..255] and integral [counts]; state and
-        fault as the indices of `STATES` and `FAULTS`; sync; the plan's block, -1 outside of one.
+        Arrays of shape (n,): time on the host's clock, as in the notes, nan in a boot of less than half
+        a second; time on the device's clock; pressure and force, averaged over the ticks of a record;
+        the set pressure of the controller, nan if unknown; output [0..255] and integral [counts]; state
+        and fault as indices of `STATES` and `FAULTS`; sync; the plan's block, -1 outside a block.
 
     Raises:
-        RigError: there is no calibration.
+        RigError: the journal has no calibration.
     """
     calibration = stored_calibration(record)
     known, governing = [settings for _, settings in record.settings], record.governing()
@@ -75,36 +77,26 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
 
 
 def clocks(record: Record) -> dict[int, ClockMap]:
-    """The map from device time to host time of each epoch with at least two clock notes."""
-    found = {}
-    pairs = _clock_pairs(record)
-    for epoch in np.unique(record.epoch).tolist():
-        mine = [pair for pair in pairs if pair[0] == epoch]
-        if len(mine) > 1:
-            ticks, arrivals = [tick for _, tick, _ in mine], [at for *_, at in mine]
-            found[epoch] = fit_clock(np.array(ticks) / TICK_HZ, arrivals)
-    return found
-
-
-def _clock_pairs(record: Record) -> list[tuple[int, int, float]]:
-    """(epoch, tick, arrival [s]) of every clock note whose record is there."""
+    """Fit the map from device time to host time for each epoch with at least two clock notes."""
     epochs = record.epoch.tolist()
     parts = [record.epoch_parts[epoch] for epoch in epochs]
     boots, ticks = record.column("boot").tolist(), record.column("tick").tolist()
     keys = zip(parts, boots, (tick % TICKS for tick in ticks), strict=True)
     at = dict(zip(keys, zip(epochs, ticks, strict=True), strict=True))
-    pairs = []
+    pairs = defaultdict[int, list[tuple[int, float]]](list)
     for part, note in zip(record.note_parts, record.notes, strict=True):
-        if (
-            note["note"] == "clock"
-            and (record_at := at.get((part, note["boot"], note["tick"]))) is not None
-        ):
-            pairs.append((*record_at, note["arrival_s"]))
-    return pairs
+        if note["note"] == "clock" and (part, note["boot"], note["tick"]) in at:
+            epoch, tick = at[part, note["boot"], note["tick"]]
+            pairs[epoch].append((tick, note["arrival_s"]))
+    return {
+        epoch: fit_clock(np.array(seen) / TICK_HZ, arrivals)
+        for epoch, mine in sorted(pairs.items()) if len(mine) > 1
+        for seen, arrivals in [[list(one) for one in zip(*mine, strict=True)]]
+    }  # fmt: skip
 
 
 def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The plan's block at each row, -1 outside."""
+    """Return the plan's block at each row, -1 outside a block."""
     blocks = np.full(len(time), -1)
     part_of_row = np.array(record.epoch_parts, np.int64)[record.epoch]
     for part, note in zip(record.note_parts, record.notes, strict=True):
@@ -115,10 +107,10 @@ def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def convert(journal: str | Path, target: str | Path) -> Path:
-    """Write the records of a journal as a CSV table, the unit in the name of each column.
+    """Write the records of a journal as a CSV table with the unit in each column name.
 
     Raises:
-        RigError: another ending, or the journal cannot be read.
+        RigError: the target has another suffix, or the journal cannot be read.
     """
     target = Path(target)
     if target.suffix != ".csv":
@@ -131,18 +123,18 @@ def convert(journal: str | Path, target: str | Path) -> Path:
     return target
 
 
-_APART = 3.0  # times, by which two records of one test do not differ in duration
-_STRETCH = 0.05  # of the rest length, by which a muscle may be stretched
-_MOST_POINTS = 20_000  # drawn of a pressure record
+_APART = 3.0  # largest ratio of the durations of two records of one test
+_STRETCH = 0.05  # largest stretch of a muscle, as a fraction of the rest length
+_MOST_POINTS = 20_000  # points drawn of a pressure record
 
 
 class Loads(NamedTuple):
-    """The load of the journal as gain x load of the log + zero, at the same times.
+    """Fit of the load in the journal as gain x load of the log + zero, at the same times.
 
     Attributes:
-        gain: [-].
-        zero: [N].
-        scatter: root mean square of what is left, over the range of the journal's load [-].
+        gain: gain [-].
+        zero: zero [N].
+        scatter: RMS residual, relative to the range of the journal's load [-].
     """
 
     gain: float
@@ -152,13 +144,13 @@ class Loads(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Analysis:
-    """The result of a test.
+    """Result of a test.
 
     Attributes:
-        alignment: of the machine's clock to the journal's.
+        alignment: alignment of the machine's clock with the journal's.
         record: the test on one clock.
         characterisation: curves and figures.
-        loads: of both against each other.
+        loads: comparison of both loads.
     """
 
     alignment: Alignment
@@ -180,28 +172,28 @@ def analyse(
     pushing_positive: bool = False,
     alignment: Alignment | None = None,
 ) -> Analysis:
-    """The characterisation of a muscle from the two records of one test.
+    """Characterise a muscle from the two records of one test.
 
-    A record of the device is a mean over its ticks, so that it belongs to their middle: half a
-    record, less half a tick, before the time of its last tick.
+    A device record is an average over its ticks. Its time is the middle of these ticks: half a record
+    minus half a tick before its last tick.
 
     Args:
-        journal: read back.
-        log: of the test machine.
+        journal: journal of the rig.
+        log: log of the test machine.
         rest_length: L0 [m].
-        sync_column: column of the log with the rig's sync pulses; None aligns by load.
-        near: offset of the clocks [s] and how far it may be off [s], where it is known roughly.
-        skip_cycles: first strokes at each pressure that are left out.
-        shortening_positive: the machine's displacement grows as the muscle shortens.
-        zero_displacement: what the machine shows at L0 [m].
-        pushing_positive: the machine's force is positive in compression.
-        alignment: of the machine's clock to the journal's, where it is known; sought unless given.
+        sync_column: column of the log with the rig's sync pulses; None aligns the clocks by load.
+        near: approximate offset of the clocks and its largest error [s], if known.
+        skip_cycles: number of strokes to skip at the start of each pressure.
+        shortening_positive: True if the machine's displacement grows as the muscle shortens.
+        zero_displacement: displacement reading at L0 [m].
+        pushing_positive: True if the machine's force is positive in compression.
+        alignment: known alignment of the clocks; None computes it.
 
     Returns:
         Alignment, record and characterisation.
 
     Raises:
-        RigError: the records do not belong together, or hold no complete stroke.
+        RigError: the records do not belong together, or contain no complete stroke.
     """
     if log.force is None:
         raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
@@ -230,7 +222,7 @@ def analyse(
     if over > max(under, _STRETCH * rest_length):
         raise InputError(
             f"{log.source}: the machine would have stretched the muscle, from {record.length.min():.5g} "
-            f"to {record.length.max():.5g} m with a rest length of {rest_length:.5g} m, and a stroke "
+            f"to {record.length.max():.5g} m with a rest length of {rest_length:.5g} m, but a stroke "
             f"shortens it: shortening_positive must be {str(not shortening_positive).lower()}, or check "
             "zero_displacement and the rest length"
         )
@@ -247,7 +239,7 @@ def _by_load(
     *,
     pushing_positive: bool,
 ) -> Alignment:
-    """The clocks by the load; where the loads disagree, the column of the log that does agree is named."""
+    """Align the clocks by load; if the loads disagree, name the column of the log that agrees."""
     sign = -1.0 if pushing_positive else 1.0
     load = sign * log.channel("force")
     try:
@@ -279,7 +271,7 @@ def _by_load(
 
 
 def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:
-    """The journal's load against the log's, at the rows of the record."""
+    """Fit the journal's load to the log's at the rows of the record."""
     ours = np.interp(record.time, time, force)
     gain, zero = np.polyfit(record.force, ours, 1)
     left = ours - gain * record.force - zero
@@ -287,32 +279,27 @@ def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads
 
 
 def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str) -> Alignment:
-    """By the edges of the rig's pulses, which a column of the log has, too."""
+    """Align the clocks by the edges of the rig's pulses in a column of the log."""
     if column not in log.others:
         raise RigError(f"the log has no column {column!r}; it has {', '.join(log.others)}")
-    # Uniform over an interval; and both edges of a pulse may fall alike between two rows.
+    # Uniform over an interval; both edges of a pulse may have the same error between two rows.
     resolution = log.interval / math.sqrt(12) * math.sqrt(2)
     ours, theirs = _edges(time, sync), _edges(log.time, log.others[column])
     return align_by_pulses(ours, theirs, resolution=resolution)
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
-    """Times [s] and what was set from then on [Pa]: nan after an end."""
-    found: list[tuple[float, float]] = []
-    for note in journal.notes:
-        at = float(note["at"])
-        match note["note"]:
-            case "set":
-                found.append((at, float(note["pressure_Pa"])))
-            case "end":
-                found.append((at, math.nan))
-    return sorted(found)
+    """Return times [s] and the set pressure from then on [Pa]; nan after an end."""
+    return sorted(
+        (float(note["at"]), float(note["pressure_Pa"]) if note["note"] == "set" else math.nan)
+        for note in journal.notes if note["note"] in {"set", "end"}
+    )  # fmt: skip
 
 
 def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Times [s] at which a level passes its middle, each half-way between two readings.
+    """Return the times [s] at which a level crosses its middle, halfway between two readings.
 
-    Where readings are missing in between, the time is not known and is left out.
+    Crossings in a gap of the readings are left out.
     """
     high = level > (np.nanmin(level) + np.nanmax(level)) / 2
     step = np.diff(time)
@@ -321,7 +308,7 @@ def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 
 def figures(found: Analysis) -> dict[str, Any]:
-    """The figures of an analysis for a JSON file, with units in the keys; None if not measured."""
+    """Return the figures of an analysis for JSON, with units in the keys; None if not measured."""
     rows = [
         {key: finite_or_none(value) for key, value in row.items()}
         for row in found.characterisation.rows()
@@ -341,7 +328,7 @@ def figures(found: Analysis) -> dict[str, Any]:
 
 
 def branches_csv(muscle: Characterisation) -> str:
-    """Both branches of every isobar over length as CSV in SI; empty if not measured."""
+    """Return both branches of every isobar over length as CSV in SI; empty cells if not measured."""
     lines = ["set_pressure_Pa,length_m,shortening_N,lengthening_N"]
     for bar in muscle.isobars:
         for row in zip(bar.length, bar.shortening, bar.lengthening, strict=True):
@@ -351,17 +338,17 @@ def branches_csv(muscle: Characterisation) -> str:
 
 
 def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
-    """Both branches over contraction at every set pressure, and the error of the pressure in time.
+    """Plot both branches over contraction at every set pressure, and the pressure error over time.
 
     Args:
-        found: the analysis of a test.
+        found: analysis of a test.
         system: "si", "metric" or "us".
 
     Returns:
-        A figure of two axes.
+        A figure with two axes.
 
     Raises:
-        InputError: an unknown system.
+        InputError: the unit system is unknown.
     """
     units = unit_system(system)
     pressure_unit, force_unit = units["pressure"], units["force"]
@@ -377,8 +364,7 @@ def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
         left.plot(contraction, bar.lengthening / N, color=colour, lw=1.2, ls="--")
         label = f"{bar.set_pressure / Pa:.4g}"
         left.annotate(label, (contraction[0], bar.lengthening[0] / N), fontsize=7)
-    left.set_xlabel("contraction (L0 - L)/L0")
-    left.set_ylabel(f"force [{force_unit}]")
+    left.set(xlabel="contraction (L0 - L)/L0", ylabel=f"force [{force_unit}]")
     left.set_title(
         f"shortening (solid), lengthening (dashed); set pressure [{pressure_unit}]", fontsize=9
     )
@@ -387,9 +373,9 @@ def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
     error = (record.pressure - record.set_pressure)[held][::step] / Pa
     right.plot(record.time[held][::step], error, lw=0.5, color=(0.1, 0.25, 0.5))
     strokes = [bar.largest_pressure_error for bar in muscle.isobars]
-    right.set_ylim(-1.5 * max(strokes) / Pa, 1.5 * max(strokes) / Pa)
+    largest = 1.5 * max(strokes) / Pa
     right.axhline(0, color="k", lw=0.5)
-    right.set_xlabel("time [s]")
-    right.set_ylabel(f"pressure - set pressure [{pressure_unit}]")
-    right.set_title("pressure held (new set pressures run off the axis)", fontsize=9)
+    right.set(xlabel="time [s]", ylabel=f"pressure - set pressure [{pressure_unit}]",
+              ylim=(-largest, largest))  # fmt: skip
+    right.set_title("pressure error (steps of the set pressure exceed the axis)", fontsize=9)
     return figure

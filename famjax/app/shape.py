@@ -1,4 +1,4 @@
-"""The command `famjax shape`: the shape of a fitted muscle from mechanics, as a table and a picture."""
+"""`famjax shape`: the equilibrium shape of a fitted muscle, as a table and a picture."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -41,10 +41,10 @@ def shape(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Compute the shape that mechanics gives a fitted muscle: profile, braid angle, strains and pull.
+    """Compute the equilibrium shape of a fitted muscle: profile, braid angle, strains and force.
 
-    The shape has the least energy of the fit's braid, bladder and law, with threads pinned where they
-    cross. Writes `shape.csv` and `shape.svg`. Exits with 2 where there is no stable shape.
+    The shape minimises the energy of the fitted braid, bladder and law, with threads pinned at their
+    crossings. Writes `shape.csv` and `shape.svg`. Exits with 2 if there is no stable shape.
 
     Parameters
     ----------
@@ -53,20 +53,20 @@ def shape(
     length
         Active length with its unit, `--length 270mm`.
     pressure
-        Gauge pressure with its unit, `--pressure 500kPa`; the fit's deadband is taken off.
+        Gauge pressure with its unit, `--pressure 500kPa`; the fitted deadband is subtracted from it.
     end_diameter
-        Of the braid at the fittings, `--end-diameter 20mm`; that of the unloaded braid unless given.
+        Braid diameter at the fittings, `--end-diameter 20mm`; default: that of the unloaded braid.
     other_end_diameter
-        Of the braid at the last fitting, if it is another.
+        Braid diameter at the last fitting, if it differs.
     own
-        A module that you trust, repeatable, with the classes of your own of which the file's muscle is
-        made: `--own my_rubber`. Without it no module is imported that a file names.
+        Trust this module of your own that defines classes in the file, repeatable, `--own my_rubber`.
+        Modules named only in the file are never imported.
     output
-        Folder for the files, created if missing.
+        Write the files to this folder; it is created if missing.
     units
-        Of the table and the files: si, metric or us.
+        Choose the units of the table and the files: si, metric or us.
     json_
-        Print one JSON object in SI to standard output and nothing else there.
+        Print one JSON object in SI units on standard output, and nothing else.
     """
     start_jax()
     folder = Output(output)
@@ -96,7 +96,7 @@ def shape(
 
 
 def _read(muscle: str, own: tuple[str, ...]) -> Any:
-    """The muscle of a fit, of a card, or a bundled one."""
+    """Read the muscle from a fit or a card, or load a bundled one."""
     from famjax.muscles import open_card
     from fitting.cli.muscle import schema_of, warn_unidentified
 
@@ -114,7 +114,7 @@ def _read(muscle: str, own: tuple[str, ...]) -> Any:
 def _equilibrium_muscle(
     muscle: Any, end_diameter: float | None, other: float | None
 ) -> "famjax.EquilibriumMuscle":
-    """The muscle of the same braid, bladder, law and deadband; one with its shape as it is."""
+    """Build the equilibrium muscle; keep a muscle that already is one, unless a diameter is given."""
     import jax
 
     from famjax import Bladder, EquilibriumMuscle
@@ -132,8 +132,8 @@ def _equilibrium_muscle(
     braids, bladders, laws = inside(AbstractBraid), inside(Bladder), inside(AbstractMaterial)
     if not (braids and bladders and laws):
         raise InputError(
-            "a shape needs a braid, a bladder and its law; this muscle has not all of them, as a model "
-            "of another author or a measured shape may have none"
+            "the equilibrium shape needs a braid, a bladder and its law, and this muscle lacks one of "
+            "them. Models of other authors and measured shapes may have none; fit with a braid"
         )
     braid, bladder, law = braids[0], bladders[0], laws[0]
     if end_diameter is None:
@@ -147,7 +147,7 @@ def _equilibrium_muscle(
 
 
 def _rows(found: "Shape", units: str) -> list[dict[str, float]]:
-    """The points of the shape, their columns named with the unit."""
+    """Return the points of the shape, with the unit in each column name."""
     columns = {}
     for name, kind in _COLUMNS.items():
         values = 2 * found.radius if name == "diameter" else getattr(found, name)
@@ -159,7 +159,7 @@ def _rows(found: "Shape", units: str) -> list[dict[str, float]]:
 
 
 def _drawn(found: "Shape", units: str) -> bytes:
-    """The meridian on both sides of the axis, as SVG."""
+    """Plot the meridian on both sides of the axis, as SVG."""
     from matplotlib.figure import Figure
 
     unit = unit_system(units)["length"]

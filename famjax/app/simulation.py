@@ -1,4 +1,4 @@
-"""A whole test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
+"""A complete test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
 
 import dataclasses
 import datetime
@@ -29,21 +29,19 @@ from rig.simulation import (
 from .isobaric import Analysis, analyse
 
 LOG, DATASET = "machine.csv", "dataset.csv"
-"""Names of the files of a test beside its journal."""
+"""File names of a test in addition to its journal."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SimulatedTest:
-    """The result of a simulated test.
+    """Result of a simulated test.
 
     Attributes:
-        analysis: alignment, record, characterisation.
-        seconds: that it lasted, of the rig's time.
-        paths: the files, in the order in which they arose.
+        analysis: alignment, record and characterisation.
+        paths: files in the order of writing.
     """
 
     analysis: Analysis
-    seconds: float
     paths: tuple[Path, ...]
 
 
@@ -59,7 +57,7 @@ class Watcher(Attendant):
         self._due = 0.0
 
     def look(self, situation: Situation) -> Request:
-        """Report where a second has passed."""
+        """Report progress if a second has passed."""
         if situation.done >= self._due:
             self._due = situation.done + 1.0
             self._progress(situation.done, situation.done + situation.left)
@@ -67,10 +65,10 @@ class Watcher(Attendant):
 
 
 def reference_muscle() -> famjax.Muscle:
-    """The default muscle of a simulated rig, of 7/8 in.
+    """Return the 7/8 in muscle of the reference work, the default muscle of a simulated rig.
 
     References:
-        Chambers 2021, chapter 6: its latex.
+        Chambers 2021, chapter 6: latex bladder.
     """
     braid = famjax.Braid(9.89 * INCH, 1.09, 0.011 * INCH)
     bladder = famjax.Bladder(9.28125 * INCH, 0.875 * INCH, 0.0625 * INCH)
@@ -79,10 +77,10 @@ def reference_muscle() -> famjax.Muscle:
 
 
 def simulate_device(test: PlanFile, folder: str | Path, *, seed: int = 0) -> Path:
-    """Carry out a test against a simulated rig whose machine stays where it is; the journal's path.
+    """Run a test against a simulated rig whose machine does not move, and return the journal's path.
 
     Raises:
-        RigError: as `Rig` and `run`.
+        RigError: see `Rig` and `run`.
     """
     path, muscle = Path(folder) / JOURNAL, LinearMcKibben()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,31 +106,32 @@ def simulate(
     calibrated: Callable[[Calibration], Calibration] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SimulatedTest:
-    """Carry out a test against a simulated rig, in virtual time, and analyse its files.
+    """Run a test against a simulated rig in virtual time and analyse its files.
 
-    What is analysed is what was written, read back as a real test's would be. The machine turns
-    where the muscle has no force left, or after the plan's stroke.
+    The files are written and read back like those of a real test. The machine reverses where the muscle
+    has no force left, or after the plan's stroke.
 
     Args:
-        test: plan, circuit, limit and gains. Its calibration is not used.
-        folder: for the files; must not hold a journal.
-        muscle: a `LinearMcKibben` unless given.
-        specimen: entries of the dataset besides the rest length, unit in the key.
-        clock: of the machine's log; 12.345 s ahead and 50 ppm fast unless given.
-        clock_rate: of the device's clock.
-        friction: of the muscle, as for `SimulatedRig`.
-        device: as for `SimulatedRig`, just switched on.
-        baud: as for `SimulatedRig`.
-        seed: of all noise.
-        calibrated: from the sensors as they are to what is believed of them; perfect unless given.
-        began: date of the test; now if None.
+        test: plan, circuit, limit and gains; its calibration is not used.
+        folder: folder for the files; it must not contain a journal.
+        muscle: muscle to simulate; a `LinearMcKibben` by default.
+        specimen: entries of the dataset in addition to the rest length, with units in the keys.
+        clock: clock of the machine's log; by default 12.345 s ahead and 50 ppm fast.
+        clock_rate: relative rate error of the device's clock.
+        friction: friction of the muscle, see `SimulatedRig`.
+        device: device just switched on, see `SimulatedRig`.
+        baud: baud rate, see `SimulatedRig`.
+        seed: seed of all noise.
+        began: date of the test; the current time by default.
+        calibrated: function from the true calibration of the sensors to the assumed one; the identity by
+            default.
         progress: called with the seconds done and the seconds planned.
 
     Returns:
         The analysis and the paths of journal, log and dataset.
 
     Raises:
-        RigError: as `Rig`, `run` and `analyse`.
+        RigError: see `Rig`, `run` and `analyse`.
     """
     folder = Path(folder)
     paths = [folder / name for name in (JOURNAL, LOG, DATASET)]
@@ -144,19 +143,12 @@ def simulate(
             f"the plan's stroke of {test.plan.stroke:.5g} m is longer than the "
             f"{machine.rest_length - machine.shortest:.5g} m that the machine allows this muscle"
         )
-    # Blocked at the limit, and some more: a load cell that ends below would bend the curves.
+    # Blocked force at the limit plus a margin: a saturated load cell would bend the curves.
     most = 1.2 * float(muscle.blocked_force(test.pressure_limit))
     rig = SimulatedRig(
-        CIRCUITS[test.circuit](),
-        muscle,
-        machine,
-        device,
-        force_sensor=load_cell(most),
-        baud=baud,
-        clock_rate=clock_rate,
-        friction=friction,
-        seed=seed,
-    )
+        CIRCUITS[test.circuit](), muscle, machine, device, force_sensor=load_cell(most), baud=baud,
+        clock_rate=clock_rate, friction=friction, seed=seed,
+    )  # fmt: skip
     believed = rig.calibration() if calibrated is None else calibrated(rig.calibration())
     record_test(
         test, VirtualLink(rig), believed, paths[0], machine=machine,
@@ -167,4 +159,4 @@ def simulate(
         read_journal(paths[0]), read_machine_log(paths[1]), rest_length=float(muscle.rest_length)
     )
     write_dataset(found.characterisation, paths[2], specimen=specimen)
-    return SimulatedTest(found, rig.now, tuple(paths))
+    return SimulatedTest(found, tuple(paths))

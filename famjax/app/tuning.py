@@ -1,4 +1,4 @@
-"""The commands `famjax rig step` and `famjax rig tune`: a small test, and gains that suit the rig."""
+"""`famjax rig step` and `famjax rig tune`: a small step test, and controller gains fitted to the rig."""
 
 import dataclasses
 import re
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from rig.plan import PlanFile
 
 _STEPS = 6  # up and down
-_RISE, _ROOM = 20.0, 15.0  # psi: of a step at most, and from its top to the limit
+_RISE, _ROOM = 20.0, 15.0  # psi: largest step, and margin from its top to the limit
 _SETTLE, _HOLD = 4.0, 0.5  # s at each pressure
-_STAYS = 1e-4  # m: a machine that is not moved
+_STAYS = 1e-4  # m: motion of a machine that is held
 _DRAWS = 8
-_MISSED = 1.0 * PSI  # root mean square: four times the noise of a transducer
+_MISSED = 1.0 * PSI  # RMS error: four times the noise of a transducer
 _HELD = {"air": ("dead_volume", 0.3), "water": ("displacement", 0.05)}
-"""What a muscle at one length does not tell, as all flows could be larger alike; and its spread."""
+"""Parameters that a muscle of fixed length cannot determine (all flows scale alike), and their spread."""
 
 
 def rig_step(
@@ -42,24 +42,24 @@ def rig_step(
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("famjax-step"),
     yes: bool = False,
 ) -> int:
-    """Record the small step test from which `famjax rig tune` learns the rig.
+    """Record a small step test, from which `famjax rig tune` identifies the rig.
 
-    The pressure goes up and down between the lowest of the plan and at most 20 psi more, with the gains of
-    the plan, and trips 15 psi above that. Hold the muscle at its rest length; the machine stays where it
-    is. Writes `test.fam` into the output folder; the rig vents however this ends.
+    The pressure steps up and down between the lowest of the plan and at most 20 psi more, with the plan's
+    gains, and trips at 15 psi above that. Hold the muscle at its rest length; the machine does not move.
+    Writes `test.fam` to the output folder. The rig vents at the end in every case.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig], of the test for which the gains are wanted.
+        TOML file with the tables [plan] and [rig] of the test for which to find gains.
     port
-        A serial port or socket://host:port.
+        Serial port or socket://host:port.
     baud
-        Of the firmware.
+        Set the baud rate of the firmware.
     simulate
-        Carry it out against a simulated rig.
+        Run against a simulated rig.
     output
-        Folder for the journal, created if missing.
+        Write the journal to this folder; it is created if missing.
     yes
         Start without asking, for scripts.
     """
@@ -87,7 +87,7 @@ def rig_step(
 
 
 def step_test(test: "PlanFile") -> "PlanFile":
-    """The step test for a plan: lower pressures and a lower limit, nothing else changed."""
+    """Derive the step test from a plan: lower pressures and limit, otherwise unchanged."""
     low = min(test.plan.pressures)
     high = min(max(test.plan.pressures), low + _RISE * PSI)
     if high <= low:
@@ -113,35 +113,35 @@ def rig_tune(
     units: Units = "metric",
     json_: bool = False,
 ) -> int:
-    """Find gains and a rise time of the set pressure for a plan, and write them into a copy of it.
+    """Find controller gains and a rise time of the set pressure, and write them to a copy of the plan.
 
-    Identifies valve or pump from the journal of `famjax rig step`. Then optimises the gains, by gradients
-    through the simulated rig, to hold the pressure best at the plan's rate and steps, for all plants
-    that the journal allows. Prints what to expect of the plan's gains and of the new ones.
+    Identifies the valve or pump from the journal of `famjax rig step`. Then optimises the gains by
+    gradients through the simulated rig, for the plan's rate and steps and for all rigs consistent with
+    the journal. Prints the expected pressure errors with the plan's gains and with the new ones.
 
     Parameters
     ----------
     journal
-        Of `famjax rig step`.
+        Journal of `famjax rig step`.
     plan
         TOML file with the tables [plan] and [rig].
     simulate
-        Take assumed numbers of valve or pump, 5 to 30 % uncertain, in place of a journal.
+        Use assumed parameters of the valve or pump, 5 to 30 % uncertain, instead of a journal.
     card
-        A card of `famjax card`, or a bundled muscle; the reference work's 7/8 in muscle unless given.
+        Card written by `famjax card`, or a bundled muscle; default: the 7/8 in muscle of the reference
+        work.
     own
-        A module that you trust, repeatable, with the classes of your own of which the card's muscle is
-        made.
+        Trust this module of your own that defines classes in the card, repeatable, `--own my_rubber`.
     length
-        Active length in the step test with its unit; the muscle's rest length unless given.
+        Active length in the step test with its unit; default: the muscle's rest length.
     output
-        The plan with the new gains; it must not exist.
+        Write the plan with the new gains to this file; it must not exist.
     seed
-        Of the draws and of the noise.
+        Seed the draws and the noise.
     units
-        Of the table: si, metric or us.
+        Choose the units of the table: si, metric or us.
     json_
-        Print one JSON object in SI to standard output and nothing else there.
+        Print one JSON object in SI units on standard output, and nothing else.
     """
     start_jax()
     from famjax.control.tuning import Duty, Gains, expect, tune
@@ -149,10 +149,10 @@ def rig_tune(
 
     if (journal is None) != simulate:
         raise InputError(
-            "give the journal of `famjax rig step`, or --simulate for assumed numbers, and not both"
+            "give either the journal of `famjax rig step`, or --simulate for assumed parameters"
         )
     if output.exists():
-        raise InputError(f"{output} exists: name another file by --output")
+        raise InputError(f"{output} exists: choose another file with --output")
     if own:
         add_cwd_to_path()
     with ended_in_words():
@@ -194,10 +194,10 @@ def rig_tune(
         f"proportional {proportional:.3g} counts/psi, integral {integral:.3g} counts/(psi s), "
         f"rise {rise:.2g} s"
     )
-    print_rows("Expected of the simulated rig, true pressures", in_units(rows, unit_system(units)))
+    print_rows("Expected in simulation, true pressures", in_units(rows, unit_system(units)))
     if rows[1]["highest_pressure_Pa"] > test.pressure_limit:
         print(
-            "note: the pressure comes above the limit where strokes turn: raise the limit, if muscle and "
+            "note: the pressure exceeds the limit where strokes reverse: raise the limit, if muscle and "
             "circuit are rated for it, or leave out the highest pressure"
         )
     print("written:", output)
@@ -229,7 +229,7 @@ def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
 
 
 def _assumed(test: "PlanFile", muscle: Any, seed: int) -> tuple[list["Plant"], np.ndarray]:
-    """Plants of an unmeasured rig, each with the feed-forward that its calibration would have."""
+    """Draw plants of an unmeasured rig, each with the feed-forward of its calibration."""
     from famjax.control.tuning import drawn_circuits
     from rig.simulation import CIRCUITS
 
@@ -242,7 +242,7 @@ def _assumed(test: "PlanFile", muscle: Any, seed: int) -> tuple[list["Plant"], n
 def _identified(
     journal: Path, test: "PlanFile", muscle: Any, length: str | None, seed: int
 ) -> tuple[list["Plant"], np.ndarray, list[str]]:
-    """Plants that the journal of a step test allows, with the feed-forward of its rig."""
+    """Draw plants consistent with the journal of a step test, with the feed-forward of its rig."""
     from fitting.plant import FREE, identify_plant
     from rig.journal import read_journal, stored_calibration
     from rig.simulation import CIRCUITS
@@ -250,14 +250,14 @@ def _identified(
     record = read_journal(journal)
     if any(note["stroke_m"] > 2 * _STAYS for note in record.notes_of("strokes")):
         raise InputError(
-            f"{journal} is of a test whose machine moved: record a step test with `famjax rig step`"
+            f"{journal} is from a test with a moving machine: record a step test with `famjax rig step`"
         )
     forward = stored_calibration(record).feed_forward
     circuit = "water" if any(forward.coefficients[1:]) else "air"
     if circuit != test.circuit:
         raise InputError(
-            f"{journal} is of a circuit of {circuit}, the plan's circuit is {test.circuit}: take the plan "
-            "of the step test"
+            f"{journal} is from a circuit of {circuit}, and the plan's circuit is {test.circuit}: use the "
+            "plan of the step test"
         )
     rest = float(muscle.rest_length) if length is None else parse_quantity(length, "length")
     assumed = CIRCUITS[test.circuit]()
@@ -267,27 +267,26 @@ def _identified(
     fit = identify_plant(rows, _plant(assumed, muscle), free=free)
     if not fit.pressure_rms < _MISSED:
         raise InputError(
-            f"the {test.circuit} circuit of the plan misses the record's pressure by "
-            f"{fit.pressure_rms / PSI:.2g} psi RMS: check that the journal is of this circuit, and the "
-            "supply, and that nothing leaks"
+            f"the {test.circuit} circuit of the plan misses the recorded pressure by "
+            f"{fit.pressure_rms / PSI:.2g} psi RMS: check that the journal is from this circuit, check the "
+            "supply, and check for leaks"
         )
     volume = float(muscle.volume(rest, rows.pressure.mean())) + float(
         assumed.parameters().get("dead_volume", 0.0)
     )
     declared, rng, circuits = assumed.declared(), np.random.default_rng(seed), []
     size = np.sqrt(np.diag(np.nan_to_num(fit.covariance)))
-    together = np.nan_to_num(
-        fit.covariance / np.where(size, size, 1.0) / np.where(size, size, 1.0)[:, None]
-    )
+    scale = np.where(size, size, 1.0)
+    correlation = np.nan_to_num(fit.covariance / np.outer(scale, scale))
     draws = size * rng.multivariate_normal(
-        np.zeros(len(free)), together, _DRAWS, check_valid="ignore"
+        np.zeros(len(free)), correlation, _DRAWS, check_valid="ignore"
     )
     factors = np.exp(spread * rng.standard_normal(_DRAWS))
     draws[0], factors[0] = 0.0, 1.0
     for draw, factor in zip(draws, factors, strict=True):
         values = {e.name: e.value + off for e, off in zip(fit.estimates, draw, strict=True)}
         values[held] = float(assumed.parameters()[held]) * factor
-        if held == "displacement":  # the same pressures, by other flows
+        if held == "displacement":  # same pressures with other flows
             values["needle"] *= factor
             values["bulk_modulus"] /= factor
         else:
@@ -310,12 +309,12 @@ def _identified(
 
 
 def plant_record(record: "Record", length: float) -> "PlantRecord":
-    """The record of a journal in which the machine held the muscle at a length [m], for `identify_plant`.
+    """Convert the journal of a test at constant length [m] for `identify_plant`.
 
-    A record's pressure is the mean of its ticks; it is taken to the time of its last tick.
+    The pressure of a record is the mean over its ticks; it is shifted to the time of its last tick.
 
     Raises:
-        InputError: the device controlled for less than a second.
+        InputError: the device was in control for less than a second.
     """
     from fitting.plant import PlantRecord
     from rig.protocol import RUN
@@ -324,13 +323,11 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
 
     rows = table(record)
     runs = np.flatnonzero(rows["state"] == RUN)
-    gaps = np.flatnonzero(np.diff(rows["seq"][runs]) != 1)
-    parts = np.split(runs, gaps + 1)
-    longest = max(parts, key=len)[:-1]
+    longest = max(np.split(runs, np.flatnonzero(np.diff(rows["seq"][runs]) != 1) + 1), key=len)[:-1]
     if longest.size < 100:
         raise InputError(
-            f"{record.path}: the device controlled for {longest.size} records in a row, and a second has "
-            "100: record a test with `famjax rig step`"
+            f"{record.path}: the device was in control for {longest.size} consecutive records, and one "
+            "second has 100: record a test with `famjax rig step`"
         )
     pressure = 0.6 * rows["pressure_Pa"][longest] + 0.4 * rows["pressure_Pa"][longest + 1]
     time = rows["device_time_s"][longest]
@@ -341,7 +338,7 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
 
 
 def tuned_text(text: str, proportional: float, integral: float, rise: float) -> str:
-    """A plan's text with other gains and rise time; every other character stays."""
+    """Replace gains and rise time in the text of a plan; every other character is unchanged."""
     for key, value in (
         ("proportional_counts_per_psi", proportional), ("integral_counts_per_psi_s", integral),
     ):  # fmt: skip

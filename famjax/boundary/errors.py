@@ -1,4 +1,4 @@
-"""The one family of errors that say what is wrong with what was given, and what a user names."""
+"""The error class for bad input, and the import of user-defined classes."""
 
 import difflib
 import importlib.util
@@ -12,14 +12,14 @@ from typing import Any
 
 
 class InputError(ValueError):
-    """Bad input: what must hold, what was given, what to do; commands print it and exit with 2."""
+    """Bad input. The message gives what must hold, what was given and what to do; exit code 2."""
 
 
 def check_seed(seed: int) -> int:
-    """Check a seed of random numbers.
+    """Check a random seed.
 
     Raises:
-        InputError: it is negative, or no whole number.
+        InputError: the seed is negative or not a whole number.
     """
     if not isinstance(seed, numbers.Integral) or seed < 0:
         raise InputError(f"a seed must be a whole number >= 0, got {seed!r}")
@@ -27,7 +27,7 @@ def check_seed(seed: int) -> int:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """A "did you mean" with the nearest known name, or "" if none is near.
+    """Return "; did you mean ...?" with the closest known name, or "" if none is close.
 
     >>> meant("rest_lenght_mm", ["rest_length_mm", "name"])
     '; did you mean rest_length_mm?'
@@ -40,15 +40,15 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> ModuleType:
-    """Import a package of an extra.
+    """Import a package that belongs to an extra.
 
     Args:
-        name: of the package.
-        extra: with which it comes.
-        error: what is raised where it is not there.
+        name: name of the package.
+        extra: extra that installs it.
+        error: exception to raise if it is missing.
 
     Raises:
-        InputError: it is not installed.
+        InputError: the package is not installed.
     """
     try:
         return importlib.import_module(name)
@@ -58,62 +58,62 @@ def import_extra(name: str, extra: str, error: type[Exception] = InputError) -> 
         ) from None
 
 
-# --- classes of a user's own, named by where they are: `module:Class`
+# --- user-defined classes, named by their location `module:Class`
 
 _FAILURES = (
     ArithmeticError, AttributeError, ImportError, LookupError, NameError, OSError, RuntimeError,
     SyntaxError, TypeError, ValueError,
 )  # fmt: skip
-"""What a module of somebody else may raise while it is imported."""
+"""Exceptions that the import of a user's module may raise."""
 
 
 Own = Sequence[str | type]
-"""What a user trusts in a file: names of modules, and classes."""
+"""Modules (by name) and classes in a file that the user trusts."""
 
 
 def class_path(cls: Any) -> str:
-    """The name `module:Class` of a user-defined class."""
+    """Return the name `module:Class` of a user-defined class."""
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
 class NotTrustedError(InputError):
-    """A file names a class that its reader has not been told to trust."""
+    """A file names a class that the user has not declared as trusted."""
 
 
 def check_trusted(path: str, own: Own, what: str) -> None:
-    """Raise unless the user trusts a class that a file names, because importing a module runs its code.
+    """Raise unless the user trusts a class named in a file, because importing a module runs its code.
 
     Args:
-        path: `module:Class`, as the file has it.
-        own: modules and classes that the user has named.
-        what: for the message, such as "law".
+        path: `module:Class`, as written in the file.
+        own: modules and classes that the user trusts.
+        what: name of the part for messages, such as "law".
 
     Raises:
-        InputError: neither the module nor the class is among them.
+        NotTrustedError: neither the module nor the class is trusted.
     """
     module = path.partition(":")[0]
     if not {path, module} & {one if isinstance(one, str) else class_path(one) for one in own}:
         raise NotTrustedError(
-            f"the {what} is {path!r}, which is not famjax's, and a file imports nothing by itself: if you "
-            f"trust that module, name it, --own {module} or own=({module!r},) in Python"
+            f"the {what} is {path!r}, which is not part of famjax, and files never import modules by "
+            f"themselves: if you trust this module, pass --own {module} or own=({module!r},) in Python"
         )
 
 
 def class_named(path: str, base: type, what: str) -> type:
-    """Import the class of `module:Class`.
+    """Import the class named `module:Class`.
 
     Args:
         path: module and class.
-        base: what it must be derived from.
-        what: for the message, such as "law".
+        base: required base class.
+        what: name of the part for messages, such as "law".
 
     Raises:
-        InputError: no such module or class, or a class of something else.
+        InputError: the module or class does not exist, or does not derive from the base class.
     """
     module, _, name = path.partition(":")
-    where = "give module:Class, with the module in the folder that you start from or installed"
+    where = "give module:Class, with the module installed or in the current folder"
     if not module or not name or module.startswith("."):
-        raise InputError(f"the {what} is module:Class, got {path!r}: {where}")
+        raise InputError(f"the {what} must be module:Class, got {path!r}: {where}")
     try:
         found: Any = operator.attrgetter(name)(importlib.import_module(module))
     except _FAILURES as error:
@@ -121,12 +121,12 @@ def class_named(path: str, base: type, what: str) -> type:
             raise InputError(f"the {what} {path!r} was not found ({error}): {where}") from None
         raise InputError(
             f"the module {module} of the {what} {path!r} could not be imported: "
-            f"{type(error).__name__}: {error}. Mend it so that `python -c 'import {module}'` works"
+            f"{type(error).__name__}: {error}. Fix it so that `python -c 'import {module}'` works"
         ) from None
     if not (isinstance(found, type) and issubclass(found, base)):
         room = ".".join(base.__module__.split(".")[:2])
         raise InputError(f"the {what} {path!r} must be a class derived from {room}.{base.__name__}")
     if inspect.isabstract(found):
         lacks = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
-        raise InputError(f"the {what} {path!r} is abstract: it must have {lacks}")
+        raise InputError(f"the {what} {path!r} is abstract: it must define {lacks}")
     return found

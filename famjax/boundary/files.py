@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 
 UNFINISHED = ".unfinished"
-"""What the name of a file ends in until it is whole."""
-_COMPRESSION = 3  # of 9: two thirds of the time of the usual 6, for files a tenth larger
+"""Suffix of a file until it is complete."""
+_COMPRESSION = 3  # of 9: two thirds of the default's time, for files a tenth larger
 
 
 def check_output(folder: Path) -> None:
-    """Refuse an output folder that cannot be written, before any work is done.
+    """Check that an output folder can be written, before any work starts.
 
     Raises:
-        InputError: a file is in the way, or the folder may not be written.
+        InputError: a file has the folder's name, or permission is missing.
     """
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
     if not nearest.is_dir():
-        raise InputError(f"the output folder {folder} cannot be made: {nearest} is not a folder")
+        raise InputError(f"the output folder {folder} cannot be created: {nearest} is not a folder")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(
             f"the output folder {folder} cannot be written: no permission in {nearest}"
@@ -43,7 +43,7 @@ def check_output(folder: Path) -> None:
 
 
 def as_png(figure: "Figure") -> bytes:
-    """The picture as a PNG file whose metadata include its title."""
+    """Return the figure as a PNG file with its title in the metadata."""
     picture = io.BytesIO()
     figure.savefig(
         picture, format="png", dpi=150, metadata={"Title": figure.get_suptitle()},
@@ -53,7 +53,7 @@ def as_png(figure: "Figure") -> bytes:
 
 
 def as_svg(figure: "Figure") -> str:
-    """The picture as an SVG file, the same bytes every time."""
+    """Return the figure as an SVG file; the same figure always gives the same bytes."""
     import matplotlib as mpl  # noqa: PLC0415 -- slow to import
 
     buffer = io.StringIO()
@@ -63,7 +63,7 @@ def as_svg(figure: "Figure") -> str:
 
 
 def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
-    """Rows with the same keys as CSV, the keys above them."""
+    """Return rows with the same keys as CSV, with the keys as header."""
     text = io.StringIO()
     table = csv.DictWriter(text, rows[0], lineterminator="\n")
     table.writeheader()
@@ -72,7 +72,7 @@ def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
 
 
 def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> str:
-    """A title, labelled sentences and a picture, for a notebook."""
+    """Return a title, labelled sentences and a picture as HTML for a notebook."""
     picture, left = base64.b64encode(as_png(figure)).decode(), "style='text-align:left'"
     body = "".join(
         f"<tr><th {left}>{html.escape(label)}</th><td {left}>{html.escape(text)}</td></tr>"
@@ -85,7 +85,7 @@ def as_html(title: str, rows: Iterable[tuple[str, str]], figure: "Figure") -> st
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
-    """Write several files into a folder; none appears before all are complete on disk.
+    """Write several files into a folder; none appears until all are complete on disk.
 
     Raises:
         InputError: the folder cannot be written.
@@ -103,7 +103,7 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 
 
 def write_whole(file: Path, content: bytes) -> None:
-    """Write a file completely or not at all, replacing an existing one."""
+    """Write a file completely or not at all; an existing file is replaced."""
     draft = file.with_name(file.name + UNFINISHED)
     with draft.open("wb") as open_draft:
         open_draft.write(content)
@@ -120,11 +120,11 @@ def write_whole(file: Path, content: bytes) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Origin:
-    """Origin of a file: date and command.
+    """Date and command that created a file.
 
     Attributes:
-        date: of writing, ISO 8601 with the offset from UTC.
-        command: that a person would repeat.
+        date: date of writing, ISO 8601 with the offset from UTC.
+        command: command line to repeat.
     """
 
     date: str
@@ -132,16 +132,16 @@ class Origin:
 
     @classmethod
     def of_this_command(cls) -> "Origin":
-        """The origin of the running `famjax` command: date and arguments."""
+        """Return the date and arguments of the running `famjax` command."""
         now = datetime.datetime.now(datetime.UTC).astimezone()
         return cls(now.isoformat(timespec="seconds"), shlex.join(["famjax", *sys.argv[1:]]))
 
     def as_dict(self) -> dict[str, str]:
-        """For JSON."""
+        """Return the fields for JSON."""
         return dataclasses.asdict(self)
 
     def comments(self) -> list[str]:
-        """Comment lines of a CSV file, which readers of force maps skip.
+        """Return comment lines for a CSV file; readers of force maps skip them.
 
         >>> Origin("2026-01-31T12:00:00+00:00", "famjax ramps a.csv=83mm").comments()
         ['# date: 2026-01-31T12:00:00+00:00', '# command: famjax ramps a.csv=83mm']
@@ -150,7 +150,7 @@ class Origin:
 
 
 def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """Differences between two JSON settings, each as "name was a, now b".
+    """List the differences between two JSON settings, each as "name was a, now b".
 
     >>> differing({"seed": 0, "settings": {"law": "ogden"}}, {"seed": 1, "settings": {}})
     ['seed was 0, now 1', 'law was ogden, now None']
@@ -164,7 +164,7 @@ def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def some_of(texts: Sequence[str], between: str = ", ") -> str:
-    """The first five of several texts, and the number of the others."""
+    """Join the first five texts and add the number of the remaining ones."""
     shown = [text if len(text) < 200 else text[:200] + " ..." for text in texts[:5]]
     more = f"{between}and {len(texts) - 5} more" if len(texts) > 5 else ""
     return between.join(shown) + more

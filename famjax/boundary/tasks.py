@@ -1,7 +1,7 @@
-"""Long work: a function of many items on an executor; each result is stored as soon as it is ready.
+"""Long computations: apply a function to many items on an executor, storing each result when ready.
 
-An executor is one of `concurrent.futures`, or has its interface, as those of loky, mpi4py and dask's
-`Client.get_executor()` have. No JAX and no physics.
+Any `concurrent.futures` executor works, and any with its interface: loky, mpi4py, dask's
+`Client.get_executor()`. No JAX and no physics.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from .errors import InputError
 from .files import differing, some_of, write_whole
 
 AnyExecutor: TypeAlias = Any
-"""Where long work is done: None in this process, a number of spawned processes, or an executor."""
+"""Where tasks run: None for this process, a number of spawned processes, or an executor."""
 
 _FORMAT = "famjax parts 2"
 _TAKEN_OVER = (
@@ -34,25 +34,25 @@ _TAKEN_OVER = (
     "jax_persistent_cache_min_compile_time_secs",
     "jax_persistent_cache_min_entry_size_bytes",
 )
-"""Settings of JAX that a worker has from the process that asks."""
+"""JAX settings that a worker copies from its parent process."""
 _one_at_a_time = threading.RLock()
 
 
 class Store:
-    """Results by index, 0 to `count` - 1, in memory and, with a path, in one JSONL file.
+    """Results by index, 0 to `count` - 1, in memory and, if a path is given, in a JSONL file.
 
-    The first line of the file has the settings, each other one a part. It is on the disk when `keep`
-    returns. A line that is damaged, as the last one is after a crash, is reported by a warning and
-    its part counts as not done.
+    The first line of the file holds the settings, each other line one part. A part is on disk when
+    `keep` returns. Damaged lines, such as a last line cut off by a crash, raise a warning; their parts
+    count as not done.
 
     Args:
-        path: of the file, created if missing; None keeps the parts in memory alone, whatever they are.
-        kind: of the work, such as "sweep".
-        settings: what every part depends on, values of JSON. A file with others is refused.
+        path: path of the file, created if missing; None keeps parts of any type in memory only.
+        kind: type of work, such as "sweep".
+        settings: JSON values that every part depends on. A file with other settings is refused.
         count: number of parts.
 
     Raises:
-        InputError: the file is that of another work, or cannot be read or written.
+        InputError: the file belongs to other work, or cannot be read or written.
     """
 
     def __init__(
@@ -82,15 +82,15 @@ class Store:
         return self._parts[index]
 
     def __iter__(self) -> Iterator[Any]:
-        """The parts that are done, by index."""
+        """Iterate over the finished parts in order of their index."""
         return (self._parts[index] for index in sorted(self._parts))
 
     def keep(self, index: int, part: Any) -> None:
         """Store one finished part: arrays and plain values by name; nan stays nan.
 
         Raises:
-            InputError: it holds something else.
-            OSError: it cannot be written.
+            InputError: the part holds another type.
+            OSError: the file cannot be written.
         """
         if self.path is not None:
             line = json.dumps({"index": index, "part": part}, default=_encoded) + "\n"
@@ -106,10 +106,12 @@ class Store:
         try:
             there = json.loads(first)
         except ValueError as error:
-            raise InputError(f"{path} is damaged ({error}): give another, or remove it") from None
+            raise InputError(
+                f"{path} is damaged ({error}): give another file, or remove it"
+            ) from None
         if there != head:
             raise InputError(
-                f"{path} holds a {head['kind']} of other data or with other settings: "
+                f"{path} holds a {head['kind']} with other data or other settings: "
                 f"{some_of(differing(there, head), '; ')}. Give another file, or remove it"
             )
         good = [first]
@@ -118,7 +120,7 @@ class Store:
                 row = json.loads(line.decode(), object_hook=_decoded)
                 self._parts[row["index"]] = row["part"]
             except (ValueError, KeyError, TypeError):
-                text = f"line {number} of {path} is damaged; its part is done again"
+                text = f"line {number} of {path} is damaged; its part will be computed again"
                 warnings.warn(text, UserWarning, stacklevel=4)
             else:
                 good.append(line.rstrip() + b"\n")
@@ -131,7 +133,7 @@ def _encoded(value: Any) -> Any:
         return {"dtype": value.dtype.str, "values": value.tolist(), "shape": value.shape}
     if isinstance(value, np.generic):
         return value.item()
-    raise InputError(f"a part holds arrays and plain values, got a {type(value).__name__}")
+    raise InputError(f"a part must hold arrays and plain values, got a {type(value).__name__}")
 
 
 def _decoded(entries: dict[str, Any]) -> Any:
@@ -149,28 +151,28 @@ def run_tasks(
     progress: Callable[[int, int], None] | None = None,
     names: Sequence[str] | None = None,
 ) -> Store:
-    """Apply a function to every item that is not done yet; each result is stored as soon as it is ready.
+    """Apply a function to every unfinished item; each result is stored as soon as it is ready.
 
-    What ends the work early, an interrupt or an error of the function, leaves what is kept; of an
-    error the name of the item is a note. Tasks in threads of one process take turns, as JAX may hang
-    where two of them factorise matrices at once.
+    Stored results survive an interrupt or an error in the function. An error carries the name of its
+    item as a note. Tasks in threads of one process take turns: JAX may hang if two of them factorise
+    matrices at the same time.
 
     Args:
-        function: of one item, called in the workers: one of a module's own level, or a
-            `functools.partial` of one, of arrays and names.
-        items: one for each task; the results go by their index.
-        executor: None for this process, a number of processes, a `concurrent.futures.Executor`, or what
-            has its `submit`; a dask client stands for its `get_executor()`.
-        store: what is done already, and what takes the results; None: one in memory.
-        progress: called with (tasks done, tasks), at first with those that the store has.
-        names: of the items in messages; "item 12" without.
+        function: function of one item, called in the workers. It must be a module-level function, or a
+            `functools.partial` of one with arrays and names.
+        items: one item per task; results are stored by index.
+        executor: None for this process, a number of processes, or a `concurrent.futures.Executor` or any
+            object with its `submit`. A dask client is replaced by its `get_executor()`.
+        store: finished results, to which new ones are added; None creates one in memory.
+        progress: called with (finished tasks, all tasks), first with the tasks already in the store.
+        names: names of the items in messages; "item 12" by default.
 
     Returns:
-        The store; `list(...)` of it has the results in the order of the items.
+        The store; `list(store)` gives the results in the order of the items.
 
     Raises:
-        InputError: the executor cannot be used, or it broke, as when a worker dies; or the work holds
-            something that another process cannot import.
+        InputError: the executor cannot be used or broke, for example because a worker died; or the work
+            contains an object that another process cannot import.
     """
     if isinstance(executor, int | ProcessPoolExecutor):
         _check_travels((function, items))
@@ -196,13 +198,13 @@ def run_tasks(
                 done += 1
                 tell(done, len(items))
         except (BrokenExecutor, CancelledError) as error:
-            where = "give resume= to keep what is finished" if kept.path is None else (
-                f"what is finished is in {kept.path}, and the same call goes on from there"
+            where = "pass resume= to keep finished parts" if kept.path is None else (
+                f"finished work is in {kept.path}, and the same call resumes it"
             )  # fmt: skip
             raise InputError(
                 f"the executor broke after {done} of {len(items)} ({type(error).__name__}: {error}); "
-                f"{where}. A worker that dies lacks memory as a rule; a script with processes needs "
-                'its calls under `if __name__ == "__main__":`'
+                f"{where}. Workers usually die for lack of memory. A script that starts processes must "
+                'make its calls under `if __name__ == "__main__":`'
             ) from error
         finally:
             for job in jobs:
@@ -215,8 +217,8 @@ def _check_travels(work: Any) -> None:
         pickle.dumps(work)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InputError(
-            f"this work cannot be sent to another process ({error}): put your class or function into a "
-            "module and import it, or leave the executor out"
+            f"this work cannot be sent to another process ({error}): define your class or function in a "
+            "module and import it, or omit the executor"
         ) from None
 
 
@@ -227,7 +229,7 @@ def _as_done(
     waiting: Sequence[int],
     jobs: dict[Any, int],
 ) -> Iterator[tuple[int, Callable[[], Any]]]:
-    """Submit all items; index and result of each as soon as it is done, also while others are submitted."""
+    """Submit all items and yield the index and result of each finished one, even during submission."""
     for index in waiting:
         job = pool.submit(call, items[index])
         if job.done():
@@ -239,7 +241,6 @@ def _as_done(
 
 
 def _pool(executor: AnyExecutor, count: int) -> contextlib.AbstractContextManager[Any]:
-    """What takes tasks; None for this process."""
     if not isinstance(executor, int):
         ours = executor.get_executor() if hasattr(executor, "get_executor") else executor
         return contextlib.nullcontext(ours)
@@ -256,7 +257,7 @@ def _settings() -> dict[str, Any]:
 
 
 def _called(settings: dict[str, Any], function: Callable[[Any], Any], item: Any) -> Any:
-    """The function in a worker, with JAX set as in the process that asks."""
+    """Call the function in a worker with the parent's JAX precision."""
     with _one_at_a_time:
         if settings and (jax := sys.modules.get("jax")) is not None:
             jax.config.update("jax_enable_x64", settings["jax_enable_x64"])
@@ -264,7 +265,7 @@ def _called(settings: dict[str, Any], function: Callable[[Any], Any], item: Any)
 
 
 def _begin(settings: dict[str, Any]) -> None:
-    """Make this process a worker: one thread for linear algebra, JAX set as in its parent."""
+    """Initialise a worker: single-threaded linear algebra, JAX settings of the parent."""
     os.environ |= dict.fromkeys(
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PJRT_NPROC"), "1"
     )
@@ -278,7 +279,7 @@ def _begin(settings: dict[str, Any]) -> None:
 
 
 def _exit_with_parent() -> None:
-    """Exit when the parent is killed; a worker would wait for it indefinitely."""
+    """Exit when the parent is killed; otherwise a worker would wait forever."""
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)

@@ -1,7 +1,7 @@
-"""TOML files as dataclasses: units in the keys, checked values, file and key in every message.
+"""Read and write TOML files as dataclasses, with units in the keys and the location in every message.
 
-A dataclass says by its annotations what its fields may be, and a `Form` how they are spelt. What a
-dataclass refuses when it is made is refused with the place in the file.
+Annotations restrict the values of fields, and a `Form` defines their keys. Errors raised by the
+dataclass itself are reported with the location in the file.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Refusal = Callable[[str], InputError]
-"""Makes the error of a message; a class of errors is one."""
+"""Creates the exception for a message; an exception class works."""
 
 _FINITE = sys.float_info.max
 Positive = Annotated[float, Meta(gt=0, le=_FINITE, description="a number > 0 and finite")]
@@ -33,18 +33,17 @@ NotNegative = Annotated[float, Meta(ge=0, le=_FINITE, description="a number >= 0
 Text = Annotated[str, Meta(pattern=r"\S", description="a text in quotes")]
 
 _WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
-_COUNTS = {2: "two", 3: "three"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """Spelling of the fields of a dataclass, and of nested ones, in a file.
+    """How the fields of a dataclass, and of nested ones, are written in a file.
 
     Attributes:
-        kinds: kind of unit of each field that is a quantity. Its key is the field's name and a unit,
-            `stroke_in`: any of `UNITS[kind]` is read, the SI unit is written.
-        keys: key of each other field whose key is not its name.
-        codecs: of each class that is one value in the file: what writes it, what reads it.
+        kinds: kind of unit for each quantity. Its key is the field's name and a unit, such as
+            `stroke_in`: every unit of `UNITS[kind]` is read, and the SI unit is written.
+        keys: key of each other field, if it is not the field's name.
+        codecs: for each class stored as a single value, functions that encode and decode it.
     """
 
     kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -54,17 +53,17 @@ class Form:
     )
 
     def key(self, name: str) -> str:
-        """The key under which a field is written."""
+        """Return the key under which a field is written."""
         if name in self.kinds:
             return _spelt(name, si_unit(self.kinds[name]))
         return self.keys.get(name, name)
 
     def keys_of(self, name: str) -> str:
-        """All keys under which a quantity is read."""
+        """List all keys under which a quantity is read."""
         return ", ".join(_spelt(name, unit) for unit in UNITS[self.kinds[name]])
 
     def pattern(self, name: str) -> str:
-        """The key of a field, with `<unit>` for any unit."""
+        """Return the key of a field, with `<unit>` for any unit."""
         return f"{name}_<unit>" if name in self.kinds else self.key(name)
 
 
@@ -82,13 +81,13 @@ def read_toml(
     """Read the entries of a TOML file.
 
     Args:
-        path: of the file or of a resource, UTF-8 with or without a byte order mark.
-        what: it is, for messages: "plan".
-        error: what is raised.
-        where: what begins every message; the path unless given.
+        path: path of the file or of a resource, UTF-8 with or without a byte order mark.
+        what: type of the file for messages, such as "plan".
+        error: exception to raise.
+        where: prefix of every message; the path by default.
 
     Raises:
-        InputError: the file cannot be read, or is no TOML file.
+        InputError: the file cannot be read, or is not valid TOML.
     """
     fault = f"{f'{path}: ' if where is None else where}cannot read the {what}"
     try:
@@ -96,10 +95,8 @@ def read_toml(
         return tomllib.loads(file.read_text(encoding="utf-8").removeprefix("\ufeff"))
     except OSError as problem:
         raise error(f"{fault}: {problem.strerror}") from None
-    except UnicodeDecodeError:
-        raise error(f"{fault}: it is not a UTF-8 text file; save it as TOML, UTF-8") from None
-    except tomllib.TOMLDecodeError as problem:
-        raise error(f"{fault}: it is not a TOML file: {problem}") from None
+    except ValueError as problem:
+        raise error(f"{fault}: it is not a TOML file in UTF-8: {problem}") from None
 
 
 def from_entries(
@@ -110,20 +107,20 @@ def from_entries(
     where: str = "",
     error: Refusal = InputError,
 ) -> T:
-    """Make a dataclass from the entries of a table, in SI.
+    """Build a dataclass from the entries of a table, in SI.
 
-    A single number stands for a list of one; "none" for None.
+    A single number is read as a list with one element, and "none" as None.
 
     Args:
         kind: the dataclass.
-        entries: keys and values as TOML has them.
-        form: how the fields are spelt.
-        where: the place of the table, which begins every message: `"plan.toml: [rig]: "`.
-        error: what is raised.
+        entries: keys and values from TOML.
+        form: spelling of the fields.
+        where: location of the table and prefix of every message, such as `"plan.toml: [rig]: "`.
+        error: exception to raise.
 
     Raises:
-        InputError: a key that is unknown, missing, without a unit or there twice, a value of another
-            type or out of range, or what the dataclass itself refuses.
+        InputError: a key is unknown, missing, repeated or lacks a unit, a value has the wrong type or
+            is out of range, or the dataclass itself raises an error.
 
     >>> @dataclasses.dataclass
     ... class Stroke:
@@ -134,19 +131,19 @@ def from_entries(
     """
     try:
         return kind(**_values(kind, entries, form))
-    except ValueError as problem:  # of the dataclass, too
+    except ValueError as problem:  # also raised by the dataclass
         raise error(f"{where}{problem}") from None
 
 
 def check_fields(part: Any, error: Refusal = InputError) -> None:
-    """Refuse a dataclass whose field violates its annotation, `Positive` for example.
+    """Check every field of a dataclass against its annotation, for example `Positive`.
 
     Args:
-        part: the dataclass; to be called from its `__post_init__`.
-        error: what is raised.
+        part: the dataclass; call this from its `__post_init__`.
+        error: exception to raise.
 
     Raises:
-        InputError: a field has another type or is out of range.
+        InputError: a field has the wrong type or is out of range.
     """
     for name, hint in typing.get_type_hints(type(part), include_extras=True).items():
         value = getattr(part, name)
@@ -157,20 +154,20 @@ def check_fields(part: Any, error: Refusal = InputError) -> None:
 
 
 def to_entries(part: Any, form: Form = PLAIN) -> dict[str, Any]:
-    """The entries of a dataclass in SI, of types that TOML and JSON know; see `from_entries`.
+    """Return the entries of a dataclass in SI, as TOML and JSON types; see `from_entries`.
 
-    A field is left out where it has its default and that says nothing: None, empty, not finite.
+    Omits fields with an uninformative default: None, empty or not finite.
     """
     return {
         form.key(field.name): _encoded(value, form)
         for field in dataclasses.fields(part)
         for value in [getattr(part, field.name)]
-        if not (_says_nothing(value) and value == field.default)
+        if not (_is_empty(value) and value == field.default)
     }
 
 
 def toml_text(entries: Mapping[str, Any]) -> str:
-    """TOML text of entries and one level of tables; numbers keep every bit.
+    """Return entries and one level of tables as TOML text; numbers keep every bit.
 
     >>> print(toml_text({"name": "a", "rig": {"limits": [0.1, 1]}}), end="")
     name = "a"
@@ -190,7 +187,7 @@ def _spelt(name: str, unit: str) -> str:
 
 
 def _values(kind: Any, entries: Mapping[str, Any], form: Form) -> dict[str, Any]:
-    """The fields of a dataclass by name."""
+    """Return the fields of a dataclass by name."""
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {field.name: field for field in dataclasses.fields(kind)}
     found: dict[str, str] = {}
@@ -211,12 +208,12 @@ def _values(kind: Any, entries: Mapping[str, Any], form: Form) -> dict[str, Any]
             problems.append(f"{form.pattern(name)} is missing: {_described(hints[name])}{units}")
     if problems:
         known = ", ".join(map(form.pattern, fields))
-        raise InputError(f"{'; '.join(problems)}; known are {known}")
+        raise InputError(f"{'; '.join(problems)}; valid keys: {known}")
     return values
 
 
 def _field(key: str, fields: Iterable[str], form: Form) -> tuple[str | None, float]:
-    """Field of a key, None where there is no such field, and multiplier of its unit."""
+    """Return the field for a key (None if there is none) and the multiplier of its unit."""
     quantities = [name for name in fields if name in form.kinds]
     for name in fields:
         if name not in quantities and form.key(name) == key:
@@ -235,7 +232,7 @@ def _field(key: str, fields: Iterable[str], form: Form) -> tuple[str | None, flo
 
 
 def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
-    """A value as its field is annotated."""
+    """Convert a value to the type of its field."""
     kinds = typing.get_args(hint)
     coded = next((one for one in (hint, *kinds) if one in form.codecs), None)
     if coded is not None and not (value == "none" and NoneType in kinds):
@@ -258,7 +255,7 @@ def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
 
 
 def _described(hint: Any) -> str:
-    """What a value must be, in words."""
+    """Describe the allowed values in words."""
     kinds = typing.get_args(hint)
     if typing.get_origin(hint) is Annotated:
         words = [one.description for one in kinds if isinstance(one, Meta) and one.description]
@@ -266,7 +263,7 @@ def _described(hint: Any) -> str:
     if typing.get_origin(hint) is Literal:
         return " or ".join(map(str, kinds))
     if typing.get_origin(hint) is tuple:
-        count = "" if Ellipsis in kinds else f"{_COUNTS.get(len(kinds), len(kinds))} "
+        count = "" if Ellipsis in kinds else f"{ {2: 'two', 3: 'three'}[len(kinds)] } "
         return f"{count}numbers in brackets"
     if NoneType in kinds:
         return _described(kinds[0])
@@ -279,9 +276,9 @@ def _scaled(value: Any, factor: float) -> Any:
     return tuple(one * factor for one in value) if isinstance(value, tuple) else value * factor
 
 
-def _says_nothing(value: Any) -> bool:
+def _is_empty(value: Any) -> bool:
     if isinstance(value, tuple):
-        return not value or any(map(_says_nothing, value))
+        return not value or any(map(_is_empty, value))
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
@@ -294,12 +291,12 @@ def _encoded(value: Any, form: Form) -> Any:
         return to_entries(value, form)
     if isinstance(value, tuple | list):
         return [_encoded(one, form) for one in value]
-    return value.tolist() if hasattr(value, "tolist") else value  # of NumPy
+    return value.tolist() if hasattr(value, "tolist") else value  # NumPy
 
 
 def _toml(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, str):  # JSON escapes all that TOML does but the last of the control codes
+    if isinstance(value, str):  # JSON escapes everything that TOML does, except \x7f
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return str(value).lower()  # true, nan, and the shortest digits that give the same number
+    return str(value).lower()  # true, nan, or the shortest digits that restore the number

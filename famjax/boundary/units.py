@@ -1,7 +1,7 @@
-"""Units at the boundary: the unit is in the name of a column, a key or an option.
+"""Units at the boundary: every column, key and option carries its unit in its name.
 
-The multipliers stand here as numbers, and the tests hold them to pint: importing pint would double
-what a short command takes.
+The multipliers are plain numbers, and tests compare them with pint. Importing pint would double the
+run time of a short command.
 """
 
 import math
@@ -13,13 +13,13 @@ from ..units import BAR, DEGREE, INCH, KILOPASCAL, LBF, MEGAPASCAL, MILLIMETRE, 
 from .errors import InputError
 
 Row = dict[str, Any]
-"""A row of a table: the unit of each quantity is the last part of its key."""
+"""Row of a table; each key ends with the unit of its quantity."""
 
 _STANDARD_GRAVITY = 9.80665  # m/s2, by definition
 
 
 class _Kinds(dict[str, dict[str, float]]):
-    """By kind of quantity; a kind that is not known is an SI unit by itself, such as N/m."""
+    """Units by kind of quantity; an unlisted kind, such as N/m, is itself an SI unit."""
 
     def __missing__(self, kind: str) -> dict[str, float]:
         return {kind: 1.0}
@@ -47,11 +47,11 @@ UNITS = _Kinds({
         "in_per_min": INCH / 60,
     },
 })  # fmt: skip
-"""Multipliers to SI of each kind of quantity; the first unit is the SI unit used inside."""
+"""Multipliers to SI for each kind of quantity; the first unit of each is the SI unit."""
 
 
 class _System(dict[str, str]):
-    """The unit of each kind; a kind that is not known is an SI unit by itself."""
+    """Unit of each kind; an unlisted kind is itself an SI unit."""
 
     def __missing__(self, kind: str) -> str:
         return kind
@@ -75,27 +75,27 @@ SYSTEMS: dict[str, _System] = {
     system: _System({kind: units[k] for kind, units in _SYSTEM_UNITS.items()})
     for k, system in enumerate(("si", "metric", "us"))
 }
-"""Unit systems of tables, reports and pictures: the unit of each kind."""
+"""Unit systems for tables, reports and pictures: the unit of each kind."""
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/]*)\s*")
 
 
 def factor(unit: str, kind: str) -> float:
-    """The multiplier that converts a value in `unit` to SI.
+    """Return the multiplier that converts a value in `unit` to SI.
 
     Args:
         unit: one of `UNITS[kind]`.
         kind: one of `UNITS`.
 
     Raises:
-        InputError: the unit is not known for that kind.
+        InputError: the unit is unknown for this kind.
 
     >>> round(factor("psi", "pressure"), 3), factor("in", "length")
     (6894.757, 0.0254)
     """
     if unit not in UNITS[kind]:
         raise InputError(
-            f"{unit!r} is not a known unit of {kind}; known are: {', '.join(UNITS[kind])}"
+            f"{unit!r} is not a known unit of {kind}; use one of: {', '.join(UNITS[kind])}"
         )
     return UNITS[kind][unit]
 
@@ -115,7 +115,7 @@ def from_si(value: float, unit: str, kind: str) -> float:
 
 
 def si_unit(kind: str) -> str:
-    """The SI unit of a kind of quantity.
+    """Return the SI unit of a kind of quantity.
 
     >>> si_unit("pressure"), si_unit("N/m")
     ('Pa', 'N/m')
@@ -124,10 +124,10 @@ def si_unit(kind: str) -> str:
 
 
 def unit_system(name: str) -> _System:
-    """The units of a system by its name.
+    """Return the units of a unit system.
 
     Raises:
-        InputError: the system is not known.
+        InputError: the system is unknown.
 
     >>> unit_system("metric")["length"]
     'mm'
@@ -138,7 +138,7 @@ def unit_system(name: str) -> _System:
 
 
 def entry(name: str, value: float, kind: str, system: str) -> Row:
-    """A key with its unit, and the SI value in that unit; None for nan. A "number" has no unit.
+    """Return a key with its unit, and an SI value converted to it; None for nan. A "number" has no unit.
 
     >>> entry("length", 0.27, "length", "metric")
     {'length_mm': 270.0}
@@ -149,7 +149,7 @@ def entry(name: str, value: float, kind: str, system: str) -> Row:
 
 
 def finite_or_none(value: float | int) -> float | None:
-    """The value, or None (JSON null) if it is nan or infinite."""
+    """Return the value, or None (JSON null) if it is nan or infinite."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -157,7 +157,7 @@ def parse_quantity(text: str, kind: str) -> float:
     """Parse a number with its unit, such as "5bar", to SI.
 
     Raises:
-        InputError: not a number, or no unit or one that is not known.
+        InputError: the text is not a number, or its unit is missing or unknown.
 
     >>> parse_quantity("270mm", "length"), parse_quantity("5 bar", "pressure")
     (0.27, 500000.0)
@@ -167,15 +167,15 @@ def parse_quantity(text: str, kind: str) -> float:
     match = _QUANTITY.fullmatch(text)
     known = ", ".join(UNITS[kind])
     if match is None:
-        raise InputError(f"a {kind} is a number with its unit ({known}), got {text!r}")
+        raise InputError(f"a {kind} must be a number with its unit ({known}), got {text!r}")
     number, unit = match.groups()
     if not unit and kind != "number":
-        raise InputError(f"the {kind} {text!r} has no unit; known are: {known}")
+        raise InputError(f"the {kind} {text!r} has no unit; use one of: {known}")
     return to_si(float(number), unit, kind)
 
 
 def quantity_unit(text: str) -> str:
-    """The unit typed after a number, or after the first of a list; "" if there is none.
+    """Return the unit after a number, or after the first number of a list; "" if there is none.
 
     >>> quantity_unit("270mm,10in"), quantity_unit("5")
     ('mm', '')
@@ -189,7 +189,7 @@ def parse_quantities(texts: Iterable[str], kind: str) -> list[float]:
     return [parse_quantity(one, kind) for text in texts for one in text.split(",") if one.strip()]
 
 
-# --- sentences with quantities in them, which a reader has in units of their own
+# --- sentences with quantities, shown in the reader's units
 
 _SPOKEN = {
     **dict.fromkeys(("m", "mm", "um", "in"), "length"),
@@ -197,7 +197,7 @@ _SPOKEN = {
     **dict.fromkeys(("N", "lbf"), "force"),
 }
 _ALSO = {"metric": ("um", "MPa")}
-"""Units that go with a system beside its own."""
+"""Further units that a system may show."""
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _WITH_UNIT = re.compile(
@@ -209,9 +209,9 @@ class Quantity(NamedTuple):
     """A number in a sentence.
 
     Attributes:
-        value: in SI.
-        kind: one of `famjax.boundary.units.UNITS`.
-        digits: significant ones that are shown.
+        value: value in SI.
+        kind: kind of quantity, a key of `UNITS`.
+        digits: number of significant digits to show.
     """
 
     value: float
@@ -219,16 +219,16 @@ class Quantity(NamedTuple):
     digits: int = 4
 
     def in_units(self, system: str) -> str:
-        """The number with its unit in a unit system."""
+        """Format the number with its unit in a unit system."""
         unit = unit_system(system)[self.kind]
         return f"{from_si(float(self.value), unit, self.kind):.{self.digits}g} {unit}".rstrip()
 
 
 class Sentence(str):
-    """A text that keeps its quantities; as a string they are in mm, kPa, N and MPa.
+    """Text that keeps its quantities; as a string they are in mm, kPa, N and MPa.
 
     Args:
-        *parts: texts, quantities and further sentences, in their order.
+        *parts: texts, quantities and nested sentences in order.
 
     >>> found = Sentence("The length is ", Quantity(0.296, "length"), ".")
     >>> found, sentence_in_units(found, "us")
@@ -238,7 +238,7 @@ class Sentence(str):
     parts: tuple[str | Quantity, ...]
 
     def __new__(cls, *parts: str | Quantity) -> "Sentence":
-        """A sentence of these parts."""
+        """Join the parts in metric units."""
         made = super().__new__(cls, "".join(_part_in_units(one, "metric") for one in parts))
         made.parts = parts
         return made
@@ -248,17 +248,17 @@ class Sentence(str):
 
 
 def sentence_in_units(sentence: str, system: str) -> str:
-    """A sentence in a unit system (si, metric or us); a text without quantities is unchanged."""
+    """Convert a sentence to a unit system (si, metric or us); plain text is unchanged."""
     if isinstance(sentence, Sentence):
         return "".join(_part_in_units(one, system) for one in sentence.parts)
     return sentence
 
 
 def text_in_units(text: str, system: str) -> str:
-    """Text from a file, with the lengths, pressures and forces in it converted to a unit system.
+    """Convert the lengths, pressures and forces in a text from a file to a unit system.
 
-    Numbers that a unit follows, and ranges such as `159 to 236 mm`; what is in units of the system
-    already stays to the last digit, and so does every other number.
+    Converts numbers followed by a unit, and ranges such as `159 to 236 mm`. Quantities already in a
+    unit of the system keep every digit, and other numbers are unchanged.
 
     >>> text_in_units("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
     'At 50 psi the strokes from 6.26 to 9.291 in lack 1.02 s.'
@@ -270,12 +270,10 @@ def text_in_units(text: str, system: str) -> str:
         kind = _SPOKEN[unit]
         if unit in (wanted[kind], *_ALSO.get(system, ())):
             return match[0]
-        numbers = (match["first"], match["last"])
         shown = [
             f"{from_si(to_si(float(one), unit, kind), wanted[kind], kind):.4g}"
-            for one in numbers
-            if one is not None
-        ]
+            for one in (match["first"], match["last"]) if one is not None
+        ]  # fmt: skip
         return f"{' to '.join(shown)} {wanted[kind]}"
 
     return _WITH_UNIT.sub(converted, text)

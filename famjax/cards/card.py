@@ -1,6 +1,6 @@
-"""The muscle card: everything that a simulator, a controller or a colleague needs, in one file.
+"""The muscle card: all data for a simulator, a controller or a colleague in one file.
 
-`muscle_card.schema.json` beside this file is `schema()`, for readers in other languages.
+`muscle_card.schema.json` in this folder is `schema()`, for readers in other languages.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 SCHEMA = "famjax-card/1"
-_TABLE = 33, 5  # lengths and pressures of the table of volumes
+_TABLE = 33, 5  # lengths and pressures in the table of volumes
 
 Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 
@@ -48,10 +48,10 @@ Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 
 
 class _Entry(Struct, forbid_unknown_fields=True):
-    """An object of the file: no entry more, none less."""
+    """A JSON object with exactly these entries."""
 
     def _check(self, name: str, shape: tuple[int, ...]) -> None:
-        """Raise unless a table has the shape that its axes give it."""
+        """Raise unless a table has the shape given by its axes."""
         try:
             fits = np.shape(getattr(self, name)) == shape
         except ValueError:  # rows of unequal lengths
@@ -61,36 +61,34 @@ class _Entry(Struct, forbid_unknown_fields=True):
 
 
 class Member(_Entry):
-    """One model of the muscle: its weight in the pull, and the range of its fit."""
+    """One model of the muscle, its weight in the force and its mounting."""
 
     muscle: Annotated[
-        dict[str, Any], Meta(description="geometry and force terms, unit in each key")
+        dict[str, Any], Meta(description="geometry and force terms, with units in the keys")
     ]
     series_compliance_m_per_N: float
     weight: float
     series_exponent: Annotated[
         float | UnsetType,
-        Meta(
-            description="n of a rig that gives way by compliance 100 N (F/100 N)^n; 1 without one"
-        ),
+        Meta(description="n in the series deflection compliance 100 N (F/100 N)^n; 1 if omitted"),
     ] = UNSET
 
 
 class Ranges(_Entry):
-    """A region of lengths and gauge pressures, shortest and lowest first."""
+    """A region of lengths and gauge pressures, each from low to high."""
 
     length_m: Pair
     pressure_Pa: Pair
 
     @classmethod
     def of(cls, region: Region) -> "Ranges":
-        """The region in plain numbers."""
+        """Convert a region to plain numbers."""
         ends = (np.asarray(one, float).tolist() for one in (region.length, region.pressure))
         return cls(*ends)
 
 
 class Volume(_Entry):
-    """Volume of the fluid on a grid of lengths and pressures, one row for each length."""
+    """Fluid volume on a grid of lengths and pressures, one row per length."""
 
     length_m: list[float]
     pressure_Pa: list[float]
@@ -116,7 +114,7 @@ class Covariance(_Entry):
 
 
 class Sample(_Entry):
-    """Numbers of the first member in muscles drawn from the covariance, one row for each."""
+    """Parameters of the first member in muscles drawn from the covariance, one row per muscle."""
 
     seed: int
     numbers: list[str]
@@ -134,7 +132,7 @@ class Elements(_Entry):
 
 
 class Ramp(_Entry, tag="ramp", tag_field="kind"):
-    """A cycle of the pressure at one length."""
+    """A pressure cycle at constant length."""
 
     cycled: bool
     start_Pa: float
@@ -142,7 +140,7 @@ class Ramp(_Entry, tag="ramp", tag_field="kind"):
 
 
 class Stroke(_Entry, tag="stroke", tag_field="kind"):
-    """A cycle of the length at one pressure."""
+    """A length cycle at constant pressure."""
 
     cycled: bool
     start_m: float
@@ -150,7 +148,7 @@ class Stroke(_Entry, tag="stroke", tag_field="kind"):
 
 
 class Hysteresis(_Entry):
-    """Elements about the static map, see `famjax.slip.CentredSlip`, and the cycle of the map."""
+    """Slip elements about the static map, see `famjax.slip.CentredSlip`, and the map's cycle."""
 
     rest_length_m: float
     modulus_Pa: float
@@ -160,7 +158,7 @@ class Hysteresis(_Entry):
 
     @classmethod
     def of(cls, centred: CentredSlip) -> "Hysteresis":
-        """Elements and cycle in plain numbers."""
+        """Convert elements and cycle to plain numbers."""
         slip, cycle = centred.slip, centred.cycle
         wall, braid = (
             Elements(*(np.asarray(x).tolist() for x in (of.threshold, of.strength)))
@@ -171,7 +169,7 @@ class Hysteresis(_Entry):
         return cls(float(slip.rest_length), float(slip.modulus), wall, braid, ends)
 
     def centred(self) -> CentredSlip:
-        """The elements and their cycle."""
+        """Rebuild the elements and their cycle."""
         wall, braid = (
             SlipElements(np.array(one.thresholds, float), np.array(one.strengths_N, float))
             for one in (self.wall, self.braid)
@@ -201,15 +199,17 @@ class Provenance(_Entry):
 
 
 class CardDocument(_Entry):
-    """A muscle card as a document: numbers in SI, keys that end in the unit."""
+    """A muscle card as a document: numbers in SI, units in the keys."""
 
     schema: Literal["famjax-card/1"]
     name: str
     members: Annotated[list[Member], Meta(min_length=1)]
     rest_length_m: float
     data: Ranges
-    monotone: Annotated[Ranges, Meta(description="where the pull is the model's own")]
-    stops_m: Annotated[Pair, Meta(description="where the braid locks; where threads are straight")]
+    monotone: Annotated[Ranges, Meta(description="where the force is the model's own")]
+    stops_m: Annotated[
+        Pair, Meta(description="lengths at which the braid locks and the threads are straight")
+    ]
     volume: Volume | None
     covariance: Covariance | None
     sample: Sample | None
@@ -218,43 +218,42 @@ class CardDocument(_Entry):
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a card's file."""
+    """Return the JSON schema (draft 2020-12) of a card."""
     found = msgspec.json.schema(CardDocument)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA, **found}
 
 
 def slip_as_dict(centred: CentredSlip) -> dict[str, Any]:
-    """Elements and reference cycle of a hysteresis as JSON-ready data in SI, exactly."""
+    """Return slip elements and reference cycle as JSON-ready data in SI, exactly."""
     return msgspec.to_builtins(Hysteresis.of(centred))
 
 
 def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
-    """Elements and cycle from the output of `slip_as_dict`; other entries are ignored.
+    """Rebuild elements and cycle from the output of `slip_as_dict`; other entries are ignored.
 
     Raises:
-        InputError: something is missing or is no number.
+        InputError: an entry is missing or is not a number.
     """
     known = {key: document[key] for key in Hysteresis.__struct_fields__ if key in document}
     try:
         return msgspec.convert(known, Hysteresis).centred()
     except msgspec.ValidationError as error:
         raise InputError(
-            f"the hysteresis cannot be read ({error}): write the file anew with famjax assess "
-            "--hysteresis"
+            f"the hysteresis cannot be read ({error}): write the file again with famjax assess --hysteresis"
         ) from None
 
 
 def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) -> str | None:
-    """A warning if the fit of a muscle identified nothing, else None.
+    """Return a warning if a fit did not identify the muscle, else None.
 
     Args:
-        name: of the file or the muscle.
-        verdict: of the fit.
-        reasons: of the verdict, the gravest first.
+        name: name of the file or the muscle.
+        verdict: verdict of the fit.
+        reasons: reasons for the verdict, most serious first.
     """
     if verdict != "not identified":
         return None
-    return f"{name} holds no identified muscle: {(reasons or ['see its report'])[0]}"
+    return f"{name} contains no identified muscle: {(reasons or ['see its report'])[0]}"
 
 
 # --- the muscle
@@ -262,17 +261,17 @@ def unidentified(name: str, verdict: str | None, reasons: Sequence[str] | None) 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class MuscleCard:
-    """A muscle with the region of its data, its errors, its hysteresis and its origin.
+    """A muscle with its data range, errors, hysteresis and provenance.
 
     Attributes:
-        name: of the muscle.
-        members: models of it in the rig of the fit; the pull is their weighted sum.
-        weights: theirs, of sum 1, shape (members,).
+        name: name of the muscle.
+        members: models of the muscle in the test rig; the force is their weighted sum.
+        weights: weights of the members, with sum 1, shape (members,).
         data: lengths and pressures of the readings.
-        covariance: of the identified parameters in parts of their scales, or None.
-        draws: the sample of muscles, from `draw`, or None.
-        hysteresis: about the muscle's force, or None where it was not identified.
-        provenance: where all of it comes from.
+        covariance: covariance of the identified parameters relative to their scales, or None.
+        draws: sample of muscles from `draw`, or None.
+        hysteresis: hysteresis about the static force, or None if it was not identified.
+        provenance: origin of all data.
     """
 
     name: str
@@ -290,42 +289,42 @@ class MuscleCard:
 
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
-        """The model as identified, with the rig of the fit. Not for a simulator."""
+        """The identified model with the test rig's compliance. Simulators need `safe` instead."""
         return joined(self.members, self.weights, mounted=giving_way(self.members))
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         if in_trace():
             raise InputError(
-                "a card's region is found with numbers, not while JAX traces: make the muscle before "
-                "jit, grad or vmap, muscle = card.safe(), and use it within"
+                "a card's region cannot be computed while JAX traces: call muscle = card.safe() before "
+                "jit, grad or vmap, and use the muscle inside"
             )
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
     def safe(self) -> SafeMuscle:
-        """The muscle for simulators, valid at any state, with its hysteresis: see `famjax.SafeMuscle`."""
+        """Return the muscle for simulators, valid at any state, with hysteresis: `famjax.SafeMuscle`."""
         return self._safe
 
     @property
     def region(self) -> Region:
-        """The part of the data's region in which the model is monotone and used unchanged."""
+        """Part of the data's region in which the model is monotone and used unchanged."""
         return self._safe.region
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, `famjax.continuation.continued_volume`, broadcast shape.
+        """Fluid volume V [m3], broadcast shape; see `famjax.continuation.continued_volume`.
 
         Raises:
-            InputError: the muscle is of a model without a geometry.
+            InputError: the model has no geometry.
         """
         return continued_volume(self.muscle, self.region, length, pressure)
 
     @property
     def sample(self) -> AbstractMuscle | None:
-        """Muscles drawn from the fit's errors, each array with a leading axis; None without errors.
+        """Muscles drawn from the fit's errors, with a leading axis on each array; None without errors.
 
-        Ask them under `equinox.filter_vmap`. They do not spread by the model's own error, which
-        `provenance.model_error` tells.
+        Evaluate them under `equinox.filter_vmap`. Their spread does not include the model error, see
+        `provenance.model_error`.
         """
         if self.draws is None:
             return None
@@ -336,13 +335,13 @@ class MuscleCard:
         )(as_real(np.array(self.draws.rows)))
 
     def cut(self, rest_length: float) -> "MuscleCard":
-        """The card of the same muscle at another rest length; see `famjax.cut_to_length`.
+        """Return the card of this muscle at another rest length; see `famjax.cut_to_length`.
 
-        Its region is that of the same contractions and pressures. Errors and sample are left out:
-        one specimen does not tell how specimens differ.
+        The region covers the same contractions and pressures. Errors and sample are omitted, because one
+        specimen does not show how specimens differ.
 
         Raises:
-            InputError: the muscle cannot be cut to that length.
+            InputError: the muscle cannot be cut to this length.
         """
         if not 0 < rest_length < np.inf:
             raise InputError(f"the rest length must be > 0, got {rest_length} m")
@@ -352,7 +351,7 @@ class MuscleCard:
             )
         except eqx.EquinoxRuntimeError:
             raise InputError(
-                f"{self.name} cannot be cut to {rest_length:.4g} m: that is shorter than its rounded "
+                f"{self.name} cannot be cut to {rest_length:.4g} m, which is shorter than its rounded "
                 "ends. Give a longer rest length"
             ) from None
         except ValueError as error:
@@ -360,8 +359,8 @@ class MuscleCard:
         wide = _diameter_at_rest(members[0].muscle)
         if rest_length < wide:
             raise InputError(
-                f"{self.name} cannot be cut to {rest_length:.4g} m: its length must be above its diameter, "
-                f"{wide:.4g} m. Give a longer rest length"
+                f"{self.name} cannot be cut to {rest_length:.4g} m: the rest length must exceed the "
+                f"diameter, {wide:.4g} m. Give a longer rest length"
             )
         old = float(self.muscle.rest_length)
         ratio, hysteresis = rest_length / old, self.hysteresis
@@ -380,7 +379,7 @@ class MuscleCard:
 
 
 def _diameter_at_rest(mounted: AbstractMuscle) -> float:
-    """Diameter of the braid [m] at rest without pressure, or at its fitting."""
+    """Return the braid diameter [m] at rest without pressure, or at the fitting."""
     if isinstance(mounted, EquilibriumMuscle):
         return float(mounted.end_diameter)
     assert isinstance(mounted, Muscle)
@@ -394,10 +393,10 @@ def varied(
     *,
     mounted: Sequence[bool],
 ) -> AbstractMuscle:
-    """The muscle with other numbers in its first member; the pull of the others shifts with it.
+    """Return the muscle with new parameters in its first member; the other forces shift equally.
 
-    So the spread of the pull is the first member's, whatever its weight: what a fit knows of the
-    others' numbers is not said.
+    The spread of the force is therefore the first member's, whatever its weight. The errors of the
+    other members' parameters are not included.
     """
     first = flatten(members[0])[1](numbers)
     if len(members) == 1:
@@ -412,24 +411,24 @@ def joined(
     *,
     mounted: Sequence[bool],
 ) -> AbstractMuscle:
-    """One muscle from all members, each in its mounting if that is compliant."""
+    """Combine all members into one muscle, each with its mounting if that is compliant."""
     own = [one if loose else one.muscle for one, loose in zip(members, mounted, strict=True)]
     return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
 
 
 def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
-    """Whether the mounting of each member is compliant."""
+    """Return, for each member, True if its mounting is compliant."""
     return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
 
 
-# --- from one to the other
+# --- conversion
 
 
 def card_as_document(card: MuscleCard) -> CardDocument:
-    """Content of the card's file.
+    """Return the content of a card's file.
 
     Raises:
-        InputError: a part of the muscle has no card format, or the model rises nowhere.
+        InputError: a part of the muscle has no card format, or the model is nowhere monotone.
     """
     safe, members = card.safe(), []
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
@@ -441,23 +440,16 @@ def card_as_document(card: MuscleCard) -> CardDocument:
         )
     loops = card.hysteresis
     return CardDocument(
-        schema=SCHEMA,
-        name=card.name,
-        members=members,
-        rest_length_m=float(safe.rest_length),
-        data=Ranges.of(card.data),
-        monotone=Ranges.of(safe.region),
-        stops_m=np.asarray(safe.continued.stops, float).tolist(),
-        volume=_volume(card),
-        covariance=card.covariance,
-        sample=card.draws,
-        hysteresis=None if loops is None else Hysteresis.of(loops),
-        provenance=card.provenance,
-    )
+        schema=SCHEMA, name=card.name, members=members, rest_length_m=float(safe.rest_length),
+        data=Ranges.of(card.data), monotone=Ranges.of(safe.region),
+        stops_m=np.asarray(safe.continued.stops, float).tolist(), volume=_volume(card),
+        covariance=card.covariance, sample=card.draws,
+        hysteresis=None if loops is None else Hysteresis.of(loops), provenance=card.provenance,
+    )  # fmt: skip
 
 
 def _volume(card: MuscleCard) -> Volume | None:
-    """A table over the region for readers that have no geometry; None for a model without one."""
+    """Tabulate the volume over the region for readers without a geometry; None if the model has none."""
     L, P = (
         np.linspace(float(ends[0]), float(ends[1]), count)
         for ends, count in zip((card.region.length, card.region.pressure), _TABLE, strict=True)
@@ -470,10 +462,10 @@ def _volume(card: MuscleCard) -> Volume | None:
 
 
 def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
-    """Make a card from the content of a file; `own` as for `read_card`.
+    """Build a card from the content of a file; `own` as in `read_card`.
 
     Raises:
-        InputError: a muscle in it is none, or the sample is of other numbers.
+        InputError: a muscle is invalid, or the sample belongs to other parameters.
     """
     members = tuple(
         MountedMuscle(
@@ -486,34 +478,29 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
     names, loops = number_names(members[0]), document.hysteresis
     if document.sample is not None and tuple(document.sample.numbers) != names:
         raise InputError(
-            "the muscle card is damaged: the sample's numbers must be those of the first member, "
+            "the muscle card is damaged: the sample must have the parameters of the first member, "
             f"{', '.join(names)}; got {', '.join(document.sample.numbers)}"
         )
     return MuscleCard(
-        name=document.name,
-        members=members,
-        weights=np.array([one.weight for one in document.members]),
-        data=Region(document.data.length_m, document.data.pressure_Pa),
-        covariance=document.covariance,
-        draws=document.sample,
-        hysteresis=None if loops is None else loops.centred(),
-        provenance=document.provenance,
-    )
+        document.name, members, np.array([one.weight for one in document.members]),
+        Region(document.data.length_m, document.data.pressure_Pa), document.covariance,
+        document.sample, None if loops is None else loops.centred(), document.provenance,
+    )  # fmt: skip
 
 
 def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
     """Read a muscle card from a file.
 
     Args:
-        path: a file that `write_card` or `famjax card` has written; also one in a package.
-        own: modules and classes that are trusted, such as `("my_rubber",)` or `(Gent,)`. A card that
-            names a class of another module than these is refused: importing it would run its code.
+        path: file written by `write_card` or `famjax card`; may be a package resource.
+        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`. A card with a class from
+            another module is refused, because importing it would run its code.
 
     Returns:
-        The card. Enable float64 in JAX first, or the muscle's numbers are rounded to float32.
+        The card. Enable float64 in JAX first; otherwise the muscle's numbers are rounded to float32.
 
     Raises:
-        InputError: no such file, no muscle card, a damaged one, or one with a class not trusted.
+        InputError: the file is missing, damaged or not a muscle card, or contains an untrusted class.
     """
     file = Path(path) if isinstance(path, str) else path
     try:
@@ -524,7 +511,7 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except msgspec.ValidationError as error:
         raise InputError(
-            f"{path} is no muscle card of schema {SCHEMA}, or a damaged one: {error}; make one of a fit "
+            f"{path} is not a muscle card of schema {SCHEMA}, or is damaged: {error}; write one from a fit "
             "by famjax card"
         ) from None
     except msgspec.DecodeError as error:
@@ -534,19 +521,19 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
 
 
 def write_card(card: MuscleCard, path: str | Path) -> Path:
-    """Write a card's file completely or not at all; the folder is created if missing.
+    """Write a card completely or not at all; the folder is created if missing.
 
     Raises:
-        InputError: what cannot be written, and why.
+        InputError: the card or the file cannot be written.
     """
     path = Path(path)
     return write_all(path.parent, {path.name: as_text(card_as_document(card)).encode()})[0]
 
 
 def as_text(document: CardDocument) -> str:
-    """The file's content: indented, one line for each row of numbers."""
+    """Return the file's content, indented, with one line per row of numbers."""
     text = json.dumps(msgspec.to_builtins(document), indent=1, allow_nan=False)
-    # A line break stands nowhere within a text of JSON, so that only lists are joined.
+    # JSON strings contain no line breaks, so only lists are joined.
     return re.sub(
         r"\[\n([^\[\]{}]*)\n *\]",
         lambda found: "[" + ", ".join(x.strip(" ,") for x in found[1].split("\n")) + "]",

@@ -1,4 +1,4 @@
-"""Muscles drawn from the uncertainty of a fit: the numbers of one of its models, varied together."""
+"""Muscles drawn from the uncertainty of a fit: the parameters of one model, varied jointly."""
 
 import math
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from ..muscle import MountedMuscle, flatten, number_names
 from .card import Sample, varied
 
 _AT_ONCE = 32
-_RISES = 0.9  # of the region
-_TRIES = 50  # times the number of muscles wanted
+_RISES = 0.9  # fraction of the region
+_TRIES = 50  # per requested muscle
 
 
 def draw(
@@ -28,46 +28,45 @@ def draw(
     seed: int = 0,
     count: int = 32,
 ) -> Sample:
-    """Draw muscles from the covariance of a fit; each of them has a safe continuation.
+    """Draw muscles from the covariance of a fit; each has a safe continuation.
 
-    x = x0 + sum z_k d_k with z_k standard normal. What leaves the range that a parameter declares,
-    has no force somewhere in the region, or rises in less than nine tenths of it, is drawn again:
-    no muscle is like that.
+    x = x0 + sum z_k d_k with z_k standard normal. A draw is rejected if a parameter leaves its declared
+    range, if the force is undefined somewhere in the region, or if it rises with pressure and length in
+    less than nine tenths of it: such muscles do not exist.
 
     Args:
-        members: models of the muscle; the first one's numbers vary.
-        weights: theirs in the pull.
-        directions: of one standard deviation each, independent of one another, in the order of
-            `flatten`.
-        region: in which the pull of the card's own muscle rises.
-        seed: of NumPy's default generator.
-        count: of muscles.
+        members: models of the muscle; the parameters of the first vary.
+        weights: weights of the members in the force.
+        directions: independent directions of one standard deviation each, in the order of `flatten`.
+        region: region in which the force of the card's own muscle rises.
+        seed: seed of NumPy's default generator.
+        count: number of muscles.
 
     Raises:
-        InputError: hardly any draw is a muscle, or the directions are of another muscle.
+        InputError: too few draws are valid, or the directions belong to another muscle.
     """
     first = members[0]
     flat, _ = flatten(first)
     if directions.ndim != 2 or directions.shape[1] != flat.size:
         raise InputError(
-            f"the directions must be of {flat.size} numbers, got shape {directions.shape}"
+            f"the directions must have {flat.size} numbers each, got shape {directions.shape}"
         )
     rng, kept, tried = np.random.default_rng(seed), [], 0
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
         rows = np.asarray(flat) + z @ directions
-        good = _looked_at(tuple(members), weights, region, rows)
-        possible, rises = (np.asarray(one) for one in good)
+        good, rises = map(np.asarray, _looked_at(tuple(members), weights, region, rows))
+        shares = [largest_share(cells) for cells in rises]
         kept += [
             row
-            for row, one, cells in zip(rows, possible, rises, strict=True)
-            if one and largest_share(cells) >= _RISES
+            for row, one, share in zip(rows, good, shares, strict=True)
+            if one and share >= _RISES
         ]
         tried += _AT_ONCE
     if len(kept) < count:
         raise InputError(
-            f"of {tried} muscles drawn from the fit's errors {len(kept)} have numbers in their ranges "
-            f"and a pull that rises where the card's does, and {count} were wanted: the fit determines "
+            f"only {len(kept)} of {tried} muscles drawn from the fit's errors are valid (parameters in "
+            f"range, force rising where the card's does), and {count} are needed: the fit determines "
             "too little"
         )
     return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
@@ -80,9 +79,9 @@ def _looked_at(
     region: Region,
     rows: Float[Array | np.ndarray, "n numbers"],
 ) -> tuple[Bool[Array, " n"], Bool[Array, "n lengths pressures"]]:
-    """Whether each muscle is possible and has a force everywhere, and where it rises.
+    """Return, for each muscle, True if it is valid everywhere, and where its force rises.
 
-    Without mountings, which take time: in series with them what rises still rises.
+    Mountings are omitted to save time: a compliance in series does not change the sign of the slopes.
     """
     rigid = (False,) * len(members)
 
@@ -91,11 +90,11 @@ def _looked_at(
         possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
         return possible, jnp.asarray(rising(at))
 
-    return jax.lax.map(one, jnp.asarray(rows))  # one by one: shapes from mechanics take memory
+    return jax.lax.map(one, jnp.asarray(rows))  # one by one: equilibrium shapes need memory
 
 
 def _in_ranges(mounted: MountedMuscle) -> Bool[Array, ""]:
-    """Whether no parameter has left the range that it declares, by more than rounding."""
+    """Return True if every parameter is within its declared range, up to rounding."""
     values = mounted.parameters()
     inside = jnp.ones((), bool)
     for name, spec in mounted.declared().items():

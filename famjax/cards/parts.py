@@ -1,8 +1,7 @@
-"""A muscle as plain data with units in its keys, and back.
+"""Convert a muscle to plain data with units in the keys, and back.
 
-A number says its unit where it is declared (`famjax.parameter`, `famjax.parameters.number`), and a
-field that is a part says its class: there is no table of classes, and one of a modeller's own has a
-card too.
+Each number has its unit in its declaration (`famjax.parameter`, `famjax.parameters.number`), and each
+part its class in its annotation. There is no table of classes, so user-defined classes have cards as well.
 """
 
 import dataclasses
@@ -46,9 +45,10 @@ class Form(NamedTuple):
 
     Attributes:
         field: name of the constructor's argument.
-        annotation: of a number; the base class of a part.
-        optional: None is a value too.
-        many: a list of parts.
+        annotation: type of a number, or base class of a part.
+        is_part: True for a part, False for a number.
+        optional: True if None is allowed.
+        many: True for a list of parts.
     """
 
     field: str
@@ -59,7 +59,7 @@ class Form(NamedTuple):
 
 
 Forms = dict[str, Form]
-"""Forms by the key of their entry, in the order of the constructor."""
+"""Forms by the key of their entry, in the constructor's order."""
 
 _MUSCLE: Forms = {
     "geometry": Form("geometry", geometries.AbstractGeometry, is_part=True),
@@ -69,32 +69,32 @@ _TERMS = Form("terms", terms.AbstractForceTerm, is_part=True, many=True)
 
 
 def muscle_as_dict(muscle: AbstractMuscle) -> dict[str, Any]:
-    """The muscle as JSON-ready data in SI, exactly.
+    """Return the muscle as JSON-ready data in SI, exactly.
 
     Raises:
-        InputError: a part of the muscle has no card format, or a number in it is not finite.
+        InputError: a part of the muscle has no card format, or a number is not finite.
     """
     return _written(muscle, "muscle")
 
 
 def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
-    """Make a muscle from a card's data, in JAX's precision: enable float64 to keep every digit.
+    """Build a muscle from a card's data in JAX's precision; enable float64 to keep every digit.
 
     Args:
-        card: from `muscle_as_dict`.
-        own: modules and classes that are trusted, such as `("my_rubber",)` or `(Gent,)`; no other
-            module than famjax's is imported.
+        card: output of `muscle_as_dict`.
+        own: trusted modules and classes, such as `("my_rubber",)` or `(Gent,)`; no other module outside
+            famjax is imported.
 
     Raises:
-        InputError: the card lacks an entry or has one too many, names a type that is not known or not
-            trusted, or holds what is no muscle.
+        InputError: an entry is missing or unexpected, a type is unknown or not trusted, or the values do
+            not describe a muscle.
     """
     of_mechanics = isinstance(card, dict) and card.get("type") == EquilibriumMuscle.__name__
     return _read(card, EquilibriumMuscle if of_mechanics else Muscle, "muscle", own)
 
 
 def own_modules(card: Any) -> list[str]:
-    """Modules of the classes in a card that are not part of famjax, in order."""
+    """List the modules of classes in a card that are not part of famjax, sorted."""
     found = set()
     for key, value in card.items() if isinstance(card, dict) else enumerate(card):
         if isinstance(value, dict | list):
@@ -106,10 +106,10 @@ def own_modules(card: Any) -> list[str]:
 
 @functools.cache
 def forms_of(cls: type) -> Forms:
-    """The entries of a class.
+    """Return the forms of the entries of a class.
 
     Raises:
-        InputError: a field that is neither a declared number nor a part.
+        InputError: a field is neither a declared number nor a part.
     """
     found: Forms = {}
     for field in dataclasses.fields(cls):
@@ -128,7 +128,7 @@ def forms_of(cls: type) -> Forms:
 
 
 def _key(name: str, unit: str) -> str:
-    """The key of a number: `rate_N_per_m` of N/m, `compliance_per_N` of 1/N."""
+    """Return the key of a number: `rate_N_per_m` for N/m, `compliance_per_N` for 1/N."""
     said = f"per_{unit[2:]}" if unit.startswith("1/") else unit.replace("/", "_per_")
     return f"{name}_{said}" if said else name
 
@@ -140,14 +140,14 @@ def _part(cls: type, name: str, annotation: Any) -> Form:
     base = arguments[0] if optional or many else annotation
     if not (isinstance(base, type) and issubclass(base, eqx.Module)):
         raise InputError(
-            f"no card can hold the field {name!r} of {cls.__name__}: declare a number by "
-            "famjax.parameter or famjax.parameters.number with its unit, and a part by its class"
+            f"a card cannot store the field {name!r} of {cls.__name__}: declare a number with its unit by "
+            "famjax.parameter or famjax.parameters.number, and a part by its class"
         )
     return Form(name, base, True, optional, many)
 
 
 def _muscle_forms(*, usual: bool) -> Forms:
-    """Of a muscle: its material and deadband, or its terms if it has others."""
+    """Return a muscle's forms: material and deadband, or else its terms."""
     if not usual:
         return {"geometry": _MUSCLE["geometry"], "terms": _TERMS}
     usual_term: Any = terms.PressurisedBraid
@@ -158,7 +158,7 @@ def _muscle_forms(*, usual: bool) -> Forms:
 
 
 def _written(part: Any, where: str) -> dict[str, Any]:
-    """A part as an object: its type and its fields."""
+    """Convert a part to an object with its type and fields."""
     forms = forms_of(type(part))
     if isinstance(part, Muscle):
         usual = [terms.BladderWall, terms.PressurisedBraid]
@@ -176,18 +176,18 @@ def _written(part: Any, where: str) -> dict[str, Any]:
         elif np.isfinite(np.asarray(value)).all():
             card[key] = np.asarray(value).tolist()
         else:
-            raise InputError(f"{at} must be finite to be written into a muscle card, got {value}")
+            raise InputError(f"{at} must be finite in a muscle card, got {value}")
     return card
 
 
 def _type_written(cls: type) -> str:
-    """A class's own name, or `module:Class` if it is not famjax's."""
+    """Return the name of a famjax class, or `module:Class` for others."""
     if _famjax_class(cls.__name__) is cls:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
         raise InputError(
-            f"{cls.__name__} is defined in a function, where no card finds it again: define the "
-            "class in a module"
+            f"{cls.__name__} is defined in a function, so a card cannot refer to it: define the class in a "
+            "module"
         )
     return class_path(cls)
 
@@ -196,7 +196,7 @@ def _type_written(cls: type) -> str:
 
 
 def _read(card: Any, base: type, where: str, own: Own) -> Any:
-    """The part of an object."""
+    """Build the part that an object describes."""
     if not isinstance(card, dict):
         raise InputError(f"{where} of the muscle card must be an object in braces, got {card!r}")
     cls = _type_read(card.get("type"), base, where, own)
@@ -222,12 +222,14 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
         values[form.field] = value
     try:
         return cls(*values.values()) if cls is Muscle else cls(**values)
-    except (ValueError, RuntimeError) as error:  # RuntimeError: of a check on traced values
-        raise InputError(f"{where} of the muscle card is no {cls.__name__}: {error}") from None
+    except (ValueError, RuntimeError) as error:  # RuntimeError from checks of traced values
+        raise InputError(
+            f"{where} of the muscle card is not a valid {cls.__name__}: {error}"
+        ) from None
 
 
 def _type_read(name: Any, base: type, where: str, own: Own) -> type:
-    """The class that a card names, among those that may stand there."""
+    """Return the class that a card names, if it is allowed there."""
     if isinstance(name, str) and ":" in name:
         what = f"type of {where} of the muscle card"
         check_trusted(name, own, what)
@@ -237,14 +239,14 @@ def _type_read(name: Any, base: type, where: str, own: Own) -> type:
         classes = {one: _famjax_class(one) for room in _ROOMS for one in vars(room)}
         known = sorted(one for one, cls in classes.items() if cls and issubclass(cls, base))
         raise InputError(
-            f"{where} of the muscle card is of the unknown type {name!r}; known are "
-            f"{', '.join(known)}, and module:Class for one of your own"
+            f"{where} of the muscle card has the unknown type {name!r}; use one of "
+            f"{', '.join(known)}, or module:Class for your own class"
         )
     return found
 
 
 def _famjax_class(name: str) -> type | None:
-    """The concrete class of that name in a room that a muscle is made of; no other is imported."""
+    """Return the concrete class with this name in the modules of muscle parts; imports nothing."""
     if name.startswith("Abstract"):
         return None
     classes = (vars(room).get(name) for room in _ROOMS)
@@ -253,7 +255,7 @@ def _famjax_class(name: str) -> type | None:
 
 
 def _number(value: Any, annotation: Any, where: str) -> Any:
-    """A truth value, whole number or array of numbers, as the field is annotated."""
+    """Convert to a truth value, whole number or array, as the field is annotated."""
     if annotation in (bool, int):
         if type(value) is not annotation:
             raise InputError(
@@ -269,7 +271,7 @@ def _number(value: Any, annotation: Any, where: str) -> Any:
     if annotation in _PLAIN:
         return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
     axes = annotation.dim_str
-    # A name would have to be of one size in all that a checked function reads.
+    # A named axis would have to keep one size throughout a checked function.
     sizes = (one if one == "..." or one.isdigit() else "_" for one in axes.split())
     shaped: Any = Float[np.ndarray, " ".join(sizes)]
     if not isinstance(numbers, shaped):

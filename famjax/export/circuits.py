@@ -1,4 +1,4 @@
-"""The plant of a muscle in C, with its numbers and a table of the volume, and as an FMU of FMI 2.0."""
+"""Export a muscle's plant as C source with a volume table, and as an FMU for FMI 2.0."""
 
 import hashlib
 import importlib.resources
@@ -22,16 +22,16 @@ from ..plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, Sli
 from ..slip import CentredSlip, MaxwellSlip
 from .table import Subject, tabulated_volume
 
-_WIDTH = 6  # numbers in a line of a source
+_WIDTH = 6  # numbers per line of source
 
 
 def numbers_in_lines(values: Iterable[float], *, number: str = "R({})", end: str = "") -> str:
-    """Numbers of a table in lines of a source.
+    """Format the numbers of a table as lines of source code.
 
     Args:
         values: the numbers.
-        number: form of each.
-        end: of each line but the last, after its comma.
+        number: format of each number.
+        end: continuation after the comma of each line but the last.
     """
     words = [number.format(repr(float(value))) for value in values]
     rows = (", ".join(words[k : k + _WIDTH]) for k in range(0, len(words), _WIDTH))
@@ -39,19 +39,19 @@ def numbers_in_lines(values: Iterable[float], *, number: str = "R({})", end: str
 
 
 def plant_words(subject: Subject) -> dict[str, Any]:
-    """Words of the templates of a plant.
+    """Return the substitutions in the templates of a plant.
 
     Raises:
-        InputError: a circuit or friction that has no C, or the muscle has no volume.
+        InputError: the circuit or friction has no C code, or the muscle has no volume.
     """
     plant: Any = subject.plant
     if type(plant.circuit) not in (PneumaticCircuit, HydraulicCircuit):
         raise InputError(
-            "a plant is exported with a PneumaticCircuit or a HydraulicCircuit; got "
+            "only plants with a PneumaticCircuit or a HydraulicCircuit can be exported; got "
             f"{type(plant.circuit).__name__}"
         )
     circuit = {name: getattr(plant.circuit, name) for name in plant.circuit.__dataclass_fields__}
-    if circuit.get("relief", 0.0) is None:  # a valve that passes nothing
+    if circuit.get("relief", 0.0) is None:  # no valve: zero conductance
         circuit |= {"relief": 0.0, "relief_conductance": 0.0}
     friction, memory = _friction(plant.friction)
     lines = [*_defined("c", circuit), *friction, *_defined("f", {"viscosity": plant.viscosity})]
@@ -68,12 +68,12 @@ def plant_words(subject: Subject) -> dict[str, Any]:
 
 
 def resting_signal(plant: Plant) -> float:
-    """The signal at which nothing moves: a valve closed, a pump at rest."""
+    """Return the signal at which nothing moves: valve closed or pump at rest."""
     return float(getattr(plant.circuit, "bias", 0.0))
 
 
 def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:
-    """Definitions of a friction, and the words of its memory."""
+    """Return the definitions of a friction model and the substitutions for its memory."""
     none = {"MEMORY": 1, "THRESHOLDS": "", "STRENGTHS": ""}
     if friction is None:
         return [], none
@@ -84,7 +84,7 @@ def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:
     slip: Any = elements.slip if isinstance(elements, CentredSlip) else elements
     if type(friction) is not SlipFriction or not isinstance(slip, MaxwellSlip):
         raise InputError(
-            "friction is exported as DahlFriction or as SlipFriction of Maxwell-slip elements; got "
+            "only DahlFriction, or SlipFriction with Maxwell-slip elements, can be exported; got "
             f"{type(friction).__name__}"
         )
     numbers: dict[str, Any] = {"rest_length": slip.rest_length, "modulus": slip.modulus}
@@ -108,10 +108,10 @@ def _defined(letter: str, numbers: Mapping[str, Any]) -> list[str]:
 
 
 def filled(template: str, values: Mapping[str, Any]) -> bytes:
-    """A file of the folder `templates` with its `@WORDS@` replaced.
+    """Fill in the `@WORDS@` of a file in the folder `templates`.
 
     Raises:
-        KeyError: a word that there is no value for.
+        KeyError: a word has no value.
     """
     room = importlib.resources.files(__name__.rpartition(".")[0]) / "templates"
     text = (room / template).read_text(encoding="utf-8")
@@ -122,11 +122,11 @@ _COMPILER = ("gcc", "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"
 
 
 def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
-    """The archive: description, sources, and a binary for this Linux system if gcc is available.
+    """Build the archive: description, sources, and a Linux binary if gcc is available.
 
     Args:
-        subject: the muscle, with its plant.
-        sources: the C of both, by name.
+        subject: muscle with its plant.
+        sources: C files of both, by name.
 
     References:
         FMI 2.0.4, Modelica Association, 2022.
@@ -156,7 +156,7 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
 
 
 def _binary(name: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The shared library by its place; none where gcc lacks the headers of C."""
+    """Compile the shared library; empty if gcc lacks the C headers."""
     with tempfile.TemporaryDirectory() as folder:
         for one, content in files.items():
             (Path(folder) / Path(one).name).write_bytes(content)

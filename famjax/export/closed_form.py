@@ -1,6 +1,6 @@
-"""The equations of a muscle in closed form, as MATLAB and as Python with NumPy: short enough to read.
+"""The closed-form equations of a muscle as readable MATLAB and Python (NumPy) code.
 
-Every statement is written once, in the operators of Python; MATLAB takes it with a dot before each.
+Statements are written with Python operators; for MATLAB, the arithmetic operators get a dot.
 """
 
 import re
@@ -21,11 +21,11 @@ from ..terms import BladderWall, PressurisedBraid
 
 
 class ClosedForm(NamedTuple):
-    """Numbers and statements that give the force G of a muscle, in SI.
+    """Numbers and statements that compute the force G of a muscle in SI.
 
     Attributes:
-        numbers: by name, each with what it is and its unit.
-        statements: name and expression, in order, in L, P and the names before; the last is G.
+        numbers: value and description with unit, by name.
+        statements: names and expressions in order, in L, P and earlier names; the last is G.
     """
 
     numbers: dict[str, tuple[float, str]]
@@ -33,7 +33,7 @@ class ClosedForm(NamedTuple):
 
 
 Stress = tuple[dict[str, tuple[float, str]], str]
-"""Numbers of a law, and the stress in the stretch or strain of one direction and of the other."""
+"""Parameters of a law, and the stress as an expression of the strains e and o."""
 
 
 def _polynomial(law: PolynomialMaterial) -> Stress:
@@ -78,15 +78,15 @@ _STRESSES: Mapping[type, Callable[[Any], Stress]] = {
     MooneyRivlinMaterial: _mooney_rivlin,
     NeoHookeanMaterial: _neo_hookean,
 }
-"""Of laws with a closed form: the stress in the strain e of its own direction and o of the other."""
+"""Laws with a closed form: stress for the strain e in its own direction and o in the other."""
 
 
 def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
-    """The equations of a muscle; None if it has no closed form, so that only a table can be exported.
+    """Return the equations of a muscle; None if it has no closed form and only a table can be exported.
 
     Args:
-        muscle: a cylinder, with rounded ends or without, of threads that stretch in proportion to
-            their tension or not at all, a bladder law and a pressurised braid.
+        muscle: muscle with a closed form if it is a cylinder, with or without rounded ends, with
+            inextensible or linearly elastic threads, a bladder law and a pressurised braid.
     """
     if not isinstance(muscle, Muscle):
         return None
@@ -145,14 +145,14 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
 
 
 def matlab_lines(form: ClosedForm) -> tuple[str, str]:
-    """Numbers and statements in MATLAB."""
+    """Format numbers and statements as MATLAB code."""
     numbers = [f"{name} = {value!r}; % {about}" for name, (value, about) in form.numbers.items()]
     lines = [f"{name} = {_dotted(text)};" for name, text in form.statements]
     return "\n".join(numbers), "\n".join(lines)
 
 
 def python_lines(form: ClosedForm) -> tuple[str, str]:
-    """Numbers, and statements in the body of a function."""
+    """Format numbers and statements as Python code, with the statements in a function body."""
     numbers = [f"{name} = {value!r}  # {about}" for name, (value, about) in form.numbers.items()]
     return "\n".join(numbers), "\n    ".join(f"{name} = {text}" for name, text in form.statements)
 

@@ -1,4 +1,4 @@
-"""MuJoCo and MJX: callbacks for muscles, a step with muscles, and a load that hangs on one."""
+"""MuJoCo and MJX: callbacks for muscles, a simulation step with muscles, and a model with a hung load."""
 
 import ctypes
 import inspect
@@ -29,36 +29,36 @@ if TYPE_CHECKING:
     from mujoco import mjx
 
 _GRAVITY = 9.81
-_SHARE = 0.5, 2 / 3  # load in the blocked force, and its pressure in the highest
+_SHARE = 0.5, 2 / 3  # load as a fraction of the blocked force, pressure as one of the highest
 
 
 class CompiledPull:
-    """The force from the exported C in a shared library: a callback at little more than Python's cost.
+    """The force from the exported C in a shared library, faster than the table in Python.
 
     Attributes:
         force: F [N] at a length [m] and a gauge pressure [Pa].
     """
 
     def __init__(self, library: str | Path, name: str) -> None:
-        """The pull of a library, from such as `gcc -O2 -shared -fPIC NAME.c -o NAME.so`.
+        """Load a library, for example from `gcc -O2 -shared -fPIC NAME.c -o NAME.so`.
 
         Args:
-            library: the file; compiled in double precision.
-            name: of the muscle in it.
+            library: path of the file, compiled in double precision.
+            name: name of the muscle in the library.
         """
         self.force = getattr(ctypes.CDLL(str(Path(library).resolve())), f"{name}_force")
         self.force.restype, self.force.argtypes = ctypes.c_double, [ctypes.c_double] * 2
 
 
 class CompiledPlant:
-    """A muscle with its circuit from the exported C in a shared library."""
+    """A muscle and its circuit from the exported C in a shared library."""
 
     def __init__(self, library: str | Path, name: str) -> None:
-        """The plant of a library, from such as `gcc -O2 -shared -fPIC NAME.c -o NAME.so -lm`.
+        """Load a library, for example from `gcc -O2 -shared -fPIC NAME.c -o NAME.so -lm`.
 
         Args:
-            library: the file; compiled in double precision.
-            name: of the muscle in it.
+            library: path of the file, compiled in double precision.
+            name: name of the muscle in the library.
         """
         loaded = ctypes.CDLL(str(Path(library).resolve()))
         self._start, self._step, self._pull = (
@@ -82,7 +82,7 @@ class CompiledPlant:
 
     @property
     def state(self) -> list[float]:
-        """Pressure [Pa], openings, length [m] at the end of the last step, friction; as in the C."""
+        """Pressure [Pa], openings, length [m] at the end of the last step, friction; as in the C code."""
         return list(self._state)
 
     @state.setter
@@ -90,7 +90,7 @@ class CompiledPlant:
         self._state[:] = state
 
     def start(self, length: float, pressure: float = 0.0) -> None:
-        """Put the plant at rest at a length [m] and a gauge pressure [Pa]."""
+        """Set the plant at rest at a length [m] and a gauge pressure [Pa]."""
         self._start(self._state, length, pressure)
 
     def step(self, signal: float, dump: float, length: float, velocity: float, dt: float) -> None:
@@ -98,14 +98,14 @@ class CompiledPlant:
         self._step(self._state, signal, dump, length, velocity, dt)
 
     def pull(self, length: float, velocity: float) -> float:
-        """Pull [N], friction and viscous loss included."""
+        """Force [N], including friction and viscous loss."""
         return self._pull(self._state, length, velocity)
 
 
 def _check_actuators(
     mujoco: Any, model: Any, named: Mapping[int, str], offsets: Mapping[str, float]
 ) -> None:
-    """Refuse actuators by which a muscle would exert no force."""
+    """Refuse actuators through which a muscle would exert no force."""
     for number, name in named.items():
         if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
             raise ValueError(
@@ -124,21 +124,21 @@ def _check_actuators(
 def install(
     model: Any, pulls: Mapping[str, Any], offsets: Mapping[str, float] | None = None
 ) -> None:
-    """Let MuJoCo take the force of actuators from muscles; the control is the gauge pressure [Pa].
+    """Compute the force of MuJoCo actuators from muscles; the control is the gauge pressure [Pa].
 
-    The length is the actuator's, that of its tendon. With `dyntype="filter"` the pressure is the
-    actuator's state. MuJoCo has one such callback in a process: a later call replaces it, and
-    `uninstall` takes it away. Actuators of other models get no force.
+    The length of a muscle is the actuator's, that of its tendon. With `dyntype="filter"`, the pressure is
+    the actuator's state. MuJoCo has one such callback per process: a later call replaces it, and
+    `uninstall` removes it. Actuators of other models have no force.
 
     Args:
         model: `mujoco.MjModel` with an actuator of `gainprm="0" biastype="user"` for each muscle.
-        pulls: the muscle, as anything with `force(length, pressure)`, of each actuator's name. Or a
-            `CompiledPlant`, whose state is the actuator's by `dyntype="user"` and an `actdim` of its size:
-            the control is the signal of valve or pump, 0 to 1, and below 0 the dump valve is open.
-        offsets: what an actuator's muscle is longer than its tendon [m], by its name; 0 unless given. A
-            tendon of `fixed` type has the length 0 where its joints do.
+        pulls: muscle by actuator name, any object with `force(length, pressure)`. For a `CompiledPlant`,
+            the actuator needs `dyntype="user"` and an `actdim` of its state's size. Its control is the
+            signal of valve or pump, 0 to 1; a negative control opens the dump valve.
+        offsets: length of a muscle minus that of its tendon [m], by actuator name; 0 by default. A tendon
+            of type `fixed` has zero length at zero joint angle.
     """
-    mujoco: Any = import_module("mujoco")  # an extra of the project, without types
+    mujoco: Any = import_module("mujoco")  # an optional package without types
 
     wanted = {model.actuator(name).id: pull for name, pull in pulls.items()}
     plants = {k: pull for k, pull in wanted.items() if isinstance(pull, CompiledPlant)}
@@ -154,7 +154,7 @@ def install(
         if number in plants:
             return -placed(data, number, length).pull(length, float(data.actuator_velocity[number]))
         state, control = states[number], float(data.ctrl[number])
-        if control and number in called:  # the first one that is not 0
+        if control and number in called:  # first nonzero control
             name = called.pop(number)
             if control < 1000:
                 warnings.warn(f"the control of {name} is {control:g} Pa: is it in Pa, above the "
@@ -174,7 +174,9 @@ def install(
             plant, control = placed(data, number, length), float(data.ctrl[number])
             velocity, dt = float(data.actuator_velocity[number]), float(asked.opt.timestep)
             plant.step(max(control, 0.0), float(control < 0), length, velocity, dt)
-            for k, value in enumerate(plant.state, states[number]):  # where Euler's step shall end
+            for k, value in enumerate(
+                plant.state, states[number]
+            ):  # reached by MuJoCo's Euler step
                 data.act_dot[k] = (value - data.act[k]) / dt
         return 0.0
 
@@ -189,7 +191,7 @@ def install(
     mujoco.set_mjcb_act_dyn(rates if plants else None)
 
     def loading(load: Callable[..., Any]) -> Callable[..., Any]:
-        # A callback of Python fails while another model is compiled: it waits until that is done.
+        # A Python callback fails while another model is compiled: remove it during compilation.
         def without(*given: Any, **options: Any) -> Any:
             kinds = "gain", "bias", "dyn"
             mine = {of: getattr(mujoco, f"get_mjcb_act_{of}")() for of in kinds}
@@ -234,22 +236,22 @@ def mjx_step(
     muscles: Mapping[int, tuple[AbstractMuscle, Real]],
     offsets: Mapping[int, Real] | None = None,
 ) -> "mjx.Data":
-    """One step of MJX with muscles, which pull at the tendon lengths at its start.
+    """Advance MJX by one step with muscles, with forces from the tendon lengths at its start.
 
-    It can be jitted, scanned, mapped, and differentiated by every number of the muscles. MJX takes
-    no user actuators: a muscle's is a motor of gain 1 on its tendon, without limits.
+    Can be jitted, scanned, vmapped, and differentiated with respect to every parameter of the muscles.
+    MJX has no user actuators: use a motor with gain 1 on the tendon, without limits.
 
     Args:
-        model: of MJX.
-        data: the state.
-        muscles: muscle and gauge pressure [Pa] by the number of the actuator.
-        offsets: what a muscle is longer than its tendon [m], by the same number; 0 unless given. A tendon
-            of `fixed` type has the length 0 where its joints do.
+        model: MJX model.
+        data: MJX state.
+        muscles: muscle and gauge pressure [Pa] by actuator number.
+        offsets: length of a muscle minus that of its tendon [m], by actuator number; 0 by default. A
+            tendon of type `fixed` has zero length at zero joint angle.
 
     Returns:
         The state after the step.
     """
-    from mujoco import mjx  # noqa: PLC0415 -- an extra of the project
+    from mujoco import mjx  # noqa: PLC0415 -- an optional package
 
     placed = mjx.tendon(model, mjx.com_pos(model, mjx.kinematics(model, data)))
     control = jnp.asarray(data.ctrl)
@@ -258,7 +260,7 @@ def mjx_step(
         length = tendon + (offsets or {}).get(number, 0.0)
         control = control.at[number].set(-muscle.force(length, pressure))
     after = mjx.step(model, data.replace(ctrl=control))
-    # In float64 MJX widens integers of tendons, which a scan does not take.
+    # In float64, MJX widens the integers of tendons, which a scan rejects.
     return jax.tree.map(lambda new, old: new.astype(old.dtype), after, data)
 
 
@@ -266,9 +268,9 @@ def mjx_step(
 
 
 def mujoco_files(subject: Subject) -> dict[str, bytes]:
-    """`NAME.xml` with user actuators, and `NAME_mujoco.py`, which needs MuJoCo and nothing else.
+    """Write `NAME.xml` with user actuators, and `NAME_mujoco.py`, which needs only MuJoCo.
 
-    With a plant the actuator's state is the plant's, and the module has `CompiledPlant` for the C.
+    With a plant, the actuator's state is the plant's, and the module contains `CompiledPlant`.
     """
     name = subject.identifier
     limits = f'ctrllimited="true" ctrlrange="0 {subject.pull.pressure_limit!r}"'
@@ -288,25 +290,22 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         kind += f'dyntype="user" actdim="{4 + memory}" ctrllimited="true" ctrlrange="-1 1"'
         rest = f'ctrl="{resting_signal(subject.plant)!r}" act="{{}} 0 0 0{" 0" * memory}"'
         load = _hanging_load(subject, kind, lambda _, at: rest.format(at))
-    return {
-        f"{name}.xml": load,
-        f"{name}_mujoco.py": module,
-    }
+    return {f"{name}.xml": load, f"{name}_mujoco.py": module}
 
 
 _WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, uninstall)
-"""Parts of the written module."""
+"""Code copied into the written module."""
 
 
 def mjx_files(subject: Subject) -> dict[str, bytes]:
-    """`NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py` with the step; needs famjax.
+    """Write `NAME_mjx.xml` with a motor, the card, and `NAME_mjx.py` with the step; needs famjax.
 
     Raises:
-        InputError: the muscle is not of a card.
+        InputError: the muscle has no card.
     """
     if subject.card is None:
         raise InputError(
-            "an MJX model takes its muscle from a card, and this one has none: call "
+            "an MJX model needs a muscle from a card, and this muscle has none: call "
             "famjax.export.mjx_step with the muscle itself"
         )
     name, document = subject.identifier, card_as_document(subject.card)
@@ -328,12 +327,13 @@ def _hanging_load(
     actuator: str,
     key: Callable[[float, float], str] = lambda _, at: f'ctrl="{at}"',
 ) -> bytes:
-    """A load of half the blocked force on the muscle, with the equilibrium as a keyframe.
+    """Build a model with half the blocked force as load and the equilibrium as a keyframe.
 
     Args:
         subject: the muscle.
-        actuator: attributes of the actuator, which is of the muscle's name.
-        key: of the load [N] and the pressure [Pa] at rest, the keyframe's control and state.
+        actuator: attributes of the actuator, which has the muscle's name.
+        key: function of load [N] and pressure [Pa] at rest that returns control and state of the
+            keyframe.
     """
     pull = subject.pull
     at = _SHARE[1] * pull.pressures[-1]
@@ -353,5 +353,5 @@ def _hanging_load(
 
 
 def docstring(lines: Iterable[str]) -> str:
-    """Lines that do not end a docstring of Python."""
+    """Join lines for a Python docstring and escape what would end it."""
     return "\n".join(lines).replace("\\", "/").replace('"', "'")

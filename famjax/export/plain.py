@@ -1,6 +1,6 @@
 """The force of a muscle from a table, in plain Python floats; only this file is needed.
 
-Exported modules carry this file's text. The C source and the MATLAB functions are the same formulas.
+Exported modules contain this file's text. The C source and the MATLAB functions use the same formulas.
 """
 
 from bisect import bisect_right
@@ -10,27 +10,27 @@ from typing import Any
 
 _STRAIGHT = 0.8
 _STEPS = 60
-_CLOSE = 1e-15  # of the highest pressure
+_CLOSE = 1e-15  # relative to the highest pressure
 
 
 class TabulatedPull:
-    """A muscle whose force comes from its table, continued beyond.
+    """A muscle whose force is interpolated in a table and continued beyond it.
 
-        H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L held in the table
-        G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P held in the table
+        H(L, P) = F(L_c, P) + F_L(L_c, P) y(L - L_c)                  L_c: L clipped to the table
+        G(L, P) = H(L, P_c) + H_P(L, P_c) y(P - P_c) + S(L)           P_c: P clipped to the table
         F = taut(G)
 
-    F in the table is the bicubic Hermite interpolant of force, slopes and mixed slope at its nodes:
-    C1, and exact at them with its slopes. y is a line that may bend towards an end, S are stops,
-    taut cuts at zero with a small blend: see `famjax.continuation.SafeMuscle`. SI, gauge pressure, scalars.
+    Inside the table, F is the bicubic Hermite interpolant of force, slopes and mixed slope: C1, and
+    exact at the nodes. y is a line that may bend towards a limit, S are stops, and taut clips at zero
+    with a narrow blend: see `famjax.continuation.SafeMuscle`. SI units, gauge pressure, scalars.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
-        """The pull of a table.
+        """Create the muscle from its table.
 
         Args:
-            table: nodes `length_m` and `pressure_Pa`, rising; for each pair the rows `force_N`,
-                `stiffness_N_per_m`, `area_m2` and `mixed_m`, one for each length; `stops_m`,
+            table: nodes `length_m` and `pressure_Pa`, ascending; at each pair `force_N`,
+                `stiffness_N_per_m`, `area_m2` and `mixed_m`, with one row per length; `stops_m`,
                 `stop_stiffness_N_per_m`, `stop_onset_m`, `length_ends_per_m`,
                 `pressure_ends_per_Pa`, `slack_width_N`, `pressure_limit_Pa`.
         """
@@ -49,11 +49,11 @@ class TabulatedPull:
         self.pressure_limit = table["pressure_limit_Pa"]
 
     def force(self, length: float, pressure: float) -> float:
-        """Static pull F [N], >= 0, at any length [m] and gauge pressure [Pa]."""
+        """Static force F [N], >= 0, at any length [m] and gauge pressure [Pa]."""
         return _taut(self.model(length, pressure)[0], self.slack_width)[0]
 
     def model_force(self, length: float, pressure: float) -> float:
-        """G [N], the force of the model, not cut at zero: negative where the muscle is slack."""
+        """Model force G [N], not clipped: negative where the muscle is slack."""
         return self.model(length, pressure)[0]
 
     def stiffness(self, length: float, pressure: float) -> float:
@@ -67,10 +67,10 @@ class TabulatedPull:
         return _taut(force, self.slack_width)[1] * area
 
     def pressure(self, length: float, force: float) -> float:
-        """Lowest gauge pressure [Pa], from 0 to the limit, at which the muscle pulls with a force [N].
+        """Lowest gauge pressure [Pa], from 0 to the limit, at which the muscle has a force [N].
 
-        0 where it pulls more without pressure; the limit, twice the highest pressure of the table,
-        where it cannot pull so much. For a force <= 0 the highest pressure at which it is slack.
+        0 if the force is larger without pressure; the limit, twice the highest pressure of the table, if
+        the force is never reached. For a force <= 0, the highest pressure at which the muscle is slack.
         """
         if isnan(force + length):
             return nan
@@ -82,7 +82,7 @@ class TabulatedPull:
             return high
         pressure = 0.5 * high
         before = high
-        for _ in range(_STEPS):  # Newton's, halving where it leaves the bracket or is slow
+        for _ in range(_STEPS):  # Newton steps; bisection if one leaves the bracket or is slow
             found, _, area = self.model(length, pressure)
             over = found - wanted
             if over < 0:
@@ -100,7 +100,7 @@ class TabulatedPull:
         return pressure
 
     def model(self, length: float, pressure: float) -> tuple[float, float, float]:
-        """(G [N], dG/dL [N/m], dG/dP [m2]): the model's force, not cut at zero, and its slopes."""
+        """(G [N], dG/dL [N/m], dG/dP [m2]): model force, not clipped, and its slopes."""
         held = min(max(length, self.lengths[0]), self.lengths[-1])
         at = min(max(pressure, self.pressures[0]), self.pressures[-1])
         force, stiffness, area, mixed = self._within(held, at)
@@ -122,7 +122,7 @@ class TabulatedPull:
         return force, stiffness, area
 
     def _within(self, length: float, pressure: float) -> tuple[float, float, float, float]:
-        """Force, slopes along length and pressure, mixed slope, in the table."""
+        """Force, slopes along length and pressure, and mixed slope inside the table."""
         i, h, u = _cell(self.lengths, length)
         j, g, v = _cell(self.pressures, pressure)
         (a, b), (c, d) = self.rows[i][j : j + 2], self.rows[i + 1][j : j + 2]
@@ -136,7 +136,7 @@ class TabulatedPull:
 
 
 def _cell(nodes: Sequence[float], value: float) -> tuple[int, float, float]:
-    """Number and width of the cell that a value lies in, and its place in it from 0 to 1."""
+    """Index and width of the cell that contains a value, and the position in it from 0 to 1."""
     k = min(bisect_right(nodes, value, 1, len(nodes) - 1) - 1, len(nodes) - 2)
     width = nodes[k + 1] - nodes[k]
     return k, width, (value - nodes[k]) / width
@@ -153,7 +153,7 @@ def _cubic(
 
 
 def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
-    """A step that bends towards an end, and its slope; the ends are 1/X below and above."""
+    """A step that bends towards a limit, and its slope; the limits are 1/X below and above."""
     inverse = ends[0] if step < 0 else ends[1]
     way = inverse * abs(step)
     if not way > _STRAIGHT:
@@ -164,7 +164,7 @@ def _bent(step: float, ends: Sequence[float]) -> tuple[float, float]:
 
 
 def _taut(force: float, width: float) -> tuple[float, float]:
-    """A force cut at zero, with a cubic up to a width, and its slope."""
+    """The force clipped at zero, with a cubic blend up to a width, and its slope."""
     if force <= 0:
         return 0.0, 0.0
     if force < width:
@@ -174,12 +174,12 @@ def _taut(force: float, width: float) -> tuple[float, float]:
 
 
 def _untaut(force: float, width: float) -> float:
-    """The force of which `_taut` makes a force."""
+    """Inverse of `_taut`."""
     if force <= 0:
         return 0.0
     if force >= width:
         return force
     part, t = force / width, 1.0
-    for _ in range(_STEPS):  # 2 t^2 - t^3 = part, from the side on which it is convex
+    for _ in range(_STEPS):  # 2 t^2 - t^3 = part, from the convex side
         t = min(t - (t * t * (2 - t) - part) / (t * (4 - 3 * t)), 1.0)
     return width * t

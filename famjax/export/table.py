@@ -1,4 +1,4 @@
-"""A muscle to be exported, as a table for small targets, and the error of that table."""
+"""Muscles for export, their tables for small targets, and the errors of the tables."""
 
 import dataclasses
 import functools
@@ -27,30 +27,30 @@ from ..plant import Plant
 from .plain import TabulatedPull
 
 CLOSE = 5e-8
-"""Largest error of the interpolation along either axis, of the largest force in the region."""
+"""Largest interpolation error along either axis, relative to the largest force in the region."""
 
 _MOST = {"length": 257, "pressure": 65}
 _FIRST = {"length": 9, "pressure": 2}
-_INSIDE = np.array([0.2, 0.5, 0.8])  # where the error in a cell is looked for
+_INSIDE = np.array([0.2, 0.5, 0.8])  # positions in a cell at which the error is evaluated
 _AT_ONCE = 2048
 _STATES = 4000
-_LIMIT = 2.0  # highest pressure that the inverse looks at, of the highest of the region
-_STEEP = 0.01  # of the mean area: below it a pressure is not determined by the force
+_LIMIT = 2.0  # highest pressure of the inverse, relative to the region's highest
+_STEEP = 0.01  # of the mean area; with a smaller area, the force does not determine the pressure
 
 Numbers = Float[np.ndarray, "..."]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Subject:
-    """A muscle to be exported.
+    """A muscle to export.
 
     Attributes:
-        name: of the muscle.
-        muscle: what is exported.
-        card: that it comes from, or None.
-        origin: lines on the file it comes from.
-        plant: circuit, friction and loss of the muscle, which is exported with them to C, MuJoCo and an
-            FMU; its load is not. None for the static map, and in an FMU for `PneumaticCircuit`.
+        name: name of the muscle.
+        muscle: muscle to export.
+        card: card of the muscle, or None.
+        origin: lines that describe the source file.
+        plant: circuit, friction and viscous loss to export to C, MuJoCo and an FMU, without the load.
+            None exports the static map; an FMU then uses a `PneumaticCircuit`.
     """
 
     name: str
@@ -63,34 +63,34 @@ class Subject:
     def of_card(
         cls, card: MuscleCard, *, length: float | None = None, origin: tuple[str, ...] = ()
     ) -> "Subject":
-        """The muscle of a card, cut to a rest length [m] if one is given."""
+        """Create the subject from a card, cut to a rest length [m] if one is given."""
         card = card if length is None else card.cut(length)
         return cls(card.name, card.safe(), card, origin)
 
     @property
     def identifier(self) -> str:
-        """The name as C, MATLAB and files take it: lower case letters, digits, underscores."""
+        """Name for C, MATLAB and files: lower-case letters, digits and underscores."""
         plain = re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
         return plain if plain[:1].isalpha() else f"muscle_{plain}".strip("_")
 
     @functools.cached_property
     def table(self) -> dict[str, Any]:
-        """The muscle as a table, see `tabulated`."""
+        """Table of the muscle, see `tabulated`."""
         return tabulated(self.muscle)
 
     @functools.cached_property
     def pull(self) -> TabulatedPull:
-        """The pull by the table, in plain floats."""
+        """Force from the table, in plain floats."""
         return TabulatedPull(self.table)
 
     @functools.cached_property
     def errors(self) -> "TableErrors":
-        """Error of the table against the model."""
+        """Errors of the table relative to the model."""
         return table_errors(self.muscle, self.pull)
 
     @property
     def about(self) -> list[str]:
-        """Head of every file: muscle, origin, region."""
+        """Header lines of every file: muscle, origin, region."""
         L, P = (np.asarray(getattr(self.muscle.region, of)) for of in ("length", "pressure"))
         lines = [
             f"{self.name}, exported by famjax {__version__} with jax "
@@ -100,7 +100,7 @@ class Subject:
             "continued beyond",
         ]
         if self.plant is None and self.muscle.hysteresis is not None:
-            lines.append("the static map: the card's hysteresis is left out")
+            lines.append("static map: the card's hysteresis is omitted")
         if self.card is not None:
             made = self.card.provenance
             doubt = unidentified(self.name, made.verdict, made.reasons)
@@ -110,15 +110,15 @@ class Subject:
 
     @property
     def about_table(self) -> list[str]:
-        """Head of a file with the table, including its error against the model."""
+        """Header lines of a file with the table, including the errors of the table."""
         off = self.errors
         return [
             *self.about,
-            f"largest difference from the model at {_STATES} random states, in parts of the "
-            f"largest force {off.largest_force:.6g} N:",
+            f"largest difference from the model at {_STATES} random states, relative to the "
+            f"largest force, {off.largest_force:.6g} N:",
             f"  {off.force:.1e} in that region, {off.force_beyond:.1e} up to twice its lengths and "
             "pressures,",
-            f"  {off.pressure:.2g} Pa by the inverse; the target's own rounding comes on top",
+            f"  {off.pressure:.2g} Pa for the inverse; rounding in the target adds to these",
         ]
 
 
@@ -129,16 +129,16 @@ def read_subject(
     origin: Origin | None = None,
     own: Own = (),
 ) -> Subject:
-    """Read the muscle of a card's file, or a bundled one by name.
+    """Read the muscle from a card's file, or a bundled one by name.
 
     Args:
-        source: a file that `famjax card` has written, or the name of a bundled muscle.
-        length: rest length [m] to which it is cut; its own unless given.
-        origin: of the files that will be written.
-        own: modules and classes that are trusted, as for `famjax.cards.read_card`.
+        source: file written by `famjax card`, or the name of a bundled muscle.
+        length: rest length [m] to cut the muscle to; unchanged by default.
+        origin: origin of the files to write.
+        own: trusted modules and classes, as in `famjax.cards.read_card`.
 
     Raises:
-        InputError: no such file, no card, or the muscle cannot be cut.
+        InputError: the file is missing or not a card, or the muscle cannot be cut.
     """
     path = Path(source)
     name = None if path.exists() else bundled_name(str(source))
@@ -152,7 +152,7 @@ def read_subject(
 
 
 def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[str, ...]:
-    """Lines about the file that a muscle comes from and the command that exports it."""
+    """Describe the source file of a muscle and the command that exports it."""
     lines = [f"of {name}, sha256 {hashlib.sha256(content).hexdigest()}"]
     return tuple(lines if origin is None else [*lines, f"by `{origin.command}` on {origin.date}"])
 
@@ -161,18 +161,17 @@ def made_of(name: str, content: bytes, origin: Origin | None = None) -> tuple[st
 
 
 def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
-    """The table of a safe muscle's static map, as `TabulatedPull` takes it: plain lists, SI.
+    """Tabulate the static map of a safe muscle for `TabulatedPull`: plain lists, SI.
 
-    Nodes are put where they are needed: a cell is halved as long as the cubic between its ends is
-    off by more than `CLOSE` of the largest force, anywhere along the other axis. A model that is
-    affine in the pressure needs two pressures.
+    A cell is halved until the cubic between its ends is accurate to `CLOSE` of the largest force,
+    everywhere along the other axis. A model that is affine in the pressure needs two pressures.
 
     Args:
-        muscle: the safe muscle. Its hysteresis is left out.
+        muscle: safe muscle; its hysteresis is omitted.
 
     Raises:
-        InputError: more nodes would be needed than a table may have, the force is not finite
-            somewhere, or JAX is in float32.
+        InputError: the table would need too many nodes, the force is not finite somewhere, or JAX uses
+            float32.
     """
     check_float64()
     inside = muscle.continued
@@ -194,7 +193,7 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
 
 
 class _Holding(AbstractMuscle):
-    """A muscle whose volume is tabulated as a force is."""
+    """A muscle whose volume is tabulated in place of the force."""
 
     muscle: AbstractMuscle
 
@@ -210,16 +209,16 @@ class _Holding(AbstractMuscle):
 
 
 def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
-    """Nodes `length` and `pressure`, and V [m3], dV/dL, dV/dP, d2V/dLdP at them, shape (4, n, m).
+    """Return nodes `length` and `pressure`, and V [m3], dV/dL, dV/dP, d2V/dLdP there, shape (4, n, m).
 
     Raises:
-        InputError: as `tabulated`, or the muscle is of a model without a geometry.
+        InputError: see `tabulated`, or the model has no geometry.
     """
     return _nodes(_Holding(muscle.continued.muscle), muscle.region)
 
 
 def _nodes(model: Any, region: Region) -> tuple[dict[str, Numbers], Numbers]:
-    """Nodes at which a cubic in each cell is close enough; force and slopes at them."""
+    """Refine the nodes until the cubic in each cell is accurate; return force and slopes there."""
     ends = {name: np.asarray(getattr(region, name), float) for name in ("length", "pressure")}
     nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
     scale = float(np.abs(_slopes(model, *np.meshgrid(*nodes.values()))[0]).max())
@@ -232,28 +231,28 @@ def _nodes(model: Any, region: Region) -> tuple[dict[str, Numbers], Numbers]:
             nodes[name] = np.sort(np.concatenate([at, middles]))
             if len(nodes[name]) > _MOST[name]:
                 raise InputError(
-                    f"the model is not smooth enough for a table: more than {_MOST[name]} "
-                    f"{name}s would be needed for {CLOSE:g} of the largest force; export the model "
-                    "itself, --to jax or --to mjx"
+                    f"the model is not smooth enough for a table: an accuracy of {CLOSE:g} of the largest "
+                    f"force needs more than {_MOST[name]} {name}s; export the model itself, --to jax or "
+                    "--to mjx"
                 )
     return nodes, np.stack(_slopes(model, *np.meshgrid(*nodes.values(), indexing="ij")))
 
 
 def check_float64() -> None:
-    """Refuse to export a muscle in float32.
+    """Refuse to export in float32.
 
     Raises:
-        InputError: JAX is in float32.
+        InputError: JAX uses float32.
     """
     if not jax.config.read("jax_enable_x64"):
         raise InputError(
-            "a muscle is exported in float64: call jax.config.update('jax_enable_x64', True) before "
-            "anything of JAX"
+            "export needs float64: call jax.config.update('jax_enable_x64', True) before any other use of "
+            "JAX"
         )
 
 
 def _cubic_errors(model: AbstractMuscle, nodes: dict[str, Numbers], name: str) -> Numbers:
-    """By how much [N] the cubic in each cell along one axis is off, at most, along the other."""
+    """Return the largest error [N] of the cubic in each cell along one axis, over the other axis."""
     along, other = nodes[name], nodes["pressure" if name == "length" else "length"]
     across = np.concatenate([other, 0.5 * (other[1:] + other[:-1])])
     width = np.diff(along)
@@ -271,12 +270,14 @@ def _cubic_errors(model: AbstractMuscle, nodes: dict[str, Numbers], name: str) -
     cubic = force[:-1, None] + u * (p + u * (3 * rise - 2 * p - q + u * (p + q - 2 * rise)))
     off = np.abs(cubic - between.reshape(cubic.shape)).max(axis=(1, 2))
     if not np.isfinite(off).all():
-        raise InputError("the model has no finite force somewhere in its region: nothing to export")
+        raise InputError(
+            "the force is not finite somewhere in the model's region: it cannot be exported"
+        )
     return off
 
 
 def _slopes(model: AbstractMuscle, length: Numbers, pressure: Numbers) -> tuple[Numbers, ...]:
-    """Force, stiffness, area and mixed slope at states of one shape, in chunks of one size."""
+    """Return force, stiffness, area and mixed slope at states of one shape, in chunks of equal size."""
     L, P = np.ravel(length), np.ravel(pressure)
     spare = -len(L) % _AT_ONCE
     chunks = (np.pad(one, (0, spare), mode="edge").reshape(-1, _AT_ONCE) for one in (L, P))
@@ -290,20 +291,19 @@ def _slopes(model: AbstractMuscle, length: Numbers, pressure: Numbers) -> tuple[
 _slopes_of_chunk = quick_jit(slopes)
 
 
-# --- how near it is
+# --- errors of the table
 
 
 class TableErrors(NamedTuple):
-    """Error of a table against its model, at random states.
+    """Errors of a table relative to its model at random states.
 
     Attributes:
-        largest_force: in the region [N]; forces are given in parts of it.
-        force: largest difference of force in the region [-].
-        force_beyond: the same from no length to twice the longest, from no pressure to twice the
-            highest [-].
-        pressure: largest error of the inverse [Pa] over all of these states between the stops, where
-            the muscle pulls with more than the blend into slack and its area F_P is above a
-            hundredth of the mean: elsewhere the force hardly tells the pressure.
+        largest_force: largest force in the region [N], the reference of the force errors.
+        force: largest force error in the region [-].
+        force_beyond: largest force error for lengths and pressures from 0 to twice their maximum [-].
+        pressure: largest error of the inverse [Pa] over these states between the stops. Excludes states
+            near slack, and states whose area F_P is below a hundredth of the mean, because there the
+            force hardly determines the pressure.
     """
 
     largest_force: float
@@ -313,7 +313,7 @@ class TableErrors(NamedTuple):
 
 
 def table_errors(muscle: SafeMuscle, pull: TabulatedPull) -> TableErrors:
-    """Measure the error of the table of a safe muscle; see `TableErrors`."""
+    """Measure the errors of a safe muscle's table, see `TableErrors`."""
     rng, half = np.random.default_rng(0), _STATES // 2
     L, P = (
         np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])

@@ -1,4 +1,4 @@
-"""Export targets: C, MATLAB, Python, tables, StableHLO, and those of `mujoco.py`."""
+"""Export targets: C, MATLAB, Python, tables and StableHLO, and those of `mujoco.py`."""
 
 import dataclasses
 import functools
@@ -24,15 +24,15 @@ from .mujoco import docstring, filled, mjx_files, mujoco_files
 from .table import Subject, check_float64
 
 Files = dict[str, bytes]
-"""Content of files by their names."""
+"""File contents by name."""
 
-_LENGTHS, _PRESSURES = 129, 41  # of a CSV file
+_LENGTHS, _PRESSURES = 129, 41  # grid of a CSV file
 _ASKED = 1000  # states
-_BEYOND = 0.5  # of the way from the data to a stop
+_BEYOND = 0.5  # extension of the grid, as a fraction of the distance from the data to a stop
 
 
 def c_files(subject: Subject) -> Files:
-    """Header and source, without allocation or libraries; double unless compiled for float."""
+    """Write header and source without allocation or libraries; double precision by default."""
     name, words = subject.identifier, _words(subject, " *", "R({})")
     files = {f"{name}.{of}": filled(f"force.{of}", words) for of in ("h", "c")}
     if subject.plant is None:
@@ -43,9 +43,9 @@ def c_files(subject: Subject) -> Files:
 
 
 def fmu_files(subject: Subject) -> Files:
-    """`NAME.fmu`, FMI 2.0 for model exchange and co-simulation: sources, and a binary where gcc is at hand.
+    """Write `NAME.fmu`, FMI 2.0 for model exchange and co-simulation: sources, and a binary if gcc exists.
 
-    Without a plant the circuit is a `PneumaticCircuit`.
+    Without a plant, the circuit is a `PneumaticCircuit`.
     """
     if subject.plant is None:
         slip = subject.muscle.hysteresis
@@ -56,9 +56,9 @@ def fmu_files(subject: Subject) -> Files:
 
 
 def matlab_files(subject: Subject) -> Files:
-    """`NAME_force.m` and `NAME_pressure.m`: the equations where there is a closed form.
+    """Write `NAME_force.m` and `NAME_pressure.m`, with the equations if there is a closed form.
 
-    Else they call `NAME_model_force.m`, which holds a table. No toolbox is needed, and they may stand in
+    Otherwise they call `NAME_model_force.m`, which contains a table. They need no toolbox and work in
     Simulink's MATLAB Function block.
     """
     name, closed = subject.identifier, _closed(subject, "%  ", matlab_lines)
@@ -74,7 +74,7 @@ def matlab_files(subject: Subject) -> Files:
 
 
 def python_files(subject: Subject) -> Files:
-    """`NAME.py`, which needs NumPy alone: the equations where there is a closed form, else a table."""
+    """Write `NAME.py`, which needs only NumPy: the equations in closed form, or else a table."""
     name, closed = subject.identifier, _closed(subject, "", python_lines)
     if closed is not None:
         return {f"{name}.py": filled("closed.py.in", closed)}
@@ -89,7 +89,7 @@ def python_files(subject: Subject) -> Files:
 def _closed(
     subject: Subject, comment: str, printed: Callable[[ClosedForm], tuple[str, str]]
 ) -> dict[str, Any] | None:
-    """Words of the templates of a closed form; None where the muscle has none."""
+    """Return the substitutions in the templates of a closed form; None if the muscle has none."""
     check_float64()
     inside = subject.muscle.continued
     form = closed_form(inside.muscle)
@@ -107,7 +107,7 @@ def _closed(
     }  # fmt: skip
     off = _difference(subject, filled("closed.py.in", {**words, **_python(form)}).decode())
     own = [line.replace("continued beyond", "NaN beyond") for line in subject.about]
-    about = [*own, f"the model in closed form; at {_ASKED} random states within {off:.1e} of the "
+    about = [*own, f"model in closed form; errors at {_ASKED} random states are below {off:.1e} of the "
              "largest force"]  # fmt: skip
     text = (
         docstring(about) if printed is python_lines else "\n".join(f"{comment} {x}" for x in about)
@@ -120,7 +120,7 @@ def _python(form: ClosedForm) -> dict[str, str]:
 
 
 def _difference(subject: Subject, module: str) -> float:
-    """Largest difference of the written equations from the muscle, in parts of the largest force."""
+    """Return the largest error of the written equations, relative to the largest force."""
     written: dict[str, Any] = {}
     exec(compile(module, "closed.py", "exec"), written)
     rng, region = np.random.default_rng(0), subject.muscle.region
@@ -130,7 +130,7 @@ def _difference(subject: Subject, module: str) -> float:
 
 
 def csv_files(subject: Subject) -> Files:
-    """One row for each state, `length_m,pressure_Pa,force_N,model_force_N,stiffness_N_per_m,area_m2`."""
+    """Write `length_m,pressure_Pa,force_N,model_force_N,stiffness_N_per_m,area_m2`, one row per state."""
     grid, about = _grid(subject)
     L, P = np.meshgrid(grid["length_m"], grid["pressure_Pa"], indexing="ij")
     columns = [column.ravel().tolist() for column in (L, P, *list(grid.values())[2:])]
@@ -140,7 +140,7 @@ def csv_files(subject: Subject) -> Files:
 
 
 def mat_files(subject: Subject) -> Files:
-    """Axes and tables of the CSV file by the same names, for a 2-D Lookup Table block."""
+    """Write axes and tables of the CSV file under the same names, for a 2-D Lookup Table block."""
     from scipy.io import savemat  # noqa: PLC0415 -- slow to import
 
     grid, about = _grid(subject)
@@ -150,12 +150,12 @@ def mat_files(subject: Subject) -> Files:
 
 
 def jax_files(subject: Subject) -> Files:
-    """StableHLO for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
+    """Write StableHLO for any number of states on CPU and CUDA, and `NAME_jax.py`, which loads it.
 
-    `NAME.stablehlo` is the force, `NAME_model.stablehlo` what the model says, not cut at zero.
+    `NAME.stablehlo` is the force, `NAME_model.stablehlo` the model force without clipping.
 
     Raises:
-        InputError: the package flatbuffers is missing, or JAX is in float32.
+        InputError: the package flatbuffers is missing, or JAX uses float32.
     """
     if importlib.util.find_spec("flatbuffers") is None:
         raise InputError("exporting to JAX needs flatbuffers: pip install 'famjax[simulators]'")
@@ -184,27 +184,27 @@ TARGETS: dict[str, Callable[[Subject], Files]] = {
     "mjx": mjx_files,
     "jax": jax_files,
 }
-"""What makes the files, by the name that `famjax export --to` takes."""
+"""Functions that create the files, by the name for `famjax export --to`."""
 
 
 def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path]:
-    """Write a muscle for each target; all files or none.
+    """Export a muscle to several targets; all files are written or none.
 
     Args:
         subject: the muscle, see `read_subject` and `Subject.of_card`.
-        to: names of `TARGETS`.
-        folder: where the files go, created if missing.
+        to: names in `TARGETS`.
+        folder: folder for the files, created if missing.
 
     Returns:
-        The files.
+        Paths of the files.
 
     Raises:
-        InputError: no such target, or what cannot be exported to one, and why.
+        InputError: a target is unknown, or the muscle cannot be exported to it.
     """
     unknown = [name for name in to if name not in TARGETS]
     if unknown or not to:
         raise InputError(
-            f"a muscle is exported to {', '.join(TARGETS)}; got {unknown[0] if unknown else 'none'}"
+            f"the target must be one of {', '.join(TARGETS)}; got {unknown[0] if unknown else 'none'}"
         )
     check_output(Path(folder))
     files: Files = {}
@@ -214,7 +214,7 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
 
 
 def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Axes and tables, with lines on them; how far a straight line between entries is off."""
+    """Return axes, tables and header lines, with the error of linear interpolation."""
     pull = subject.pull
     (short, long), (first, last) = pull.stops, (pull.lengths[0], pull.lengths[-1])
     L = np.linspace(first + _BEYOND * (short - first), last + _BEYOND * (long - last), _LENGTHS)
@@ -227,15 +227,15 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
     true = asked(pull.force, 0.5 * (L[1:] + L[:-1]), 0.5 * (P[1:] + P[:-1]))
     straight = 0.25 * (force[1:, 1:] + force[:-1, 1:] + force[1:, :-1] + force[:-1, :-1])
     off = np.abs(straight - true) / subject.errors.largest_force
-    # A cell that slack ends in holds a bend, and the least of its corners is slack.
+    # A cell at the slack boundary contains a bend, and its smallest corner is slack.
     corners = np.minimum(force[:-1, :-1], force[1:, :-1])  # the force rises with the pressure
     taut = corners > pull.slack_width
     about = [
         *subject.about_table,
-        f"bilinear interpolation between its entries is off by {off[taut].max():.1e} of the largest "
-        f"force, by {off.max():.1e} where the muscle goes slack",
-        "model_force_N is what the model says, not cut at zero: below zero where the muscle is slack",
-        "beyond its ends nothing stops the muscle: extend it by the exported C or MATLAB functions",
+        f"errors of bilinear interpolation are below {off[taut].max():.1e} of the largest "
+        f"force, and below {off.max():.1e} where the muscle goes slack",
+        "model_force_N is the model force without clipping: negative where the muscle is slack",
+        "nothing stops the muscle outside the grid: use the exported C or MATLAB functions there",
     ]
     grid = {
         "length_m": L, "pressure_Pa": P, "force_N": force,
@@ -246,40 +246,33 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
 
 
 def _words(subject: Subject, comment: str, number: str, *, end: str = "") -> dict[str, Any]:
-    """Values of the words that templates of a table share.
+    """Return the substitutions shared by all templates of a table.
 
     Args:
         subject: the muscle.
-        comment: that a line of the heading begins with.
-        number: form of a number of the table, such as `R({})`.
-        end: of each line of numbers but the last.
+        comment: prefix of each heading line.
+        number: format of a number, such as `R({})`.
+        end: continuation after each line of numbers but the last.
     """
     table, pull = subject.table, subject.pull
     lines = functools.partial(numbers_in_lines, number=number, end=end)
-    # No comment of C begins or ends in the heading.
+    # Prevent the heading from opening or closing a C comment.
     about = [
         line.replace("/*", "/ *").replace("*/", "* /").replace("\\", "/")
         for line in subject.about_table
     ]
-    return {
-        "name": subject.identifier,
-        "NAME": subject.identifier.upper(),
-        "HEADING": "\n".join(f"{comment} {line}" for line in about),
-        "LENGTHS": len(pull.lengths),
-        "PRESSURES": len(pull.pressures),
-        "LENGTH_NODES": lines(pull.lengths),
-        "PRESSURE_NODES": lines(pull.pressures),
-        "NODES": lines(itertools.chain(*itertools.chain(*pull.rows))),
-        "SHORTEST": pull.lengths[0],
-        "LONGEST": pull.lengths[-1],
-        "LOWEST": pull.pressures[0],
-        "HIGHEST": pull.pressures[-1],
-        "LIMIT": pull.pressure_limit,
-        "STOP_SHORT": pull.stops[0],
-        "STOP_LONG": pull.stops[1],
-        "STOP_STIFFNESS": pull.stop[0],
-        "STOP_ONSET": pull.stop[1],
+    limits = {
+        "SHORTEST": pull.lengths[0], "LONGEST": pull.lengths[-1], "LOWEST": pull.pressures[0],
+        "HIGHEST": pull.pressures[-1], "LIMIT": pull.pressure_limit, "STOP_SHORT": pull.stops[0],
+        "STOP_LONG": pull.stops[1], "STOP_STIFFNESS": pull.stop[0], "STOP_ONSET": pull.stop[1],
         "SLACK": pull.slack_width,
+    }  # fmt: skip
+    return {
+        "name": subject.identifier, "NAME": subject.identifier.upper(),
+        "HEADING": "\n".join(f"{comment} {line}" for line in about),
+        "LENGTHS": len(pull.lengths), "LENGTH_NODES": lines(pull.lengths),
+        "PRESSURES": len(pull.pressures), "PRESSURE_NODES": lines(pull.pressures),
+        "NODES": lines(itertools.chain(*itertools.chain(*pull.rows))), **limits,
         **{f"LENGTH_END_{k}": one for k, one in enumerate(table["length_ends_per_m"])},
         **{f"PRESSURE_END_{k}": one for k, one in enumerate(table["pressure_ends_per_Pa"])},
-    }
+    }  # fmt: skip

@@ -222,10 +222,10 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
             ("set", "P_set [kPa]", "is a set point or command.*--column pressure="),
             ("commanded", "Commanded Pressure (psi)", "is a set point or command"),
             ("Soll", "Solldruck [kPa]", "is a set point or command"),
-            ("atmosphere", "Atmospheric pressure (hPa)", "is that of the atmosphere"),
-            ("Luftdruck", "Luftdruck [mbar]", "is that of the atmosphere"),
-            ("supply", "Supply pressure (bar)", "is that of the supply"),
-            ("regulator", "Regulator P (kPa)", "is that of the supply"),
+            ("atmosphere", "Atmospheric pressure (hPa)", "is an ambient value"),
+            ("Luftdruck", "Luftdruck [mbar]", "is an ambient value"),
+            ("supply", "Supply pressure (bar)", "is a supply value"),
+            ("regulator", "Regulator P (kPa)", "is a supply value"),
             ("maximum", "Max. pressure (kPa)", "is a limit"),
             ("error", "Pressure error (kPa)", "is an error or difference"),
             ("absolute", "Absolute pressure (kPa)", "is an absolute pressure.*--column atmosphere="),
@@ -234,7 +234,7 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
             ("no unit", "Pressure", r"has no unit.*--column pressure=\"Pressure \[Pa\]\""),
             ("formula", "2 Pressure (kPa)", "may be it, or not.*--column pressure="),
             ("multiple", "Pressure*10 (kPa)", "may be it, or not.*--column pressure="),
-            ("word that is not known", "Header2 tap pressure (kPa)", "is that of the supply|may be it, or not"),
+            ("word that is not known", "Header2 tap pressure (kPa)", "is a supply value|may be it, or not"),
             ("milli or mega", "pressure_mPa", "unknown unit 'mPa'"),
         )
     },
@@ -250,7 +250,7 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
     "map: two loads": (read_csv, "Pressure (kPa),Length (mm),Load 1 (N),Load 2 (N)\n" + rows("{0},{1},{2},{2}"),
                        r"2 columns for force .*--column force="),
     "map: begins at the atmosphere": (read_csv, "Pressure (psi),Length (mm),Force (N)\n14.69,250,1\n30.1,250,90\n45,250,150\n",
-                                      "begins at the atmosphere"),
+                                      "begins at atmospheric pressure"),
     "map: mixed signs": (read_csv, "Pressure (kPa);Length (mm);Force (N)\n100.5;250;1,5\n200;250;3\n", "--column decimal=,"),
     "map: 1,234": (read_csv, "Pressure (kPa);Length (mm);Force (N)\n100;250;1,234\n200;250;2,345\n", "--column decimal=,"),
     "map: commas between commas": (read_csv, "Pressure (kPa),Length (mm),Force (N)\n100,5,250,0,30,5\n200,5,250,0,41,5\n",
@@ -265,7 +265,7 @@ REFUSED: dict[str, tuple[Callable[..., object], object, str]] = {
     "map: a bomb": (read_csv, bomb, "unpacks to 600 MB"),
     "map: a sheet that reaches far": (read_csv, far, "reaches too far"),
     "map: entities": (read_csv, lambda: workbook(SHEET, declared="<!DOCTYPE x>"), "defines entities"),
-    "map: no workbook": (read_csv, b"PK\x03\x04" + bytes(200), "is no workbook"),
+    "map: no workbook": (read_csv, b"PK\x03\x04" + bytes(200), "is not a readable workbook"),
     "log: time stands": (read_machine_log, HEAD + "".join(f"{k // 4},{k},{k}.5\n" for k in range(24)), "does not advance"),
     "log: hh:mm": (read_machine_log, "Time,Position (mm),Load (N)\n" + "".join(
         f"10:{k // 30:02d},{k},{k}.5\n" for k in range(60)), "does not advance.*with seconds"),
@@ -308,5 +308,5 @@ def test_what_was_taken_is_one_line_or_a_table(tmp_path):
     table = read_table(
         written(MAPS["extra columns"][0], tmp_path), ("force", "pressure", "length")
     ).said()
-    assert "left aside   'No', 'Temp (°C)'" in table
+    assert "ignored      'No', 'Temp (°C)'" in table
     assert len(table.splitlines()) == 5

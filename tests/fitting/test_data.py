@@ -67,7 +67,7 @@ def test_specimen_lines_and_overrides(map_file):
         ("length_mm,", "", "line 2 has 3 numbers under 2 names"),
         ("length_mm", "force_kN", "2 columns for force .force_kN, force_N.: say which, --column force="),
         ("100,300,", "100,300mm,", "row 2: length is '300mm', not a number"),
-        ("100,300,", "100,,", "row 2: length is missing; take the row out, or write what was read"),
+        ("100,300,", "100,,", "row 2: length is missing; remove the row, or write the reading"),
         ("100,300,", "100,nan,", "row 2: length is nan; every value must be finite"),
         ("100,300,", "inf,300,", "row 2: pressure is inf"),
         ("100,300,", "-5,300,", "pressure .gauge.* must be >= 0; reading 1 has -5000 "),
@@ -118,7 +118,7 @@ def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
     with pytest.raises(InputError, match=r"got 100: put percent"):
         read_csv(path, {"rest_length": 0.3})
     path.write_text("force_N,pressure_kPa,contraction,length_mm\n10,100,0.1,1\n")
-    with pytest.raises(InputError, match="'length' and 'contraction' say the same"):
+    with pytest.raises(InputError, match="'length' and 'contraction' are redundant"):
         read_csv(path)
 
 

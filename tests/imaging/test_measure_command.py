@@ -112,7 +112,7 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
         ([*SCALED, "--log", "NO"], "no such file"),
         ([*LOGGED, "displacement=no"], "no column, or more than one, has that name"),
         ([*LOGGED, "displacement=1 [psi]"], "unknown unit 'psi'"),
-        ([*LOGGED, "force"], "must read name=value"),
+        ([*LOGGED, "force"], "must have the form name=value"),
         (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
         ([*SCALED, "--ruler-placement", "0.01in"], "there is no ruler"),

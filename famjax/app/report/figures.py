@@ -1,4 +1,4 @@
-"""The figures of the report: each function draws one with its caption, or returns None."""
+"""Figures of the report: each function draws one with its caption, or returns None."""
 
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from ..evaluation import CYLINDER, PICTURES, shown_pictures
 from .source import COLOURS, DASHES, KINDS, MINUS, FittedGeometry, Source
 
 Drawn = tuple[Figure, str] | None
-"""A figure and its caption; None where the folder lacks what it shows."""
+"""A figure and its caption; None if the folder lacks the data."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 8, "axes.labelsize": 8, "axes.titlesize": 8, "xtick.labelsize": 7,
@@ -27,16 +27,16 @@ STYLE: dict[Any, Any] = {
 }  # fmt: skip
 _BAND = (0.025, 0.975)
 _POINTS = 25
-"""Contractions at which the error band is computed."""
+"""Number of contractions at which the error band is computed."""
 _PROFILES = 5
-_HEIGHT = 480  # px, of the tallest photograph as it is shown
+_HEIGHT = 480  # px, of the tallest photograph as shown
 _BEYOND = 1.25
-"""The law is drawn to this multiple of the strains that were visited."""
+"""The law is drawn to this multiple of the strains reached."""
 _CONTRACTION = "contraction $(L_0 - L)/L_0$"
 
 
 def actuation(source: Source) -> Drawn:
-    """Isobars with readings, model and band, and the residuals."""
+    """Plot isobars with readings, model, band and residuals."""
     fit, data, rest = source.best, source.data, source.sheet.specimen.rest_length
     levels = np.unique(data.pressures.level[data.loaded])
     lengths = np.linspace(float(fit.data.length.max()), float(fit.data.length.min()), _POINTS)
@@ -68,15 +68,15 @@ def actuation(source: Source) -> Drawn:
     left.set(xlabel=_CONTRACTION, ylabel=f"force $F$ [{unit}]", ylim=(0, None))
     right.set(xlabel=_CONTRACTION, ylabel=f"model {MINUS} measured [{unit}]")
     return figure, (
-        f"Left: force against contraction at the gauge pressures beside the curves "
-        f"[{source.unit('pressure')}]. Circles are measured (mean of both branches); lines are the model "
-        f"with the {fit.title}; shaded bands hold 95 % of single readings. Right: residuals, model minus "
-        f"measured, with the band at {source.pressure(levels[middle])}."
+        f"Left: force against contraction; labels give the gauge pressure [{source.unit('pressure')}]. "
+        f"Circles are measurements (mean of both branches), lines the model with the {fit.title}; shaded "
+        "bands contain 95 % of single readings. Right: residuals, model minus measured, with the band at "
+        f"{source.pressure(levels[middle])}."
     )
 
 
 def photographs(source: Source) -> Drawn:
-    """Three photographs with the measured outlines, at the smallest, middle and largest contraction."""
+    """Show three photographs with measured outlines, at smallest, middle and largest contraction."""
     given, pictures = source.sheet.photographs, source.pictures
     if given is None or pictures is None:
         return None
@@ -84,7 +84,7 @@ def photographs(source: Source) -> Drawn:
 
     from imaging import draw_overlay, measure, read_image, read_recipe
 
-    recipe = read_recipe(source.results / PICTURES / "recipe.toml")
+    recipe = read_recipe(source.sheet.results / PICTURES / "recipe.toml")
     files = {path.name: path for path in shown_pictures(source.sheet, given)}
     off = np.abs(pictures.pressure[:, None] - source.pressures)
     near = np.flatnonzero(np.isfinite(off).all(axis=1) & (off.argmin(axis=1) == source.middle))
@@ -93,10 +93,9 @@ def photographs(source: Source) -> Drawn:
     shown = []
     for k in ordered[sorted({0, ordered.size // 2, ordered.size - 1})]:
         image = read_image(files[Path(pictures.names[k]).name])
+        outline = measure(image, recipe).trace
         drawn = draw_overlay(
-            image,
-            measure(image, recipe).trace,
-            thickness=max(2, round(2 * max(image.shape) / _HEIGHT)),
+            image, outline, thickness=max(2, round(2 * max(image.shape) / _HEIGHT))
         )
         small = Image.fromarray(drawn)
         small.thumbnail((2 * _HEIGHT, _HEIGHT))
@@ -110,13 +109,14 @@ def photographs(source: Source) -> Drawn:
         one.set_title(f"{abs(contraction):.3f}")
         one.set_axis_off()
     return figure, (
-        f"Photographs near {source.pressure(source.pressures[source.middle])}, with the contraction above "
-        "each. The measured outline is red, the edges of the end tapes yellow, the mid-line cyan."
+        f"Photographs near {source.pressure(source.pressures[source.middle])}; titles give the "
+        "contraction. The measured outline is red, the edges of the end tapes are yellow, the midline "
+        "is cyan."
     )
 
 
 def shape(source: Source) -> Drawn:
-    """Profiles at five contractions, mean and middle diameter against contraction."""
+    """Plot profiles at five contractions, and mean and middle diameter against contraction."""
     surface, pictures = source.surface, source.pictures
     if surface is None or pictures is None:
         return None
@@ -156,14 +156,14 @@ def shape(source: Source) -> Drawn:
     left.legend(title="contraction")
     right.legend()
     return figure, (
-        "The shape. Circles are pictures; lines are the measured surface with its 95 % band. Left: braid "
-        "diameter along the axis. Right: mean diameter, middle diameter, and the cylinder that was "
-        "identified from the force."
+        "Measured shape. Circles are pictures; lines are the fitted surface with its 95 % band. Left: "
+        "braid diameter along the axis. Right: mean and middle diameter, and the cylinder identified from "
+        "the force."
     )
 
 
 def strains(source: Source) -> Drawn:
-    """Hoop and axial strain of the bladder and its wall, by geometry."""
+    """Plot hoop strain, axial strain and wall thickness of the bladder by geometry."""
     figure, several = _axes(3)
     labels = {
         "mean_hoop_strain": r"mean hoop strain $\varepsilon_c$",
@@ -180,14 +180,14 @@ def strains(source: Source) -> Drawn:
     several[0].legend()
     named = "; ".join(f"{fit.short} = {fit.title}" for fit in source.fits.values())
     return figure, (
-        f"Strains and wall of the bladder at {source.pressure(source.pressures[source.middle])}. Axial "
-        "strain is that of the arc length where the shape is measured, of the length in cylinders. "
-        f"Geometries: {named}."
+        "Bladder strains and wall thickness at "
+        f"{source.pressure(source.pressures[source.middle])}. The axial strain uses the arc length of "
+        f"measured shapes and the length of cylinders. Geometries: {named}."
     )
 
 
 def law(source: Source) -> Drawn:
-    """The law of each geometry with the strains visited, and the stresses in the wall."""
+    """Plot the law of each geometry with the strains reached, and the stresses in the wall."""
     figure, (left, right) = _axes(2)
     best, k = source.best, source.middle
     low, high = _visited(best)
@@ -213,14 +213,14 @@ def law(source: Source) -> Drawn:
     left.legend(frameon=True, framealpha=1)
     right.legend()
     return figure, (
-        f"Left: the bladder law, true stress against engineering strain; dotted where it falls, and so is "
-        f"not stable by itself. The strains visited by the {best.title} are shaded. Right: axial means of "
-        f"the stresses in the wall at {source.pressure(source.pressures[k])}, {best.title}."
+        "Left: bladder law, true stress against engineering strain; dotted where stress falls with strain, "
+        f"which is unstable by itself. Shading marks the strains reached ({best.title}). Right: axial "
+        f"means of the wall stresses at {source.pressure(source.pressures[k])} ({best.title})."
     )
 
 
 def parts(source: Source) -> Drawn:
-    """The parts of the force against contraction at one pressure, by geometry."""
+    """Plot the parts of the force against contraction at one pressure, by geometry."""
     k, unit = source.middle, source.unit("force")
     pressure = source.pressures[k]
     near = np.isclose(source.data.pressures.level, pressure, rtol=0.02) & source.data.loaded
@@ -239,12 +239,12 @@ def parts(source: Source) -> Drawn:
     many[0].set(ylabel=f"force $F$ [{unit}]")
     figure.legend(*many[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure, (
-        f"Parts of the force at {source.pressure(pressure)} by geometry; circles are measured."
+        f"Parts of the force at {source.pressure(pressure)} by geometry; circles are measurements."
     )
 
 
 def by_pressure(source: Source) -> Drawn:
-    """Blocked force, free contraction and RMSE by pressure and geometry."""
+    """Plot blocked force, free contraction and RMSE by pressure and geometry."""
     figure, several = _axes(3)
     pressure, force = source.unit("pressure"), source.unit("force")
     P = source.scaled(source.pressures, "pressure")
@@ -269,12 +269,12 @@ def by_pressure(source: Source) -> Drawn:
     several[0].legend()
     return figure, (
         "Blocked force, free contraction and RMSE of the force by pressure and geometry. Circles are "
-        "measured, where the test reached them; dotted lines are pressures left out of the fit."
+        "measurements, where the test reached them; dotted lines are errors at held-out pressures."
     )
 
 
 def work(source: Source) -> Drawn:
-    """Where the work of each stroke goes, by pressure and geometry."""
+    """Plot the work budget of each stroke by pressure and geometry."""
     figure, (left, efficiency, density) = _axes(3)
     P = source.scaled(source.pressures, "pressure")
     for name, fit in source.fits.items():
@@ -292,17 +292,17 @@ def work(source: Source) -> Drawn:
     left.legend()
     return figure, (
         "Work from rest to the end of each stroke. Left over is the fluid's work that neither the load "
-        "nor the bladder received; below zero, the force does work that nothing supplies. Efficiency is "
-        "the work on the load over the fluid's."
+        "nor the bladder receives; a negative value means that the force model creates work. Efficiency "
+        "is the work on the load divided by the work of the fluid."
     )
 
 
 FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure, work)
-"""In the order of the page; the first stands in its summary."""
+"""All figures in page order; the first is part of the summary."""
 
 
 def by_level(fit: FittedGeometry) -> dict[float, tuple[float, float, float]]:
-    """By pressure level [Pa]: RMSE and largest error in sample, RMSE while it was left out [N], or nan."""
+    """Return, by pressure level [Pa], RMSE and largest error in sample and held-out RMSE [N], or nan."""
     out = fit.saved.document.get("leave_one_pressure_out") or {"left_out": [], "group_rmse_N": []}
     found = {}
     for level in np.unique(fit.levels).tolist():
@@ -318,13 +318,13 @@ def by_level(fit: FittedGeometry) -> dict[float, tuple[float, float, float]]:
 
 
 def _visited(fit: FittedGeometry) -> tuple[float, float]:
-    """Lowest and highest strain of the bladder over the stroke, axial and hoop."""
+    """Return the lowest and highest bladder strain over the stroke, axial and hoop."""
     low, high = fit.states.axial_strain.min(), fit.states.most_hoop_strain.max()
     return min(0.0, float(low)), float(high)
 
 
 def _axes(count: int, *, share: bool = False) -> tuple[Figure, list[Axes]]:
-    """A row of axes as wide as the page."""
+    """Create a row of axes across the page."""
     figure = Figure(figsize=(9, 3.1 if count < 3 else 2.6), layout="constrained")
     return figure, list(figure.subplots(1, count, squeeze=False, sharey=share)[0])
 
@@ -334,5 +334,5 @@ def _points(axes: Axes, x: NDArray[Any], y: NDArray[Any], colour: Any) -> None:
 
 
 def _shades(count: int) -> list[tuple[float, ...]]:
-    """Colours of ordered curves, such as isobars, from dark to light, all dark enough for white paper."""
+    """Return dark-to-light colours for ordered curves, all dark enough for white paper."""
     return [tuple(mpl.colormaps["viridis"](at)[:3]) for at in np.linspace(0.0, 0.72, count)]

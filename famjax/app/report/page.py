@@ -25,11 +25,11 @@ from .figures import FIGURES, STYLE, by_level
 from .source import KINDS, Source, read_source
 
 _UNITS = {"Pa": "stress", "m": "length", "rad": "angle", "": "number"}
-"""Kind of an identified number, by its SI unit."""
+"""Kind of an identified parameter, by its SI unit."""
 
 
 def tables(source: Source) -> dict[str, str]:
-    """The tables by file name, as CSV; unknown values are empty."""
+    """Return the tables as CSV by file name; unknown values are empty."""
     found = {
         "states": pd.concat([_states(source, name) for name in source.fits]),
         "readings": _readings(source),
@@ -46,7 +46,7 @@ def tables(source: Source) -> dict[str, str]:
 
 
 def _table(source: Source, kinds: dict[str, str], columns: dict[str, Any]) -> pd.DataFrame:
-    """Columns in SI in the report's units, the unit in each name; those without a kind as they are."""
+    """Convert columns from SI to the report's units and add the unit to each name."""
     found = pd.DataFrame(columns)
     for name, kind in kinds.items():
         found[name] = source.scaled(found[name].astype(float), kind)
@@ -55,7 +55,7 @@ def _table(source: Source, kinds: dict[str, str], columns: dict[str, Any]) -> pd
 
 
 def _states(source: Source, name: str) -> pd.DataFrame:
-    """The states of a model over contraction, at every pressure."""
+    """Tabulate the states of a model over contraction at every pressure."""
     of = source.fits[name].states
     columns = xarray.merge([of[[*KINDS]], of.terms.to_dataset("term")]).to_dataframe().reset_index()
     columns.columns = [one.replace(", ", " ").replace(" ", "_") for one in columns.columns]
@@ -64,7 +64,7 @@ def _states(source: Source, name: str) -> pd.DataFrame:
 
 
 def _readings(source: Source) -> pd.DataFrame:
-    """The loaded readings, with the model's force, its 95 % band and the residuals."""
+    """Tabulate the loaded readings with the model's force, its 95 % band and the residuals."""
     fit = source.best
     data, pulls = fit.data, np.flatnonzero(fit.data.loaded)
     found = static_rows(fit.saved, data.length[pulls], data.pressure[pulls])
@@ -79,7 +79,7 @@ def _readings(source: Source) -> pd.DataFrame:
 
 
 def _parameters(source: Source) -> pd.DataFrame:
-    """The identified parameters of each geometry, with standard errors by source."""
+    """Tabulate the identified parameters of each geometry, with standard errors by source."""
     rows = []
     for fit in source.fits.values():
         of, entries = fit.figures, fit.saved.document["parameters"]
@@ -100,14 +100,14 @@ def _parameters(source: Source) -> pd.DataFrame:
 
 
 def parameter_kind(source: Source, name: str) -> str:
-    """Kind of quantity of an identified number."""
+    """Return the kind of quantity of an identified parameter."""
     entries = [fit.saved.document["parameters"].get(name) for fit in source.fits.values()]
     unit = next((str(one["unit"]) for one in entries if one is not None), "")
     return "pressure" if unit == "Pa" and name.endswith("pressure") else _UNITS.get(unit, unit)
 
 
 def _errors(source: Source, name: str) -> pd.DataFrame:
-    """RMSE and largest error of a geometry, over all and at each pressure, and while left out."""
+    """Tabulate RMSE and largest error of a geometry, overall, by pressure and held-out."""
     of, kinds = source.fits[name].figures, ("rmse", "largest", "rmse_left_out")
     every = (of["rmse_N"], of["largest_N"], of.get("left_out_pressure_N"))
     levels = by_level(source.fits[name])
@@ -118,7 +118,7 @@ def _errors(source: Source, name: str) -> pd.DataFrame:
 
 
 def _pressures(source: Source) -> pd.DataFrame:
-    """Blocked force and free contraction by pressure: measured, and of each geometry."""
+    """Tabulate blocked force and free contraction by pressure: measured and modelled."""
     seen = source.isobars or [{}] * source.pressures.size
     columns: dict[str, Any] = {"pressure": source.pressures}
     for name, of in {"": None, **{f"_{k}": fit.states for k, fit in source.fits.items()}}.items():
@@ -130,7 +130,7 @@ def _pressures(source: Source) -> pd.DataFrame:
 
 
 def _work(source: Source, name: str) -> pd.DataFrame:
-    """The work of a geometry's stroke, by pressure."""
+    """Tabulate the work of a geometry's stroke by pressure."""
     work = source.fits[name].work
     energies = {f"{one}_J": getattr(work, one) for one in ("load", "fluid", "stored", "left_over")}
     columns = {**energies, "efficiency": work.efficiency, "work_per_volume_J_m3": work.density}
@@ -140,12 +140,11 @@ def _work(source: Source, name: str) -> pd.DataFrame:
 
 
 def _checks(source: Source) -> pd.DataFrame:
-    """What two sources say of one thing."""
     header = ["what", "expected", "found", "verdict", "what_to_do"]
     rows = [
         (one.what, one.range, one.value, one.verdict, one.say if one.verdict != AGREES else "")
-        for place in source.steps for one in read_checks(place)
-    ]  # fmt: skip
+        for one in read_checks(*source.steps)
+    ]
     return pd.DataFrame(rows, columns=header)
 
 
@@ -153,15 +152,15 @@ FIRST_RUN = "first-run.json"
 PAGE, FIGURE_FILES, TABLE_FILES = "report.html", "figures", "tables"
 INPUTS, UNKNOWN = "inputs.sha256", "unknown.json"
 """Names in the step's folder."""
-_SAME = 1e-6  # of the RMSE
+_SAME = 1e-6  # relative tolerance of the RMSE
 _OPTION = re.compile(r"\(--specimen ([a-z_]+=)\.\.\.(?:, or embedded=false)?\)")
 _FURTHER = ("scipy", "matplotlib", "opencv-python-headless", "pillow")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
-"""Identified numbers of the geometry, the first of which the summary shows."""
+"""Parameters of the geometry; the summary shows the first that was identified."""
 
 
 def first_run(results: Path, now: Origin) -> Origin:
-    """When the folder was first evaluated, and by which command: the date of all its files."""
+    """Return date and command of the folder's first evaluation, used for all its files."""
     path = results / FIRST_RUN
     if not path.exists():
         write_all(results, {FIRST_RUN: (json.dumps(now.as_dict()) + "\n").encode()})
@@ -171,7 +170,7 @@ def first_run(results: Path, now: Origin) -> Origin:
 def report_step(
     sheet: Sheet, steps: Sequence[FolderStep], *, origin: Origin, system: str
 ) -> FolderStep:
-    """The step that writes the report of the steps before it."""
+    """Return the step that writes the report on the steps before it."""
     names = [step.name for step in steps]
 
     def run(place: Path) -> None:
@@ -198,7 +197,7 @@ def _write(source: Source, origin: Origin, place: Path) -> None:
         good=source.best.saved.document.get("verdict") != "not identified",
         summary=_summary(source),
         numbers=five_numbers(source).html(1),
-        next=[text_in_units(one, system) for one in (*lacking, *doubts(source.steps))],
+        next=[text_in_units(one, system) for one in (*lacking, *doubts(*source.steps))],
         first=shown[0], figures=shown[1:],
         tables=[one.html(k) for k, one in enumerate(_tables(source), start=2)],
         notes=[*dict.fromkeys(text_in_units(one, system) for one in _notes(source))],
@@ -217,13 +216,13 @@ def _write(source: Source, origin: Origin, place: Path) -> None:
 
 
 def _drawn(source: Source) -> list[tuple[str, str, str]]:
-    """Name, SVG file and caption of every figure that the folder has."""
+    """Draw every figure that the folder has data for: name, SVG file and caption."""
     found = []
     with mpl.rc_context(STYLE):
         for draw in FIGURES:
             if (drawn := draw(source)) is not None:
                 found.append((draw.__name__.replace("_", "-"), as_svg(drawn[0]), drawn[1]))
-    test = source.results / RECORDS / "characterisation.svg"
+    test = source.sheet.results / RECORDS / "characterisation.svg"
     if test.exists():
         caption = (
             "The test. Left: force against contraction at each set pressure; shortening is solid, "
@@ -234,14 +233,11 @@ def _drawn(source: Source) -> list[tuple[str, str, str]]:
 
 
 def _summary(source: Source) -> str:
-    """The page in two sentences."""
+    """Summarise the page in two sentences."""
     fit, unit = source.best.figures, source.unit("force")
     rmse, most = fit["rmse_N"], fit["largest_force_N"]
-    of = (
-        ""
-        if source.shape is None
-        else f" The shape is from {source.shape['pictures']} photographs."
-    )
+    shape = source.shape
+    of = f" The shape comes from {shape['pictures']} photographs." if shape else ""
     return (
         f"The model fits the force within {source.number(rmse, 'force', 3)} {unit} RMS, "
         f"{100 * rmse / most:.2g} % of the largest force, {source.number(most, 'force')} {unit}.{of}"
@@ -249,10 +245,10 @@ def _summary(source: Source) -> str:
 
 
 def _verdict(source: Source) -> str:
-    """The verdict on the fit that the page shows, its gravest reason, and the cross-checks."""
+    """State the verdict on the displayed fit, its main reason, and the cross-checks."""
     document = source.best.saved.document
     level, reasons = document.get("verdict") or "not judged", document.get("reasons") or []
-    checks = [one.verdict == AGREES for place in source.steps for one in read_checks(place)]
+    checks = [one.verdict == AGREES for one in read_checks(*source.steps)]
     agreeing = f" {sum(checks)} of {len(checks)} cross-checks agree." if checks else ""
     return (
         f"{level.capitalize()}{f': {reasons[0]}' if reasons else '.'} This report shows the "
@@ -261,7 +257,7 @@ def _verdict(source: Source) -> str:
 
 
 def five_numbers(source: Source) -> PageTable:
-    """The five main figures of a muscle, each with its standard error."""
+    """Tabulate the five main figures of the muscle, each with its standard error."""
     fit, pressure = source.best, float(source.pressures[-1])
     states, of = fit.states.isel(pressure=-1), fit.figures
     rest = float(source.sheet.specimen.rest_length)
@@ -286,18 +282,18 @@ def five_numbers(source: Source) -> PageTable:
         for what, value, error, kind in rows
         if value is not None and np.isfinite(value)
     ]
-    # The error on readings left out stands for that in sample where both would be a sixth number.
+    # With six numbers, the held-out RMSE replaces the one in sample.
     del kept[2 : 2 + max(len(kept) - 5, 0)]
     return PageTable(
         f"The muscle in five numbers, {fit.title}. Force and contraction are at "
-        f"{source.pressure(pressure)}; each pressure in turn was left out.",
+        f"{source.pressure(pressure)}; the held-out RMSE leaves out each pressure in turn.",
         ("quantity", "value", "standard error", "unit"),
         kept,
     )
 
 
 def _tables(source: Source) -> list[PageTable]:
-    """Errors by geometry, and the cross-checks."""
+    """Tabulate the errors by geometry and the cross-checks."""
     rows = []
     for fit in source.fits.values():
         of = fit.figures
@@ -316,7 +312,7 @@ def _tables(source: Source) -> list[PageTable]:
 
 
 def _notes(source: Source) -> list[str]:
-    """What a reader must know of fit, test, shape and readings."""
+    """Collect the notes on fit, test, shape and readings."""
     of_shape = source.shape["notes"] if source.shape else []
     of_fit = source.best.saved.document["warnings"]
     found = [*source.test.get("notes", []), *of_shape, *source.data.notes, *of_fit]
@@ -324,31 +320,31 @@ def _notes(source: Source) -> list[str]:
     known = [one.figures["rmse_N"] for one in fits if one is not None]
     if len(known) > 1 and abs(known[0] - known[1]) <= _SAME * known[0]:
         found.append(
-            "Cylinder and elastic cylinder are the same here: braid_compliance, the stretch of the "
-            "threads, is 0, its lower bound. The force of this test shows no stretch of the threads."
+            "Cylinder and elastic cylinder are identical here: braid_compliance, the stretch of the "
+            "threads, is at its lower bound of 0. The force of this test shows no stretch of the threads."
         )
-    # A force map advises an option of `famjax fit`; here the same stands in the sheet.
+    # The map's notes name an option of `famjax fit`; here the sheet has an entry for it.
     return [_OPTION.sub(rf"(\1 in [specimen] of {SHEET})", one) for one in found]
 
 
 def _unknown(source: Source) -> list[str]:
-    """What the folder lacks, and what is therefore not known."""
+    """List what the folder lacks and what is unknown as a result."""
     sheet, pictured = source.sheet, PICTURES in source.names
     map_alone, failed = sheet.records.force_map is not None, _failed_pictures(source)
     ruled = sheet.photographs is None or sheet.photographs.ruler is not None
     sentences = {
-        "There are no photographs. The shape is a cylinder; its diameter and angle are identified from "
+        "There are no photographs. The model is a cylinder whose diameter and angle are identified from "
         "the force, and no strain was measured.": not pictured,
-        "There is a force map and no record of the test. Hysteresis, held pressure, and the measured "
-        "blocked force and free contraction are not known.": map_alone,
-        "The photographs have no log beside them. Force and pressure at each are not known, clock and "
-        "scale are not checked, and the shape is taken as one at all pressures.": pictured and map_alone,
-        "There is no photograph of a ruler. All lengths and diameters depend on the scale as stated.":
+        "There is a force map and no journal of the test. Hysteresis, pressure error, and the measured "
+        "blocked force and free contraction are unknown.": map_alone,
+        "The photographs have no machine log. Their forces and pressures are unknown, clock and scale "
+        "are unchecked, and one shape is assumed for all pressures.": pictured and map_alone,
+        "There is no photograph of a ruler. All lengths and diameters depend on the stated scale.":
             not ruled,
-        "The bladder's diameter at rest is not stated. It is assumed to fill the braid, which sets its "
-        "strain.": pictured and sheet.specimen.bladder_diameter is None,
-        "The sheet states no calibration errors. Standard errors and bands hold scatter and shape "
-        "alone.": not sheet.errors.stated(),
+        "The bladder diameter at rest is not stated. The bladder is assumed to fill the braid, which "
+        "determines its strain.": pictured and sheet.specimen.bladder_diameter is None,
+        "The sheet states no calibration errors. Standard errors and bands include only scatter and shape "
+        "errors.": not sheet.errors.stated(),
         "The turns of the threads were not counted. They are identified from the force.":
             sheet.turns is None and pictured,
         f"{len(failed)} picture{'s' * (len(failed) != 1)} could not be measured: "
@@ -358,8 +354,8 @@ def _unknown(source: Source) -> list[str]:
 
 
 def _failed_pictures(source: Source) -> list[str]:
-    """Names of the photographs that could not be measured, with the reason."""
-    path = source.results / PICTURES / "measurements.csv"
+    """Name the photographs that could not be measured, with the reason."""
+    path = source.sheet.results / PICTURES / "measurements.csv"
     if not path.exists():
         return []
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
@@ -371,7 +367,7 @@ def _failed_pictures(source: Source) -> list[str]:
 
 
 def _inputs(sheet: Sheet) -> dict[str, str]:
-    """SHA-256 of every file of the folder that the evaluation reads, by its path in the folder."""
+    """Return the SHA-256 of every input file by its path in the folder."""
     records, photographs = sheet.records, sheet.photographs
     named = [records.journal, records.machine_log, records.force_map]
     pictures = []

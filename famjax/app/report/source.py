@@ -1,7 +1,6 @@
-"""Data of the report, read from the files of earlier steps, and the states of the models.
+"""Data of the report: files of earlier steps and states of the models.
 
-No equilibrium is solved for the states: the free contraction is where a spline through the forces
-falls to zero.
+No equilibrium is solved. The free contraction is where a spline through the forces falls to zero.
 """
 
 import dataclasses
@@ -35,36 +34,36 @@ from ..evaluation import (
     measured_surface,
     read_map,
 )
-from ..folder import RESULTS, Sheet
+from ..folder import Sheet
 
 PRESSURE = "pressure on the braid"
-"""Name of the part of the force that is the braid's, the first of all."""
+"""Name of the braid's part of the force, shown first."""
 KINDS = {
     "force": "force", "diameter": "length", "braid_angle": "angle", "thickness": "length",
     "volume": "volume", "axial_strain": "number", "mean_hoop_strain": "number",
     "most_hoop_strain": "number", "axial_stress": "stress", "hoop_stress": "stress",
 }  # fmt: skip
-"""Of the states of a muscle that have a column in the table."""
+"""State variables with a column in the table, and their kinds."""
 _RANGE = 129
-"""Lengths over the whole range of a geometry: a cubic spline through them repeats a force to 1e-7."""
+"""Lengths over the full range of a geometry: a cubic spline through them reproduces a force to 1e-7."""
 
 
 def states_of(
     muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, count: int
 ) -> xarray.Dataset:
-    """The states of a muscle in SI over its stroke at several pressures, by one compiled program.
+    """Compute the states of a muscle in SI over its stroke at several pressures.
 
     Args:
-        muscle: with a geometry and terms.
+        muscle: muscle with a geometry and terms.
         pressures: gauge pressures [Pa], shape (p,).
         shortest: length at the end of the stroke [m].
-        count: of lengths over the stroke.
+        count: number of lengths over the stroke.
 
     Returns:
-        By pressure and contraction the quantities of `KINDS`, nan where the geometry is not known: strains
-        and stresses are axial means but for `most_hoop_strain`; `terms` are the parts of the force by term.
-        By pressure: `blocked_force`, 0 where the muscle is slack; `free_contraction`, where the force
-        first falls to zero, nan where it does not, and `free_slope`, the force's there by contraction.
+        By pressure and contraction, the quantities of `KINDS`, nan where the geometry is unknown. Strains
+        and stresses are axial means, except `most_hoop_strain`. `terms` holds the force of each term.
+        By pressure, `blocked_force` (0 if slack), `free_contraction`, where the force first falls to
+        zero (nan if it does not), and `free_slope`, the derivative of force by contraction there.
     """
     rest = float(muscle.rest_length)
     ends = [float(end) for end in muscle.length_range()]
@@ -125,7 +124,7 @@ def _states(
 
 
 def _first_zero(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """The first contraction at which a cubic spline of the force falls to zero, and its slope there."""
+    """Return where a cubic spline of the force first falls to zero, and its slope there."""
     from scipy.interpolate import CubicSpline
 
     known = np.isfinite(force)
@@ -138,24 +137,24 @@ def _first_zero(contraction: np.ndarray, force: np.ndarray) -> tuple[float, floa
 
 
 COLOURS = dict(zip(GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True))
-"""Of the geometries in every chart; distinct without red or green as well."""
+"""Colours of the geometries in every chart; distinguishable with red-green blindness."""
 DASHES = dict(zip(GEOMETRIES, ("--", "--", "-.", "-", ":"), strict=True))
 MINUS = "\N{MINUS SIGN}"
 _STROKE = 41
-"""Lengths over the measured stroke at which the models are asked."""
+"""Number of lengths over the measured stroke at which the models are evaluated."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FittedGeometry:
-    """One geometry's fit.
+    """Fit of one geometry.
 
     Attributes:
-        name: of the geometry, and of its step.
+        name: name of the geometry and of its step.
         saved: the fit.
-        figures: of the step beside it: errors, values, errors of the shape.
-        data: the readings that it was given.
-        states: of the model, see `states_of`.
-        work: of the stroke at each pressure, from rest to the end or to where the pull ends.
+        figures: contents of the step's `figures.json`: errors, parameter values and their errors.
+        data: readings used in the fit.
+        states: states of the model, see `states_of`.
+        work: work of the stroke at each pressure, from rest to the end or to zero force.
     """
 
     name: str
@@ -167,17 +166,17 @@ class FittedGeometry:
 
     @property
     def title(self) -> str:
-        """What the geometry is."""
+        """Description of the geometry."""
         return GEOMETRIES[self.name]
 
     @property
     def short(self) -> str:
-        """Short title for legends and headers."""
+        """Short name for legends and headers."""
         return self.name.replace("-", " ")
 
     @property
     def residuals(self) -> np.ndarray:
-        """Model less measured [N] at the loaded readings."""
+        """Model minus measured force [N] at the loaded readings."""
         return self.saved.residuals
 
     @property
@@ -188,20 +187,20 @@ class FittedGeometry:
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """The contents of the folder and of its results.
+    """Contents of the folder and its results.
 
     Attributes:
-        sheet: of the folder.
-        system: of units.
-        names: of the steps.
-        data: the force map.
-        isobars: figures of the test by set pressure; () without its record.
-        test: all of `characterisation.json`, or {}.
-        fits: by geometry.
-        surface: through the photographs, or None.
-        pictures: that were measured, or None.
-        shape: all of `shape.json`, or None.
-        pressures: gauge pressures [Pa] that were held, ascending.
+        sheet: sheet of the folder.
+        system: unit system.
+        names: names of the steps.
+        data: force map.
+        isobars: figures of the test by set pressure; empty without a journal.
+        test: contents of `characterisation.json`, or {}.
+        fits: fits by geometry.
+        surface: surface through the photographs, or None.
+        pictures: measured pictures, or None.
+        shape: contents of `shape.json`, or None.
+        pressures: gauge pressures [Pa] held in the test, ascending.
     """
 
     sheet: Sheet
@@ -217,48 +216,43 @@ class Source:
     pressures: np.ndarray
 
     @property
-    def results(self) -> Path:
-        """The folder of the steps."""
-        return self.sheet.folder / RESULTS
-
-    @property
     def steps(self) -> list[Path]:
-        """The folder of every step."""
-        return [self.results / name for name in self.names]
+        """Folders of all steps."""
+        return [self.sheet.results / name for name in self.names]
 
     @property
     def best(self) -> FittedGeometry:
-        """The fit that the report shows: the one with the measured shape, if there is one."""
+        """The fit shown in the report: with the measured shape if there is one."""
         return self.fits[MEASURED if MEASURED in self.fits else CYLINDER]
 
     @property
     def middle(self) -> int:
-        """Index of the pressure at which curves over contraction are shown."""
+        """Index of the pressure for curves over contraction."""
         return len(self.pressures) // 2
 
     def unit(self, kind: str) -> str:
-        """Of the report, for a kind of quantity; a muscle's volume is shown in cm3, not mm3."""
+        """Return the report's unit for a kind of quantity; volumes use cm3, not mm3."""
         unit = unit_system(self.system)[kind]
         return "cm3" if unit == "mm3" else unit
 
     def scaled(self, value: Any, kind: str) -> Any:
-        """An SI value or array in the report's unit."""
+        """Convert an SI value or array to the report's unit."""
         return value / factor(self.unit(kind), kind)
 
     def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
-        """A number of the page; a dash if it is not known."""
+        """Format a number for the page; a dash if it is unknown."""
         if value is None or not np.isfinite(value):
             return "\N{EN DASH}"
         return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
 
     def pressure(self, value: float) -> str:
-        """A pressure with its unit."""
+        """Format a pressure with its unit."""
         return f"{self.number(value, 'pressure', 3)} {self.unit('pressure')}"
 
 
 def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
-    """Read everything for the report; each model is evaluated once."""
-    results, data, shown = sheet.folder / RESULTS, read_map(sheet), SHAPE in names
+    """Read all data of the report and evaluate each model once."""
+    results, data, shown = sheet.results, read_map(sheet), SHAPE in names
     record = results / RECORDS / "characterisation.json"
     test = _read(record) if record.exists() else {}
     isobars = test.get("isobars", [])
@@ -286,7 +280,7 @@ def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
 
 
 def _readings(data: ForceData, saved: fitting.Identification) -> ForceData:
-    """The force map as a fit was given it: without lengths that its geometry does not know."""
+    """Return the readings used in a fit: without lengths outside its geometry."""
     lengths = np.array(saved.document["data"]["readings"]["length_m"])
     if lengths.size == data.length.size:
         return data

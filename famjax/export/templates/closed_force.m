@@ -1,13 +1,13 @@
 function [F, G] = @name@_force(L, P)
-%@NAME@_FORCE  Pull F [N] at active lengths L [m] and gauge pressures P [Pa].
-%   G is the same, not cut at zero: below zero where the muscle is slack. L and P expand as in L + P.
-%   NaN outside the range of the model; a length that the threads do not have is an error.
+%@NAME@_FORCE  Force F [N] at active lengths L [m] and gauge pressures P [Pa].
+%   G is the force without clipping: negative where the muscle is slack. L and P expand as in L + P.
+%   NaN outside the range of the model; lengths beyond the straight threads raise an error.
 %
 @HEADING@
 %#codegen
 @NUMBERS@
 range = [@SHORTEST@, @LONGEST@, @LOWEST@, @HIGHEST@]; % m, m, Pa, Pa
-slack = @SLACK@; % N, below which the pull bends to zero
+slack = @SLACK@; % N, below which the force blends to zero
 straight = @STRAIGHT@; % m, length at which the threads are straight
 
 if any(L(:) >= straight)

@@ -18,25 +18,25 @@ extern "C" {
 
 typedef @NAME@_REAL @name@_real;
 
-/* Region in which the pull is the model's own [m], [Pa]; highest pressure that the inverse gives. */
+/* Region in which the force is the model's own [m], [Pa]; highest pressure that the inverse gives. */
 #define @NAME@_SHORTEST @SHORTEST@
 #define @NAME@_LONGEST @LONGEST@
 #define @NAME@_LOWEST_PRESSURE @LOWEST@
 #define @NAME@_HIGHEST_PRESSURE @HIGHEST@
 #define @NAME@_PRESSURE_LIMIT @LIMIT@
 
-/* Pull F [N], >= 0, at an active length [m] and a gauge pressure [Pa]. */
+/* Force F [N], >= 0, at an active length [m] and a gauge pressure [Pa]. */
 @name@_real @name@_force(@name@_real length, @name@_real pressure);
 
-/* What the model says [N], not cut at zero: below zero where the muscle is slack and F is 0. */
+/* Model force [N], not clipped: negative where the muscle is slack and F is 0. */
 @name@_real @name@_model_force(@name@_real length, @name@_real pressure);
 
 /* Axial stiffness dF/dL [N/m] at constant pressure. */
 @name@_real @name@_stiffness(@name@_real length, @name@_real pressure);
 
-/* Least gauge pressure [Pa] at which the muscle pulls with a force [N], from 0 to the limit: 0 where
- * it pulls more without pressure, the limit where it cannot pull so much. For a force <= 0 the
- * highest pressure at which it is slack. At most 60 steps. */
+/* Lowest gauge pressure [Pa] for a force [N], from 0 to the limit: 0 if the force is larger without
+ * pressure, the limit if the force is never reached. For a force <= 0, the highest pressure at which
+ * the muscle is slack. At most 60 steps. */
 @name@_real @name@_pressure(@name@_real length, @name@_real force);
 
 #ifdef __cplusplus

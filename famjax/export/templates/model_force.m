@@ -1,6 +1,6 @@
 function [force, stiffness, area] = @name@_model_force(L, P)
-%@NAME@_MODEL_FORCE  What the model says, not cut at zero, and its slopes; scalars.
-%   [G, dG/dL, dG/dP] in N, N/m, m^2 at an active length L [m] and gauge pressure P [Pa]. Below zero
+%@NAME@_MODEL_FORCE  Model force, not clipped, and its slopes; scalars.
+%   [G, dG/dL, dG/dP] in N, N/m, m^2 at an active length L [m] and gauge pressure P [Pa]. Negative
 %   where the muscle is slack.
 %
 @HEADING@

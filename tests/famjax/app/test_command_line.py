@@ -115,7 +115,7 @@ def test_a_clash_with_packages_of_others_is_named_by_whatever_meets_it(tmp_path,
 
 @pytest.mark.parametrize(
     ("command", "after", "left"),
-    [("fit", 0.1, "nothing was written"), ("compare", 0.5, "the same command goes on from there")],
+    [("fit", 0.1, "nothing was written"), ("compare", 0.5, "run the same command again to resume")],
 )
 def test_an_interrupt_is_answered_whatever_is_going_on(tmp_path, command, after, left):
     """In the import of a compiled module it would abort, in a callback of JAX it would be lost."""

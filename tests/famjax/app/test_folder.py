@@ -57,9 +57,9 @@ def test_a_new_folder_has_a_sheet_that_can_be_read(tmp_path, run):
         (SPECIMEN, "must have the tables"),
         (RECORDS, "must have the tables"),
         (SPECIMEN + RECORDS + "[fitt]\n", "got specimen, records, fitt"),
-        (SPECIMEN + "[records]\n", "journal and machine_log, both of one test, or in a force_map"),
+        (SPECIMEN + "[records]\n", "journal and machine_log of one test, or a force_map"),
         (SPECIMEN + RECORDS + 'journal = "a"\nmachine_log = "b"\n', "keep one"),
-        (SPECIMEN + '[records]\njournal = "a"\n', "both of one test"),
+        (SPECIMEN + '[records]\njournal = "a"\n', "journal and machine_log of one test"),
         (SPECIMEN.replace('name = "a muscle"\n', "") + RECORDS, "name, rest_length_<unit> and"),
         (SPECIMEN + RECORDS + "[photographs]\nruler = 'r.jpg'\n", "pictures is missing"),
         (SPECIMEN + RECORDS + "[fit]\nconstraint = 'druker'\n", "none or positive or slope or drucker"),
@@ -113,7 +113,7 @@ def test_the_report_is_whole(twin):
     for words in (
         "identified from the force",
         "1 picture could not be measured",
-        "length in the pictures over displacement of the machine",
+        "ratio of photographed length to machine displacement",
         "complete strokes in journal and log: expected 6 or more, found 5",
     ):
         assert words in page
@@ -135,9 +135,9 @@ starts = 2
     ("text", "notes"),
     [
         (SPECIMEN + RECORDS,
-         ("There are no photographs", "There is a force map and no record of the test")),
+         ("There are no photographs", "There is a force map and no journal of the test")),
         (SPECIMEN.replace("bladder_diameter_in = 0.875", "braid_thickness_in = 0.011") + RECORDS + PICTURES,
-         ("The photographs have no log beside them", "There is no photograph of a ruler",
+         ("The photographs have no machine log", "There is no photograph of a ruler",
           "diameter at rest is not stated")),
     ],
     ids=["no pictures", "pictures alone"],
@@ -202,7 +202,7 @@ def work(tmp_path: Path) -> Work:
 def test_what_is_done_is_not_done_again_and_a_change_redoes_what_depends_on_it(work):
     assert work.run() == ["say"]
     assert work.run() == []
-    assert work.told == ["double: as before", "say: as before"]
+    assert work.told == ["double: unchanged", "say: unchanged"]
     work.source.write_text("3")
     assert work.run() == ["double", "say"]
     work.factor = 5
@@ -221,7 +221,7 @@ def test_steps_by_name(tmp_path):
     assert work.run(only=("double",)) == ["double"]
     assert work.run(only=("say",)) == ["say"]
     assert work.run(force=("double",)) == ["double"]
-    with pytest.raises(InputError, match="there is no step 'sya' here; there are double, say"):
+    with pytest.raises(InputError, match="there is no step 'sya' here; the steps are double, say"):
         work.run(only=("sya",))
 
 

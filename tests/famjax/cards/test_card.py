@@ -91,15 +91,15 @@ MEMBER = "members.0.muscle"
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("schema", "famjax-card/99", "no muscle card of schema famjax-card/1, .*'famjax-card/99'"),
-        ("schema", ..., "required field `schema`; make one of a fit by famjax card"),
+        ("schema", "famjax-card/99", "not a muscle card of schema famjax-card/1, .*'famjax-card/99'"),
+        ("schema", ..., "required field `schema`; write one from a fit by famjax card"),
         ("members", [], "length >= 1"),
         ("members.0.weight", "half", r"Expected `float`.*\$.members\[0\].weight"),
         ("members.0.weight", float("nan"), "is not a JSON file"),
         (f"{MEMBER}.geometry.type", "Balloon",
-         "muscle.geometry .* unknown type 'Balloon'; known are .*EstimatedGeometry"),
+         "muscle.geometry .* unknown type 'Balloon'; use one of .*EstimatedGeometry"),
         (f"{MEMBER}.geometry.type", "Braid", "unknown type 'Braid'"),
-        (f"{MEMBER}.geometry.braid.type", "LinearThread", "known are Braid, Compl"),
+        (f"{MEMBER}.geometry.braid.type", "LinearThread", "use one of Braid, Compl"),
         (f"{MEMBER}.geometry.braid.turns", ..., "no entry 'turns' in .*muscle.geometry.braid"),
         (f"{MEMBER}.geometry.bladder.embedded", 1, "embedded .* must be of type bool, got 1"),
         (f"{MEMBER}.geometry.bladder", [], "must be an object in braces"),
@@ -113,7 +113,7 @@ MEMBER = "members.0.muscle"
         ("colour", "blue", "unknown field `colour`"),
         ("covariance.matrix", [[1.0, 2.0]], r"matrix must have the shape \(1, 1\).*covariance"),
         ("sample.rows", [[1.0]], "rows must have the shape"),
-        ("sample.numbers", [f"n{k}" for k in range(11)], "the sample's numbers must be"),
+        ("sample.numbers", [f"n{k}" for k in range(11)], "the sample must have the parameters"),
         ("hysteresis.cycle.turn_Pa", ..., "required field `turn_Pa`.*cycle"),
     ],
 )  # fmt: skip
@@ -292,7 +292,7 @@ def test_what_has_no_card_is_refused():
 
     with pytest.raises(InputError, match=r"Local is defined in a function"):
         muscle_as_dict(famjax.Muscle(known.CYLINDER, Local([1.0])))
-    with pytest.raises(InputError, match=r"no card can hold the field 'modulus' of Undeclared"):
+    with pytest.raises(InputError, match=r"a card cannot store the field 'modulus' of Undeclared"):
         muscle_as_dict(famjax.Muscle(known.CYLINDER, Undeclared([1.0])))
     with pytest.raises(InputError, match=r"muscle\.deadband_pressure must be finite"):
         muscle_as_dict(famjax.Muscle(known.CYLINDER, known.LATEX, float("nan")))

@@ -89,7 +89,7 @@ def test_a_users_file_can_replace_the_bundled_catalogue(tmp_path):
         (BRAID, "[10, 25]", "[10, 30]", "where the threads run around"),
         (BRAID, "[10, 25]", "[10, 25]\nboundary_range_mm = [11, 25]", "must contain diameter_range"),
         (BRAID, "[10, 25]", "[10, 25]\nboundary_range_mm = [9, 29]", "end below"),
-        (BRAID, "[[braid]]", "[[braids]]", "unknown key 'braids'; known are source, braid"),
+        (BRAID, "[[braid]]", "[[braids]]", "unknown key 'braids'; valid keys: source, braid"),
         (BRAID, "[[braid]]", "[braid]", "below a"),
         (BRAID, 'source = "a vendor"', "", "the origin of the numbers"),
         (BRAID, "thickness_mm = 0.5", "thickness_mm 0.5", "not a TOML file"),

@@ -145,7 +145,7 @@ def test_a_file_imports_nothing_unless_the_module_is_named(kind, files, here, ru
     code, _, err = run(*(["assess", path, "--validate"] if kind == "problem" else predict))
     assert code == 2
     said = " ".join(err.split())
-    assert "'spy:Law', which is not famjax's" in said
+    assert "'spy:Law', which is not part of famjax" in said
     assert "--own spy or own=('spy',) in Python" in said
     assert "spy" not in sys.modules
     assert not (here / "imported").exists()
@@ -154,7 +154,7 @@ def test_a_file_imports_nothing_unless_the_module_is_named(kind, files, here, ru
 def test_a_module_that_is_named_is_imported(files, here):
     for kind, document in files.items():
         (here / f"{kind}.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match="not famjax's"):
+    with pytest.raises(InputError, match="not part of famjax"):
         read_card("card.json", own=("other", famjax.materials.YeohMaterial))
     assert not (here / "imported").exists()
     card = read_card("card.json", own=("spy",))

@@ -108,5 +108,5 @@ def test_what_is_no_log_is_refused_with_its_path(tmp_path):
     assert str(path) in str(caught.value)
     with pytest.raises(InputError, match="no such file"):
         read_machine_log(tmp_path / "none.txt")
-    with pytest.raises(InputError, match="load is none of time, displacement, force, decimal"):
+    with pytest.raises(InputError, match="load must be one of time, displacement, force, decimal"):
         read_machine_log(path, columns={"load": "Load"})

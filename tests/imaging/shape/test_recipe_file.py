@@ -48,7 +48,7 @@ def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
         ),
         ("distance = 5\n", "distance has no unit: .* write one of distance_m"),
         ("distance_m = 1.5\ndistance_in = 60\n", "distance is given twice"),
-        ("colour = 5\n", "unknown key 'colour'; known are .*distance_<unit>"),
+        ("colour = 5\n", "unknown key 'colour'; valid keys: .*distance_<unit>"),
         ("orientation = 'guess'\n", "orientation must be vertical or horizontal or auto"),
         ("distance_m = 'far'\n", "distance_m must be a number, got 'far'"),
         ("format = 'famjax recipe 9'\n", "has the format 'famjax recipe 1'"),
