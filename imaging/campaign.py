@@ -1,4 +1,4 @@
-"""From many photographs to one table: workers, resuming, CSV and NetCDF."""
+"""Measure many photographs into one table: workers, resuming, CSV and NetCDF."""
 
 import dataclasses
 import functools
@@ -362,7 +362,7 @@ def _notes(rows: Sequence[Row], resolution: float) -> Iterator[str]:
     if silent := sum(math.isnan(row.seconds) for row in good):
         yield f"{silent} of {len(good)} pictures have no time stamp."
     if resolution >= 1:
-        yield "The time stamps are cut down to whole seconds: each picture was taken up to 1 s later."
+        yield "The time stamps are truncated to whole seconds; each picture was taken up to 1 s later."
     if warned := [row for row in rows if row.warnings]:
         first = warned[0]
         yield f"Warning, {len(warned)} of {len(rows)} pictures, first {first.path}: {first.warnings}."
@@ -406,7 +406,7 @@ def process(
         unique.setdefault(os.path.abspath(path), str(path))
     names = list(unique.values())
     if not names:
-        raise ImagingError("there are no pictures to measure")
+        raise ImagingError("there are no pictures to measure: name at least one")
     if (size := common_size(names)) is not None:
         recipe.camera(*size)  # refuses a crop that does not lie in its frame
     version = importlib.metadata.version("famjax")
@@ -441,7 +441,7 @@ def common_size(paths: Sequence[str]) -> tuple[int, int] | None:
     others = [f"{path} ({w} x {h})" for path, (w, h) in sizes.items() if (w, h) != usual]
     if others:
         raise MixedSizes(
-            "the pictures of a campaign must have one size, as one scale holds for all; "
-            f"{most} have {usual[0]} x {usual[1]} px, but not {some_of(others)}. Measure them apart"
+            "the pictures of a campaign must have the same size, because they share one scale; "
+            f"{most} have {usual[0]} x {usual[1]} px, but not {some_of(others)}. Measure those separately"
         )
     return usual

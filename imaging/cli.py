@@ -1,7 +1,6 @@
-"""`famjax measure`, and its options.
+"""`famjax measure` and its options.
 
-What a test machine's log says of each picture is added by what mounts the command, as logs are none of
-this package's.
+The application that mounts the command supplies the reader for test-machine logs.
 """
 
 import dataclasses
@@ -34,52 +33,52 @@ if TYPE_CHECKING:
     from .recipe import Recipe
 
 AddLog = Callable[["Table"], "Table"]
-"""Adds columns of a test machine's log to a table."""
+"""A function that adds columns from a test machine's log to a table."""
 
-_SHOWN = 20  # pictures on the console
+_SHOWN = 20  # pictures listed on the console
 _PRINTED = re.compile(r"path|error|(length|mean_diameter|distance)(_stderr)?_(in|mm|m)")
 
 
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecipeOptions:
-    """Recipe entries from the options; None if not given.
+    """Recipe entries set by command-line options; None if not given.
 
     Parameters
     ----------
     ruler
         Photograph of a ruler in the plane of the muscle's axis, from the same camera.
     distance
-        Camera to muscle with its unit; unless given, that of which the tapes' edges are arcs, with its
-        error.
+        Distance from camera to muscle, with its unit. If omitted, it is estimated, with its error, from
+        the curvature of the tape edges.
     pitch
-        Of the ruler's marks; unless given, it is read off the marks from number to number.
+        Spacing of the ruler's marks. If omitted, it is inferred from the number of marks between numerals.
     expected_px_per_in
-        The scale to within a quarter, for a ruler with different marks on its two edges.
+        Approximate scale (within 25 %), for a ruler whose two edges carry different marks.
     ruler_placement
-        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`; no
-        picture shows it, and it enters the errors of all figures.
+        Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`. Pictures
+        cannot show it; it contributes to the error of every result.
     crop_offset
-        Column and row of the pictures' first pixel in the camera's frame, `1459,531`.
+        Column and row of the cropped pictures' first pixel in the camera's frame, `1459,531`.
     frame_size
-        Width and height of the camera's frame, which a crop offset is counted in, `5568,3712`.
+        Width and height of the uncropped camera frame, `5568,3712`.
     scale
-        Instead of a ruler: `"226.63+-0.02 px/in"` in the plane of the muscle's axis.
+        Scale in the plane of the muscle's axis, in place of a ruler: `"226.63+-0.02 px/in"`.
     k1
-        Radial distortion of the lens; unless given, what the ruler's marks show of it.
+        Radial distortion of the lens. If omitted, it is estimated from the ruler's marks.
     tone
-        srgb: the camera's style is neutral, its contrast and sharpening off. Unless given, what
-        another style may do is in the errors.
+        Use srgb if the camera's picture style is neutral, with contrast and sharpening off. If omitted,
+        the errors allow for other styles.
     tape_diameter
-        Known diameter of the tapes on the fittings, against which the scale is checked.
+        Known diameter of the tapes on the fittings, used to check the scale.
     tape_hue
-        Colour of the tapes, `355deg`; the colour that covers less unless given.
+        Hue of the tapes, `355deg`. If omitted, the colour that covers the smaller area is used.
     recipe
-        A `recipe.toml`, which the options override.
+        Read settings from this `recipe.toml`; other options override them.
     braid_angle
-        Measure the braid angle from the weave as well: profile, mean, error, turns.
+        Also measure the braid angle from the weave: profile, mean, standard error and turns.
     orientation
-        Of the muscle in the pictures.
+        Orientation of the muscle in the pictures.
     """
 
     ruler: Path | None = None
@@ -118,57 +117,57 @@ def measure(
     json_: bool = False,
     read_log: Annotated[Callable[..., Any] | None, Parameter(parse=False)] = None,
 ) -> int:
-    """Measure the shape of a muscle in photographs, each picture with its errors.
+    """Measure the shape of a muscle in photographs, with standard errors for each picture.
 
     Writes `measurements.csv` (one row per picture), `measurements.nc` (with the profiles),
-    `recipe.toml` (all choices) and `overlays/`. A stopped campaign goes on when it is run again. Exit
-    code 3 when some pictures could not be measured, or not be matched to the log: they are in the table
-    with the reason.
+    `recipe.toml` (all settings) and `overlays/`. Run the same command again to resume a stopped campaign.
+    The exit code is 3 if some pictures could not be measured or matched to the log; the table gives the
+    reason for each.
 
     Parameters
     ----------
     photos
-        Files, folders and patterns such as `'stroke/*.jpg'`, all pictures of one size.
+        Files, folders and patterns such as `'stroke/*.jpg'`. All pictures must have the same size.
     how
-        How to measure.
+        Measurement settings.
     log
-        Of the test machine, CSV with columns such as `time_s,displacement_in,force_lbf,
-        pressure_psi`: each picture gets force and pressure; the clocks are matched by the motion.
+        Test-machine log, a CSV file with columns such as `time_s,displacement_in,force_lbf,
+        pressure_psi`. Adds force and pressure to each picture; the motion aligns the two clocks.
     log_offset
-        What the machine's clock is ahead of the first picture, `12s`, within 10 s; needed where the
-        motion repeats itself.
+        Time by which the machine's clock leads the first picture, `12s`, to within 10 s. Required if the
+        motion is periodic.
     column
-        Which column of the log is which where the names do not say it, `force="Kraft [N]"`, by name or
-        number, with the unit, repeatable; `pressure=-` leaves one aside. Also `decimal=,` and, of absolute
-        pressures, `atmosphere=101.3kPa`.
+        Assign a column of the log whose name is ambiguous, by name or number, with its unit:
+        `force="Kraft [N]"`. Repeatable; `pressure=-` ignores a column. Also accepts `decimal=,` and, for
+        absolute pressures, `atmosphere=101.3kPa`.
     rest_length
-        Against which contraction is counted, `9.28in`; the longest measured picture unless given. A scale
-        with which no picture could show that muscle is refused.
+        Rest length from which contraction is computed, `9.28in`. If omitted, the longest measured picture
+        defines it. Also used to check the scale.
     diameter
-        Nominal diameter of the braid at rest, `0.875in`, against which the scale is checked.
+        Nominal diameter of the braid at rest, `0.875in`, used to check the scale.
     jobs
-        Number of processes; unless given one for each core, where that saves time.
+        Number of processes. If omitted, one per core where that saves time.
     units
-        Of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
+        Units of CSV, plots and output: us (in, lbf, psi), metric (mm, N, kPa) or si.
     output
-        Folder for the files, created if missing.
+        Output folder, created if missing.
     overlays
-        Number of pictures drawn with what was found in them, for a check by eye.
+        Number of pictures to save with the detected edges drawn in, for visual inspection.
     rescaled
-        The ruler's picture has another size than the others on purpose: its scale is taken as it is.
+        Accept a ruler picture whose size differs from the other pictures, and use its scale unchanged.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print a single JSON object to standard output.
     read_log
-        Reads the log by its path, `offset` and `columns`; returns an `AddLog`.
+        Function of the log's path, `offset` and `columns` that returns an `AddLog`.
     """
-    # Idle threads of OpenBLAS spin, and its matrices here are small; NumPy reads this when it loads.
+    # Idle OpenBLAS threads spin, and the matrices here are small. NumPy reads this when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .pictures import as_document, expand, measure_pictures
     from .recipe import recipe_text
 
     try:
         with progress("measuring") as show:
-            expand(photos)  # a picture that is not there is said before what its recipe lacks
+            expand(photos)  # report a missing picture before an incomplete recipe
             recipe, provenance = command_recipe(how)
             add_log = None
             if log is not None and read_log is not None:
@@ -186,13 +185,13 @@ def measure(
                 overlays=overlays, rescaled=rescaled, diameter=nominal, progress=show,
             )  # fmt: skip
     except (InputError, OSError) as error:
-        # What a picture was refused for has a name, which the documentation explains.
+        # The documentation explains the specific error classes by name.
         named = type(error) not in (InputError, ImagingError)
         print(f"famjax: {type(error).__name__ + ': ' if named else ''}{error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(
-            f"famjax: stopped; what was measured is kept in {output}. Run the same command again to go on",
+            f"famjax: stopped; finished measurements are in {output}. Run the same command again to resume",
             file=sys.stderr,
         )
         return 130
@@ -206,7 +205,6 @@ def measure(
 
 
 def _print(document: dict[str, Any]) -> None:
-    """Figures of the first pictures with their standard errors, reasons, notes and files."""
     shown = document["rows"][:_SHOWN]
     keys = [key for key in shown[0] if _PRINTED.fullmatch(key)]
     print_rows(
@@ -219,14 +217,14 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
-    """The recipe from the options, and the origin of its entries for the table.
+    """Build the recipe from command-line options, and the provenance entries of the table.
 
     Args:
-        options: which override those of a recipe's file. A `scale` is `226.63 px/in` or
-            `226.63+-0.02 px/in`; lengths have their unit.
+        options: override the entries of a recipe file. Lengths include their unit; a `scale` is
+            `226.63 px/in` or `226.63+-0.02 px/in`.
 
     Raises:
-        ImagingError: no scale or two, or an option that cannot be read.
+        ImagingError: the scale is missing or given twice, or an option cannot be parsed.
     """
     from .camera import Tone
     from .pictures import picture_recipe
@@ -267,5 +265,5 @@ def _numbers(
         found = ()
     if len(found) != such_as.count(",") + 1:
         many = "two numbers in px" if "," in such_as else "an angle"
-        raise ImagingError(f"the {name} is {many}, {such_as}, got {text!r}")
+        raise ImagingError(f"the {name} must be {many} such as {such_as}, got {text!r}")
     return found

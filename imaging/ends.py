@@ -422,8 +422,8 @@ def _clear_step(
         return shift, blur, slope
     _check_seen(seen)
     raise MissingFitting(
-        "a tape must end in an edge towards the braid, and none is seen: a braid darker than its tapes, or "
-        "one that shines, needs chalk, and light from all sides",
+        "a tape must end in a visible edge at the braid: if the braid is glossy or darker than its tapes, "
+        "apply chalk and light it from all sides",
         step_height=height,
     )
 
@@ -431,8 +431,8 @@ def _clear_step(
 def _check_seen(seen: float) -> None:
     if seen < _LEAST_SEEN:
         raise MissingFitting(
-            f"{_LEAST_SEEN:.0%} or more of a tape's edge must show the tape's colour beside it: clear what "
-            "covers it, or shines on it or on the braid",
+            f"at least {_LEAST_SEEN:.0%} of a tape's edge must be visible: remove anything that covers "
+            "it, and reflections on tape or braid",
             seen=seen,
         )
 
@@ -487,14 +487,14 @@ def _step(
 def check_tape_diameter(
     photo: Photograph, coarse: Segmentation, body: Silhouette, recipe: Recipe, known: float
 ) -> None:
-    """Refuse a scale that contradicts the tapes' known diameter.
+    """Check the scale against the known diameter of the tapes.
 
-    A tape is a cylinder about the muscle's axis: R = rho sin(beta) with the half angle beta between
+    A tape is a cylinder about the muscle's axis: R = rho sin(beta), where beta is half the angle between
     its two tangent planes, by the limb model.
 
     Raises:
-        ScaleContradiction: the tapes' mean diameter differs from the known one by more than
-            half a per cent, or a tape shows too few rows for that.
+        ScaleContradiction: the mean diameter differs from the known one by more than 0.5 %, or a tape
+            shows too few rows.
     """
     camera, tone = photo.camera, recipe.tone_curve
     # Luma hardly sees blue: the colour in which the tape is brightest does.
@@ -509,8 +509,8 @@ def check_tape_diameter(
         rows = np.arange(int(first) + _GUARD, int(last) - _GUARD)
         if rows.size < _FEWEST_ROWS:
             raise ScaleContradiction(
-                f"a tape must show {_FEWEST_ROWS} rows to check the scale by its diameter: use a wider "
-                "tape, or leave the tape's diameter out",
+                f"a tape must show at least {_FEWEST_ROWS} rows to check the scale: use a wider "
+                "tape, or omit the tape diameter",
                 rows=rows.size,
             )
         y = (rows - camera.centre[1]) / camera.px_per_m
@@ -525,9 +525,9 @@ def check_tape_diameter(
     mean = 2 * float(np.hypot(body.x0, camera.distance)) * float(np.mean(np.sin(angles)))
     if abs(mean / known - 1) > _CONTRADICTS:
         raise ScaleContradiction(
-            "the tapes' diameter in the picture must be the known one; their ratio is "
-            f"{mean / known:.4f}: was the ruler in the plane of the muscle's axis, and is the "
-            "distance right?",
+            "the measured tape diameter must equal the known one; their ratio is "
+            f"{mean / known:.4f}: check that the ruler was in the plane of the muscle's axis, and the "
+            "stated distance",
             diameter=mean, known_diameter=known, px_per_m=camera.px_per_m,
             limit=_CONTRADICTS,
         )  # fmt: skip
@@ -679,10 +679,12 @@ def axis_of(
         parts.append(depth.against**2 * length / 4)  # of a bow in depth that leans the tapes so
         wide = abs(depth.against) * length / math.pi * _WAVE / d
         seen = f"{1 / max(1 / d + depth.nearer, _FARTHEST) / _INCH:.0f} in"
-        text = f"{_ARCS}; these belong to {seen}, and {d / _INCH:.0f} in are stated: correct --distance"
+        text = (
+            f"{_ARCS}; they indicate {seen}, but {d / _INCH:.0f} in is stated: correct --distance"
+        )
         if abs(depth.against) > _MOST:
-            raise DistanceContradiction(f"{text}, or leave it out", stated=d, lean=depth.against)
-        warnings.append(f"{text}; the errors are wider for it")
+            raise DistanceContradiction(f"{text}, or omit it", stated=d, lean=depth.against)
+        warnings.append(f"{text}; the errors were increased")
     tilt, aside = depth.tilt, (upper.y + lower.y) / 2 / d
     turned = 1 / (math.cos(tilt) - math.sin(tilt) * aside) - 1  # what it takes off the length
     factor = 1.0
@@ -690,9 +692,9 @@ def axis_of(
         factor = 1 + turned / 2
         parts += [length * abs(turned) / 2, length * (abs(tilt) + abs(aside)) * depth.tilt_stderr]
         warnings.append(
-            f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} deg, "
-            f"+-{math.degrees(depth.tilt_stderr):.1f}: half of the {abs(turned):.2%} that this does to "
-            "the length is undone, and half is in its error; set the axis upright, the tapes square"
+            f"the axis, or both tapes, lean in depth by {math.degrees(tilt):.1f} "
+            f"+- {math.degrees(depth.tilt_stderr):.1f} deg, which changes the length by {abs(turned):.2%}: "
+            "half is corrected and half included in the error; set the axis upright and the tapes square"
         )
     else:
         unseen = math.sqrt(max(_UPRIGHT**2, tilt**2 - depth.tilt_stderr**2))
@@ -730,13 +732,13 @@ def distance_by_tapes(
         return assumed
     inverse = 1 / assumed + depth.nearer
     if not _NEAREST > inverse > _FARTHEST:
-        raise DistanceContradiction(f"{_ARCS}; or say --distance", lean=depth.against)
+        raise DistanceContradiction(f"{_ARCS}; or state --distance", lean=depth.against)
     return 1 / inverse
 
 
 _NEAREST, _FARTHEST = 1 / 0.15, 1 / 15.0  # of cameras [1/m]
 _ARCS = (
-    "the tapes' edges must be arcs as a camera sees them: wind the tapes square to the axis, and hang the "
+    "the tape edges must appear as arcs of square rings: wind the tapes square to the axis, and hang the "
     "muscle straight"
 )
 

@@ -1,6 +1,6 @@
-"""Errors of photographs, one class for each case, with its figures."""
+"""Exceptions for photographs, one class per cause."""
 
-# ruff: noqa: N818 - the names say what is wrong; that they are errors, `ImagingError` says
+# ruff: noqa: N818 - the class names state the cause
 
 import functools
 from os import PathLike, fspath
@@ -10,14 +10,14 @@ from famjax.boundary.errors import InputError
 
 
 class ImagingError(InputError):
-    """A picture, a ruler or a log that cannot be measured: what must hold, what was found, what to do.
+    """A picture, ruler or log cannot be measured.
 
-    It travels between processes with everything that it carries.
+    Instances can be pickled with all their attributes.
 
     Args:
-        message: what must hold, what was got, what to do.
-        path: the file concerned, if there is one.
-        figures: the numbers behind the refusal, SI or named with their unit.
+        message: requirement, value found, and remedy.
+        path: file concerned, if any.
+        figures: values that led to the error, in SI or with the unit in the name.
 
     Examples:
         >>> print(NoMuscle("nothing bright stands out from the cloth", path="a.jpg", eta_value=0.2))
@@ -42,7 +42,7 @@ class ImagingError(InputError):
         return rebuild, ()
 
     def at(self, path: str | PathLike[str]) -> Self:
-        """The same error with the path of its file; a known path is kept."""
+        """Return a copy with the path of the file, unless a path is already set."""
         return type(self)(self.message, path=self.path or path or None, **self.figures)
 
 
@@ -59,15 +59,15 @@ class DamagedImage(ImagingError):
 
 
 class NoMuscle(ImagingError):
-    """Nothing in the picture stands out from the cloth like a muscle."""
+    """No muscle can be distinguished from the background cloth."""
 
 
 class Underexposed(ImagingError):
-    """The muscle is too dark to be measured."""
+    """The muscle is too dark to measure."""
 
 
 class Overexposed(ImagingError):
-    """Too much of the muscle is saturated: no edge can be found where the light is clipped."""
+    """Too much of the muscle is saturated; clipped pixels hide the edges."""
 
 
 class AmbiguousHue(ImagingError):
@@ -75,11 +75,11 @@ class AmbiguousHue(ImagingError):
 
 
 class MissingFitting(ImagingError):
-    """Fewer than two tapes are seen, or one of them is covered."""
+    """Fewer than two tapes are visible, or one of them is covered."""
 
 
 class ExtraFitting(ImagingError):
-    """More than two tapes are seen, so the ends of the braid are not known."""
+    """More than two tapes are visible, so the ends of the braid are ambiguous."""
 
 
 class Clipped(ImagingError):
@@ -87,11 +87,11 @@ class Clipped(ImagingError):
 
 
 class WrongOrientation(ImagingError):
-    """The muscle lies horizontally where it should be upright, or the other way round."""
+    """The muscle is horizontal where it should be vertical, or vice versa."""
 
 
 class Defocused(ImagingError):
-    """The picture is too blurred for the accuracy that its errors would state."""
+    """The picture is too blurred for the stated errors to be reliable."""
 
 
 class MotionBlurred(ImagingError):
@@ -99,7 +99,7 @@ class MotionBlurred(ImagingError):
 
 
 class RulerNotFound(ImagingError):
-    """No ruler, or too few of its marks, can be seen."""
+    """No ruler was found, or too few of its marks are visible."""
 
 
 class AmbiguousRuler(ImagingError):
@@ -107,12 +107,12 @@ class AmbiguousRuler(ImagingError):
 
 
 class MixedSizes(ImagingError):
-    """The pictures of one campaign differ in size: one recipe cannot hold for all of them."""
+    """The pictures of a campaign differ in size, so one recipe cannot apply to all of them."""
 
 
 class DistanceContradiction(ImagingError):
-    """The tapes' edges contradict the stated distance of the camera."""
+    """The tape edges contradict the stated camera distance."""
 
 
 class ScaleContradiction(ImagingError):
-    """The scale and a known diameter in the picture exclude each other."""
+    """The scale contradicts a known dimension in the picture."""

@@ -1,4 +1,4 @@
-"""From one photograph to a muscle's shape D(z) and its errors."""
+"""Measure a muscle's shape D(z) and its errors in one photograph."""
 
 import dataclasses
 import math
@@ -28,14 +28,14 @@ from .weave import BraidAngle, braid_angle
 
 
 class Trace(NamedTuple):
-    """Positions of the edges in the picture [px], for a visual check.
+    """Positions of the edges in the picture [px], for visual inspection.
 
     Attributes:
         rows: v, shape (n,).
         left, right: u of the outline, shape (n,).
         upper, lower: u, v of the inner edges of the tapes, shape (2, k).
-        turned: the picture was turned a quarter turn clockwise first, and these positions are in
-            the turned one.
+        turned: True if the picture was first rotated clockwise by a quarter turn; the positions refer to
+            the rotated picture.
     """
 
     rows: Array
@@ -47,47 +47,45 @@ class Trace(NamedTuple):
 
 
 class MeasurementErrors(NamedTuple):
-    """The parts of the standard error of a diameter and a length.
+    """Components of the standard errors of diameter and length.
 
-    Each has its cause in the picture itself. The random part of D is the scatter of the edges that
-    passes the smoothing, no less than that of the mid-line, which a body of revolution has smooth,
-    and what the smoothing rounds off. The systematic part of an edge is the root of the summed
-    squares of the larger of the first two and of the third, with blur s, kappa and misfit m as in
-    `Quality`, each coefficient read off rendered pictures of known truth:
+    All components are estimated from the picture itself. The random error of D combines the edge scatter
+    that passes the smoothing (at least the scatter of the mid-line, which is smooth for a body of
+    revolution) with the detail that the smoothing removes. The systematic error of an edge is the root sum
+    of squares of the larger of the first two terms and the third. Here s is the blur, and kappa and the
+    misfit m are defined in `Quality`; the coefficients were determined from rendered pictures:
 
-    - 0.018 s, s no less than 1: the shade of the outermost threads, within whose width the edge is fitted,
-      beyond what the light of the first one says of it (see `EdgeProfile.shifts`);
-    - the light of one lamp, where it is the larger: 0.6 of what kappa moves the edges by, on average of
-      both, since light falls off as the root of the distance only on a limb that the lamp reaches; and
-      0.8 s times the waves (see `EdgeProfile`) beyond the 0.055 of braids that are lit from both sides,
-      as threads throw shades on a limb that is lit from the front;
-    - 16 m s, of the misfit m beyond the 0.001 s^2, s up to 1.5, that threads leave within the part of the
-      edge that is fitted: a lens or a camera program that spreads light otherwise than the model, as
-      halo and sharpening do.
+    - 0.018 s, with s at least 1: shade of the outermost threads, beyond the correction by the light of the
+      first thread (see `EdgeProfile.shifts`);
+    - light from one lamp: 0.6 times the mean edge shift due to kappa, because light follows the root law
+      only on a limb that the lamp reaches; and 0.8 s times the waves (see `EdgeProfile`) in excess of the
+      0.055 seen on braids lit from both sides, because threads cast shadows on a limb lit from the front;
+    - 16 m s, where m is the misfit in excess of 0.001 s^2 (s up to 1.5), the part due to threads: halo,
+      sharpening and other blur that differs from the model.
 
-    Where black threads hide some of the edge, 0.03 px for each edge are added: dents that both sides have
-    in the same rows, and what stands out beside hidden ones.
+    If black threads hide part of the edge, 0.03 px per edge is added for dents that both sides share and
+    for threads that protrude next to hidden ones.
 
-    A rim brighter than what lies inside of it adds up to 0.13 s, from 0.98 to 1.03, and so does a flank
-    that falls, from -0.04 to -0.08: gloss there, or a lamp behind the muscle, looks like more of it.
+    A bright rim (0.98 to 1.03) or a falling flank (-0.04 to -0.08) adds up to 0.13 s, because gloss or a
+    lamp behind the muscle makes it look wider.
 
-    The length has the scatter of both edges along their tapes, and for each tape 0.05 px, the shade
-    of the threads there, and the same 16 m s.
+    The length error combines the scatter of both edges along their tapes with 0.05 px per tape for the
+    shade of the threads and the same 16 m s.
 
-    A tone curve that was not stated adds 0.09 s to each edge of muscle and tapes, all alike: a third of
-    what a gamma of 0.75 or 1.25 does to a step, and an S-curve of 0.8. Axis, distance and bow add
-    to the length as `axis_of` says.
+    If no tone curve is stated, 0.09 s is added to each edge of muscle and tapes, fully correlated: one
+    third of the effect of a gamma of 0.75 or 1.25, and 0.8 of that of an S-curve. Axis, distance and bow
+    contribute to the length, see `axis_of`.
 
-    What no picture shows is not in it: a tone curve that was stated and is not the camera's, and
-    threads so coarse that their pattern, mirrored on both sides, passes the smoothing whole. Where
-    px_per_m is below 4500 (115 px/in), D(z) of rendered braids is off by up to twice its standard
-    error; length and mean diameter by 1.3 times theirs at 50 to 110 px/in.
+    Not included are effects that pictures cannot show: a stated tone curve that is wrong, and threads so
+    coarse that their mirrored pattern passes the smoothing. Below a px_per_m of 4500 (115 px/in), errors in
+    D(z) of rendered braids reach twice the standard error; errors in length and mean diameter reach 1.3
+    standard errors at 50 to 110 px/in.
 
     Attributes:
-        edge: systematic part of the diameter, of both edges, common to all of it [m].
-        density: of the diameter's random part along the axis, variance times length [m^3].
-        ends: of the length, from the tapes' edges [m].
-        scale: relative, of the scale.
+        edge: systematic error of the diameter, common to all positions [m].
+        density: variance of the diameter's random error times correlation length [m^3].
+        ends: error of the length due to the tape edges [m].
+        scale: relative error of the scale.
     """
 
     edge: float
@@ -103,23 +101,24 @@ class Measurement:
     The optical edge is the mean outline of the woven threads; a caliper touches their crests.
 
     Attributes:
-        path: of the picture; empty for an array.
-        z: positions from the upper tape's edge, 0 to the length [m], shape (n,).
+        path: path of the picture; empty for an array.
+        z: positions from the upper tape edge, 0 to the length [m], shape (n,).
         diameter: D at z [m], shape (n,).
-        diameter_stderr: its standard error, that of the scale included [m], shape (n,).
-        length: between the inner edges of the tapes along the axis [m].
+        diameter_stderr: standard error of D, including the scale [m], shape (n,).
+        length: distance between the inner tape edges along the axis [m].
         px_per_m: scale in the mid-plane [px/m].
-        roll: of the axis, clockwise positive [rad].
+        roll: roll of the axis, positive clockwise [rad].
         x0: distance of the axis from the optical axis [m].
-        errors: the parts of the standard errors.
-        quality: the figures by which to judge it.
-        distance: of the camera to the axis [m]: the stated one, or that of the tapes' arcs.
-        distance_stderr: its standard error, 0 where it was stated [m].
-        tilt, tilt_stderr: of the axis in depth, its lower end away from the camera [rad].
-        bow: largest deviation of the mid-line from a straight one [m].
-        warnings: what the errors do not hold, or hold only in part, in words.
-        trace: the edges in the picture.
-        braid: the braid angle along it; None where the recipe does not ask for it.
+        errors: components of the standard errors.
+        quality: quality figures.
+        distance: distance from camera to axis [m], stated or estimated from the tape edges.
+        distance_stderr: standard error of the distance, 0 if stated [m].
+        tilt, tilt_stderr: tilt of the axis in depth, positive with its lower end away from the camera
+            [rad], and its standard error.
+        bow: largest deviation of the mid-line from a straight line [m].
+        warnings: effects that the errors do not cover, or cover only in part.
+        trace: edges in the picture.
+        braid: braid angle profile; None unless the recipe requests it.
     """
 
     path: str
@@ -166,7 +165,7 @@ class Measurement:
 
     @property
     def volume(self) -> float:
-        """Volume within the outline, integral of pi D^2 / 4 [m^3]."""
+        """Volume inside the outline, the integral of pi D^2 / 4 [m^3]."""
         return float(np.trapezoid(np.pi / 4 * self.diameter**2, self.z))
 
     @property
@@ -179,17 +178,18 @@ class Measurement:
         return math.hypot(by_edge, random, at_ends, 3 * self.volume * self.errors.scale)
 
 
-_SHADE = 0.018  # of the blur, per edge
-_OF_TONE = 0.09  # of the blur, per edge and per tape
-_OF_LIGHT = 0.6  # of what the fall of light towards the limb moves an edge by
-_OF_WAVES = 0.8  # of the blur, per edge
-_PLAIN = 0.055  # waves of braids that are lit from both sides
-_OF_MISFIT = 16.0  # px per edge and px of blur
-_OF_THREADS = 0.001  # misfit that threads leave, per px^2 of blur
-_WIDEST = 1.5  # px of blur, up to which it grows
-_HIDDEN = 0.03  # px per edge, where black threads hide some of it
+# Coefficients of `MeasurementErrors`, per edge:
+_SHADE = 0.018  # times blur
+_OF_TONE = 0.09  # times blur, also per tape
+_OF_LIGHT = 0.6  # times the edge shift due to kappa
+_OF_WAVES = 0.8  # times blur
+_PLAIN = 0.055  # waves of braids lit from both sides
+_OF_MISFIT = 16.0  # px per px of blur
+_OF_THREADS = 0.001  # misfit due to threads, per px^2 of blur
+_WIDEST = 1.5  # px of blur up to which that misfit grows
+_HIDDEN = 0.03  # px, if black threads hide part of the edge
 _RING_BIAS = 0.05  # px
-_OF_GLOSS = 0.13  # of the blur, per edge
+_OF_GLOSS = 0.13  # times blur
 _OF_AXIS = ("distance", "distance_stderr", "tilt", "tilt_stderr", "bow")
 
 
@@ -197,7 +197,7 @@ def measurement_of_body(
     photo: Photograph, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, recipe: Recipe,
     quality: Quality, axis: Axis,
 ) -> Measurement:  # fmt: skip
-    """Make the measurement; `MeasurementErrors` describes the parts of the standard errors."""
+    """Assemble the measurement; see `MeasurementErrors` for the standard errors."""
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m
     first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))
@@ -228,11 +228,11 @@ def measurement_of_body(
 
 
 def _random_part(outline: Outline) -> tuple[Array, float]:
-    """Random error of the width in every row [px], and its density, variance times length [px^3].
+    """Return the random error of the width per row [px], and its density, variance times length [px^3].
 
-    The larger of two: what passes the smoothing of the edges' scatter, and the scatter of the
-    mid-line, which is the width's where the edges err independently. Threads that both sides show
-    mirrored are in the first alone, waves longer than the smoothing in the second alone.
+    This is the larger of two estimates: the edge scatter that passes the smoothing, and the scatter of the
+    mid-line, which equals that of the width if the edge errors are independent. Only the first includes
+    patterns mirrored on both sides; only the second includes waves longer than the smoothing.
     """
     random = np.hypot(outline.left.stderr, outline.right.stderr)
     off = off_smooth_midline(*outline.columns)
@@ -240,12 +240,14 @@ def _random_part(outline: Outline) -> tuple[Array, float]:
     square = float(np.mean(random**2))
     random = random * math.sqrt(max(1.0, scatter**2 / square))
     width = np.diff(outline.columns, axis=0)[0]
-    rounded = width - smooth(width, outline.resolution)  # by a second smoothing as by the first
+    rounded = width - smooth(
+        width, outline.resolution
+    )  # a second smoothing removes as much as the first
     return np.hypot(random, rounded), max(square, scatter**2) * stretch
 
 
 def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tuple[float, float]:
-    """Systematic error of the width and of the length [px]."""
+    """Return the systematic errors of width and length [px]."""
     radius, s = float(np.median(np.diff(outline.columns, axis=0))) / 2, quality.blur_px
     moved = [moved_by_limb(side.kappa, s, radius) for side in (outline.left, outline.right)]
     by_lamp = _OF_LIGHT * abs(sum(moved)) / 2  # the same law on both sides
@@ -256,40 +258,38 @@ def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tup
     lens, tone = _OF_MISFIT * misfit * s, 0.0 if stated else _OF_TONE * s
     shade, gloss = _SHADE * max(1.0, s), _OF_GLOSS * shine * max(1.0, s)
     edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
-    # Both tapes' edges move towards them, or from them, by the same tone curve.
+    # The tone curve moves both tape edges in opposite directions, so the shifts add.
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
 
 
 def _of_placement(recipe: Recipe) -> tuple[str, ...]:
-    """A warning of what the recipe leaves open and no picture shows."""
+    """Warn if the ruler's placement is not stated."""
     part = 0.00254 / recipe.camera_distance
     if recipe.scale.source != "ruler" or recipe.scale.placement_stderr is not None:
         return ()
     return (
-        "the ruler is taken to lie in the plane of the axis, which was not stated: 0.1 in off makes "
-        f"all lengths wrong by {part:.2%}; say how well it lay there, --ruler-placement 0.01in",
+        "the ruler is assumed to lie in the plane of the axis; an offset of 0.1 in changes "
+        f"all lengths by {part:.2%}: state its uncertainty, as in --ruler-placement 0.01in",
     )
 
 
 _OUTLINE, _TAPES, _MIDLINE = (255, 40, 40), (255, 220, 0), (0, 230, 230)  # RGB
-_BITS = 4  # of the fraction of a pixel in which OpenCV draws
-_MARGIN = 0.6  # of the muscle's width, kept beside it
+_BITS = 4  # fractional bits of OpenCV's drawing coordinates
+_MARGIN = 0.6  # margin relative to the muscle's width
 
 
 def draw_overlay(image: Image, trace: Trace, *, thickness: int = 1) -> Image:
-    """The picture with outline (red), tape edges (yellow) and mid-line (cyan).
+    """Draw the outline (red), tape edges (yellow) and mid-line (cyan) into a picture.
 
-    Lines are drawn to a sixteenth of a pixel where the edges were found, before perspective and
-    roll are undone.
+    The lines mark the detected edges, before correction of perspective and roll, to a sixteenth of a pixel.
 
     Args:
-        image: RGB, shape (h, w, 3).
-        trace: of its measurement.
-        thickness: of the lines [px].
+        image: picture, RGB, shape (h, w, 3).
+        trace: trace of its measurement.
+        thickness: line thickness [px].
 
     Returns:
-        RGB, dtype uint8, of the muscle and its surroundings; a picture that was turned to be measured stays
-        turned.
+        RGB picture, dtype uint8, cropped to the muscle and rotated as for the measurement.
     """
     import cv2  # noqa: PLC0415
 
@@ -312,32 +312,28 @@ def draw_overlay(image: Image, trace: Trace, *, thickness: int = 1) -> Image:
 
 
 _LEAST_WIDTH = 16  # px
-_PASSES = 3  # towards the distance of the tapes' arcs, each linear in what is left
+_PASSES = 3  # Newton steps for the camera distance
 
 
 def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
-    """The shape of the muscle in one photograph, with standard errors and quality figures.
+    """Measure the shape of the muscle in one photograph, with standard errors and quality figures.
 
-    Coarse segmentation, outline by the limb model, exact inversion of the silhouette, the tapes'
-    edges as rings of the radius found, D(z) between them. `MeasurementErrors`, the class of
-    `Measurement.errors`, describes how the standard errors are composed.
+    The steps are a coarse segmentation, the outline by the limb model, an exact inversion of the
+    silhouette, and the tape edges as rings on the resulting body. `MeasurementErrors` describes the
+    standard errors.
 
     Args:
-        image: path of a picture, or the picture itself: RGB, dtype uint8, shape (h, w, 3).
-        recipe: every choice.
-
-    Returns:
-        The measurement.
+        image: path of a picture, or an RGB array, dtype uint8, shape (h, w, 3).
+        recipe: measurement settings.
 
     Raises:
-        ImagingError: one of its kinds, with the path and the figures, when the picture gives no
-            measurement.
-        ImagingError: an array that is no picture, or a crop outside its frame.
+        ImagingError: the picture cannot be measured (a subclass names the cause), the array is not a
+            picture, or the crop extends beyond its frame.
     """
     with named(image) as (rgb, path):
         if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or min(rgb.shape[:2]) < 64:
             raise errors.ImagingError(
-                "a picture is RGB of dtype uint8 and shape (h, w, 3), 64 px or more each way; got "
+                "a picture must be RGB, dtype uint8, shape (h, w, 3), with h and w at least 64; got "
                 f"{rgb.dtype} and {rgb.shape}"
             )
         photo = Photograph(rgb, recipe.camera(rgb.shape[1], rgb.shape[0]), path)
@@ -381,7 +377,7 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)
     if not recipe.braid_angle:
         return found
-    # An error of the scale has no influence on the angle.
+    # The scale error does not affect the angle.
     relative = found.errors.edge / found.mean_diameter
     braid = braid_angle(photo, body, upper.y, lower.y, relative)
     return dataclasses.replace(found, braid=braid)
@@ -390,7 +386,6 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
 def _placed(
     photo: Photograph, coarse: Segmentation, outline: Outline, recipe: Recipe
 ) -> tuple[Silhouette, Ring, Ring]:
-    """The body behind the outline, and the edges of its upper and lower tape."""
     body = profile_from_silhouette(photo.camera, outline.rows, *outline.columns)
     upper, lower = (
         find_ring(
@@ -408,7 +403,7 @@ def _quality(
     hue = hue_of(coarse.tape)
     off = 0.0
     if recipe.tape_hue is not None:
-        # Coloured light turns hues; beside the braid, taken for white, the tape has its own again.
+        # Coloured light shifts hues; white balance on the braid restores the hue of the tape.
         tape, white = map(recipe.tone_curve.light, (coarse.tape, coarse.braid))
         beside = tape / np.maximum(white, 1e-4)
         seen = hue, hue_of(beside / beside.max())

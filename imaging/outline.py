@@ -285,7 +285,9 @@ def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radi
     shift = best_shift(windows, offset.astype(float), lambda t: step(t, _FIRST_BLUR), reach, 0.5)
     curve, keep = smooth_robustly(start + inward * shift, resolution)
     if keep.mean() < 0.5:
-        raise NoMuscle("an edge must be seen along the whole muscle", rows_found=float(keep.mean()))
+        raise NoMuscle(
+            "the edge must be visible along the whole muscle", rows_found=float(keep.mean())
+        )
     return curve
 
 

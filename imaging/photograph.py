@@ -1,4 +1,4 @@
-"""Photographs from files: decoded, checked for damage, oriented, with their times."""
+"""Read photographs: decoding, damage checks, orientation and time stamps."""
 
 import contextlib
 import dataclasses
@@ -29,49 +29,52 @@ _ORIENTATION, _EXIF_IFD, _TAKEN, _FRACTION = 0x0112, 0x8769, 0x9003, 0x9291
 _DIMENSIONS = 0xA002, 0xA003
 _ACROSS = frozenset({5, 6, 7, 8})  # rows of the file are columns of the picture
 HEIC = (".heic", ".heif")
-"""File suffixes of HEIC pictures, which the extra `heic` reads."""
+"""File suffixes of HEIC pictures; reading them requires the extra `heic`."""
 
 
 def read_image(path: str | PathLike[str]) -> Image:
     """Read a picture from a file as RGB, oriented according to its EXIF tag.
 
-    OpenCV decodes damaged JPEG files without an error but for a line that libjpeg writes to the process'
-    standard error; that line is caught here, and is a `DamagedImage`. A bit that flips in the
-    file's data often earns no such line.
+    OpenCV decodes damaged JPEG files without raising an error; libjpeg only writes a message to standard
+    error. That message is captured and raised as `DamagedImage`. A single flipped bit often causes no
+    message.
 
     Args:
-        path: of a picture in any format that OpenCV reads, or of a HEIC file; more than 8 bits are
-            reduced to 8.
+        path: picture in any format that OpenCV reads, or a HEIC file. Deeper pictures are reduced to
+            8 bits.
 
     Returns:
         Shape (h, w, 3), dtype uint8.
 
     Raises:
-        UnreadableImage: no file, an empty or truncated one, or no picture.
-        DamagedImage: the decoder complained.
+        UnreadableImage: the file is missing, empty, truncated or not a picture.
+        DamagedImage: the decoder reported damage.
     """
     place = os.fspath(path)
     try:
         data = Path(place).read_bytes()
     except OSError as error:
-        raise UnreadableImage(f"the file must be readable; {error.strerror}", path=place) from error
+        raise UnreadableImage(f"cannot read the file: {error.strerror}", path=place) from error
     if _too_large(data):
-        raise UnreadableImage("a picture has 178 Mpx at most; this one states more", path=place)
+        raise UnreadableImage(
+            "a picture may have at most 178 Mpx; its header states more", path=place
+        )
     if place.lower().endswith(HEIC):
         return _read_heic(place)
     image, complaint = _decoded(data)
     if image is None or "premature end" in complaint.lower():
         raise UnreadableImage(
-            "the file must hold a whole picture: copy it again, or export it as JPEG", path=place
+            "the file must contain a complete picture: copy it again, or export it as JPEG",
+            path=place,
         )
     if complaint:
-        raise DamagedImage(f"the decoder must not complain; it says: {complaint}", path=place)
+        raise DamagedImage(f"the file is damaged; the decoder reports: {complaint}", path=place)
     return image
 
 
 @contextlib.contextmanager
 def named(image: str | PathLike[str] | Image) -> Iterator[tuple[Image, str]]:
-    """A picture, read if it is a path, and its path; a refusal of it names the path."""
+    """Yield a picture, read if given as a path, and its path; add the path to any `ImagingError`."""
     path = "" if isinstance(image, np.ndarray) else os.fspath(image)
     try:
         yield image if isinstance(image, np.ndarray) else read_image(path), path
@@ -87,11 +90,11 @@ def _read_heic(path: str) -> Image:
         with Image.open(path) as picture:
             return np.array(ImageOps.exif_transpose(picture).convert("RGB"))
     except (OSError, ValueError) as error:
-        raise UnreadableImage(f"the file must hold a picture; {error}", path=path) from None
+        raise UnreadableImage(f"the file must contain a picture; {error}", path=path) from None
 
 
 def _too_large(data: bytes) -> bool:
-    """Whether the header states more pixels than Pillow believes, before anything is decoded."""
+    """Return True if the header states more pixels than Pillow's decompression-bomb limit."""
     from PIL import Image as Pictures  # noqa: PLC0415
 
     with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError):
@@ -104,13 +107,13 @@ def _too_large(data: bytes) -> bool:
 
 
 def _decoded(data: bytes) -> tuple[Image | None, str]:
-    """The picture, and what the decoder wrote to the standard error about it."""
+    """Return the picture and the decoder's messages on standard error."""
     image = None
     with _stderr_lock, tempfile.TemporaryFile() as sink:
         kept = os.dup(2)
         try:
             os.dup2(sink.fileno(), 2)
-            with contextlib.suppress(cv2.error):  # nothing to decode, or more pixels than it takes
+            with contextlib.suppress(cv2.error):  # no picture, or too many pixels
                 image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
         finally:
             os.dup2(kept, 2)
@@ -119,28 +122,28 @@ def _decoded(data: bytes) -> tuple[Image | None, str]:
         said = sink.read().decode(errors="replace").strip().splitlines()
     complaints = [line for line in said if any(word in line.lower() for word in _COMPLAINTS)]
     others = [line for line in said if line not in complaints]
-    if others:  # written by another thread meanwhile
+    if others:  # from another thread in the meantime
         os.write(2, ("\n".join(others) + "\n").encode())
     return None if image is None else np.asarray(image, np.uint8), "; ".join(complaints)
 
 
 def sizes_of(path: str | PathLike[str]) -> list[tuple[int, int]]:
-    """Width and height [px] by a file's header: as shown, then those of the camera's own if EXIF has them.
+    """Return width and height [px] from the header: as displayed, then the EXIF dimensions if present.
 
-    Empty where the header cannot be read; the measurement reports what is wrong with the file.
+    The list is empty if the header cannot be read; the measurement reports the cause.
     """
     return _header(path)[0]
 
 
 def _header(path: str | PathLike[str]) -> tuple[list[tuple[int, int]], dict[int, Any]]:
-    """`sizes_of` a picture, and its EXIF entries."""
-    from PIL import Image  # noqa: PLC0415 -- loaded when pictures are
+    """Return the result of `sizes_of` and the EXIF entries."""
+    from PIL import Image  # noqa: PLC0415
 
     unreadable = OSError, SyntaxError, ValueError, Image.DecompressionBombError
     with contextlib.suppress(*unreadable), Image.open(path) as picture:
-        # The entries of others stand behind their pixels.
-        told = "exif" in picture.info or picture.format == "TIFF"
-        tags = picture.getexif() if told else Image.Exif()
+        # Other formats store EXIF after the pixels.
+        has_exif = "exif" in picture.info or picture.format == "TIFF"
+        tags = picture.getexif() if has_exif else Image.Exif()
         entries = tags.get_ifd(_EXIF_IFD)
         sizes = [picture.size, tuple(entries.get(tag, 0) for tag in _DIMENSIONS)]
         turn = -1 if tags.get(_ORIENTATION) in _ACROSS else 1
@@ -149,11 +152,11 @@ def _header(path: str | PathLike[str]) -> tuple[list[tuple[int, int]], dict[int,
 
 
 class Timestamp(NamedTuple):
-    """The time of one picture by the camera's clock.
+    """Time of a picture by the camera's clock.
 
     Attributes:
-        seconds: since 1970-01-01 [s], the camera's clock read as if it showed UTC.
-        resolution: smallest step of the stamp [s]; 1.0 where the camera writes whole seconds.
+        seconds: time since 1970-01-01 [s]; the camera's clock is assumed to show UTC.
+        resolution: smallest step of the time stamp [s]; 1.0 if the camera records whole seconds.
     """
 
     seconds: float
@@ -161,7 +164,7 @@ class Timestamp(NamedTuple):
 
 
 def date_text(seconds: float) -> str:
-    """Seconds since 1970 as ISO 8601 to the millisecond; empty for nan."""
+    """Format seconds since 1970 as ISO 8601 with milliseconds; nan gives an empty string."""
     if not math.isfinite(seconds):
         return ""
     moment = datetime.fromtimestamp(round(seconds, 3), UTC).replace(tzinfo=None)
@@ -169,14 +172,14 @@ def date_text(seconds: float) -> str:
 
 
 def read_timestamp(path: str | Path) -> Timestamp | None:
-    """Read the time at which a picture was taken; None if the file does not say or cannot be read.
+    """Read the time at which a picture was taken; None if it is missing or cannot be read.
 
-    DateTimeOriginal counts whole seconds. SubSecTimeOriginal holds the digits after the decimal
-    point, and without it the stamp is cut down to the second: on average half a second early. A
-    camera whose clock was never set writes zeros or blanks.
+    DateTimeOriginal has whole seconds, SubSecTimeOriginal the digits after the decimal point. Without
+    the latter the time is truncated to the second, on average half a second early. A camera whose clock
+    was never set writes zeros or blanks.
 
     Args:
-        path: a JPEG, TIFF, PNG or WebP file.
+        path: JPEG, TIFF, PNG or WebP file.
 
     References:
         CIPA DC-008, EXIF 2.32, tags 36867 and 37521.
@@ -203,10 +206,10 @@ class Photograph:
     """A picture with the muscle upright.
 
     Attributes:
-        rgb: shape (h, w, 3).
-        camera: its centre in px of this picture.
-        path: of the picture; empty for an array.
-        turned: the picture was turned a quarter turn clockwise first.
+        rgb: pixels, shape (h, w, 3).
+        camera: camera, its centre in pixels of this picture.
+        path: path of the picture; empty for an array.
+        turned: True if the picture was first rotated clockwise by a quarter turn.
     """
 
     rgb: Image
@@ -215,7 +218,7 @@ class Photograph:
     turned: bool = False
 
     def clockwise(self) -> "Photograph":
-        """The same, rotated a quarter turn clockwise."""
+        """Return the photograph rotated clockwise by a quarter turn."""
         u, v = self.camera.centre
         return dataclasses.replace(
             self,

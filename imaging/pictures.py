@@ -1,4 +1,4 @@
-"""From file names to a folder of results: recipe, campaign, and pictures for a visual check."""
+"""Measure files and folders of pictures and write the results."""
 
 import dataclasses
 import glob
@@ -25,20 +25,20 @@ from .recipe import Recipe, read_recipe, write_recipe
 from .ruler import calibrate_ruler
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", *HEIC)
-"""Files of a folder that are taken for pictures."""
+"""Suffixes by which pictures are recognised in a folder."""
 
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
 def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
-    """The pictures that files, folders and globs name, those of one folder in natural order.
+    """Expand files, folders and patterns to a list of pictures, each folder in natural order.
 
     Args:
-        photos: what was named.
-        without: a picture that is not one of them, the ruler's.
+        photos: files, folders and patterns.
+        without: picture to exclude, such as the ruler's.
 
     Raises:
-        ImagingError: something named holds no picture.
+        ImagingError: an entry matches no picture.
     """
     found: list[str] = []
     for photo in photos:
@@ -50,15 +50,15 @@ def expand(photos: Sequence[str], without: str | None = None) -> list[str]:
             inside = [name for name in glob.glob(photo, recursive=True) if os.path.isfile(name)]
         if not inside:
             raise ImagingError(
-                f"{photo} is no file, no folder with pictures ({' '.join(SUFFIXES)}) and no pattern "
-                "that matches any"
+                f"{photo} must be a file, a folder with pictures ({' '.join(SUFFIXES)}), or a pattern "
+                "that matches at least one"
             )
         found += sorted(inside, key=_natural)
     return [path for path in found if without is None or not os.path.samefile(path, without)]
 
 
 def _is_picture(entry: os.DirEntry[str]) -> bool:
-    # macOS writes ._name beside each name on disks that are not its own.
+    # macOS adds a file ._name for each file on foreign file systems.
     return (
         entry.is_file()
         and entry.name.lower().endswith(SUFFIXES)
@@ -67,12 +67,12 @@ def _is_picture(entry: os.DirEntry[str]) -> bool:
 
 
 def _natural(path: str) -> list[tuple[int, str]]:
-    """img2 before img10."""
+    """Sort key that places img2 before img10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path)]
 
 
 def skipped(photos: Sequence[str]) -> list[str]:
-    """Names of the files in the given folders that are not pictures."""
+    """Return the names of files in the given folders that are not pictures."""
     folders = [photo for photo in photos if os.path.isdir(photo)]
     files = [entry for folder in folders for entry in os.scandir(folder) if entry.is_file()]
     return sorted(entry.name for entry in files if not _is_picture(entry))
@@ -82,24 +82,24 @@ def picture_recipe(
     *, ruler: Path | None, recipe: Path | None, scale: str | None, reading: Mapping[str, Any],
     choices: Mapping[str, Any],
 ) -> tuple[Recipe, dict[str, str]]:  # fmt: skip
-    """The recipe for some pictures, and the origin of its entries for their table.
+    """Build a recipe, and the provenance entries for the table.
 
     Args:
-        ruler: photograph of a ruler; None without one.
-        recipe: file that says what else is to be done; None for the standard.
-        scale: by hand, as `parse_scale` reads it; None if the ruler or the file tells it.
-        reading: how the ruler is read, arguments of `imaging.calibrate_ruler`.
-        choices: fields of `imaging.Recipe` in SI, before those of the file.
+        ruler: photograph of a ruler, if any.
+        recipe: recipe file, if any.
+        scale: manual scale, see `parse_scale`; None to use the ruler or the file.
+        reading: arguments of `imaging.calibrate_ruler`.
+        choices: fields of `imaging.Recipe` in SI; they override the file.
 
     Raises:
-        ImagingError: no scale or two, or a choice that makes no recipe.
+        ImagingError: the scale is missing or given twice, or a choice is invalid.
     """
     if reading and ruler is None:
         raise ImagingError(
-            "pitch, expected scale and ruler placement say how a ruler is read; there is no ruler"
+            "pitch, expected scale and ruler placement require a ruler: give its photograph (--ruler)"
         )
     if ruler is not None and scale is not None:
-        raise ImagingError("the scale is given twice, by ruler and by number; keep one")
+        raise ImagingError("the scale is given twice, by a ruler and as a number: keep one")
     fields = dict(choices)
     base = None if recipe is None else read_recipe(recipe)
     provenance = {} if recipe is None else {"recipe_file": str(recipe)}
@@ -107,11 +107,11 @@ def picture_recipe(
         fields["scale"] = parse_scale(scale)
     elif base is None and ruler is None:
         raise ImagingError(
-            "the scale is needed: give the photograph of a ruler, a number such as "
-            "226.63+-0.02 px/in, or a recipe that has one"
+            "the scale is missing: give the photograph of a ruler, a number such as "
+            "226.63+-0.02 px/in, or a recipe that includes one"
         )
     elif base is None:
-        fields["scale"] = Scale.manual(1.0)  # until the ruler is read
+        fields["scale"] = Scale.manual(1.0)  # replaced below
     found = Recipe(**fields) if base is None else dataclasses.replace(base, **fields)
     if ruler is not None:
         found = dataclasses.replace(found, scale=_ruler_scale(ruler, found, reading))
@@ -121,7 +121,7 @@ def picture_recipe(
 
 
 def parse_scale(text: str) -> Scale:
-    """Parse a scale. Without `+-` its standard error is that of rounding to the given digits.
+    """Parse a scale; without `+-`, its standard error is the rounding error of the last digit.
 
     >>> round(parse_scale("226.63 px/in").stderr * 0.0254, 6)
     0.002887
@@ -129,7 +129,7 @@ def parse_scale(text: str) -> Scale:
     match = _SCALE.fullmatch(text)
     if match is None:
         raise ImagingError(
-            f"a scale is a number with its error and unit, 226.63+-0.02 px/in, got {text!r}"
+            f"a scale must be a number with error and unit such as 226.63+-0.02 px/in, got {text!r}"
         )
     number, stderr, unit = match.groups()
     stderr = stderr or str(10.0 ** -len(number.partition(".")[2]) / math.sqrt(12))
@@ -138,7 +138,7 @@ def parse_scale(text: str) -> Scale:
 
 
 def _ruler_scale(ruler: Path, recipe: Recipe, reading: Mapping[str, Any]) -> Scale:
-    """The scale of the ruler, photographed as the muscle was, or in the whole frame."""
+    """Return the scale; the ruler's picture may be cropped like the others or show the whole frame."""
     image = read_image(ruler)
     height, width = image.shape[:2]
     whole = (width, height) == recipe.frame_size
@@ -153,38 +153,38 @@ def _ruler_scale(ruler: Path, recipe: Recipe, reading: Mapping[str, Any]) -> Sca
 
 
 def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
-    """Refuse a ruler's picture that is cropped or scaled differently from those of the muscle.
+    """Check that the ruler's picture is cropped and scaled like those of the muscle.
 
-    A ruler in the whole frame serves pictures that the recipe says to be cropped from it.
+    A picture of the whole frame is also accepted if the recipe describes the crop.
 
     Raises:
-        MixedSizes: other pixels, or other ones as the camera took them.
+        MixedSizes: the sizes differ, in the file or as recorded by the camera.
     """
     others = next((sizes for path in paths if (sizes := sizes_of(path))), [])
     for one, other in zip(sizes_of(ruler), others, strict=False):
         if one not in (other, recipe.frame_size):
             raise MixedSizes(
                 f"the ruler's picture has {one[0]} x {one[1]} px, those of the muscle {other[0]} x "
-                f"{other[1]}, by file or camera, a ratio of {one[0] / other[0]:.4g} in width and "
-                f"{one[1] / other[1]:.4g} in height. They must be cropped and scaled alike: say how the "
-                "pictures were cropped (--crop-offset, --frame-size), or that it is meant (--rescaled)",
+                f"{other[1]}, a ratio of {one[0] / other[0]:.4g} in width and "
+                f"{one[1] / other[1]:.4g} in height. They must be cropped and scaled alike: state the "
+                "crop (--crop-offset, --frame-size), or confirm that it is intended (--rescaled)",
                 path=ruler,
             )
 
 
 def check_known_sizes(table: Table, rest_length: float | None, diameter: float | None) -> None:
-    """Refuse a scale with which no muscle could have the sizes that are known of it.
+    """Check the scale against the known dimensions of the muscle.
 
-    A muscle contracts by less than half of its rest length, and is hardly ever longer; it swells to twice
-    its nominal diameter at most.
+    A muscle contracts by less than half of its rest length and hardly ever extends beyond it. Its diameter
+    at most doubles.
 
     Args:
-        table: of the pictures.
-        rest_length: L0 [m]; None where it is not known.
-        diameter: nominal, of the braid at rest [m]; None where it is not known.
+        table: measurements.
+        rest_length: L0 [m], if known.
+        diameter: nominal diameter of the braid at rest [m], if known.
 
     Raises:
-        ScaleContradiction: names the size that the pictures contradict.
+        ScaleContradiction: the measured sizes contradict a known dimension.
     """
     for name, known, column, least, most in (
         ("rest length", rest_length, "length", 0.5, 1.05),
@@ -195,19 +195,19 @@ def check_known_sizes(table: Table, rest_length: float | None, diameter: float |
         low, high = np.nanmin(table[column]) / known, np.nanmax(table[column]) / known
         if not least <= low <= high <= most:
             raise ScaleContradiction(
-                f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm, and "
-                f"a muscle has {least} to {most} times: correct the {name}, or the scale; is the pitch of "
-                "the ruler right, and were all pictures taken and kept at one size?"
+                f"the pictures show {low:.3g} to {high:.3g} times the {name} of {known * 1e3:.5g} mm; "
+                f"a muscle shows {least} to {most} times: correct the {name} or the scale. Check the pitch "
+                "of the ruler, and that no picture was resized"
             )
 
 
 class CampaignOutcome(NamedTuple):
-    """The result of a campaign.
+    """Result of a campaign.
 
     Attributes:
-        table: of the pictures.
-        files: that were written.
-        complete: whether every picture was measured, and the log, if there is one, was merged.
+        table: measurements.
+        files: files written.
+        complete: True if every picture was measured and the log, if any, was merged.
     """
 
     table: Table
@@ -223,24 +223,24 @@ def measure_pictures(
     rescaled: bool = False, diameter: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> CampaignOutcome:  # fmt: skip
-    """Measure the pictures; write table, recipe and check pictures.
+    """Measure the pictures; write the table, the recipe and the overlays.
 
     Args:
-        photos: files, folders and globs.
+        photos: files, folders and patterns.
         recipe: see `picture_recipe`.
-        provenance: see `process`; the picture named as `ruler` in it is not measured.
-        add_log: adds what a test machine's log says of each picture, as columns with `log_time`.
-        rest_length: [m]; the longest measured picture if None.
-        executor: as of `process`.
+        provenance: see `process`; its `ruler` entry is excluded from the pictures.
+        add_log: adds columns from a test machine's log, including `log_time`.
+        rest_length: L0 [m]; None for the longest measured picture.
+        executor: see `process`.
         system: units of CSV and plots.
-        output: folder, created if missing; what was measured there in the same way is taken from it.
-        overlays: number of pictures drawn with what was found in them.
-        rescaled: that the ruler's picture has another size than the others is meant.
-        diameter: nominal diameter of the braid at rest, against which the scale is checked [m].
+        output: output folder, created if missing; finished rows in it are reused.
+        overlays: number of pictures saved with the detected edges drawn in.
+        rescaled: accept a ruler picture whose size differs from the others.
+        diameter: nominal diameter of the braid at rest, used to check the scale [m].
         progress: called with (pictures done, pictures).
 
     Raises:
-        ImagingError: input that cannot be used.
+        ImagingError: an input is invalid.
     """
     check_output(output)
     ruler = provenance.get("ruler")
@@ -253,7 +253,7 @@ def measure_pictures(
     )  # fmt: skip
     check_known_sizes(table, rest_length, diameter)
     if others := skipped(photos):
-        note = f"{len(others)} files are no pictures by their names and were skipped, {others[0]} first."
+        note = f"Skipped {len(others)} files that are not pictures, the first is {others[0]}."
         table = dataclasses.replace(table, notes=(*table.notes, note))
     if add_log is not None:
         table = add_log(table)
@@ -268,7 +268,7 @@ def measure_pictures(
 
 
 def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
-    """For JSON: unknown values are null."""
+    """Return the outcome as a JSON document; unknown values are null."""
     table = outcome.table
     return {
         "pictures": len(table),
@@ -281,7 +281,7 @@ def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
 
 
 def by_contraction(table: Table, number: int) -> Indices:
-    """A number of measured pictures, evenly spaced in contraction, the longest muscle first."""
+    """Return indices of measured pictures evenly spaced in contraction, the longest muscle first."""
     good = np.flatnonzero(table.ok)
     ordered = good[np.argsort(table["contraction"][good])]
     at = np.linspace(0, good.size - 1, min(number, good.size))
@@ -289,7 +289,7 @@ def by_contraction(table: Table, number: int) -> Indices:
 
 
 def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Path:
-    """Draw the found outlines into some pictures, which are measured again; returns their folder."""
+    """Measure some pictures again, save them with the outlines drawn in, and return the folder."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The recipe: all choices from a photograph to figures, with its TOML file and limits of quality."""
+"""Recipes: measurement settings, their TOML file, and the quality limits."""
 
 import dataclasses
 import functools
@@ -16,27 +16,29 @@ from .camera import Camera, Scale, Tone
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Quality:
-    """Quality figures of one measurement; nan where the method has none.
+    """Quality figures of one measurement; nan if not available.
 
     Attributes:
-        eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1.
-        blur_px: standard deviation of the spread of light across the outline [px].
-        kappa: strength of the limb's root against its step, the larger of both sides [px^-0.5]; 0
-            for a plateau, above 2 where the limb is nearly as dark as the cloth.
-        axis_deviation: root mean square of the mid-line about a straight one, over the mean radius.
-        axis_kink: largest deviation of the mid-line from a smooth one, over the mean radius.
-        misfit: of the limb model to the mean edge, over the step; halo and sharpening leave one.
-        flank: excess of the mean edge over the model inside of it, over the step; a smeared edge has one.
-        rim: brightness of the limb over that of what lies inside of it, see `EdgeProfile`; more than 1
-            is gloss, or a lamp behind the muscle.
-        outlier_fraction: part of stray rows.
-        residual_rms: scatter of the edge about its smooth curve [px].
-        tape_sd_px: scatter of the tapes' edges about straight ones [px].
-        tape_blur_px: blur of the tapes' edges along the axis, the larger [px].
-        saturated: saturated part of the muscle.
+        eta_value, eta_hue: separability of muscle and cloth and of tape and braid, 0 to 1.
+        blur_px: standard deviation of the edge's blur across the outline [px].
+        kappa: strength of the limb's root relative to its step, the larger of both sides [px^-0.5]; 0
+            for a plateau, above 2 if the limb is nearly as dark as the cloth.
+        axis_deviation: RMS deviation of the mid-line from a straight line, relative to the mean radius.
+        axis_kink: largest deviation of the mid-line from a smooth curve, relative to the mean radius.
+        misfit: misfit of the limb model to the mean edge, relative to the step; raised by halo and
+            sharpening.
+        flank: excess of the mean edge over the model inside the edge, relative to the step; raised by
+            smear.
+        rim: brightness of the limb relative to the area inside it, see `EdgeProfile`. Values above 1
+            indicate gloss or a lamp behind the muscle.
+        outlier_fraction: fraction of rows rejected as outliers.
+        residual_rms: RMS residual of the edge about its smooth curve [px].
+        tape_sd_px: scatter of the tape edges about straight lines [px].
+        tape_blur_px: blur of the tape edges along the axis, the larger of the two [px].
+        saturated: saturated fraction of the muscle.
         tape_hue_deg: hue of the tapes [deg].
-        tape_hue_error_deg: its distance from the recipe's, by itself or beside the braid as white,
-            whichever is smaller; 0 where the recipe gives none.
+        tape_hue_error_deg: difference from the recipe's hue, with or without white balance on the
+            braid, whichever is smaller; 0 if the recipe gives no hue.
     """
 
     eta_value: float
@@ -57,10 +59,10 @@ class Quality:
     tape_hue_error_deg: float = 0.0
 
     def check(self) -> None:
-        """Refuse quality worse than the limits of `_CHECKS`.
+        """Raise the error assigned to the first figure beyond its limit.
 
         Raises:
-            ImagingError: of the class that the first figure beyond its limit calls for.
+            ImagingError: one of its subclasses.
         """
         across, along = max(self.blur_px, 1.0), max(self.tape_blur_px, 1.0)
         values = vars(self) | {"blur_ratio": max(self.tape_blur_px / across, self.blur_px / along)}
@@ -72,46 +74,47 @@ class Quality:
 
 
 _LEAST = {"eta_value", "eta_hue"}
-"""Figures that a limit bounds from below; the others are bounded from above."""
+"""Figures with a lower limit; all others have an upper limit."""
 
 _SMEARED = (
-    "edges must be as sharp as the lens makes them, along the axis as across it; these are smeared: expose "
-    "shorter, or hold the muscle still, check the focus, wind tapes with a straight edge further in than a "
-    "steep shoulder, and take the picture again"
+    "edges must be equally sharp along the axis and across it; these are smeared: use a shorter exposure "
+    "or hold the muscle still, check the focus, wind tapes with straight edges, away from steep shoulders, "
+    "and retake the picture"
 )
 _ALIKE = (
-    "the two sides must be smooth and mirror each other: is the picture damaged, one side in the shade, "
-    "or something in front of the muscle or beside it?"
+    "the two sides must be smooth and symmetric: check for a damaged picture, one side in shadow, or an "
+    "object in front of or next to the muscle"
 )
 _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
-    ("saturated", 0.2, errors.Overexposed, "expose shorter: where light is cut off there is no edge"),
-    ("eta_value", 0.7, errors.NoMuscle, "muscle and cloth must differ in brightness: give more light, or "
+    ("saturated", 0.2, errors.Overexposed, "clipped pixels hide the edges: use a shorter exposure"),
+    ("eta_value", 0.7, errors.NoMuscle, "muscle and cloth must differ in brightness: use more light or a "
      "darker cloth"),
     ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or "
      "give its hue"),
-    ("tape_hue_error_deg", 40.0, errors.AmbiguousHue, "the tapes found have another hue than the recipe's"),
-    ("kappa", 5.9, errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides; "
-     "if it is lit, it moved: expose shorter, and take the picture again"),
+    ("tape_hue_error_deg", 40.0, errors.AmbiguousHue, "the tapes' hue must match the recipe's: correct "
+     "tape_hue, or leave it out"),
+    ("kappa", 5.9, errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides. "
+     "If it is lit, it moved: use a shorter exposure and retake the picture"),
     ("blur_ratio", 1.6, errors.MotionBlurred, _SMEARED),
-    ("blur_px", 3.5, errors.Defocused, "focus on the muscle's limb, and take the picture again"),
+    ("blur_px", 3.5, errors.Defocused, "focus on the muscle's limb and retake the picture"),
     ("tape_blur_px", 1.25 * 3.5, errors.MotionBlurred, _SMEARED),
     ("flank", 0.2, errors.MotionBlurred, _SMEARED),
     ("outlier_fraction", 0.2, errors.DamagedImage, _ALIKE),
     ("residual_rms", 1.5, errors.DamagedImage, _ALIKE),
     ("axis_deviation", 0.15, errors.NoMuscle, _ALIKE),
     ("axis_kink", 0.05, errors.DamagedImage, _ALIKE),
-    ("misfit", 0.02, errors.DamagedImage, "the mean edge must look like that of a lit body behind a lens: "
-     "is its background like it in places? put a dark cloth behind it; or does the camera sharpen?"),
-    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tapes' edges must be straight rings: is a tape torn, or "
-     "covered?"),
+    ("misfit", 0.02, errors.DamagedImage, "the mean edge must match the model of a lit body: put a dark "
+     "cloth behind the muscle if parts of the background resemble it, and switch off sharpening"),
+    ("tape_sd_px", 5.0, errors.AmbiguousHue, "the tapes' edges must be straight rings: check for a torn or "
+     "covered tape"),
 )  # fmt: skip
-"""Figures of `Quality`, the worst that is still accepted, and what a worse one is refused for.
+"""Figures of `Quality`, their limits, and the error for a value beyond the limit.
 
-`blur_ratio` is the blur of the tapes' edges along the axis over that of the outline across it, or the
-reverse: a way of 4 px during the exposure reaches it with a lens of 1 px. The tapes' edges are softer by
-themselves, by a quarter. A way of 25 px reaches the limit of `flank`. The limb of a larger `kappa` is lost
-in the cloth. Sound pictures have a `misfit` of 0.005 at most, ones sharpened by an unsharp mask of 2 about
-0.012.
+`blur_ratio` is the larger ratio between the tape edges' blur along the axis and the outline's blur across
+it. With a lens blur of 1 px, a motion of 4 px during the exposure reaches its limit; a motion of 25 px
+reaches that of `flank`. Tape edges are a quarter softer than the outline even without motion. With a larger
+`kappa` the limb merges with the cloth. `misfit` is at most 0.005 in good pictures and about 0.012 after an
+unsharp mask of strength 2.
 """
 
 
@@ -121,27 +124,28 @@ _RESOLUTION = 0.0093  # m, 83 px at 226.63 px/in: a quarter of the smallest feat
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
-    """Options for measuring the photographs of one camera set-up.
+    """Settings for measuring the photographs of one camera set-up.
 
     Attributes:
-        scale: in the mid-plane.
-        distance: camera to the muscle's axis [m]; None takes that of which the tapes' edges are arcs.
-        centre: where the optical axis meets the picture (u, v) [px]; None takes the middle of the
-            frame, and with it of a picture that is not a crop.
-        crop_offset: column and row in the frame of the picture's first pixel [px]; None for an
-            uncropped picture, or a crop about the middle of the frame.
-        frame_size: width and height of the frame that was cropped [px]; needed with `crop_offset`
-            unless `centre` is given.
-        k1: radial distortion of the lens, as in `Camera`; None takes what the ruler shows, or 0.
-        tone: the camera's tone curve; None takes sRGB, with what another may do in the errors.
-        orientation: of the muscle in the picture; "auto" turns it where needed. A horizontal
-            one is turned a quarter turn clockwise before it is measured.
-        tape_hue: of the tapes [deg]; None finds it.
-        tape_diameter: known diameter of the tapes on the fittings [m]; the scale is checked against it.
-        braid_angle: measure it from the weave as well, which takes as long again.
+        scale: scale in the mid-plane.
+        distance: distance from camera to the muscle's axis [m]; None estimates it from the curvature of
+            the tape edges.
+        centre: position (u, v) of the optical axis in the picture [px]; None for the middle of the
+            frame.
+        crop_offset: column and row of the picture's first pixel in the camera frame [px]; None for an
+            uncropped picture or a centred crop.
+        frame_size: width and height of the uncropped frame [px]; required with `crop_offset` unless
+            `centre` is given.
+        k1: radial distortion of the lens, see `Camera`; None uses the ruler's estimate, or 0.
+        tone: the camera's tone curve; None assumes sRGB and allows for other curves in the errors.
+        orientation: orientation of the muscle in the picture; "auto" detects it. A horizontal muscle
+            is rotated clockwise by a quarter turn before the measurement.
+        tape_hue: hue of the tapes [deg]; None detects it.
+        tape_diameter: known diameter of the tapes on the fittings [m], used to check the scale.
+        braid_angle: also measure the braid angle from the weave; doubles the time.
 
     Raises:
-        ImagingError: an option that is not known, a figure outside its range, or half of a crop.
+        ImagingError: an unknown option, a value outside its range, or an incomplete crop.
     """
 
     scale: Scale
@@ -164,20 +168,22 @@ class Recipe:
         if self.tape_hue is not None and not 0 <= self.tape_hue <= 360:
             raise errors.ImagingError(f"tape_hue must be 0 to 360 deg, got {self.tape_hue}")
         if self.orientation not in (known := ("vertical", "horizontal", "auto")):
-            raise errors.ImagingError(f"orientation is one of {known}, got {self.orientation!r}")
+            raise errors.ImagingError(
+                f"orientation must be one of {known}, got {self.orientation!r}"
+            )
         if self.crop_offset is not None and self.frame_size is None and self.centre is None:
             raise errors.ImagingError(
-                "a crop_offset needs the frame_size that was cropped, or the centre"
+                "a crop_offset requires the frame_size of the uncropped frame, or the centre"
             )
-        for name in ("centre", "crop_offset"):  # floats, as a recipe's file gives them back
+        for name in ("centre", "crop_offset"):  # floats, as read back from a recipe file
             place = getattr(self, name)
             object.__setattr__(self, name, place and tuple(map(float, place)))
 
     def camera(self, width: int, height: int) -> Camera:
-        """The camera for a picture of this size [px].
+        """Return the camera for a picture of this size [px].
 
         Raises:
-            ImagingError: the crop does not lie in the frame.
+            ImagingError: the crop extends beyond the frame.
         """
         centre = (width - 1) / 2, (height - 1) / 2
         if self.centre is not None:
@@ -195,12 +201,12 @@ class Recipe:
 
     @property
     def camera_distance(self) -> float:
-        """The stated distance, or the reference work's 60 in [m]."""
+        """Stated distance, or 60 in as in the reference work [m]."""
         return REFERENCE_DISTANCE if self.distance is None else self.distance
 
     @property
     def tone_curve(self) -> Tone:
-        """The stated tone curve, or sRGB."""
+        """Stated tone curve, or sRGB."""
         return Tone.srgb() if self.tone is None else self.tone
 
     @property
@@ -225,28 +231,28 @@ _FORM = Form(
 
 
 def recipe_text(recipe: Recipe) -> str:
-    """All choices of a recipe in SI, as TOML.
+    """Return the recipe as TOML, in SI.
 
-    A field that is None is left out if that is its default, and "none" if it is not.
+    A field that is None is omitted if None is its default, and written as "none" otherwise.
     """
     return toml_text({"format": _FORMAT, **to_entries(recipe, _FORM)})
 
 
 def write_recipe(recipe: Recipe, path: str | Path) -> Path:
-    """Write a recipe that `read_recipe` reads back to the same bits."""
+    """Write a recipe that `read_recipe` restores exactly."""
     Path(path).write_text(recipe_text(recipe), encoding="utf-8")
     return Path(path)
 
 
 def read_recipe(path: str | Path) -> Recipe:
-    """The recipe in a TOML file; lengths may have any known unit, `distance_in = 60`.
+    """Read a recipe from a TOML file; lengths may use any known unit, `distance_in = 60`.
 
     Raises:
-        ImagingError: no such file, not TOML, an unknown key, unit or format, a missing scale, or a value
-            that cannot be.
+        ImagingError: the file is missing or not TOML, or has an unknown key, unit or format, no scale, or
+            an invalid value.
     """
     error = functools.partial(errors.ImagingError, path=path)
     given = dict(read_toml(path, "recipe", error, where=""))
     if (found := given.pop("format", _FORMAT)) != _FORMAT:
-        raise error(f"a recipe has the format {_FORMAT!r}, got {found!r}")
+        raise error(f"a recipe must have the format {_FORMAT!r}, got {found!r}")
     return from_entries(Recipe, given, _FORM, error=error)

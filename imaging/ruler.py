@@ -362,8 +362,8 @@ def choose_strip(luma: Image, light: Single, pitch: float | None, expected: floa
         good = next(filter(None, alike), [])
     if not good:
         raise RulerNotFound(
-            f"a ruler must show {FEWEST} or more marks at even distances; is it in the picture, in focus, "
-            "and are pitch and expected scale those of its finest regular marks?",
+            f"a ruler must show at least {FEWEST} evenly spaced marks: check that it is in the picture and "
+            "in focus, and that pitch and expected scale refer to its finest regular marks",
             strips=len(lines),
         )
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
@@ -405,7 +405,7 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         ):
             continue
         raise AmbiguousRuler(
-            "two edges of the ruler differ: say which scale to expect (expected_px_per_m, "
+            "the two edges of the ruler differ: state the expected scale (expected_px_per_m, "
             "--expected-px-per-in), or cover one edge",
             pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
             px_per_in=best.marks.pitch / pitch * INCH,
@@ -464,9 +464,9 @@ def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
         readings = tuple(one for one in readings if abs(one / near - 1) < _EXPECTED)
     if len(readings) == 1:
         return readings[0]
-    seen = f"every {period}th mark is numbered" if period else "no numbers are seen"
+    seen = f"every {period}th mark is numbered" if period else "no numerals were found"
     raise AmbiguousRuler(
-        f"{seen}, which does not tell the distance of the marks: say --pitch 0.125in, 1mm, or another",
+        f"{seen}, so the spacing of the marks is ambiguous: state it, as in --pitch 0.125in or 1mm",
         pitch_px=strip.marks.pitch,
     )
 
@@ -593,38 +593,37 @@ def calibrate_ruler(
     centre: tuple[float, float] | None = None, k1: float | None = None, tone: Tone | None = None,
     expected_px_per_m: float | None = None, placement_stderr: float | None = None,
 ) -> Scale:  # fmt: skip
-    """Measure the scale in the mid-plane with a ruler that crosses it at the height of the optical axis.
+    """Measure the scale in the mid-plane from a ruler at the height of the optical axis.
 
-    The marks' places along the ruler follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in
-    depth; the tilt is sin(tilt) = d c / (1 + c n0) per metre of ruler with n0 where the optical
-    axis meets it, and the scale there its slope over cos(tilt). What no picture of a ruler shows is
-    how far in front of or behind the muscle's axis it was: a distance e changes the scale by e / d.
+    The mark positions follow px(n) = (a + b n) / (1 + c n) exactly for any tilt in depth. The tilt is
+    sin(tilt) = d c / (1 + c n0) per metre of ruler, with n0 at the optical axis; the scale there is the
+    slope divided by cos(tilt). The picture does not show how far the ruler was in front of or behind the
+    muscle's axis: an offset e changes the scale by e / d.
 
     Args:
-        image: path of a picture, or the picture: RGB, dtype uint8, shape (h, w, 3). The ruler may
-            lie in any direction, its marks dark or light, long and short, with numbers.
-        pitch: from mark to mark, of the finest that are regular [m]; None reads it off the number of
-            marks from one number, or longest mark, to the next.
-        distance: camera to the mid-plane d [m].
-        centre: where the optical axis meets the picture (u, v) [px]; None takes its middle.
-        k1: radial distortion, as in `Camera`; None takes what the marks show, where that is more than
+        image: path of a picture, or an RGB array, dtype uint8, shape (h, w, 3). The ruler may have any
+            orientation, dark or light marks of several lengths, and numerals.
+        pitch: spacing of the finest regular marks [m]; None infers it from the number of marks between
+            numerals or longest marks.
+        distance: distance d from camera to mid-plane [m].
+        centre: position (u, v) of the optical axis in the picture [px]; None for the middle.
+        k1: radial distortion, see `Camera`; None estimates it from the marks and uses it if it exceeds
             three standard errors.
-        tone: the camera's tone curve; sRGB by default. It hardly matters here.
-        expected_px_per_m: the scale to within a quarter [px/m]; distinguishes a ruler's
-            finer and coarser marks, or its two edges.
-        placement_stderr: standard error of the ruler's place in depth [m]; enters the scale's. None
-            takes it to lie in the plane, and measurements warn of that.
+        tone: the camera's tone curve, by default sRGB; its influence is small.
+        expected_px_per_m: approximate scale (within 25 %) [px/m]; selects among marks of different
+            spacing, or between the two edges.
+        placement_stderr: standard error of the ruler's position in depth [m], included in that of the
+            scale. None assumes the ruler in the plane; measurements then issue a warning.
 
     Returns:
-        The scale; positive `tilt_deg` when its lower, or right, end is further away.
+        The scale; `tilt_deg` is positive if the lower or right end is further away.
 
     Raises:
-        RulerNotFound: no regular marks, fewer than 8, too many that do not fit, or a scale no
-            better than 0.1 %.
-        AmbiguousRuler: no scale is expected, and two edges of the ruler show two; or the pitch can be
-            read in two ways, or in none.
-        UnreadableImage, DamagedImage: as `read_image`.
-        ImagingError: a figure outside its range.
+        RulerNotFound: too few regular marks, too many outliers, or a scale error above 0.1 %.
+        AmbiguousRuler: the two edges show different scales and none is expected, or the pitch is
+            ambiguous.
+        UnreadableImage, DamagedImage: see `read_image`.
+        ImagingError: a value outside its range.
 
     References:
         Chambers 2021, section 4.2.1.
@@ -694,8 +693,8 @@ def _scale(
     random = math.sqrt(gradient @ marks.covariance @ gradient)
     if not random <= _LEAST_EXACT * px_per_m:
         raise RulerNotFound(
-            f"the marks must give the scale to {_LEAST_EXACT:.1%} or better, and are too few, or scatter "
-            "too much: is the ruler in focus, are its finest marks 5 px or more apart?",
+            f"the marks must determine the scale to {_LEAST_EXACT:.1%}; they are too few or scatter "
+            "too much: check that the ruler is in focus and its finest marks are at least 5 px apart",
             relative_stderr=random / px_per_m,
         )
     a, b, c = fit

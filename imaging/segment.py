@@ -1,4 +1,4 @@
-"""Segmentation into cloth, braid and tape: the coarse outline from which the fine steps start."""
+"""Segment a picture into cloth, braid and tape, and find a coarse outline."""
 
 import colorsys
 import dataclasses
@@ -121,9 +121,7 @@ _SHADE = 0.15  # of the way from cloth to muscle at which its shaded side begins
 
 
 _CLOTH = "put a dark cloth behind the muscle"
-_WHOLE = (
-    "the whole muscle must be in the picture, not at its border: move the camera, or widen the crop"
-)
+_WHOLE = "the whole muscle must be in the picture, clear of its border: move the camera or widen the crop"
 
 
 class MuscleMask(NamedTuple):
@@ -163,11 +161,11 @@ def muscle_mask(rgb: Image) -> MuscleMask:
     enough, figures = area >= LEAST_AREA * value.size, by_value._asdict()
     if enough and by_value.high < _DARK and by_value.eta > TWO_CLASSES:
         raise errors.Underexposed(
-            "the muscle is too dark: expose longer, or give more light", **figures
+            "the muscle is too dark: use a longer exposure or more light", **figures
         )
     if not enough or by_value.high - by_value.low < LEAST_CONTRAST:
         raise errors.NoMuscle(
-            "a muscle must stand out from the cloth and hold together: is it in the picture, and lit?",
+            "the muscle must be one object, distinct from the cloth: check that it is visible and lit",
             **figures,
         )
     lit = lit & found
@@ -219,7 +217,7 @@ def mask_against_border(rgb: Image) -> MuscleMask:
     sure = shaped(above(value, max(split.level, _LEAST)), cv2.MORPH_OPEN, 5)
     if split.high - split.low < _LEAST or np.count_nonzero(sure) < LEAST_AREA * value.size:
         raise errors.NoMuscle(
-            f"nothing stands out from the background: {_CLOTH}", **split._asdict()
+            f"no object can be distinguished from the background: {_CLOTH}", **split._asdict()
         )
     guess = np.full(value.shape, cv2.GC_PR_BGD, np.uint8)
     guess[value > _LEAST] = cv2.GC_PR_FGD
@@ -448,13 +446,14 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
     n = int(numbers.size)
     clipped = any(line.any() for line in (muscle[0], muscle[-1], muscle[:, 0], muscle[:, -1]))
     for holds, error, text in (
-        (n < 2 and clipped, errors.Clipped, f"both tapes must be seen, and {_WHOLE}"),
+        (n < 2 and clipped, errors.Clipped, f"both tapes must be visible, and {_WHOLE}"),
         (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
          "the tapes must differ in colour from the braid: use another tape, or give its hue"),
         (n == 1, errors.MissingFitting,
-         "two tapes must be seen; one is: is the other covered, too dark, or without colour?"),
+         "two tapes must be visible; one is: check whether the other is covered, too dark or colourless"),
         (n > 2, errors.ExtraFitting,
-         "two tapes must be seen: remove the rest from the picture, crop it, or give the tape's hue"),
+         "exactly two tapes must be visible: remove other objects of that colour, crop the picture, or "
+         "give the tape's hue"),
     ):  # fmt: skip
         if holds:
             raise error(text, tapes=n, eta_hue=eta)
@@ -583,7 +582,7 @@ def _segmented(
     across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre))
     if across > along:
         raise errors.WrongOrientation(
-            'the muscle must stand upright, and it lies: turn the camera, or set the orientation to "auto"',
+            'the muscle must be upright: turn the camera, or set the orientation to "auto"',
             across_px=float(across * step),
         )
     v0 = u0 = 0
@@ -622,7 +621,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
     first, last = int(np.ceil(first)), int(last)
     if rows.size < _FEWEST_ROWS or last - first < _FEWEST_ROWS // step:
         raise errors.MissingFitting(
-            f"{_FEWEST_ROWS} or more rows of braid must show between the tapes; {rows.size} do"
+            f"at least {_FEWEST_ROWS} rows of braid must be visible between the tapes; got {rows.size}"
         )
     band = look.muscle.whole[first : last + 1] > 0
     left = np.argmax(band, axis=1)
@@ -638,7 +637,7 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         sampled(look.small, mask, _COLOURS) for mask in (cloth, inside, look.tape & body)
     )
     if min(cloth.size, braid.size, tape.size) == 0:
-        raise errors.NoMuscle("cloth, braid and tapes must each show some pixels; one shows none")
+        raise errors.NoMuscle("cloth, braid and tapes must all be visible; one has no pixels")
     return Segmentation(
         rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
         right=np.interp(rows, at, right * step) + u0, upper=upper.moved(step, v0, u0),
@@ -706,7 +705,7 @@ def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Sin
     best = 0 if least[0] >= _LUMA_FIRST * least.max() else int(np.argmax(least))
     if least[best] < _CONTRAST:
         raise errors.NoMuscle(
-            f"all of the outline must be brighter than the background, or all of it darker: {_CLOTH}",
+            f"the whole outline must be brighter than the background, or darker everywhere: {_CLOTH}",
             contrast=float(least[best]),
         )
     gray = rgb[..., best - 1] if best else cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)

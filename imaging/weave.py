@@ -357,9 +357,9 @@ _NEIGHBOURS = 4.0  # windows over which the scatter of the two families is poole
 _FEWEST = 4  # windows whose scatter says something
 
 
-NO_WEAVE = "no two families of yarns are seen"
-BLURRED = "the yarns are not resolved here"
-GLOSSY = "the braid shines in stripes, which hide the yarns: move the lamps, or make it matt"
+NO_WEAVE = "two families of yarns could not be detected"
+BLURRED = "the yarns are not resolved"
+GLOSSY = "glossy stripes hide the yarns: move the lamps, or make the braid matt"
 
 
 @dataclasses.dataclass(frozen=True)

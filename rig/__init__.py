@@ -1,8 +1,8 @@
-"""A test rig, from microcontroller to record: protocol, link, journal, plan, simulation.
+"""Test rig: protocol, link, journal, plans and simulation.
 
-Start with `read_plan` and `Rig`: pressure control that vents on every way out. `read_journal` reads
-a record back, `audit` checks it; `rig.simulation` is a rig without hardware. The firmware, wiring
-and safety rules are in `rig/firmware/README.md`.
+Start with `read_plan` and `Rig`, which controls the pressure and always vents on exit. `read_journal` reads
+a record and `audit` checks it; `rig.simulation` simulates a rig without hardware. For the firmware, wiring
+and safety rules see `rig/firmware/README.md`.
 """
 
 import lazy_loader

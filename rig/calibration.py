@@ -1,7 +1,7 @@
-"""Calibration of a rig: from counts to pascals and newtons, and the output that holds a pressure.
+"""Calibration of a rig: sensors, and the feed-forward output that holds a pressure.
 
-`read_calibration` reads a rig's TOML file, units in every key; `fit_sensor` and `fit_feed_forward`
-make its parts.
+`read_calibration` reads a TOML file with units in every key; `fit_sensor` and `fit_feed_forward` fit its
+parts.
 """
 
 import dataclasses
@@ -19,13 +19,13 @@ from famjax.boundary.units import from_si
 
 from .errors import RigError
 
-READINGS = 5  # of the converter in one record's sum
-FULL_SCALE = 1023 * READINGS  # largest sum of a record [counts]
+READINGS = 5  # converter readings summed in one record
+FULL_SCALE = 1023 * READINGS  # largest sum [counts]
 FULL_OUTPUT = 255  # largest output [counts of pulse-width modulation], 5 V
 
 
 def pressure_text(pressure: float, unit: str) -> str:
-    """A pressure [Pa] in a unit.
+    """Format a pressure [Pa] in a unit.
 
     >>> pressure_text(275790.3, "psi")
     '40 psi'
@@ -35,17 +35,17 @@ def pressure_text(pressure: float, unit: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """A linear sensor; its curvature is neglected and appears in `scatter`.
+    """Linear sensor; nonlinearity is neglected and appears in `scatter`.
 
-    value = gain (counts - zero), counts the sum of five readings of 10 bits.
+    value = gain (counts - zero), where counts is the sum of five 10-bit readings.
 
     Attributes:
-        gain: [unit/count], not zero.
+        gain: gain [unit/count], nonzero.
         zero: counts at value zero; may lie outside 0..5115.
         gain_std: standard error of the gain [unit/count].
         zero_std: standard error of the zero [counts].
-        correlation: of the two errors, in [-1, 1].
-        scatter: root mean square [unit] of the references about the line, n - 2 degrees of freedom.
+        correlation: correlation of the two errors, in [-1, 1].
+        scatter: RMS residual [unit] of the references about the line, with n - 2 degrees of freedom.
     """
 
     gain: float
@@ -58,19 +58,19 @@ class Sensor:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gain) and self.gain != 0 and math.isfinite(self.zero)):
             raise RigError(
-                f"a sensor needs a gain that is not zero and a zero, got {self.gain}, {self.zero}"
+                f"a sensor requires a finite nonzero gain and a finite zero, got {self.gain}, {self.zero}"
             )
 
     def value(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Values [unit] of counts, any shape."""
+        """Convert counts to values [unit], any shape."""
         return self.gain * (np.asarray(counts, np.float64) - self.zero)
 
     def counts(self, value: float) -> float:
-        """Counts for a value [unit], not rounded."""
+        """Convert a value [unit] to counts, not rounded."""
         return self.zero + value / self.gain
 
     def error(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Standard error [unit] of values from the calibration alone, any shape."""
+        """Return the standard error [unit] due to the calibration alone, any shape."""
         if not (math.isfinite(self.gain_std) and math.isfinite(self.zero_std)):
             return np.full(np.shape(counts), math.inf)
         from_zero = np.asarray(counts, np.float64) - self.zero
@@ -85,13 +85,13 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
 
     Args:
         counts: mean counts at each reference, shape (n,), n >= 3, strictly between 0 and 5115.
-        references: what was applied [unit], shape (n,), two different values at least.
+        references: applied values [unit], shape (n,), at least two different ones.
 
     Returns:
-        The sensor with the standard errors of both parameters and their correlation.
+        The sensor with standard errors of both parameters and their correlation.
 
     Raises:
-        RigError: too few or equal references, counts at the converter's end, or no response.
+        RigError: too few or equal references, counts at the limit of the converter, or no response.
 
     References:
         Draper & Smith 1998, Applied Regression Analysis, section 1.7 (inverse regression).
@@ -102,19 +102,17 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
     """
     y, x = _pairs("counts and references", counts, references)
     if y.size < 3:
-        raise RigError(f"a sensor's errors need three references or more, got {y.size}")
+        raise RigError(f"a calibration requires at least three references, got {y.size}")
     bad = np.flatnonzero((y <= 0) | (y >= FULL_SCALE))
     if bad.size:
-        raise RigError(
-            f"{y[bad[0]]:g} counts are at the end of the converter's range: leave that reading out"
-        )
+        raise RigError(f"{y[bad[0]]:g} counts are at the limit of the converter: omit that reading")
     if np.ptp(x) == 0:
-        raise RigError(f"all references are {x[0]:g}; apply two different ones at least")
+        raise RigError(f"all references are {x[0]:g}: apply at least two different ones")
     (slope, zero), covariance = np.polyfit(x, y, 1, cov=True)
     slope_std, zero_std = np.sqrt(np.diag(covariance))
     if abs(slope) <= 3 * slope_std or slope == 0:
         raise RigError("the counts do not follow the references: check wiring and order")
-    # gain = 1/slope turns the sign of its correlation with the zero
+    # gain = 1/slope reverses the sign of the correlation with the zero
     correlation = -covariance[0, 1] / (slope_std * zero_std) if zero_std else 0.0
     gain, left = 1 / slope, y - zero - slope * x
     scatter = abs(gain) * np.sqrt(left @ left / (y.size - 2))
@@ -124,13 +122,13 @@ def fit_sensor(counts: ArrayLike, references: ArrayLike) -> Sensor:
 
 @dataclasses.dataclass(frozen=True)
 class FeedForward:
-    """Feed-forward output added to the controller's, v = sum c_k (P / P_s)^k, k = 0..3.
+    """Feed-forward output v = sum c_k (P / P_s)^k, k = 0..3, added to the controller output.
 
     Attributes:
         coefficients: c_k [counts], shape (4,).
         scale: P_s [Pa], > 0.
-        pressure_range: lowest and highest pressure [Pa] at which v is known.
-        scatter: root mean square [counts] of the steps about the cubic.
+        pressure_range: pressures [Pa] between which v is valid.
+        scatter: RMS residual [counts] of the steps about the cubic.
     """
 
     coefficients: tuple[float, ...]
@@ -140,11 +138,11 @@ class FeedForward:
 
     @classmethod
     def bias(cls, output: float = 127.5) -> "FeedForward":
-        """The same output at every pressure: 2.5 V, the middle of the proportional valve."""
+        """Return a constant output, by default 2.5 V, the middle of the proportional valve."""
         return cls((output, 0.0, 0.0, 0.0))
 
     def output(self, pressure: float, unit: str = "kPa") -> float:
-        """Output [counts, 0..255] that holds a pressure [Pa]; `unit` is that of messages.
+        """Return the output [counts, 0..255] that holds a pressure [Pa]; `unit` is used in messages.
 
         Raises:
             RigError: the pressure lies outside `pressure_range`, or the output outside 0..255.
@@ -153,7 +151,7 @@ class FeedForward:
         if not low <= pressure <= high:
             said = [pressure_text(x, unit) for x in (low, high, pressure)]
             raise RigError(
-                "the feed-forward is known from {} to {}, not at {}: step the pump again".format(
+                "the feed-forward is valid from {} to {}, not at {}: calibrate the pump again".format(
                     *said
                 )
             )
@@ -165,18 +163,17 @@ class FeedForward:
 
 
 def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
-    """Fit a cubic through steps of the output, neglecting the noise of the pressures.
+    """Fit a cubic to output steps, neglecting the noise of the pressures.
 
     Args:
-        pressures: mean pressure [Pa] at each step, shape (n,), n >= 5, four different at least.
-        outputs: the steps [counts, 0..255], shape (n,).
+        pressures: mean pressure [Pa] at each step, shape (n,), n >= 5, at least four different.
+        outputs: output steps [counts, 0..255], shape (n,).
 
     Returns:
-        v(P), known between the extreme pressures.
+        v(P), valid between the extreme pressures.
 
     Raises:
-        RigError: too few steps, or a cubic that does not rise over the whole range: the pump did
-            not follow.
+        RigError: too few steps, or the cubic does not rise over the whole range.
 
     >>> P = np.linspace(0, 7e5, 8)
     >>> v = fit_feed_forward(P, 20 + 180 * (P / 7e5) ** 2 + 30 * P / 7e5)
@@ -185,7 +182,9 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
     """
     P, u = _pairs("pressures and outputs", pressures, outputs)
     if u.size < 5 or np.unique(u).size < 4 or np.unique(P).size < 4:
-        raise RigError(f"a cubic with its error needs five steps of four outputs, got {u.size}")
+        raise RigError(
+            f"the cubic requires five steps with four different outputs, got {u.size} steps"
+        )
     scale = float(np.abs(P).max())
     A = np.vander(P / scale, 4, increasing=True)
     c = np.linalg.lstsq(A, u)[0]
@@ -200,12 +199,12 @@ def fit_feed_forward(pressures: ArrayLike, outputs: ArrayLike) -> FeedForward:
 def _pairs(
     what: str, first: ArrayLike, second: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two columns of one length, finite."""
+    """Convert to two finite columns of equal length."""
     a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
     if a.ndim != 1 or a.shape != b.shape:
         raise RigError(f"{what} must have one shape (n,), got {a.shape}, {b.shape}")
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise RigError(f"{what} must be finite; leave out what was not read")
+        raise RigError(f"{what} must be finite: omit missing readings")
     return a, b
 
 
@@ -234,10 +233,10 @@ class Calibration:
     """Calibration of a rig: sensors and feed-forward.
 
     Attributes:
-        pressure: the transducer, Pa gauge; its gain is positive, as the device's trip needs.
-        force: the load cell, N, positive when the muscle pulls.
+        pressure: transducer, Pa gauge; the device's trip requires a positive gain.
+        force: load cell, N, positive when the muscle pulls.
         feed_forward: output that holds a pressure.
-        board: number of the board that it was made at, 0 if that has none; no other runs with it.
+        board: number of the board to which the calibration belongs, 0 for none.
     """
 
     pressure: Sensor
@@ -248,26 +247,26 @@ class Calibration:
     def __post_init__(self) -> None:
         if self.pressure.gain <= 0:
             raise RigError(
-                f"the transducer's gain must be positive, got {self.pressure.gain:g}: swap its wires"
+                f"the transducer's gain must be > 0, got {self.pressure.gain:g}: swap its wires"
             )
 
 
 def calibration_as_dict(calibration: Calibration) -> dict[str, Any]:
-    """The calibration as a dictionary with units in its keys; unknown or unlimited entries are omitted."""
+    """Convert to a dictionary with units in the keys; unknown or infinite entries are omitted."""
     board = {"board": calibration.board} if calibration.board else {}
     parts = {name: to_entries(getattr(calibration, name), form) for name, form in _FORMS.items()}
     return board | parts
 
 
 def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibration:
-    """Make a calibration from such a dictionary.
+    """Build a calibration from such a dictionary.
 
     Args:
-        content: a table for each sensor, one for the feed-forward or none, the board or none.
-        where: the place of the tables, for messages.
+        content: tables of both sensors and, optionally, the feed-forward table and the board.
+        where: prefix of messages.
 
     Raises:
-        RigError: a sensor is missing, a key is unknown or a value is no number.
+        RigError: a sensor is missing, a key is unknown or a value is not a number.
     """
     tables = from_entries(_Tables, content, where=where, error=RigError)
     kinds: dict[str, Any] = {"pressure": Sensor, "force": Sensor, "feed_forward": FeedForward}
@@ -280,7 +279,7 @@ def calibration_from_dict(content: Mapping[str, Any], where: str = "") -> Calibr
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read the calibration from a TOML file.
+    """Read a calibration from a TOML file.
 
     Raises:
         RigError: the file cannot be read or is not a calibration.
@@ -289,7 +288,7 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def write_calibration(path: str | Path, calibration: Calibration) -> None:
-    """Write the calibration as TOML; reading it back gives the same numbers."""
+    """Write a calibration as TOML that `read_calibration` restores exactly."""
     _write(path, calibration_as_dict(calibration))
 
 
@@ -299,18 +298,18 @@ def update_calibration(
     """Update one part of a calibration file and keep the others; the file is created if missing.
 
     Args:
-        path: of the file.
+        path: calibration file.
         name: pressure, force or feed_forward.
-        part: what was found.
-        board: number of the board that it was found at; 0 keeps that of the file.
+        part: new calibration of this part.
+        board: number of the board used; 0 keeps the number in the file.
 
     Raises:
-        RigError: the file cannot be read, is of another board, or the calibration cannot be.
+        RigError: the file cannot be read or belongs to another board, or the calibration is invalid.
     """
     known = read_toml(path, "calibration", RigError) if Path(path).exists() else {}
     if board and known and known.get("board", board) != board:
         raise RigError(
-            f"{path} is of board {known['board']}, this is board {board}: name another file"
+            f"{path} belongs to board {known['board']}, this is board {board}: use another file"
         )
     content = known | {name: to_entries(part, _FORMS[name])} | ({"board": board} if board else {})
     if {"pressure", "force"} <= content.keys():
@@ -325,8 +324,6 @@ def _write(path: str | Path, content: dict[str, Any]) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Tables:
-    """The tables of a calibration."""
-
     pressure: dict[str, Any]
     force: dict[str, Any]
     feed_forward: dict[str, Any] | None = None

@@ -1,4 +1,4 @@
-"""Checks before and under pressure: is this the device, are these its channels, does it vent?"""
+"""Checks of the device, its channels and its venting, before and during a test."""
 
 import math
 import secrets
@@ -38,17 +38,17 @@ WATCH_RISE = 15  # counts by which the load has to rise in them
 
 
 def greet(link: AbstractLink) -> Hello:
-    """Wait for a device with this protocol that sends records, and return its hello.
+    """Wait for a device that uses this protocol and sends records, and return its hello.
 
     Raises:
-        RigFault: there is none.
+        RigFault: no such device responds.
     """
     session = link.session
     for attempt in range(HELLOS):
         try:
             link.command("hello")
             link.command("strict", 1)
-        except (RigFault, RigError):  # before that, a damaged command may be misunderstood
+        except (RigFault, RigError):  # until then, a damaged command may be misread
             if attempt == HELLOS - 1:
                 raise
             continue
@@ -57,17 +57,17 @@ def greet(link: AbstractLink) -> Hello:
             break
     if session.hello is None or link.newest is None or session.hello.protocol != PROTOCOL:
         raise RigFault(
-            f"the device does not speak protocol {PROTOCOL}: upload the firmware of this program"
+            f"the device must use protocol {PROTOCOL}: upload the firmware of this version"
         )
     link.alarms.clear()  # opening the port may have reset the board
     return session.hello
 
 
 def numbered(link: AbstractLink) -> int:
-    """The number of the board; a board without one gets a random number.
+    """Return the board number; assign a random one if the board has none.
 
     Raises:
-        RigFault: it does not answer.
+        RigFault: the device does not respond.
     """
     if not (board := greet(link).board):
         board = 1 + secrets.randbelow(65534)
@@ -76,24 +76,24 @@ def numbered(link: AbstractLink) -> int:
 
 
 def device_status(link: AbstractLink) -> DeviceStatus:
-    """The device's state and, after a trip, its fault, reading and output.
+    """Return the device's state and, after a trip, its fault, reading and output.
 
     Raises:
-        RigFault: it does not answer.
+        RigFault: the device does not respond.
     """
     link.command("status")
     link.sleep(2 * LOOK)
     if link.session.status is None:
-        raise RigFault("the device answers but sends no status; is it famrig?")
+        raise RigFault("the device responds but sends no status: check that it runs famrig")
     return link.session.status
 
 
 def floor_counts(calibration: Calibration) -> int:
-    """Lowest plausible reading of one conversion [counts]; 0 if the transducer allows none.
+    """Return the lowest plausible reading of one conversion [counts], or 0 if none can be set.
 
-    A gauge pressure is never far below zero, so a transducer whose 0 Pa lies above the converter's
-    end reads less only when it fails: six tenths of its reading at 0 Pa. One of 0 to 5 V reads 0 at
-    0 Pa and with a broken wire alike.
+    Gauge pressure is never far below zero. A transducer with a live zero therefore reads much less than at
+    0 Pa only when it fails; the floor is 60 % of that reading. A 0 to 5 V transducer reads 0 both at 0 Pa
+    and with a broken wire.
 
     >>> from rig.simulation import load_cell, pressure_transducer
     >>> floor_counts(Calibration(pressure_transducer().calibration(), load_cell().calibration()))
@@ -104,10 +104,11 @@ def floor_counts(calibration: Calibration) -> int:
 
 
 def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
-    """Whether the transducer's reading varies at rest, after it has vented.
+    """Return True if the transducer's reading varies at rest, after venting.
 
     Raises:
-        RigError: it reads a pressure although the dump valve is open, or the load cell is far from zero.
+        RigError: the transducer reads a pressure with the dump valve open, or the load cell is far from
+            zero.
     """
     until = link.now + REST_TIME
     while True:
@@ -121,7 +122,7 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
         if late:
             raise RigError(
                 f"the transducer reads {pressure_text(pressure, 'psi')} with the dump valve open: it is "
-                "stuck, exchanged or wrongly calibrated, or the rig does not vent; compare with a gauge"
+                "stuck, exchanged or miscalibrated, or the rig does not vent; compare with a gauge"
             )
     if abs(load - calibration.force.zero) > REST_LOAD:
         raise RigError(
@@ -132,19 +133,19 @@ def watch_rest(link: AbstractLink, calibration: Calibration) -> bool:
 
 
 def check_channels(link: AbstractLink) -> dict[str, float]:
-    """Let in the first fluid gradually; the pressure channel must respond.
+    """Raise the output gradually until the pressure channel responds.
 
     Returns:
-        The output, and by how many counts of one conversion pressure and load have moved.
+        Output, and changes of pressure and load in counts of one conversion.
 
     Raises:
-        RigError: the load moves and the pressure does not, as with exchanged channels, or neither.
+        RigError: only the load moves, as with exchanged channels, or neither moves.
     """
     seen = deque[Sample](maxlen=TEST_RECORDS)
     rest = mean_counts(link, 0.5)
 
     def moved(number: int) -> tuple[float, float]:
-        """Pressure and load of the newest records, against rest."""
+        """Return the change of pressure and load since rest, averaged over the newest records."""
         some = list(seen)[-number:]
         sums = (s.pressure_sum for s in some), (s.force_sum for s in some)
         means = (math.fsum(one) / max(len(some), 1) for one in sums)
@@ -173,20 +174,20 @@ def check_channels(link: AbstractLink) -> dict[str, float]:
         return {"output": output, "pressure_counts": rise, "force_counts": load}
     if load >= TEST_LOAD:
         raise RigError(
-            "the first fluid moved the load and not the pressure: the channels are exchanged, or the "
+            "the load moved but the pressure did not: the channels are exchanged, or the "
             "transducer's line is blocked; check the wires at A0 and A1"
         )
     raise RigError(
-        f"an output of {output} counts moved neither pressure nor load: no supply, an open hose, a dump "
-        "valve that stays open, or a device that has tripped"
+        f"an output of {output} counts moved neither pressure nor load: check for missing supply, an open "
+        "hose, a dump valve that stays open, or a tripped device"
     )
 
 
 class FlowWatch:
-    """Watch whether the flow into a muscle contradicts the readings at a held pressure.
+    """Detect inflow that contradicts the readings at a held pressure.
 
-    A muscle that takes in fluid at a constant pressure shortens, and pulls less. A load that rises then
-    belongs to a pressure that rises unseen: channels are exchanged, or the transducer's line is blocked.
+    A muscle that takes in fluid at constant pressure shortens and pulls less. A rising load then means
+    that the pressure rises undetected: exchanged channels or a blocked transducer line.
     """
 
     def __init__(self) -> None:
@@ -195,7 +196,7 @@ class FlowWatch:
         self._times, self._rise = 0, 0.0
 
     def contradicts(self, record: Sample, *, held: bool) -> bool:
-        """Look at a record; true when the load has risen for some seconds while fluid flowed in."""
+        """Process a record; return True if the load has risen for some seconds during inflow."""
         if not held:
             self._outputs, self._loads, self._load = [], [], math.nan
             self._times, self._rise = 0, 0.0
@@ -207,7 +208,7 @@ class FlowWatch:
         output, load = (math.fsum(x) / WATCH_LOOKS for x in (self._outputs, self._loads))
         rise, self._load = load - self._load, load
         self._outputs, self._loads = [], []
-        if abs(rise) < WATCH_QUIET:  # nothing moves: this output holds the pressure
+        if abs(rise) < WATCH_QUIET:  # steady: this output holds the pressure
             self._reference, self._quiet = max(self._reference, output), self._quiet + 1
         wrong = output > self._reference + 1 and rise >= WATCH_QUIET and self._quiet >= 3
         self._times, self._rise = (self._times + 1, self._rise + rise) if wrong else (0, 0.0)
@@ -215,14 +216,12 @@ class FlowWatch:
 
 
 def unseen(calibration: Calibration, *, alive: bool) -> list[str]:
-    """Transducer faults that the device cannot detect, one sentence each.
+    """List transducer faults that the device cannot detect, one sentence each.
 
     Args:
-        calibration: of the transducer.
-        alive: whether its reading varied at rest.
+        calibration: calibration of the transducer.
+        alive: True if its reading varied at rest.
     """
-    floor = "the transducer cannot have a floor: its broken wire reads like 0 Pa; take one of 0.5 to 4.5 V"
-    frozen = (
-        "the reading hardly varies at rest: one that freezes close to the set pressure is not seen"
-    )
+    floor = "a broken transducer wire reads like 0 Pa and cannot be detected; use a 0.5 to 4.5 V transducer"
+    frozen = "the reading hardly varies at rest: a freeze near the set pressure cannot be detected"
     return [floor] * (not floor_counts(calibration)) + [frozen] * (not alive)

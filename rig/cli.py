@@ -1,4 +1,4 @@
-"""Control a muscle's pressure, record a test, or simulate both; see rig/firmware.
+"""Control the pressure of a muscle and record tests; see rig/firmware.
 
 PLAN.toml, units in the keys (psi, kPa, bar, in, mm, ...):
 
@@ -11,15 +11,15 @@ rate_in_per_s = 0.04
 settle_s = 10
 
 [rig]
-circuit = "air"                       # for water: "water", and gains of 3 and 8
-pressure_limit_psi = 110              # trips; without it nothing runs
+circuit = "air"                       # or "water", with gains of 3 and 8
+pressure_limit_psi = 110              # trips the device; required
 proportional_counts_per_psi = 4
 integral_counts_per_psi_s = 2
-calibration = "calibration.toml"      # of the sensors; `simulate` needs none
-# jump_limit_psi = 15                 # a change in 10 ms that trips
+calibration = "calibration.toml"      # sensor calibration; not needed by `simulate`
+# jump_limit_psi = 15                 # trips at this change within 10 ms
 # integral_limits_counts = [-128, 128]
-# stall_s = 3                          # at the output's limit without a rise
-# frozen_s = 0.75                      # without a move while the output moves
+# stall_s = 3                         # trips at full output without a pressure rise
+# frozen_s = 0.75                     # trips if the reading ignores the output
 ```
 """
 
@@ -41,31 +41,34 @@ from famjax.boundary.units import from_si, parse_quantity, quantity_unit, si_uni
 from famjax.console import Units
 from rig.errors import RigError, RigFault
 
-COMMANDS: list[Callable[..., int]] = []  # of `famjax rig`, by their functions' names
+COMMANDS: list[Callable[..., int]] = []  # subcommands of `famjax rig`
 
-# What must hold before a circuit is pressurised and software cannot check.
+# Safety conditions that software cannot check.
 PRECONDITIONS = {
     "air": (
-        "The supply regulator is set no higher than muscle and hoses are rated for.",
-        "A normally open dump valve vents the muscle when it loses its supply.",
+        "The supply regulator is set no higher than the rating of muscle and hoses.",
+        "A normally open dump valve vents the muscle if it loses power.",
         "The proportional valve exhausts at 0 % output.",
-        "Nobody stands in line with the muscle's ends.",
+        "Nobody stands in line with the ends of the muscle.",
     ),
     "water": (
-        "A mechanical relief valve is fitted: software cannot stop the peak of a blocked needle valve.",
-        "A normally open dump valve leads to the tank.",
-        "The pump stops at 0 % output, and its supply has a switch within reach.",
+        "A mechanical relief valve is fitted: software cannot limit the peak at a blocked needle valve.",
+        "A normally open dump valve returns to the tank.",
+        "The pump stops at 0 % output, and its power switch is within reach.",
         "The circuit is bled: trapped air stores energy.",
     ),
 }
-STEPS = (*range(40, 201, 20), *range(180, 39, -20))  # of the pump: hysteresis shows as scatter
+STEPS = (
+    *range(40, 201, 20),
+    *range(180, 39, -20),
+)  # pump outputs, up and down: hysteresis appears as scatter
 PRESSURISE = "Type yes to pressurise the muscle: "
 WORDS = "Type begin (or Enter alone), pause, skip, repeat or stop, and press Enter."
 
 
 @contextlib.contextmanager
 def ended_in_words() -> Iterator[None]:
-    """End a command with exit code 1 after a fault and 130 after a signal; the rig is vented."""
+    """Exit with code 1 after a fault and 130 after a signal; the rig is vented."""
     names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
@@ -76,7 +79,7 @@ def ended_in_words() -> Iterator[None]:
         print(f"famjax: the test was stopped: {fault}{notes}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
-        print("famjax: stopped; a rig that ran has been vented", file=sys.stderr)
+        print("famjax: stopped; the rig has been vented", file=sys.stderr)
         sys.exit(130)
     finally:
         for number, handler in before.items():
@@ -84,7 +87,7 @@ def ended_in_words() -> Iterator[None]:
 
 
 def _command(function: Callable[..., int]) -> Callable[..., int]:
-    """List a function as a command of the rig, whose faults end in a sentence and an exit code."""
+    """Register a function as a rig command with error handling."""
 
     @functools.wraps(function)
     def run(*given: Any, **options: Any) -> int:
@@ -104,22 +107,22 @@ def monitor(
     seconds: float | None = None,
     units: Units = "metric",
 ) -> int:
-    """Print live values every second; sends nothing that changes the device.
+    """Print live values every second without changing the device.
 
     Opening the port resets most boards, which then vent.
 
     Parameters
     ----------
     port
-        A serial port or socket://host:port.
+        Serial port or socket://host:port.
     calibration
-        TOML file of the rig's sensors; counts are shown without one.
+        Sensor calibration, a TOML file. If omitted, values are shown in counts.
     baud
-        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+        Baud rate of the firmware build: 115200 (2.1 % fast on an Uno) or 500000 (exact).
     seconds
-        Duration; until Ctrl-C unless given.
+        Duration. If omitted, runs until Ctrl-C.
     units
-        Of the values: si, metric or us.
+        Units of the values: si, metric or us.
     """
     from rig.calibration import read_calibration
 
@@ -134,27 +137,23 @@ def monitor(
 
 @_command
 def acknowledge(
-    port: str,
-    *,
-    calibration: Path | None = None,
-    baud: int = 115200,
-    yes: bool = False,
+    port: str, *, calibration: Path | None = None, baud: int = 115200, yes: bool = False
 ) -> int:
-    """Acknowledge a trip once its cause has been found; nothing else clears it.
+    """Acknowledge a trip after its cause has been found; nothing else clears it.
 
-    Shows why the device tripped, at which reading and output, and asks whether the cause was found.
-    The device refuses while the pressure is at the limit or the reading out of range.
+    Shows the cause of the trip, the reading and the output, and asks for confirmation. The device refuses
+    while the pressure is at the limit or the reading is out of range.
 
     Parameters
     ----------
     port
-        A serial port or socket://host:port.
+        Serial port or socket://host:port.
     calibration
-        TOML file of the rig's sensors, for the reading in pressure; counts are shown without one.
+        Sensor calibration, a TOML file. If omitted, the reading is shown in counts.
     baud
-        Of the firmware.
+        Baud rate of the firmware build.
     yes
-        Acknowledge without asking, for scripts.
+        Skip the confirmation, for scripts.
     """
     from rig import control
     from rig.calibration import read_calibration
@@ -184,30 +183,30 @@ def calibrate_sensor(
     seconds: float = 2.0,
     calibration: Path = Path("calibration.toml"),
 ) -> int:
-    """Calibrate the pressure transducer or the load cell at known references, into a rig's file.
+    """Calibrate the pressure transducer or the load cell at known references.
 
-    Asks at each reference for its application and takes the mean of the counts, or takes counts that
-    were read before. The device stays in SAFE with its dump valve open: apply a reference pressure to
-    the transducer itself, from a calibrator or a gauge's line. The file keeps its other tables, and the
-    number of the board: no other board runs with it.
+    Asks you to apply each reference and averages the counts, or uses counts recorded earlier. The device
+    stays in SAFE with its dump valve open: apply the reference pressure directly to the transducer, from a
+    calibrator or a gauge line. The other tables of the file are kept. The file also stores the board
+    number and works only with that board.
 
     Parameters
     ----------
     sensor
-        pressure, or force.
+        pressure or force.
     reference
-        What is applied, with its unit, `40psi`, three or more, repeatable, in their order.
+        Applied reference with its unit, `40psi`. Repeatable; give three or more in order.
     reading
-        Counts that belong to the references, sums of five readings of the converter, repeatable;
-        without them they are read at the port.
+        Counts at each reference, as sums of five converter readings. Repeatable; if omitted, they are read
+        from the port.
     port
-        A serial port or socket://host:port.
+        Serial port or socket://host:port.
     baud
-        Of the firmware.
+        Baud rate of the firmware build.
     seconds
-        Time of each mean.
+        Averaging time for each reference.
     calibration
-        TOML file of the rig's calibration, created if missing.
+        Calibration file (TOML), created if missing.
     """
     from rig.calibration import fit_sensor, update_calibration
     from rig.channels import numbered
@@ -240,27 +239,23 @@ def calibrate_sensor(
 
 @_command
 def calibrate_pump(
-    plan: Path,
-    *,
-    port: str | None = None,
-    baud: int = 115200,
-    yes: bool = False,
+    plan: Path, *, port: str | None = None, baud: int = 115200, yes: bool = False
 ) -> int:
-    """Step the pump of a water circuit with the controller off, for the output that holds a pressure.
+    """Measure the feed-forward of a water circuit by stepping the pump with the controller off.
 
-    Under the plan's limits; the result enters the calibration that the plan names. The muscle is
-    pressurised: the same must hold as for `run`.
+    The limits of the plan apply. The result is written to the calibration file that the plan names. The
+    muscle is pressurised: the safety conditions of `run` apply.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+        Plan file (TOML) with the tables [plan] and [rig]; a pressure limit is required.
     port
-        A serial port or socket://host:port.
+        Serial port or socket://host:port.
     baud
-        Of the firmware.
+        Baud rate of the firmware build.
     yes
-        Start without asking, for scripts.
+        Skip the confirmation, for scripts.
     """
     from rig.calibration import pressure_text, read_calibration, update_calibration
     from rig.control import Rig
@@ -270,7 +265,7 @@ def calibrate_pump(
     test, port = read_plan(plan), _known_port(port)
     if test.circuit != "water":
         raise RigError(
-            f"only the pump of a water circuit is stepped; the circuit of the plan is {test.circuit!r}"
+            f"calibrate-pump requires a water circuit; the plan's circuit is {test.circuit!r}"
         )
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
@@ -303,37 +298,36 @@ def run(
     start: Literal["asked", "load", "at-once"] | None = None,
     units: Units = "metric",
 ) -> int:
-    """Carry out a test at constant pressures and record it; the rig vents however this ends.
+    """Run and record a test at constant pressures; the rig always vents at the end.
 
-    First prints what software cannot check, relief valve and dump valve, and the steps of the plan, and
-    asks for a confirmation. Writes `test.fam` into the output folder. At each pressure it says with the
-    measured pressure when to start the test machine's strokes, and waits for them. In a terminal it
-    accepts words, each with Enter: begin (or Enter alone) when the strokes have begun, or to continue;
-    pause with the pressure held; skip or repeat this pressure; stop. Ends with a table of the pressures
-    that were held, which is also written beside the journal as `test.csv`.
+    First prints the safety conditions and the steps of the plan, and asks for confirmation. Writes
+    `test.fam` to the output folder. At each pressure, it prompts you to start the strokes of the test
+    machine and waits for them. At a terminal, type a word and press Enter: begin (or Enter alone) once the
+    strokes have begun, or to continue; pause to hold the pressure; skip or repeat this pressure; stop.
+    At the end, it prints a summary table and writes it to `test.csv` in the same folder.
 
     Parameters
     ----------
     plan
-        TOML file with the tables [plan] and [rig]; a pressure limit is needed.
+        Plan file (TOML) with the tables [plan] and [rig]; a pressure limit is required.
     port
-        A serial port or socket://host:port.
+        Serial port or socket://host:port.
     baud
-        Of the firmware: 115200 (an Uno is 2.1 % fast then), 500000 (exact), or what it was built for.
+        Baud rate of the firmware build: 115200 (2.1 % fast on an Uno) or 500000 (exact).
     output
         Folder for the journal, created if missing.
     resume
-        Continue the existing journal with the pressure that was not completed; only with the same
-        plan, limits, gains and calibration.
+        Resume the existing journal at the first incomplete pressure. Plan, limits, gains and calibration
+        must be unchanged.
     dry_run
-        Print the steps of the plan and how long they last, and end.
+        Print the steps of the plan and their duration, then exit.
     yes
-        Start without asking, for scripts.
+        Skip the confirmation, for scripts.
     start
-        When strokes count as begun: `asked`, when begin is typed; `load`, when the load moves, within
-        60 s; `at-once`, when they are asked for, as without a terminal.
+        Event that marks the start of the strokes: `asked`, you type begin; `load`, the load moves, within
+        60 s; `at-once`, the prompt itself (the default without a terminal).
     units
-        Of the values: si, metric or us.
+        Units of the values: si, metric or us.
     """
     from rig.execution import JOURNAL, prepare, record_test
     from rig.plan import read_plan
@@ -342,12 +336,12 @@ def run(
     tell_preconditions(test)
     calibration, first = prepare(test, output, resume=resume)
     print(*describe(test, first), sep="\n")
-    print(f"lasts {test.plan.duration(first):.0f} s, besides the device's answers")
+    print(f"duration {test.plan.duration(first):.0f} s, plus the device's response times")
     if dry_run:
         return 0
     port = _known_port(port)
     if start == "asked" and not _at_terminal():
-        raise RigError("--start asked waits for a word, and here is no terminal: at-once or load")
+        raise RigError("--start asked requires a terminal: use --start at-once or load")
     confirm(PRESSURISE, "started", yes=yes)
     operator = operator_of(calibration, units)
     output.mkdir(parents=True, exist_ok=True)
@@ -363,17 +357,17 @@ def run(
 
 @_command
 def check(journal: Path, *, json_: bool = False) -> int:
-    """Check a journal: is it whole, what was lost, did the device do what its law says?
+    """Check that a journal is complete and that the device followed its control law.
 
-    Exit code 0 when it is sound, 1 when it is not; records that the line lost are listed and do not
-    make it unsound.
+    Exits with 0 if the journal is sound and 1 otherwise. Records lost on the serial line are listed but do
+    not make the journal unsound.
 
     Parameters
     ----------
     journal
-        The journal.
+        Journal file.
     json_
-        Print one JSON object to standard output and nothing else there.
+        Print a single JSON object to standard output.
     """
     from dataclasses import asdict
 
@@ -385,11 +379,11 @@ def check(journal: Path, *, json_: bool = False) -> int:
 
 
 def values(sample: Any, calibration: Any, system: str, *, wanted: float | None = None) -> str:
-    """The values of a record in one line, with units.
+    """Format the values of a record in one line.
 
     Args:
-        sample: the record, or None.
-        calibration: of the sensors; None shows counts.
+        sample: record, or None.
+        calibration: sensor calibration; None shows counts.
         system: "si", "metric" or "us".
         wanted: set pressure [Pa], or None.
     """
@@ -412,7 +406,7 @@ def values(sample: Any, calibration: Any, system: str, *, wanted: float | None =
 
 
 def operator_of(calibration: Any, system: str):
-    """The attendant of a run: prints instructions and progress, and takes words at a terminal."""
+    """Return the attendant that prints instructions and progress and reads words from the terminal."""
     from rig.execution import Attendant, Situation
 
     typed: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -444,8 +438,8 @@ def operator_of(calibration: Any, system: str):
             return word
 
     def read() -> None:
-        with contextlib.suppress(OSError):  # the terminal has gone
-            # Not sys.stdin: a lock of its buffer, held here, would hinder the end of the program.
+        with contextlib.suppress(OSError):  # the terminal was closed
+            # Reading sys.stdin here would hold its buffer lock and block the program's exit.
             while data := os.read(sys.stdin.fileno(), 4096):
                 for line in data.decode(errors="ignore").splitlines():
                     typed.put(line.strip().lower())
@@ -457,7 +451,7 @@ def operator_of(calibration: Any, system: str):
 
 
 def describe(test: Any, first_block: int = 0) -> list[str]:
-    """A line for each pressure with the time at which it is set; nothing is run."""
+    """Return one line for each pressure with its start time; nothing is run."""
     from rig.calibration import pressure_text
 
     plan, lines = test.plan, []
@@ -472,53 +466,49 @@ def describe(test: Any, first_block: int = 0) -> list[str]:
 
 
 def _known_port(port: str | None) -> str:
-    """The port, or an error that lists what there is to choose from."""
+    """Return the port, or raise an error that lists the available ports."""
     if port is not None:
         return port
     from serial.tools import list_ports
 
     known = ", ".join(f"{one.device} ({one.description})" for one in sorted(list_ports.comports()))
     raise RigError(
-        f"which port? --port PORT; this computer has {known or 'none: plug the device in'}"
+        f"a port is required (--port PORT); available: {known or 'none, plug in the device'}"
     )
 
 
 def opened(port: str | None, baud: int) -> Any:
-    """The link to a device at a port."""
+    """Open the link to a device."""
     from rig import link
 
     return link.Link(link.serial_opener(_known_port(port), baud))
 
 
 def _at_terminal() -> bool:
-    """Whether a person can type here and see what it does."""
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def tell_preconditions(test: Any) -> None:
-    """Print what must hold before the circuit of a test is pressurised and software cannot check."""
+    """Print the safety conditions that software cannot check."""
     from rig.calibration import pressure_text
 
     limit = pressure_text(test.pressure_limit, test.unit)
-    print(f"Circuit of {test.circuit}, limit {limit}. Make sure that:")
+    print(f"{test.circuit.capitalize()} circuit, limit {limit}. Make sure that:")
     print(*(f"- {sentence}" for sentence in PRECONDITIONS[test.circuit]), sep="\n")
 
 
 def _typed(question: str) -> str:
-    """The answer that a person types."""
     try:
         return input(question)
     except EOFError:
-        raise RigError("standard input ended before the question was answered") from None
+        raise RigError("standard input closed before the question was answered") from None
 
 
 def confirm(question: str, done: str, *, yes: bool) -> None:
-    """Ask the user for confirmation, and exit unless the answer is yes."""
+    """Ask for confirmation; raise unless the answer is yes."""
     if yes:
         return
     if not sys.stdin.isatty():
-        raise RigError(
-            "a person's yes is waited for, and this is no terminal: give --yes if you answer for it"
-        )
+        raise RigError("confirmation requires a terminal: add --yes to confirm in a script")
     if _typed(question).strip().lower() != "yes":
         raise RigError(f"not {done}: the answer was not yes")

@@ -1,7 +1,7 @@
-"""Pressure control that vents however a test ends: limits, gains, guards, and their device.
+"""Pressure control with limits, gains and guards; the rig always vents at the end of a test.
 
-`Rig` is the device inside a `with` block. Nothing runs without a pressure limit, nothing but a person
-acknowledges a trip, and heartbeats go on only while the code that supervises the test runs.
+Use `Rig` in a `with` block. It requires a pressure limit, only a person can acknowledge a trip, and the
+heartbeats continue only while the supervising code runs.
 """
 
 import dataclasses
@@ -41,24 +41,24 @@ from .protocol import (
     command_body,
 )
 
-JUMP_LIMIT = 15 * PSI  # change of the pressure within five ticks (10 ms) that trips [Pa]
+JUMP_LIMIT = 15 * PSI  # pressure change within five ticks (10 ms) that trips [Pa]
 LEAST_JUMP = 5  # counts, above noise of a count or two
 SETTLE = 0.7  # s for which the device keeps its last records
-# What every device runs with: silence that vents, ticks of a record; greatest plausible reading, 4.7 V,
-# where no transducer of 0.5 to 4.5 V is; time without variation that trips.
+# Fixed settings: silence before venting; ticks per record; highest plausible reading, 4.7 V, beyond any
+# 0.5 to 4.5 V transducer; time without variation that trips.
 SILENCE_MS, TICKS_PER_RECORD, CEILING, STILL_MS = 1000, 5, 963, 700
-# What to check after each fault of the device.
+# What to check after each fault.
 ADVICE = {
     "none": "another program has stopped it",
-    "silence": "no line reached it for a second; check the cable and the load on this computer",
+    "silence": "it received no line for a second; check the cable and the load on this computer",
     "over-pressure": "the pressure limit was reached, or the transducer is unplugged or lost its supply",
-    "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer fails, or a small "
-    "muscle fills fast; only then raise jump_limit_<unit> in the plan's [rig]",
+    "jump": "the pressure jumped within 10 ms: a muscle or hose burst, the transducer is failing, or a "
+    "small muscle fills fast; only in the last case raise jump_limit_<unit> in the plan's [rig]",
     "stall": "the pressure did not rise at full output; check supply, hose, muscle and transducer",
-    "watchdog": "its program had stopped; check its supply",
+    "watchdog": "its program hung; check its supply",
     "range": "a broken wire, a short, an unplugged transducer or one without supply",
-    "frozen": "the reading did not follow the output: check transducer and its line before anything else, "
-    "the true pressure may be higher than what was read",
+    "frozen": "the reading did not follow the output: check the transducer and its line first, since the "
+    "true pressure may be higher than the reading",
     "no response": "the pressure did not follow the output: a blocked line to the transducer, no supply, "
     "an open circuit; if the circuit is only slow, raise frozen_s in the plan's [rig]",
 }
@@ -69,10 +69,10 @@ class Control:
     """Gains of the pressure controller, u = v + Kp e + Ki int e dt, in counts of pulse-width modulation.
 
     Attributes:
-        proportional: Kp [counts/Pa], >= 0. The device stores it in 1/256 count per psi.
-        integral: Ki [counts/(Pa s)], >= 0, likewise.
-        integral_limits: least and greatest integral term [counts], within -255..0 and 0..255.
-            Symmetric limits hold the published pressures, limits of 0..255 do not.
+        proportional: Kp [counts/Pa], >= 0. The device stores it in steps of 1/256 count per psi.
+        integral: Ki [counts/(Pa s)], >= 0, stored in the same steps.
+        integral_limits: lower and upper limit of the integral term [counts], within -255..0 and 0..255.
+            Symmetric limits hold the published pressures; limits of 0..255 do not.
     """
 
     proportional: float
@@ -81,25 +81,24 @@ class Control:
 
     @classmethod
     def per_psi(cls, proportional: float, integral: float) -> Self:
-        """Gains in counts per psi and per psi and second, as the reference work prints them."""
+        """Convert gains from counts per psi and counts per psi and second, as in the reference work."""
         return cls(proportional / PSI, integral / PSI)
 
 
 @dataclasses.dataclass(frozen=True)
 class RigSettings:
-    """Settings of a device for control and trips; `firmware/README.md` gives the reasons.
+    """Control and trip settings of a device; `firmware/README.md` gives the reasons.
 
     Attributes:
-        pressure_limit: at which it trips [Pa gauge]; there is no default.
-        control: gains.
-        jump_limit: change of the pressure within 10 ms at which it trips [Pa]. A transducer that breaks
-            jumps. So does the pressure of a small muscle that a large valve fills: then the limit must
-            be higher, and protects less.
-        frozen_output: PWM counts, 1 to 255, by which the output may exceed the one that held the
-            pressure; 255 switches this off.
-        frozen: time [s], 0.1 to 2, at twice that output without a move of the reading that trips.
+        pressure_limit: pressure that trips [Pa gauge]; required.
+        control: controller gains.
+        jump_limit: pressure change within 10 ms that trips [Pa]. A failing transducer jumps, but so does a
+            small muscle filled by a large valve; then a higher limit is needed and protects less.
+        frozen_output: PWM counts, 1 to 255, by which the output may exceed the holding output; 255 disables
+            the check.
+        frozen: time [s], 0.1 to 2, at twice that excess without a change of the reading that trips.
         stall: time [s], 0.5 to 30, with output or integral at its upper limit without a rise that trips.
-        unit: of pressures in messages.
+        unit: pressure unit in messages.
     """
 
     pressure_limit: float
@@ -111,10 +110,10 @@ class RigSettings:
     unit: str = "kPa"
 
     def commands(self, calibration: Calibration) -> list[tuple[str, tuple[float, ...]]]:
-        """The commands for these settings and the transducer.
+        """Return the commands for these settings and the transducer.
 
         Raises:
-            RigError: it cannot take the transducer, or a limit is missing or cannot be seen by it.
+            RigError: the transducer is not supported, or a limit is missing or outside its range.
         """
         gains, frozen = self.control, (self.frozen_output, round(1000 * self.frozen))
         ranges = {"frozen_output": (1, 255), "frozen": (0.1, 2), "stall": (0.5, 30)}
@@ -137,7 +136,7 @@ class RigSettings:
         ]
 
     def as_note(self, calibration: Calibration) -> dict[str, Any]:
-        """The settings as a journal stores them, with units in the keys."""
+        """Return the settings for the journal, with units in the keys."""
         return {
             "pressure_limit_Pa": self.pressure_limit,
             "jump_limit_Pa": self.jump_limit,
@@ -149,36 +148,36 @@ class RigSettings:
         }
 
     def _trip_counts(self, calibration: Calibration) -> int:
-        """The pressure limit in counts of one reading, rounded down."""
+        """Return the pressure limit in counts of one reading, rounded down."""
         limit: float | None = self.pressure_limit
         if limit is None or not math.isfinite(limit) or limit <= 0:
             raise RigError(
-                f"a rig runs only under a finite pressure limit > 0, got {limit}; give the muscle's"
+                f"the pressure limit must be finite and > 0, got {limit}: give the muscle's rating"
             )
         counts = int(calibration.pressure.counts(limit) // READINGS)
         if not 1 <= counts <= CEILING:
             raise RigError(
-                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts, plausible readings "
-                f"are 1 to {CEILING}: choose another limit or another transducer"
+                f"the limit of {pressure_text(limit, self.unit)} is {counts} counts; it must be "
+                f"1 to {CEILING}: choose another limit or another transducer"
             )
         return counts
 
     def _jump_counts(self, calibration: Calibration) -> int:
-        """The change within five ticks that trips, in counts of one reading, rounded."""
+        """Return the jump limit in counts of one reading, rounded."""
         limit, count = self.jump_limit, calibration.pressure.gain * READINGS
         counts = round(limit / count) if math.isfinite(limit) else 0
         if not LEAST_JUMP <= counts <= 1023:
             values = (limit, LEAST_JUMP * count, 1023 * count)
             given, least, most = (pressure_text(x, self.unit) for x in values)
             raise RigError(
-                f"a jump limit of {given} is {counts} counts of the transducer; the device takes "
+                f"a jump limit of {given} is {counts} counts of the transducer; it must be "
                 f"{LEAST_JUMP} to 1023, here {least} to {most}"
             )
         return counts
 
 
 def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, Any]:
-    """The settings that a device reports after these commands, according to its Python twin."""
+    """Return the settings that a device reports after these commands, from its Python twin."""
     twin = DeviceControl(0, 0, least_div=1, trip_ceiling=1023, latch=Latch())
     for verb, values in commands:
         words = command_body(0, verb, *values).encode().split()[2:]
@@ -188,46 +187,46 @@ def stored_settings(commands: list[tuple[str, tuple[float, ...]]]) -> dict[str, 
 
 
 def lasting(settings: DeviceSettings) -> dict[str, Any]:
-    """The settings that hold for a whole test, by name."""
+    """Return the settings that are constant during a test, by name."""
     passing = {"law", "boot", "since", "set_point", "feed_forward"}
     named = settings.law._asdict() | settings._asdict()
     return {name: value for name, value in named.items() if name not in passing}
 
 
 def _device_calibration(calibration: Calibration) -> tuple[float, float]:
-    """Zero [counts of one reading] and span [psi per 1024 counts], as the device takes them.
+    """Return zero [counts of one reading] and span [psi per 1024 counts] for the device.
 
-    A transducer of 0 to 5 V has its zero half a count below the converter's end, which rounds down:
-    less than a count below counts as 0.
+    The converter rounds down, so the zero of a 0 to 5 V transducer is half a count below 0. Zeros less than
+    one count below 0 are set to 0.
     """
     sensor = calibration.pressure
     zero, span = sensor.zero / READINGS, sensor.gain * READINGS * 1024 / PSI
     zero = 0.0 if -1 < zero < 0 else zero
     if not (0 <= zero < 1023.9 and 1 / 64 <= span < 1023.9):
         raise RigError(
-            f"the device takes a zero of 0 to 1023.9 counts and a span of 0.02 to 1023.9 psi, the "
-            f"calibration gives {zero:.2f} counts and {span:.2f} psi; check the transducer"
+            f"the zero must be 0 to 1023.9 counts and the span 0.02 to 1023.9 psi; the "
+            f"calibration gives {zero:.2f} counts and {span:.2f} psi: check the transducer"
         )
     return zero, span
 
 
 class Rig:
-    """A recorded device under a pressure limit; leaving the `with` block always vents it.
+    """A recorded device with a pressure limit; leaving the `with` block always vents it.
 
     Args:
-        link: to the device.
-        calibration: of its sensors and its valve or pump.
-        journal: records everything, or None.
-        settings: fields of `RigSettings`: `pressure_limit`, for which there is no default, `control`, ...
+        link: link to the device.
+        calibration: calibration of its sensors and its valve or pump.
+        journal: journal that records everything, or None.
+        settings: fields of `RigSettings`, such as `pressure_limit` (required) and `control`.
 
     Attributes:
-        settings: what the device controls and trips with.
-        lost: records that the line lost.
-        unseen: faults of its transducer that the device cannot detect, in sentences; known once entered.
-        set_point: the pressure that was set last [Pa], nan before.
+        settings: control and trip settings.
+        lost: number of records lost on the line.
+        unseen: transducer faults that the device cannot detect, as sentences; set on entry.
+        set_point: last set pressure [Pa], initially nan.
 
     Raises:
-        RigError: no pressure limit, or a limit that the transducer cannot see.
+        RigError: no pressure limit, or a limit outside the transducer's range.
     """
 
     def __init__(
@@ -240,7 +239,7 @@ class Rig:
     ) -> None:
         self.link, self.calibration = link, calibration
         self.settings = RigSettings(**settings)
-        self.settings.commands(calibration)  # refused before the port is used
+        self.settings.commands(calibration)  # raises before the port is used
         self._watch = FlowWatch()
         self.lost, self.set_point = 0, math.nan
         self.unseen: tuple[str, ...] = ()
@@ -261,24 +260,24 @@ class Rig:
         self._leave(error)
 
     def note(self, kind: str, /, **fields: object) -> None:
-        """Write a note into the journal, if there is one."""
+        """Write a note to the journal, if any."""
         if self._journal is not None:
             self._journal.note(kind, **fields)
 
     def set_pressure(self, pressure: float) -> None:
-        """Hold a pressure from now on.
+        """Set the pressure to hold.
 
         Args:
-            pressure: [Pa gauge], >= 0 and below the limit.
+            pressure: set pressure [Pa gauge], >= 0 and below the limit.
 
         Raises:
-            RigError: it is not, or the feed-forward does not know it.
+            RigError: the pressure is outside this range or that of the feed-forward.
         """
         limit = self.settings.pressure_limit
         if not 0 <= pressure < limit:
             highest, got = (pressure_text(x, self.settings.unit) for x in (limit, pressure))
             raise RigError(
-                f"a set pressure must be >= 0 and below the limit of {highest}, got {got}"
+                f"the set pressure must be >= 0 and below the limit of {highest}, got {got}"
             )
         output = self.calibration.feed_forward.output(pressure, self.settings.unit)
         answer = self.link.command("set", pressure / PSI, output)
@@ -315,7 +314,7 @@ class Rig:
         """Wait for a time [s] while supervising the rig.
 
         Raises:
-            RigFault: the device tripped, was reset or is silent, or the recorder has failed.
+            RigFault: the device tripped, was reset or is silent, or the recorder failed.
         """
         end = self.link.now + seconds
         self.link.keep_alive()
@@ -345,35 +344,35 @@ class Rig:
         held = abs(self.pressure - self.set_point) <= 2 * HELD
         if newest.state == RUN and self._watch.contradicts(newest, held=held):
             self.fault(
-                "the load rises while the circuit is filled at a pressure that reads constant: the "
+                "the load rises during inflow while the pressure reading is constant: the "
                 "channels are exchanged, or the transducer's line is blocked; the device vents"
             )
 
     def sync(self, seconds: float) -> None:
-        """Raise the sync pin for a time [s], in whole records, and note the first of them.
+        """Raise the sync pin for a time [s], rounded to whole records, and note the first of them.
 
         Raises:
-            RigError: less than a record or more than a thousand.
+            RigError: the time is less than one record or more than 1000.
         """
         records = round(seconds * TICK_HZ / TICKS_PER_RECORD)
         answer = self.link.command("sync", records)
         self.note("sync", seq=answer.seq, records=records)
 
     def _set_up(self, hello: Hello) -> None:
-        """Send the device all that it controls with, see that it has it, and note what governs the test."""
+        """Send all settings to the device, verify them, and note them in the journal."""
         link, session, calibration = self.link, self.link.session, self.calibration
         link.command("stop")
         status = device_status(link)
         if status.state == TRIP:
             raise RigError(
                 f"the device is tripped: {trip_text(status, calibration)}. Find the cause, then "
-                "acknowledge the trip: `famjax rig acknowledge PORT`"
+                "acknowledge the trip with `famjax rig acknowledge PORT`"
             )
         if hello.board != calibration.board:
             raise RigError(
-                f"this is board {hello.board}, the calibration is of board {calibration.board} (0: no "
-                f"number): calibrate, or if it is surely this board's write board = {hello.board} as its "
-                "first line"
+                f"this is board {hello.board}, but the calibration is for board {calibration.board} (0: no "
+                f"number): calibrate again, or, if the calibration is valid for this board, write "
+                f"board = {hello.board} as its first line"
             )
         commands = self.settings.commands(calibration)
         for verb, values in commands:
@@ -381,12 +380,12 @@ class Rig:
         until = link.now + 1.0
         while (stored := session.settings) is None or not session.settings_known:
             if link.now > until:
-                raise RigFault("the device does not report its settings; check the cable")
+                raise RigFault("the device does not report its settings: check the cable")
             link.sleep(LOOK)
         found, wanted = lasting(stored), stored_settings(commands)
         if wrong := [f"{k} {found[k]} not {v}" for k, v in wanted.items() if found[k] != v]:
             raise RigFault(
-                f"the device has not taken its settings: {', '.join(wrong)}; upload its firmware"
+                f"the device did not accept its settings: {', '.join(wrong)}; upload its firmware"
             )
         self.unseen = tuple(unseen(calibration, alive=watch_rest(link, calibration)))
         self.note(
@@ -395,9 +394,9 @@ class Rig:
         )  # fmt: skip
 
     def _left_by_itself(self, record: Sample) -> NoReturn:
-        """Report why, for a trip with the reading and the output at that moment."""
+        """Report the cause; for a trip, with the reading and the output at that moment."""
         self._active_from = None
-        self.link.sleep(LOOK)  # the status follows the record
+        self.link.sleep(LOOK)  # the status arrives after the record
         fault, status = FAULTS[record.fault], self.link.session.status
         said, trip = f"{fault}; {ADVICE[fault]}", {}
         if record.state == TRIP and status is not None and status.state == TRIP:
@@ -428,8 +427,8 @@ class Rig:
             failure = None
         except (RigError, RigFault) as stop_error:
             failure = RigFault(
-                f"the device did not confirm that it stopped ({stop_error}); without heartbeats it "
-                "vents by itself within a second: look at the pressure before you touch the rig"
+                f"the device did not confirm the stop ({stop_error}). Without heartbeats it "
+                "vents within a second: check the pressure before you touch the rig"
             )
         finally:
             self.link.settle(SETTLE if failure is None else 0.0)
@@ -443,17 +442,16 @@ class Rig:
 
 
 def acknowledge(link: AbstractLink, calibration: Calibration | None = None) -> None:
-    """Clear a trip after a person has found its cause; no program does so by itself.
+    """Clear a trip after a person has found its cause; never call this automatically.
 
     Args:
-        link: to the device.
-        calibration: of its transducer; a device that was reset has forgotten the floor of one of
-            0 to 5 V.
+        link: link to the device.
+        calibration: calibration of its transducer; restores the floor that a reset device has lost.
 
     Raises:
-        RigError: the device refuses: the pressure is still at the limit, or the reading is out of
-            range, or it runs.
-        RigFault: it does not answer.
+        RigError: the device refuses, because the pressure is at the limit, the reading is out of range, or
+            the device is running.
+        RigFault: the device does not respond.
     """
     if calibration is not None:
         link.command("floor", floor_counts(calibration))

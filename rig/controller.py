@@ -364,12 +364,7 @@ class Plausibility:
         self._watch_ticks = 0
 
     def change(
-        self,
-        before: ControlLaw,
-        law: ControlLaw,
-        trip: int,
-        integral: int,
-        recent: Sequence[int],
+        self, before: ControlLaw, law: ControlLaw, trip: int, integral: int, recent: Sequence[int]
     ) -> None:
         """Apply another law or limit; a higher set point must be answered."""
         if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:

@@ -2,6 +2,7 @@
 
 import re
 import struct
+from collections import deque
 from importlib import resources
 from pathlib import Path
 
@@ -109,7 +110,7 @@ class Device:
         self._control = DeviceControl(self.boot, fault, least_div, ceiling, latch)
         self._latched = self._control.latch
         self._memory.store(self.boot, self._latched)
-        self._ring: list[Sample] = []
+        self._ring: deque[Sample] = deque(maxlen=self._size)
         self._received, self._line = bytearray(), bytearray()
         self._sending = bytearray(b"\n")  # ends the line that the reset has cut
         self._strict = False
@@ -153,10 +154,7 @@ class Device:
 
     def take(self) -> bytes:
         """The bytes sent since the last call."""
-        if not self._out:
-            return b""
-        sent = bytes(self._out)
-        self._out.clear()
+        sent, self._out = bytes(self._out), bytearray()
         return sent
 
     def tick(self, pressure_counts: int, force_counts: int) -> None:
@@ -170,8 +168,6 @@ class Device:
         record = control.step(pressure_counts, force_counts)
         if record is not None:
             self._ring.append(record)
-            if len(self._ring) > self._size:
-                del self._ring[0]
             self._send_record(record)
         if control.latch is not self._latched:
             self._latched = control.latch

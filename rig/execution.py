@@ -1,4 +1,4 @@
-"""Tests: carried out, recorded and steered by an attendant; steps of the pump for its feed-forward."""
+"""Run and record tests under an attendant, and step the pump to measure its feed-forward."""
 
 import contextlib
 import datetime
@@ -9,13 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from .calibration import (
-    Calibration,
-    FeedForward,
-    fit_feed_forward,
-    pressure_text,
-    read_calibration,
-)
+from .calibration import Calibration, FeedForward, fit_feed_forward, pressure_text, read_calibration
 from .control import HELD, LOOK, Rig, RigSettings
 from .errors import RigError
 from .journal import Journal, Record, read_journal, write_summary
@@ -24,32 +18,32 @@ from .plan import Isobaric, PlanFile
 from .protocol import Sample
 
 JOURNAL = "test.fam"  # name of a test's journal in its folder
-LOAD_TIME = 60.0  # s within which the load has to show the first stroke
-STEP_SETTLE, STEP_MEAN = 3.0, 1.0  # s after a step of the pump, and of the mean after that
+LOAD_TIME = 60.0  # s within which the load must show the first stroke
+STEP_SETTLE, STEP_MEAN = 3.0, 1.0  # s of settling after a pump step, and of averaging
 _SECOND = 20  # looks
 
-# An attendant's request: none; strokes are under way, or the run goes on; hold the pressure; leave this
-# block; do this block again.
+# An attendant's request: none; strokes have begun, or continue; hold the pressure; skip this block;
+# repeat it.
 Request = Literal["", "begin", "pause", "skip", "repeat"]
-# When strokes count as begun: when they are asked for, when the attendant says so, when the load moves.
+# Event that marks the start of the strokes: the prompt, the attendant's word, or a change of the load.
 Start = Literal["at-once", "asked", "load"]
-# What a run waits for: the pressure, the first stroke, the last one, the attendant.
+# Phase of a run: waiting for the pressure, for the first stroke, for the last one, or for the attendant.
 Phase = Literal["settling", "ready", "strokes", "paused"]
 
 
 class Situation(NamedTuple):
-    """State of a run at one look.
+    """State of a run at one poll.
 
     Attributes:
-        phase: what it waits for.
-        block: of the plan.
-        last_block: of the plan.
-        cycle: stroke there and back under way, from 1; 0 before the first.
-        cycles: of the block.
+        phase: current phase.
+        block: number of the current block.
+        last_block: number of the last block.
+        cycle: number of the current stroke, from 1; 0 before the first.
+        cycles: strokes in this block.
         set_point: set pressure [Pa gauge].
-        done: time of the plan that has passed [s].
-        left: time of the plan that is left [s], neglecting the time that the operator takes.
-        newest: the device's newest record.
+        done: elapsed time of the plan [s].
+        left: remaining time of the plan [s], neglecting the operator's delays.
+        newest: newest record of the device.
     """
 
     phase: Phase
@@ -64,30 +58,30 @@ class Situation(NamedTuple):
 
 
 class Attendant:
-    """An attendant that requests nothing; subclasses display and steer."""
+    """A passive attendant; subclasses display progress and make requests."""
 
     def tell(self, text: str) -> None:
-        """Tell the operator something."""
+        """Show a message to the operator."""
 
     def look(self, situation: Situation) -> Request:  # noqa: ARG002 -- for subclasses
-        """Called about twenty times a second; returns a request."""
+        """Return a request; called about twenty times a second."""
         return ""
 
 
 def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tuple[Calibration, int]:
-    """Check everything that can be refused before a port is opened; nothing is written.
+    """Validate a test before a port is opened; nothing is written.
 
     Args:
-        test: from its file.
-        folder: of the journal.
-        resume: continue the journal there.
+        test: contents of the plan file.
+        folder: folder of the journal.
+        resume: resume the existing journal.
 
     Returns:
-        The calibration, and the block with which the test begins.
+        The calibration, and the first block to run.
 
     Raises:
-        RigError: the test names no calibration; the limits or a pressure cannot be; the journal
-            there is of another test.
+        RigError: the calibration is missing, a limit or pressure is invalid, or the journal belongs to
+            another test.
     """
     if test.calibration is None:
         raise RigError("[rig] must name a calibration, as in calibration = 'calibration.toml'")
@@ -98,14 +92,14 @@ def prepare(test: PlanFile, folder: str | Path, *, resume: bool = False) -> tupl
 
 
 def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
-    """Refuse what cannot be.
+    """Validate a test.
 
-    A water circuit needs a feed-forward that depends on the pressure: a pump at half speed holds some
-    pressure of its own, whatever is set, 39 psi in the simulated circuit.
+    A water circuit needs a feed-forward that depends on pressure: a pump at half speed holds a fixed
+    pressure, 39 psi in the simulated circuit, whatever is set.
     """
     if test.circuit == "water" and not any(calibration.feed_forward.coefficients[1:]):
         raise RigError(
-            "a water circuit needs a feed-forward that rises with the pressure: step the pump by "
+            "a water circuit requires a feed-forward that rises with the pressure: measure it with "
             "`famjax rig calibrate-pump`"
         )
     test.settings.commands(calibration)
@@ -113,19 +107,19 @@ def _check(test: PlanFile, calibration: Calibration, first_block: int) -> None:
 
 
 def _resumed_block(record: Record, test: PlanFile, calibration: Calibration) -> int:
-    """The block with which a test goes on in the journal that it began."""
+    """Return the first block to run when a journal is resumed."""
     now = {"plan": repr(test.plan), **test.settings.as_note(calibration)}
     begun = {k: v for kind in ("plan", "rig") for n in record.notes_of(kind) for k, v in n.items()}
     wanted = json.loads(json.dumps(now))  # as a journal holds it
     apart = [name for name, value in wanted.items() if begun.get(name, value) != value]
     if apart:
         raise RigError(
-            f"{record.path} cannot be resumed: it was begun with another {', '.join(apart)}. Restore "
-            "what it was begun with, or record into another folder"
+            f"{record.path} cannot be resumed: it was started with a different {', '.join(apart)}. "
+            "Restore the original settings, or record to another folder"
         )
     block = max((note["block"] + 1 for note in record.notes_of("done")), default=0)
     if block >= len(test.plan.pressures):
-        raise RigError(f"{record.path} is complete: nothing is left to resume")
+        raise RigError(f"{record.path} is complete: there is nothing to resume")
     return block
 
 
@@ -141,24 +135,24 @@ def record_test(
     attendant: Attendant | None = None,
     **more: Any,
 ) -> None:
-    """Carry out a test over a link, real or virtual, record it, and write its summary beside the journal.
+    """Run a test over a real or virtual link, record it, and write its summary.
 
-    A test that is refused leaves no journal behind.
+    If the test is refused, no journal is left behind.
 
     Args:
         test: plan, limits and gains.
-        link: to the device.
-        calibration: of its sensors.
-        path: of the journal.
+        link: link to the device.
+        calibration: sensor calibration.
+        path: path of the journal.
         append: continue the existing journal.
-        began: date of a simulated test; now if None.
-        first_block: as for `run`.
-        attendant: as for `run`.
-        **more: `machine` and `start` of `run`.
+        began: start time of a simulated test; None for now.
+        first_block: see `run`.
+        attendant: see `run`.
+        **more: arguments `machine` and `start` of `run`.
 
     Raises:
-        RigError: as `Journal`, `Rig` and `run`.
-        RigFault: the test had to stop; the rig is vented.
+        RigError: see `Journal`, `Rig` and `run`.
+        RigFault: the test was stopped; the rig is vented.
     """
     _check(test, calibration, first_block)
     attendant, seconds = attendant or Attendant(), test.plan.duration(first_block)
@@ -171,12 +165,12 @@ def record_test(
                 attendant.tell(f"note: {sentence}")
             run(rig, test.plan, first_block=first_block, attendant=attendant, **more)
     except RigError:
-        if not entered:  # the device refused the test: nothing has run
+        if not entered:  # the device refused the test
             path.unlink()
         raise
     finally:
         if entered:
-            with contextlib.suppress(OSError):  # a full disk, which the journal has reported
+            with contextlib.suppress(OSError):  # a full disk, already reported by the journal
                 attendant.tell("\n".join(write_summary(path, test.unit)))
 
 
@@ -191,21 +185,21 @@ def run(
 ) -> None:
     """Run a plan from a given block onwards, then stop the rig.
 
-    The pressure is held while it is paused, and while it waits for the first stroke.
+    The pressure is held during pauses and while waiting for the first stroke.
 
     Args:
-        rig: entered, so that it vents whatever happens.
-        plan: what to do.
-        machine: makes the strokes, as `TestMachine` does, with `busy` and `start`; without one the plan
-            waits for as long as they last.
-        first_block: where to begin.
-        attendant: gets the instruction to start the strokes, sees the rig at every look.
-        start: when the strokes of a block count as begun, without a machine: when they are asked for,
-            when the attendant says so, or when the load moves, within `LOAD_TIME`.
+        rig: entered rig, which vents on exit.
+        plan: plan to run.
+        machine: test machine with `busy` and `start`, such as `TestMachine`; None waits for the duration
+            of the strokes.
+        first_block: first block to run.
+        attendant: receives the prompts and is polled during the run.
+        start: event that marks the start of the strokes without a machine: the prompt, the attendant's
+            word, or a change of the load within `LOAD_TIME`.
 
     Raises:
-        RigError: as `check_plan`; nothing has been started then.
-        RigFault: the test had to stop.
+        RigError: see `check_plan`; nothing has been started.
+        RigFault: the test was stopped.
     """
     check_plan(plan, rig.calibration, rig.settings, first_block)
     seconds = plan.duration(first_block)
@@ -217,17 +211,16 @@ def run(
 def check_plan(
     plan: Isobaric, calibration: Calibration, settings: RigSettings, first_block: int = 0
 ) -> None:
-    """Refuse a plan that a rig cannot carry out, before anything is started.
+    """Check that the rig can run a plan, before anything is started.
 
     Raises:
-        RigError: a set pressure of the plan is at or above the rig's limit, or one that the
-            feed-forward does not know.
+        RigError: a set pressure is at or above the rig's limit, or outside the range of the feed-forward.
     """
     pressures = plan.pressures[first_block:]
     if (highest := max(pressures, default=0.0)) >= settings.pressure_limit:
         set_, limit = (pressure_text(P, settings.unit) for P in (highest, settings.pressure_limit))
         raise RigError(
-            f"the plan sets {set_}, the limit is {limit}: lower the pressure, or raise the limit if "
+            f"the plan sets {set_}, but the limit is {limit}: lower the pressure, or raise the limit if "
             "muscle and circuit are rated for it"
         )
     for pressure in pressures:
@@ -235,11 +228,11 @@ def check_plan(
 
 
 def sync_seconds(block: int) -> float:
-    """How long the sync pin is high at the first stroke of a block [s].
+    """Return the duration of the sync pulse at the first stroke of a block [s].
 
-    Each of sixteen blocks has its own length, so that a log that lacks some pulses still matches
-    in one way only; each is an odd number of records of 10 ms, so that in a log of 50 rows a second
-    both edges do not fall alike between two rows.
+    Sixteen consecutive blocks have distinct durations, so a log with missing pulses still aligns uniquely.
+    Each duration is an odd number of 10 ms records, so the two edges fall differently between the rows of
+    a 50 Hz log.
 
     >>> sync_seconds(0), sync_seconds(3)
     (0.51, 1.29)
@@ -248,11 +241,11 @@ def sync_seconds(block: int) -> float:
 
 
 class _LeftError(Exception):
-    """A block is left early, by the word "skip" or "repeat"."""
+    """Leave a block early, on the word "skip" or "repeat"."""
 
 
 class _Run:
-    """One run of a plan; arguments as for `run`."""
+    """One run of a plan; see `run` for the arguments."""
 
     def __init__(
         self, rig: Rig, plan: Isobaric, machine: Any, attendant: Attendant, start: Start
@@ -264,7 +257,7 @@ class _Run:
         self._loads: deque[float] = deque(maxlen=2 * _SECOND)
 
     def blocks(self, first: int) -> None:
-        """At each pressure: set, settle, strokes; a block may be skipped or repeated."""
+        """Run all blocks; a block may be skipped or repeated."""
         plan, self._block = self._plan, first
         self._seconds = plan.duration(first)
         while self._block < len(plan.pressures):
@@ -294,12 +287,12 @@ class _Run:
         self._strokes()
 
     def _begins(self) -> float:
-        """The set pressure [Pa] from which it rises, which the feed-forward knows."""
+        """Return the start of the pressure ramp [Pa], within the range of the feed-forward."""
         last, known = self._rig.set_point, self._rig.calibration.feed_forward.pressure_range[0]
         return max(0.0 if math.isnan(last) else last, known)
 
     def _strokes(self) -> None:
-        """Until the machine is done, or for as long as its strokes last."""
+        """Wait until the machine has finished, or for the duration of its strokes."""
         rig, plan, machine, block = self._rig, self._plan, self._machine, self._block
         cycles, seconds = plan.cycles, plan.stroke_seconds
         rig.note(
@@ -317,7 +310,7 @@ class _Run:
         rig.note("strokes_end", block=block, seq=_seq(rig))
 
     def _wait_for_the_first(self) -> None:
-        """Ask for the strokes, and hold the pressure until they have begun."""
+        """Prompt for the strokes, and hold the pressure until they begin."""
         rig, tell = self._rig, self._attendant.tell
         tell(self._start_strokes())
         if self._machine is not None or self._start == "at-once":
@@ -332,33 +325,33 @@ class _Run:
                 held, before = True, list(self._loads)
                 tell(self._start_strokes())
             elif asked == "begin":
-                tell("not yet: the pressure is not held; wait or stop")
+                tell("not yet: the pressure is not held; wait, or type stop")
             left -= 0 if self._paused else LOOK
             if self._start == "load" and left <= 0:
                 rig.fault(
-                    f"the load has not moved for {LOAD_TIME:.0f} s: no stroke has begun, or the load "
-                    "cell is dead; the device vents"
+                    f"the load has not changed for {LOAD_TIME:.0f} s: the strokes have not begun, or the "
+                    "load cell is dead; the device vents"
                 )
 
     def _load_left(self, before: list[float]) -> bool:
-        """Whether the load of the last quarter of a second is beyond what it was, by its spread then."""
+        """Return True if the latest load differs from its earlier range by more than its spread."""
         now = math.fsum(list(self._loads)[-5:]) / 5
         spread = max(before) - min(before)
         return not min(before) - spread <= now <= max(before) + spread
 
     @property
     def _held(self) -> bool:
-        """Whether the pressure of the last second is the set one."""
+        """True if the mean pressure of the last second equals the set pressure."""
         seen = self._pressures or [self._rig.pressure]
         return abs(math.fsum(seen) / len(seen) - self._rig.set_point) <= HELD
 
     def _look(self, phase: Phase, seconds: float, cycle: int = 0) -> Request:
-        """Wait for a look at most, and do what the attendant asks.
+        """Wait for one poll at most, and handle the attendant's request.
 
-        The plan stands while it is paused or waits for the first stroke.
+        The plan's clock stops during pauses and while waiting for the first stroke.
 
         Raises:
-            _LeftError: the block is to be skipped or repeated.
+            _LeftError: the attendant skips or repeats the block.
         """
         rig, before = self._rig, self._rig.link.now
         rig.wait(min(seconds, LOOK))
@@ -379,42 +372,42 @@ class _Run:
         if asked == "pause" or (asked == "begin" and self._paused):
             self._paused, asked = not self._paused, "pause"
             rig.note("paused" if self._paused else "went_on", block=self._block)
-            held = "paused, the pressure is held; stop the strokes"
+            held = "paused, pressure held; stop the strokes"
             self._attendant.tell(f"block {self._block}: {held if self._paused else 'continues'}")
         return asked
 
     def _start_strokes(self) -> str:
-        """The instruction to the person at the test machine, with the measured pressure."""
+        """Return the prompt for the operator of the test machine, with the measured pressure."""
         rig = self._rig
         pressures = rig.pressure, rig.set_point
         measured, wanted = (pressure_text(P, rig.settings.unit) for P in pressures)
-        held, what = "NOT held", "do not start, or stop the run"
+        held, what = "NOT held", "do not start the strokes; wait, or stop the run"
         if self._held:
             held, what = "held", "start the strokes"
         return f"block {self._block}: pressure {held}, {measured} of {wanted}: {what}"
 
 
 def _seq(rig: Rig) -> int:
-    """Number of the newest record, -1 before the first."""
+    """Return the number of the newest record, -1 before the first."""
     return rig.link.newest.seq if rig.link.newest else -1
 
 
 def calibrate_feed_forward(
     rig: Rig, outputs: Sequence[int], tell: Callable[[int, float], None] | None = None
 ) -> FeedForward:
-    """Measure the feed-forward by steps of the pump or valve, with the controller off.
+    """Measure the feed-forward by stepping the pump or valve with the controller off.
 
     Args:
-        rig: entered.
-        outputs: steps [counts, 0..255]; going up and down again shows hysteresis as scatter.
-        tell: called after each step with its output [counts] and pressure [Pa].
+        rig: entered rig.
+        outputs: output steps [counts, 0..255]; stepping up and down shows hysteresis as scatter.
+        tell: called after each step with output [counts] and pressure [Pa].
 
     Returns:
-        The cubic through the steps, with its error.
+        Cubic fit of the steps, with its scatter.
 
     Raises:
         RigError: the pressure does not rise with the output.
-        RigFault: the test had to stop, as where a step reaches the pressure limit.
+        RigFault: the test was stopped, for example at the pressure limit.
     """
     pressures = []
     for output in outputs:

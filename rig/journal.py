@@ -1,13 +1,13 @@
-"""The record of a test: written line by line, verified on reading, checked against the control law.
+"""Test records: written line by line, verified on reading, and checked against the control law.
 
 The file is append-only text: the device's own lines verbatim, and notes as JSON with the same CRC.
 
     {"note":"set","n":12,"at":3.20112,"pressure_Pa":275790.3}*5A1C
     T,...*09F2
 
-`Journal` writes: what was queued is in the kernel within milliseconds, so killing this process loses
-no more than that; it is on the disk within about a second. Neither blocks the caller. `read_journal`
-reads what can be verified and lists what is missing, `audit` recomputes what the device did.
+`Journal` passes queued data to the kernel within milliseconds, so killing the process loses no more than
+that, and syncs it to the disk within about a second. Neither blocks the caller. `read_journal` reads all
+verifiable lines and lists what is missing; `audit` recomputes the control law.
 """
 
 import contextlib
@@ -51,7 +51,7 @@ from .protocol import (
 
 FORMAT = "famjax journal 1"
 COLUMNS = Sample._fields
-# Bytes queued for the disk at which it counts as hung: ten minutes and more.
+# Queued bytes at which the disk counts as hung: more than ten minutes.
 BACKLOG_LIMIT = 1 << 22
 SYNC_PERIOD = 1.0  # s between two syncs to the disk
 
@@ -91,7 +91,7 @@ class Journal(contextlib.AbstractContextManager):
         folder, needed = self.path.absolute().parent, 3 * plan_seconds * 6000
         if folder.is_dir() and (free := shutil.disk_usage(folder).free) < needed:
             raise RigError(
-                f"{folder} has {free / 1e6:.0f} MB free, the plan needs {needed / 1e6:.0f} MB: make room"
+                f"{folder} has {free / 1e6:.0f} MB free, but the plan needs {needed / 1e6:.0f} MB"
             )
         self._file = _open(self.path, append)
         self._lock = threading.Lock()  # orders the notes' numbers with the queue
@@ -131,20 +131,20 @@ class Journal(contextlib.AbstractContextManager):
         """Raise if the recording has failed.
 
         Raises:
-            RigFault: it has; all that was written before stays.
+            RigFault: the recording has failed; everything written before is kept.
         """
         if self._failure is not None:
             raise RigFault(self._failure)
         if self.waiting > BACKLOG_LIMIT:
             raise RigFault(
-                f"{self.waiting / 1e6:.1f} MB wait for the disk of {self.path}: take a local disk"
+                f"{self.waiting / 1e6:.1f} MB are waiting for the disk of {self.path}: use a local disk"
             )
 
     def close(self) -> None:
-        """Write and sync all that is queued; closing twice does nothing.
+        """Write and sync all queued data; closing twice has no effect.
 
         Raises:
-            RigFault: not all of it could be written.
+            RigFault: some data could not be written.
         """
         if self._closing.is_set():
             return
@@ -198,7 +198,7 @@ def _open(path: Path, append: bool) -> int:
     try:
         file = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o644)
     except FileExistsError:
-        raise RigError(f"{path} exists; give another name, or resume it") from None
+        raise RigError(f"{path} exists: choose another name, or resume it") from None
     except OSError as error:
         raise RigError(f"cannot write {path}: {error.strerror}") from None
     if append and (size := os.fstat(file).st_size):
@@ -279,9 +279,9 @@ class Record:
 
 
 def read_journal(path: str | Path) -> Record:
-    """Read the record of a journal, even one that was torn, zeroed in places or cut short.
+    """Read a journal, even if it is torn, partly zeroed or truncated.
 
-    A line counts when its CRC is right, and a row when it also fits its neighbours.
+    A line is accepted if its CRC is correct, and a row if it is also consistent with its neighbours.
 
     Args:
         path: the journal.
@@ -290,7 +290,7 @@ def read_journal(path: str | Path) -> Record:
         The verified rows in order, the notes, and a list of all that is missing.
 
     Raises:
-        RigError: the file cannot be read, or nothing in it is a journal's.
+        RigError: the file cannot be read, or contains no verifiable line.
     """
     path = Path(path)
     try:
@@ -322,7 +322,7 @@ def stored_calibration(record: Record) -> Calibration:
     """
     notes = record.notes_of("rig")
     if not notes:
-        raise RigError(f"{record.path} has no calibration in it; give one")
+        raise RigError(f"{record.path} contains no calibration: give one")
     return calibration_from_dict(notes[-1]["calibration"])
 
 
@@ -375,7 +375,7 @@ def _held(
 
 
 def write_summary(journal: Path, unit: str) -> list[str]:
-    """Write the summary of a journal as CSV beside it; returns lines for a person, in a pressure unit."""
+    """Write the summary of a journal as CSV next to it; return it as text lines in a pressure unit."""
     rows = summary(read_journal(journal))
     with journal.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, rows[0] if rows else ())
@@ -589,19 +589,19 @@ class Audit:
 
     @property
     def sound(self) -> bool:
-        """Whether the file is complete and recomputed records agree; losses on the line do not count."""
+        """True if the file is complete and the recomputed records agree; line losses do not count."""
         return not self.faults
 
     @property
     def faults(self) -> list[str]:
-        """Reasons why the record is unsound, one sentence each."""
+        """Reasons why the record is not sound."""
         wrong, (_, at) = self.checked - self.equal, self.first_wrong or (0, 0)
         found = {
             f"the file lost {self.torn} records": self.torn,
             f"the file lost {self.missing_notes} notes": self.missing_notes,
             f"{self.damaged_bytes} bytes are damaged": self.damaged_bytes,
             f"{self.refused} rows contradict their neighbours": self.refused,
-            f"{wrong} records do not follow the law, the first is record {at}": wrong,
+            f"{wrong} records do not follow the control law, the first is record {at}": wrong,
             "the recording was cut off": self.ended is None,
         }
         return [text for text, number in found.items() if number]
@@ -613,13 +613,13 @@ class Audit:
 
 
 def audit(record: Record) -> Audit:
-    """Recompute the control law from every recorded sample, and list everything missing.
+    """Recompute the control law from every recorded sample, and list all missing data.
 
-    In RUN the integral must follow from the one before and the sum of the pressure counts, and the
-    output from it and the last count; in every other state but MAN both must be zero.
+    In RUN, the integral must follow from the previous one and the sum of the pressure counts, and the
+    output from the integral and the last count. In MAN the integral must be zero, in the other states both.
 
     Args:
-        record: a journal read back.
+        record: journal as read.
     """
     right, known = _recomputed(record)
     wrong = np.flatnonzero(known & ~right)[:1]

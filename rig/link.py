@@ -227,7 +227,7 @@ class Session:
             RigError: a number that is not finite.
         """
         if not all(isinstance(value, str) or math.isfinite(value) for value in values):
-            raise RigError(f"{verb} needs finite numbers, got {values}")
+            raise RigError(f"{verb} requires finite numbers, got {values}")
         self._abandon("another command came before its answer")
         self._id = self._id % _LAST_ID + 1  # 0 is for lines that need no answer
         line = frame(command_body(self._id, verb, *values))
@@ -540,7 +540,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             RigFault: the link has ended, or as `Journal.check`.
         """
         if not self.running:
-            raise RigFault("the link has ended: no byte is exchanged; the device vents by itself")
+            raise RigFault("the link has closed; the device vents by itself")
         if self._journal is not None:
             self._journal.check()
 
@@ -565,7 +565,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             command = self.session.command(verb, *values)
         while not command.done:
             if not self.running:
-                raise RigFault(f"{verb!r} was not sent: the link has ended")
+                raise RigFault(f"{verb!r} was not sent: the link has closed")
             self.sleep(SLICE)
         said = " ".join([verb, *map(str, values)])
         if command.answer is None:
@@ -652,7 +652,7 @@ class Link(AbstractLink):
             self.port: Any = opener()
         except OSError as error:
             raise RigError(
-                f"cannot open the port: {error}; is it plugged in, and has no other program it open?"
+                f"cannot open the port: {error}; check that it is plugged in and not in use elsewhere"
             ) from None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rig link", daemon=True)
@@ -765,7 +765,7 @@ def mean_counts(
     finally:
         link.watch = None
     if not found or link.session.settings is None:
-        raise RigFault(f"no record came in {seconds:g} s; check the cable")
+        raise RigFault(f"no record arrived within {seconds:g} s: check the cable")
     scale = READINGS / link.session.settings.ticks_per_record / len(found)
     pressure, force = sum(s.pressure_sum for s in found), sum(s.force_sum for s in found)
     return scale * pressure, scale * force

@@ -1,4 +1,4 @@
-"""The plan of a test: strokes of a test machine at constant pressures, and the file PLAN.toml."""
+"""Test plans: strokes of a test machine at constant pressures, and the file PLAN.toml."""
 
 import dataclasses
 import math
@@ -25,22 +25,22 @@ from .errors import RigError
 
 @dataclasses.dataclass(frozen=True)
 class Isobaric:
-    """Strokes of the test machine at constant pressures, neglecting its ramps.
+    """Strokes of the test machine at constant pressures, neglecting its acceleration.
 
-    At each pressure: set, settle, then `cycles` strokes there and back at `rate`.
+    At each pressure: set the pressure, settle, then make `cycles` strokes there and back at `rate`.
 
     Attributes:
-        pressures: set pressures [Pa gauge], shape (n,), in their order, each >= 0.
+        pressures: set pressures [Pa gauge] in order, shape (n,), each >= 0.
         cycles: strokes there and back at each pressure, >= 1.
-        stroke: of the test machine [m], > 0.
-        rate: of the crosshead [m/s], > 0.
-        settle: time at the pressure before the first stroke [s], >= 0.
-        rise: time [s] of it in which the set pressure goes evenly to the next one; 0 for a step.
+        stroke: stroke of the test machine [m], > 0.
+        rate: crosshead speed [m/s], > 0.
+        settle: settling time before the first stroke [s], >= 0.
+        rise: part of the settling time [s] during which the set pressure ramps linearly; 0 for a step.
     """
 
     pressures: Annotated[
         tuple[NotNegative, ...],
-        Meta(min_length=1, description="one pressure at least, each a number >= 0 and finite"),
+        Meta(min_length=1, description="at least one pressure, each a number >= 0 and finite"),
     ]
     cycles: Annotated[int, Meta(ge=1, description="a whole number >= 1")]
     stroke: Positive
@@ -59,7 +59,7 @@ class Isobaric:
         return self.cycles * 2 * self.stroke / self.rate
 
     def duration(self, first_block: int = 0) -> float:
-        """Duration of the plan from a block on [s], neglecting the device's answers.
+        """Return the duration of the plan from a given block onwards [s], neglecting response times.
 
         >>> plan = Isobaric((1e5, 2e5), cycles=3, stroke=0.05, rate=0.001, settle=5.0)
         >>> round(plan.duration(), 6)
@@ -70,15 +70,15 @@ class Isobaric:
 
 @dataclasses.dataclass(frozen=True)
 class PlanFile:
-    """A test as described by its file.
+    """Contents of a plan file.
 
     Attributes:
-        plan: what to do.
+        plan: the test.
         circuit: "air" or "water".
-        pressure_limit: [Pa gauge]; there is no default.
-        control: gains.
-        calibration: path of the calibration, absolute; None where the file names none.
-        unit: in which the file states its pressures, for messages.
+        pressure_limit: pressure limit [Pa gauge], required.
+        control: controller gains.
+        calibration: absolute path of the calibration file, if any.
+        unit: pressure unit of the file, used in messages.
         limits: further fields of `RigSettings`.
     """
 
@@ -96,12 +96,12 @@ class PlanFile:
 
     @property
     def settings(self) -> RigSettings:
-        """Settings of the device for control and trips."""
+        """Control and trip settings of the device."""
         return RigSettings(self.pressure_limit, self.control, unit=self.unit, **self.limits)
 
 
 def read_plan(path: str | Path) -> PlanFile:
-    """Read the test in a TOML file.
+    """Read a plan from a TOML file.
 
     [plan]
     pressures_psi = [20, 40, 60]
@@ -118,17 +118,18 @@ def read_plan(path: str | Path) -> PlanFile:
     integral_counts_per_psi_s = 2
     calibration = "calibration.toml"
 
-    [rig] may have integral_limits_counts = [-128, 128], and jump_limit_psi = 15: a change within
-    10 ms that trips; and the guards against an implausible reading, see `RigSettings`:
-    frozen_output_counts = 4, frozen_s = 0.75, stall_s = 3.
+    [rig] may also have integral_limits_counts = [-128, 128], jump_limit_psi = 15,
+    frozen_output_counts = 4, frozen_s = 0.75 and stall_s = 3, see `RigSettings`.
 
     Raises:
-        RigError: what is wrong with the file; a missing pressure limit above all.
+        RigError: the file is invalid, or has no pressure limit.
     """
     content = read_toml(path, "plan", RigError)
     _refuse_decimal_commas(path)
     if content.keys() != {"plan", "rig"} or not all(isinstance(t, dict) for t in content.values()):
-        raise RigError(f"{path}: a plan has the tables [plan] and [rig], got {sorted(content)}")
+        raise RigError(
+            f"{path}: a plan must have the tables [plan] and [rig], got {sorted(content)}"
+        )
     of_plan, of_rig = (f"{path}: [{table}]: " for table in ("plan", "rig"))
     plan = from_entries(Isobaric, content["plan"], _PLAN_FORM, where=of_plan, error=RigError)
     rig = from_entries(_RigTable, content["rig"], _RIG_FORM, where=of_rig, error=RigError)
@@ -148,7 +149,7 @@ _LIST = re.compile(r"^\s*(\w+)\s*=\s*\[([^\[\]#]*)\]", re.MULTILINE).findall
 
 
 def _refuse_decimal_commas(path: str | Path) -> None:
-    """Refuse a list such as [20,5, 40,5]: TOML reads four numbers where two may have been meant."""
+    """Reject a list such as [20,5, 40,5]: TOML reads four numbers where two may be intended."""
     for name, items in _LIST(Path(path).read_text(encoding="utf-8")):
         words = items.split(",")
         tight = [bool(re.match(r"\d", word)) for word in words[1:]]
@@ -157,8 +158,8 @@ def _refuse_decimal_commas(path: str | Path) -> None:
         )
         if any(tight) and (not all(tight) or short):
             raise RigError(
-                f"{path}: {name} = [{items.strip()}] may be read with decimal commas: write decimals with "
-                "a point, as 20.5, and a space after each comma"
+                f"{path}: {name} = [{items.strip()}] seems to contain decimal commas: use a decimal point, "
+                "as in 20.5, and a space after each comma"
             )
 
 

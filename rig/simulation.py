@@ -22,14 +22,7 @@ from famjax.plant import (
 )
 from famjax.units import INCH, LBF, PSI
 
-from .calibration import (
-    FULL_OUTPUT,
-    READINGS,
-    Calibration,
-    FeedForward,
-    Sensor,
-    fit_feed_forward,
-)
+from .calibration import FULL_OUTPUT, READINGS, Calibration, FeedForward, Sensor, fit_feed_forward
 from .device import BAUD_RATES, Device
 from .errors import RigError
 

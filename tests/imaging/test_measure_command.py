@@ -103,8 +103,8 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        (["PHOTOS"], "the scale is needed"),
-        (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with its error and unit"),
+        (["PHOTOS"], "the scale is missing"),
+        (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with error and unit"),
         ([*SCALED, "--ruler", "RULER"], "given twice"),
         ([*SCALED, "--distance", "60"], "has no unit"),
         ([*SCALED, "--crop-offset", "1459"], "two numbers"),
@@ -113,12 +113,12 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
         ([*LOGGED, "displacement=no"], "no column, or more than one, has that name"),
         ([*LOGGED, "displacement=1 [psi]"], "unknown unit 'psi'"),
         ([*LOGGED, "force"], "must have the form name=value"),
-        (["missing*.jpg", "--scale", "56 px/in"], "no pattern that matches"),
+        (["missing*.jpg", "--scale", "56 px/in"], "or a pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
-        ([*SCALED, "--ruler-placement", "0.01in"], "there is no ruler"),
+        ([*SCALED, "--ruler-placement", "0.01in"], "require a ruler"),
         ([*RULED, "--expected-px-per-in", "20"], "expected scale"),
         ([*RULED, "--ruler-placement=-1mm"], "placement_stderr"),
-        ([*SCALED, "--tape-hue", "red"], "is an angle"),
+        ([*SCALED, "--tape-hue", "red"], "must be an angle"),
     ],
 )
 def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, capsys, arguments, match):

@@ -139,10 +139,10 @@ def test_a_calibration_is_made_one_sensor_after_the_other(tmp_path, command):
     ("counts", "message"),
     [
         ([509, 1329, 2148], "must have one shape"),
-        ([509, 1329, 2148, 5115], "the end of the converter's range"),
-        ([2967, 2148, 1329, 509], "gain must be positive"),
+        ([509, 1329, 2148, 5115], "the limit of the converter"),
+        ([2967, 2148, 1329, 509], "gain must be > 0"),
         ([509, 2148, 509, 2148], "do not follow the references"),
-        ([], "which port?"),
+        ([], "a port is required"),
     ],
 )
 def test_what_is_no_calibration_leaves_the_file_as_it_was(counts, message, tmp_path, refused):
@@ -170,7 +170,7 @@ def test_counts_are_read_while_a_person_applies_the_references(
     assert asked == [f"Apply {text} and press Enter: " for text in REFERENCES]
     assert tomllib.loads(file.read_text())["board"] == sim.device.board != 0
     file.write_text(file.read_text().replace(str(sim.device.board), str(sim.device.board // 2 + 1)))
-    other = f"this is board {sim.device.board}: name another file"
+    other = f"this is board {sim.device.board}: use another file"
     refused(other, *PRESSURE, *NONE, "--calibration", file)
 
 
@@ -203,7 +203,7 @@ def test_a_person_s_yes_clears_a_trip_whose_cause_has_gone(sim, tmp_path, comman
     sim.sensor_fault = None
     sim.advance(5.0)
     code, out, err = command(*typed)
-    assert (code, "at 1023 counts (" in out, "give --yes" in err) == (2, True, True)
+    assert (code, "at 1023 counts (" in out, "add --yes" in err) == (2, True, True)
     assert sim.device.state == TRIP
     code, out, _ = command(*typed, "--yes")
     assert (code, "acknowledged" in out, sim.device.state) == (0, True, SAFE)
@@ -214,12 +214,12 @@ def test_a_run_prints_the_plan_and_waits_for_a_yes(tmp_path, command, refused, m
     typed = ("run", calibrated(tmp_path), "--port", tmp_path / "none", "--output", tmp_path / "o")
     code, out, _ = command(*typed, "--dry-run")
     assert (code, "block 1: 80 psi" in out) == (0, True)
-    assert "lasts 38 s" in out  # two of 3 s and 2 x 3.2 in at 0.4 in/s
+    assert "duration 38 s" in out  # two of 3 s and 2 x 3.2 in at 0.4 in/s
     assert not (tmp_path / "o").exists()
     for text, terminal, more, sentence in (
-        ("yes\n", False, (), "give --yes"),
+        ("yes\n", False, (), "add --yes"),
         ("y\n", True, (), "not started"),
-        ("", True, (), "standard input ended"),
+        ("", True, (), "standard input closed"),
         ("yes\n", True, (), "cannot open the port"),  # it went on
         ("", False, ("--yes",), "cannot open the port"),
         ("", False, ("--yes", "--start", "asked"), "here is no terminal: at-once or load"),
@@ -248,7 +248,7 @@ def test_a_run_is_recorded_once_and_can_be_monitored(sim, tmp_path, command, ref
     [
         ("inf", ">= 0 and finite, got inf"),
         ("1e308", "the pressure limit must be finite, got inf"),
-        ("60", "the plan sets 80 psi, the limit is 60 psi"),
+        ("60", "the plan sets 80 psi, but the limit is 60 psi"),
     ],
 )
 def test_a_refused_plan_leaves_nothing_behind(limit, sentence, tmp_path, refused):
@@ -281,6 +281,6 @@ def test_only_the_same_test_is_resumed(old, new, what, simulated, tmp_path, comm
         began = stored_calibration(read_journal(journal))
         write_calibration(tmp_path / "calibration.toml", began)
         _, out, err = command(*typed)
-        assert ("cannot open the port" in err, "lasts 19 s" in out) == (True, True)  # one of two
+        assert ("cannot open the port" in err, "duration 19 s" in out) == (True, True)  # one of two
     plan.write_text(plan.read_text().replace(old, new))
     refused(f"it was begun with another {what}.", *typed)

@@ -117,7 +117,7 @@ def test_losses_of_the_line_and_of_the_file_are_told_apart(path):
 def test_a_journal_is_never_overwritten_and_goes_on_after_a_torn_line(path):
     with opened(path, at=1.0) as journal:
         journal.lines(records(0, 1))
-    with pytest.raises(RigError, match=r"run.fam exists; give another name, or resume it"):
+    with pytest.raises(RigError, match=r"run.fam exists: choose another name, or resume it"):
         opened(path)
     with path.open("ab") as file:
         file.write(record_line(2)[:9])
@@ -148,7 +148,7 @@ def test_what_is_no_journal_is_refused(path):
 def test_a_plan_longer_than_the_disk_is_refused(path, monkeypatch):
     usage = SimpleNamespace(free=10**9)
     monkeypatch.setattr("rig.journal.shutil.disk_usage", lambda _: usage)
-    with pytest.raises(RigError, match=r"1000 MB free, the plan needs 1080 MB"):
+    with pytest.raises(RigError, match=r"1000 MB free, but the plan needs 1080 MB"):
         opened(path, plan_seconds=60_000)
     assert not path.exists()
 

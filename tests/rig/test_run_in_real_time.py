@@ -33,7 +33,7 @@ def meanwhile(act):
 @pytest.mark.parametrize(
     ("how", "code", "words", "reason"),
     [  # whether the silence or a command without an answer is noticed first is a matter of load
-        ("cable", 1, "look at the pressure before you touch the rig",
+        ("cable", 1, "check the pressure before you touch the rig",
          "RigFault: (the device is silent for|.*the device did not answer for)"),
         pytest.param(
             "signal", 130, "has been vented", "KeyboardInterrupt",

@@ -137,7 +137,7 @@ def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise():
     noisy = [calibration.fit_feed_forward(P, true + rng.normal(0, 0.8, P.size)) for _ in range(800)]
     scatter = np.sqrt(np.mean([v.scatter**2 for v in noisy]))
     assert scatter == pytest.approx(0.8, rel=0.05)  # 800 draws: 1 %
-    with pytest.raises(RigError, match=r"known from 20 kPa to 700 kPa, not at 10 kPa"):
+    with pytest.raises(RigError, match=r"valid from 20 kPa to 700 kPa, not at 10 kPa"):
         exact.output(1e4)
     assert FeedForward.bias().output(3e5) == 127.5
     with pytest.raises(RigError, match=r"must be 0..255"):
@@ -166,7 +166,7 @@ def test_a_file_gives_back_the_same_numbers(tmp_path):
             r"\[pressure\]: zero_counts is missing",
         ),
         ({"pressure": {"gain_psi_per_count": 1}, "force": {}}, "unknown key 'gain_psi_per_count'"),
-        ({"pressure": {"gain_Pa_per_count": 0, "zero_counts": 0}, "force": {}}, "not zero"),
+        ({"pressure": {"gain_Pa_per_count": 0, "zero_counts": 0}, "force": {}}, "nonzero"),
         ({"pressure": {}, "force": {}, "board": "a"}, "board must be a number of 0 to 65534"),
     ],
 )

@@ -315,7 +315,7 @@ def test_pictures_that_contradict_stop_the_work_and_a_mended_sheet_goes_on(copie
     replaced(sheet, "pitch_in = 0.125", "pitch_cm = 0.125")
     code, _, err = run("characterise", copied, *steps)
     assert code == 2
-    assert "is the pitch of the ruler right" in err
+    assert "Check the pitch of the ruler" in err
     replaced(sheet, "pitch_cm = 0.125", "pitch_in = 0.125")
     code, _, err = run("characterise", copied, *steps)
     assert code == 0

@@ -31,7 +31,7 @@ def test_a_decoder_s_complaint_is_an_error(tmp_path):
         try:
             read_image(path)
         except DamagedImage as error:
-            refused += "the decoder must not complain" in str(error)
+            refused += "the decoder reports" in str(error)
     assert refused >= 6
 
 
@@ -76,7 +76,7 @@ def test_a_header_of_more_pixels_than_a_picture_has_is_refused_before_decoding(t
     for chunk in chunks:
         data += (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     path.write_bytes(data)
-    with pytest.raises(UnreadableImage, match="178 Mpx at most"):
+    with pytest.raises(UnreadableImage, match="at most 178 Mpx"):
         read_image(path)
     assert sizes_of(path) == []
 

@@ -30,7 +30,7 @@ def test_files_folders_and_patterns_name_pictures_in_natural_order(tmp_path):
     assert expand([str(tmp_path / "img*")]) == expected
     assert expand([expected[1], expected[0]]) == expected[::-1]
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ImagingError, match="no folder with pictures"):
+    with pytest.raises(ImagingError, match="a folder with pictures"):
         expand([str(tmp_path / "empty")])
 
 

@@ -83,7 +83,7 @@ def test_a_tape_of_any_hue_on_cloth_of_any_colour(hue, background, monkeypatch):
         assert found.length == pytest.approx(shot.truth.length, abs=0.004 * INCH)
     for other in (222.0, 0.0, 130.0):
         if abs((other - hue + 180) % 360 - 180) > 60:
-            with pytest.raises(AmbiguousHue, match="another hue than the recipe's"):
+            with pytest.raises(AmbiguousHue, match="tapes' hue must match the recipe's"):
                 measure(rgb, how(other))
 
 

@@ -51,7 +51,7 @@ def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
         ("colour = 5\n", "unknown key 'colour'; valid keys: .*distance_<unit>"),
         ("orientation = 'guess'\n", "orientation must be vertical or horizontal or auto"),
         ("distance_m = 'far'\n", "distance_m must be a number, got 'far'"),
-        ("format = 'famjax recipe 9'\n", "has the format 'famjax recipe 1'"),
+        ("format = 'famjax recipe 9'\n", "must have the format 'famjax recipe 1'"),
         ("distance_m = \n", "not a TOML file"),
         ("tone = [0.0, 1.0]\n", "256 finite values"),
         ("tape_hue_deg = 400\n", "tape_hue must be 0 to 360"),
