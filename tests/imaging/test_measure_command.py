@@ -110,7 +110,7 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
         ([*SCALED, "--crop-offset", "1459"], "two numbers"),
         ([*SCALED, "--crop-offset", "14,5", "--frame-size", "20,20"], "frame"),
         ([*SCALED, "--log", "NO"], "no such file"),
-        ([*LOGGED, "displacement=no"], "no column, or more than one, has that name"),
+        ([*LOGGED, "displacement=no"], "this must match one column"),
         ([*LOGGED, "displacement=1 [psi]"], "unknown unit 'psi'"),
         ([*LOGGED, "force"], "must have the form name=value"),
         (["missing*.jpg", "--scale", "56 px/in"], "or a pattern that matches"),

@@ -178,7 +178,7 @@ def test_counts_are_read_while_a_person_applies_the_references(
 def test_a_pump_is_stepped_under_the_limits_of_its_plan(sim, tmp_path, command, refused):
     true = sim.calibration()
     write_calibration(tmp_path / "calibration.toml", true)
-    refused("only the pump of a water", "calibrate-pump", write_plan(tmp_path), *NONE, "--yes")
+    refused("requires a water circuit", "calibrate-pump", write_plan(tmp_path), *NONE, "--yes")
     assert sim.now == 0
     plan = write_plan(tmp_path, circuit="water")
     code, out, _ = command("calibrate-pump", plan, *NONE, "--yes")
@@ -222,7 +222,12 @@ def test_a_run_prints_the_plan_and_waits_for_a_yes(tmp_path, command, refused, m
         ("", True, (), "standard input closed"),
         ("yes\n", True, (), "cannot open the port"),  # it went on
         ("", False, ("--yes",), "cannot open the port"),
-        ("", False, ("--yes", "--start", "asked"), "here is no terminal: at-once or load"),
+        (
+            "",
+            False,
+            ("--yes", "--start", "asked"),
+            "requires a terminal: use --start at-once or load",
+        ),
     ):
         stdin = io.StringIO(text)
         stdin.isatty = lambda at=terminal: at
@@ -283,4 +288,4 @@ def test_only_the_same_test_is_resumed(old, new, what, simulated, tmp_path, comm
         _, out, err = command(*typed)
         assert ("cannot open the port" in err, "duration 19 s" in out) == (True, True)  # one of two
     plan.write_text(plan.read_text().replace(old, new))
-    refused(f"it was begun with another {what}.", *typed)
+    refused(f"it was started with a different {what}.", *typed)

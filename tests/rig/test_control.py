@@ -71,7 +71,9 @@ def test_an_audit_sees_an_edited_figure(whole, path, column, by):
     found = audit(read_journal(path))
     assert found.checked - found.equal in {1, 2}  # the next one follows from the integral
     assert found.first_wrong == (0, int(fields[2]))
-    assert f"records do not follow the law, the first is record {fields[2]}" in found.faults[0]
+    assert (
+        f"records do not follow the control law, the first is record {fields[2]}" in found.faults[0]
+    )
 
 
 def test_columns_have_units_and_one_row_for_each_record(whole, tmp_path):
@@ -116,7 +118,10 @@ def test_a_recording_that_was_cut_off_is_resumed_and_its_clock_may_begin_anew(wh
         ({"jump_limit": 0.5 * PSI, "unit": "psi"}, "limit of 0.5 psi is 2 counts.*5 to 1023"),
         ({"jump_limit": float("nan")}, "0 counts"),
         ({"stall": 90.0}, "stall must be 0.5 to 30, got 90"),
-        ({"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))}, "zero of 0 to 1023"),
+        (
+            {"calibration": Calibration(Sensor(300.0, -50.0), Sensor(1.0, 0.0))},
+            "zero must be 0 to 1023",
+        ),
     ],
 )
 def test_settings_that_cannot_be_are_refused(changes, message):

@@ -324,7 +324,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("predict", "MAP", *AT, "-3bar"), "parameter --pressure requires an argument"),
     (("rig", "simulat"), "Try 'famjax rig --help'"),
     (("series", "MAP"), "predict --rest-length"),
-    (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "must be above its diameter"),
+    (("export", "DMSP-20", "--to", "csv", "--length", "1mm"), "must exceed the diameter"),
     (("export", "dmsp-30", "--to", "c"), "dmsp-30"),
     (("export", "dmsp-10", "--to", "fortran"), "fortran"),
     (("export", "dmsp-10", "--to", "c", "--length", "300"), "unit"),
@@ -337,7 +337,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     ((*ASKED, "--objective", "width"), "one or more of outer_diameter"),
     ((*ASKED, "--vary", "angle_deg=1:2"), "unknown key 'angle_deg'"),
     ((*ASKED, "--vary", "pressure_psi=1:2:3"), "must be two numbers in brackets, got [1.0, 2.0, 3.0]"),
-    ((*ASKED, "--vary", "pressure_psi=20:200"), "above the pressure of the"),
+    ((*ASKED, "--vary", "pressure_psi=20:200"), "above the required pressure"),
     ((*ASKED, "--vary", "rest_length_mm=300:100"), "0 < least <= greatest"),
     *(((command, "here", "--jobs", "0"), "--jobs")
       for command in ("compare", "assess", "measure", "characterise")),

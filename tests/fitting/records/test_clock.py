@@ -126,10 +126,10 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly():
     ("spoil", "words"),
     [
         (lambda t, F, tm, Fm: (t, F, tm, np.cumsum(np.random.default_rng(1).normal(size=tm.size))),
-         "do not match anywhere"),
-        (lambda t, F, tm, Fm: (t, F, tm, -Fm), "do not match anywhere"),
-        (lambda t, F, tm, Fm: (t, F, tm, np.full(tm.size, 3.0)), "do not match anywhere"),
-        (lambda t, F, tm, Fm: (t[::-1], F, tm, Fm), "must be finite, and time must rise"),
+         "do not match"),
+        (lambda t, F, tm, Fm: (t, F, tm, -Fm), "do not match"),
+        (lambda t, F, tm, Fm: (t, F, tm, np.full(tm.size, 3.0)), "do not match"),
+        (lambda t, F, tm, Fm: (t[::-1], F, tm, Fm), "must be finite, and time must increase"),
         (lambda t, F, tm, Fm: (t[:10], F[:10], tm, Fm), "at least 50"),
     ],
 )  # fmt: skip

@@ -180,13 +180,13 @@ def _bad(
     ("call", "words"),
     [
         (lambda: _bad(turn=1.5e5), "between its start and its turn"),
-        (lambda: _bad(P=P2[:0], half=HALF2[:0]), "there is none"),
+        (lambda: _bad(P=P2[:0], half=HALF2[:0]), "got none"),
         (lambda: _bad(half=np.array([1.0, np.nan])), "half_difference of reading 2 is nan"),
         (lambda: _bad(length=-0.2), "lengths must be > 0"),
         (lambda: _bad(rest=0.0), "rest_length must be > 0"),
         (lambda: BranchPairs.stroke(np.array([0.2, 0.3]), P2, HALF2, longest=0.25, shortest=0.1,
                                     rest_length=REST), "between its start and its turn"),
-        (lambda: BranchPairs.joined([_bad(), _bad(rest=1.0)]), "one rest length"),
+        (lambda: BranchPairs.joined([_bad(), _bad(rest=1.0)]), "the same rest length"),
     ],
 )  # fmt: skip
 def test_bad_pairs(call, words):

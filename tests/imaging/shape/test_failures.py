@@ -97,7 +97,7 @@ def test_missing_empty_and_foreign_files(tmp_path):
 def test_a_truncated_file(tmp_path):
     path = tmp_path / "cut.jpg"
     path.write_bytes(damaged(photograph(base(), 1).jpeg(), "truncated"))
-    with pytest.raises(errors.UnreadableImage, match="whole picture"):
+    with pytest.raises(errors.UnreadableImage, match="complete picture"):
         read_image(path)
 
 

@@ -30,7 +30,7 @@ def measured(scene, seed=1, **stated):
 def test_motion_is_refused_in_any_direction(base, way, angle):
     lens = Lens(motion_px=way, motion_deg=angle)
     # A limb that is smeared over 25 px looks like one that is not lit: the message names both.
-    words = r"expose shorter.* take the picture again"
+    words = r"use a shorter exposure.* retake the picture"
     with pytest.raises((MotionBlurred, Underexposed), match=words):
         measured(changed(base, lens=lens), **STATED)
 
