@@ -503,7 +503,11 @@ def remarks(result: Identification) -> list[Remark]:
         "quarter of their weight; the RMSE of the others is ",
         *(Quantity(result.counted_rmse, "force", 3), "."),
     )
+    pictures = result.pictures
+    missed = 0.0 if pictures is None else pictures.rmse / float(pictures.measured.mean())
     others: tuple[tuple[Any, int, str], ...] = (
+        (missed > 0.03, 1, f"The computed profiles differ from the photographed ones by {missed:.0%} RMS. "
+         "Check the sizes of braid and bladder and their bounds, or use the measured shape instead."),
         (outlying, 1 + (outlying > 0.25 * count), off),
         (pull > 2 * errors.rmse or level, level, slack),
         (certificate.n_agreeing < 2 < certificate.n_starts, 0,
