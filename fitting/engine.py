@@ -1,8 +1,7 @@
-"""The engine of every fit: variable projection, several fits at once.
+"""The engine of every fit: variable projection for a batch of fits.
 
-For given nonlinear parameters the coefficients are the optimum of a convex programme; what is left of
-the residual, and its derivative in the parameters through that optimum, is what the outer search
-works with, see `fitting.search`.
+At given nonlinear parameters the coefficients are the optimum of a convex programme. The outer search of
+`fitting.search` uses the remaining residual and its derivative through that optimum.
 
 References:
     Golub & Pereyra 1973; Kaufman 1975 (variable projection).
@@ -43,23 +42,23 @@ _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls m
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Point:
-    """The fit at one vector of nonlinear parameters, in the order of the problem.
+    """The convex fit at one vector of nonlinear parameters.
 
     Attributes:
-        problem: what was fitted.
+        problem: the problem.
         parameters: [SI], shape (q,).
-        x: coefficients; nan without a certified optimum, shape (n,).
-        residual: weighted: readings, priors of coefficients, priors of parameters, shape (k,).
-        A, b, G, h: the convex programme: the rows of the residual; the constraint along the paths,
-            then the lower and the upper bounds of all coefficients, rows of zeros for none.
-        rows, multipliers: of the active rows of G.
-        status: how the convex fit ended, a `Status`.
+        x: coefficients, shape (n,); nan without a certified optimum.
+        residual: weighted residual of readings, coefficient priors and parameter priors, shape (k,).
+        A, b, G, h: convex programme. A and b are the rows of the residual. G and h are the constraint
+            along the paths, then lower and upper bounds of all coefficients (zeros for none).
+        rows, multipliers: active rows of G and their multipliers.
+        status: status of the convex fit.
         kkt_residual, duality_gap: its certificate.
-        offset, columns: of the model at the readings [N], offset + columns x, shapes (points,) and
+        offset, columns: linear model offset + columns x at the readings [N], shapes (points,) and
             (points, n).
-        reached: force [N] at which a compliant rig was taken.
-        about: coefficients about which the model was made linear.
-        keep: readings that count: all but censored ones that are met.
+        reached: force [N] about which a compliant rig was linearised.
+        about: coefficients about which the model was linearised.
+        keep: readings that count: all except satisfied censored ones.
     """
 
     problem: Problem
@@ -88,12 +87,12 @@ class Point:
 
     @property
     def force(self) -> Float[np.ndarray, " points"]:
-        """Of the model at the readings [N]; of a censored one that is met, its limit."""
+        """Model force [N] at the readings; the limit for a satisfied censored reading."""
         return np.where(self.keep, self.offset + self.columns @ self.x, self.problem.force)
 
 
 class Chunk(NamedTuple):
-    """What the programs returned for several fits, in padded arrays."""
+    """Results of the programs for a batch of fits, in padded arrays."""
 
     problems: list[Problem]
     layout: Layout
@@ -105,7 +104,7 @@ class Chunk(NamedTuple):
     keep: Float[np.ndarray, "b readings"]
 
     def point(self, row: int) -> Point:
-        """One of the fits."""
+        """Return one fit of the batch."""
         problem, at, found = self.problems[row], self.layout, self.projected
         n, wide, K = len(problem.linear), at.sizes.coefficients, at.sizes.readings
         extra = len(problem.coefficient_priors) + len(problem.priors)
@@ -139,12 +138,12 @@ class Chunk(NamedTuple):
 
 
 class Batch:
-    """Problems that differ in readings, weights and bounds only, so that their fits go together.
+    """Problems that differ only in readings, weights and bounds, and are fitted as one batch.
 
     Args:
-        problems: of these.
-        layouts: of each, if they are known.
-        bulk: whether hundreds of fits follow, see `linear_program`.
+        problems: the problems.
+        layouts: layout of each problem; computed if omitted.
+        bulk: true if hundreds of fits follow; see `linear_program`.
     """
 
     def __init__(
@@ -183,7 +182,7 @@ class Batch:
     def parameters(
         self, members: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"]
     ) -> Float[np.ndarray, "b q"]:
-        """The parameters [SI] at points of the members' unit boxes."""
+        """Parameters [SI] at points of the members' unit boxes."""
         found = self.low[members]
         found[:, self.free] += u * (self.high[members] - self.low[members])[:, self.free]
         return found
@@ -195,16 +194,16 @@ class Batch:
         near: Sequence[tuple[Chunk, int] | None] | None = None,
         tolerance: float = REACHED,
     ) -> list[tuple[Chunk, int]]:
-        """The certified convex fits with their Jacobians.
+        """Certified convex fits with their Jacobians.
 
         Args:
-            members: places of the problems, one of them several times or not at all.
-            parameters: of each [SI].
-            near: fits of the same problems at other parameters, from which a compliant rig starts.
-            tolerance: relative change of a compliant rig's forces, before one more linear model.
+            members: indices of the problems; an index may be repeated.
+            parameters: parameters of each member [SI].
+            near: fits of the same problems at other parameters, as initial guess for a compliant rig.
+            tolerance: relative change in the forces of a compliant rig at which its iteration stops.
 
         Returns:
-            For each member what holds its fit, and its place in it.
+            For each member, the chunk with its fit and the row in that chunk.
         """
         found: list[tuple[Chunk, int]] = []
         for first in range(0, len(members), self.size):
@@ -250,7 +249,7 @@ class Batch:
         about: Float[np.ndarray, "b coefficients"],
         reached: Float[np.ndarray, "b readings"],
     ) -> Chunk:
-        """The fits by linear models about coefficients, and about forces reached by the rig."""
+        """Fit linear models about given coefficients and rig forces."""
         linear, slopes = self.linear(members, parameters, about, reached)
         keep = np.broadcast_to(1.0 * (self._side == 0), reached.shape)
         if self._side.any():
@@ -269,7 +268,7 @@ class Batch:
     def residual_and_jacobian(
         self, members: Int[np.ndarray, " b"], found: Sequence[tuple[Chunk, int]]
     ) -> tuple[Float[np.ndarray, "b k"], Float[np.ndarray, "b k p"]]:
-        """Residuals of fits, and their derivatives in the unit boxes of the free parameters."""
+        """Residuals and their derivatives in the unit box of the free parameters."""
         r = np.stack([chunk.projected.residual[row] for chunk, row in found])
         J = np.stack([chunk.projected.jacobian[row] for chunk, row in found])
         width = (self.high - self.low)[members][:, self.free]
@@ -281,7 +280,7 @@ class Batch:
         about: Float[np.ndarray, " n"],
         reached: Float[np.ndarray, " points"],
     ) -> tuple[Linear, Linear]:
-        """The linear model of the first problem and its derivatives, about coefficients and forces."""
+        """Linear model of the first problem, and its derivatives, about given coefficients and forces."""
         about = np.pad(about, (0, self.layout.sizes.coefficients - about.size))
         each = self._padded(parameters), about, self.layout.spread(reached)
         given = (np.repeat(one[None], self.size, axis=0) for one in each)
@@ -297,7 +296,7 @@ class Batch:
         length: Float[np.ndarray, "b readings"] | None = None,
         pressure: Float[np.ndarray, "b readings"] | None = None,
     ) -> tuple[Linear, Linear]:
-        """The linear models of `size` fits, and their derivatives."""
+        """Linear models of `size` fits, and their derivatives."""
         length = self._length if length is None else length
         pressure = self._pressure if pressure is None else pressure
         at = np.broadcast_arrays(length, pressure, reached)
@@ -318,7 +317,7 @@ class Batch:
         slopes: Linear,
         keep: Float[np.ndarray, "b readings"],
     ) -> Projected:
-        """The convex fits, of the readings that count."""
+        """Convex fits to the readings that count."""
         of = Weighing(*(leaf[members] for leaf in self._of))
         targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
         of = of._replace(weight=of.weight * keep, targets=targets)
@@ -331,12 +330,12 @@ class Batch:
         linear: Linear,
         slopes: Linear,
     ) -> Float[np.ndarray, "b readings"]:
-        """The readings that count at the optimum: all that are read, and censored ones that pull.
+        """Find the readings that count at the optimum: all normal ones, and violated censored ones.
 
-        A slack muscle says F <= 0, a load cell at its limit F >= limit. Each adds
-        max(0, s (F - limit))^2 / 2 to the sum of squares, s = 1 or -1, which is convex in the
-        coefficients. The least squares of those that pull have the same gradient at the optimum,
-        so its multipliers and certificate are those of the whole.
+        A slack muscle means F <= 0, a load cell at its limit F >= limit. Each adds
+        max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This is convex in the
+        coefficients. Least squares over the violated ones has the same gradient at the optimum, so its
+        multipliers and certificate hold for the whole problem.
         """
         side, weight = self._side, self._of.weight[members]
         force, columns = (np.asarray(leaf) for leaf in linear[:2])
@@ -361,7 +360,7 @@ class Batch:
 
 
 def _weighing(problem: Problem, at: Layout) -> Weighing:
-    """Readings, bounds and priors at their padded places; what is not used of the coefficients is zero."""
+    """Pad readings, bounds and priors; unused coefficients are zero."""
     n, sizes, known = len(problem.linear), at.sizes, (*problem.coefficient_priors, *problem.priors)
     low, high = np.full(sizes.coefficients, -np.inf), np.full(sizes.coefficients, np.inf)
     low[:n], high[:n] = problem.lowest, problem.coefficient_max
@@ -388,7 +387,7 @@ def _lower(
     x: Float[np.ndarray, "b n"],
     target: Float[np.ndarray, "b n"],
 ) -> Float[np.ndarray, "b n"]:
-    """The best point on the way to another by the whole objective, of halves of the way."""
+    """Backtrack: the best of the points x + (target - x) / 2^k by the whole objective."""
     others, b_others = (np.asarray(leaf)[:, side.size :] for leaf in (found.A, found.b))
     A, b = np.concatenate([A, others], axis=1), np.concatenate([b, b_others], axis=1)
     side = np.concatenate([side, np.zeros(others.shape[1], int)])
@@ -402,7 +401,7 @@ def _lower(
 def solve(
     problem: Problem, parameters: Float[np.ndarray, " q"], tolerance: float = REACHED
 ) -> Point:
-    """The certified convex fit at some parameters; the tolerance is that of a compliant rig's forces."""
+    """Certified convex fit at given parameters; `tolerance` applies to the forces of a compliant rig."""
     batch = Batch([problem])
     given = batch._padded(parameters)[None]
     ((chunk, row),) = batch.evaluate(np.zeros(1, int), given, tolerance=tolerance)

@@ -1,7 +1,7 @@
-"""What is fitted: force maps with their families, weights, bounds, priors and constraint.
+"""A fit as data: force maps with their families, weights, bounds, priors and constraint.
 
-`fitting.identify` finds the optimum of a `Problem`. `PureProblem` is the same in pure JAX, made of the same
-linear models and convex core, for posteriors and for whoever differentiates through a fit.
+`fitting.identify` finds the optimum of a `Problem`. `PureProblem` is the same problem in pure JAX, with the
+same linear models and convex core. Posteriors use it, and scripts that differentiate through a fit.
 """
 
 import dataclasses
@@ -48,13 +48,13 @@ class Prior:
 
 @dataclasses.dataclass(frozen=True)
 class Within:
-    """A larger family, whose compiled program a part shares with others.
+    """A larger family whose compiled program several parts share.
 
     Attributes:
-        family: it; the part's own is what is left of it with some numbers held.
-        to_p: 1 where a nonlinear parameter of its is one of the part's, shape (whole, q).
-        held: its nonlinear parameters that the part has not; 0 for those that it has.
-        to_x: as `to_p` of the coefficients, shape (all, n); the others are 0.
+        family: the larger family; holding some of its numbers gives the family of the part.
+        to_p: matrix of zeros and ones from the part's nonlinear parameters to all, shape (whole, q).
+        held: values of the nonlinear parameters that the part holds; 0 for its own, shape (whole,).
+        to_x: the same matrix for the coefficients, shape (all, n); the other coefficients are 0.
     """
 
     family: AbstractFamily
@@ -68,18 +68,18 @@ class Part:
     """One force map of a fit.
 
     Attributes:
-        name: of the specimen.
-        family: its models.
-        inputs: readings and paths; slack readings may be among them, with no weight.
-        force: measured [N], shape (points,).
-        weight: of the readings, 1/std or 1, shape (points,).
-        at: places of its nonlinear parameters in the problem's vector.
-        coefficients: places of its coefficients among the problem's.
-        levels: of the readings by "pressure" [Pa] and "length" [m], each of shape (points,): what
-            is left out together.
-        side: 0 for a reading, 1 where it is censored and the force at most that, as of a slack
-            muscle, -1 where it is at least that, as at the end of a load cell, shape (points,).
-        within: a larger family by whose program it is computed, None for one of its own.
+        name: name of the specimen.
+        family: family of models.
+        inputs: readings and paths; slack readings have no weight.
+        force: measured force [N], shape (points,).
+        weight: weights of the readings, 1/std or 1, shape (points,).
+        at: indices of the part's nonlinear parameters in the problem's vector.
+        coefficients: indices of the part's coefficients in the problem's vector.
+        levels: "pressure" [Pa] and "length" [m] level of each reading, shape (points,). Readings of one
+            level are left out together.
+        side: 0 for a normal reading; 1 if the force is an upper bound (slack muscle); -1 if it is a lower
+            bound (load cell at its limit), shape (points,).
+        within: larger family whose compiled program is used; None for a program of its own.
     """
 
     name: str
@@ -95,36 +95,36 @@ class Part:
 
     @property
     def rig(self) -> tuple[int, ...]:
-        """Places of the rig's compliance, and of its exponent where it has one; none if it is rigid."""
+        """Indices of the rig's compliance and exponent; empty for a rigid rig."""
         places = dict(zip(self.family.nonlinear, self.at.tolist(), strict=False))
         return tuple(places[name] for name in RIG if name in places)
 
     def with_stations(self, stations: Float[np.ndarray, "paths stations"]) -> "Part":
-        """The same part, its constraint posed elsewhere; nothing is compiled."""
+        """Return the part with other stations of the constraint; nothing is compiled."""
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
     def mounted(
         self, muscle: famjax.AbstractMuscle, parameters: np.ndarray
     ) -> famjax.MountedMuscle:
-        """A muscle in the rig of the problem's parameters [SI]."""
+        """Mount a muscle in the rig with these parameters of the problem [SI]."""
         return famjax.MountedMuscle(muscle, *(parameters[list(self.rig)] if self.rig else (0.0,)))
 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """Force maps, what is searched, and what is known of it.
+    """Force maps with unknowns, bounds, priors and constraint.
 
     Attributes:
         parts: one for each force map.
-        names: of the nonlinear parameters.
+        names: names of the nonlinear parameters, q of them.
         low, high: their bounds [SI], shape (q,).
-        linear: names of the coefficients, shape (n,), node by node.
-        coefficient_min, coefficient_max: their bounds, shape (n,), infinite where there is none.
-        priors: on nonlinear parameters.
-        coefficient_priors: on coefficients.
-        noise: of the force, in the unit of the weighted residual, by which priors are weighed.
-        constraint: on the coefficients.
-        ridge: of columns of unit length; above zero, what the readings leave open stays small.
+        linear: names of the coefficients, node by node, n of them.
+        coefficient_min, coefficient_max: their bounds, shape (n,); infinite if there are none.
+        priors: priors on nonlinear parameters.
+        coefficient_priors: priors on coefficients.
+        noise: standard deviation of a weighted force reading, against which priors are weighed.
+        constraint: constraint on the coefficients.
+        ridge: ridge regularisation for columns scaled to unit length; 0 for none.
     """
 
     parts: tuple[Part, ...]
@@ -142,44 +142,44 @@ class Problem:
 
     @property
     def free(self) -> Int[np.ndarray, " p"]:
-        """Places of the parameters that may move."""
+        """Indices of the free parameters."""
         return np.flatnonzero(self.low < self.high)
 
     @property
     def lowest(self) -> Float[np.ndarray, " n"]:
-        """Lower bounds of the coefficients, shape (n,): where these must be positive, 0 at least."""
+        """Lower bounds of the coefficients, shape (n,); at least 0 if they must be positive."""
         low = self.coefficient_min
         return np.maximum(low, 0.0) if self.constraint == "positive" else low
 
     @property
     def force(self) -> Float[np.ndarray, " points"]:
-        """Measured force [N] of all parts, one after another."""
+        """Measured force [N] of all parts, concatenated."""
         return np.concatenate([part.force for part in self.parts])
 
     @property
     def weight(self) -> Float[np.ndarray, " points"]:
-        """Weights of all readings."""
+        """Weights of the readings of all parts, concatenated."""
         return np.concatenate([part.weight for part in self.parts])
 
     @property
     def side(self) -> Int[np.ndarray, " points"]:
-        """Sides of all readings, see `Part`."""
+        """Sides of the readings of all parts, concatenated; see `Part`."""
         return np.concatenate([part.side for part in self.parts])
 
     @property
     def readings(self) -> list[slice]:
-        """Where those of each part are among all."""
+        """Slice of each part in the concatenated readings."""
         ends = itertools.accumulate((part.force.size for part in self.parts), initial=0)
         return [slice(first, end) for first, end in itertools.pairwise(ends)]
 
     @property
     def path_rows(self) -> list[int]:
-        """Number of rows of the constraint along the paths of each part."""
+        """Number of constraint rows along the paths of each part."""
         along = self.constraint in ("slope", "drucker")
         return [part.inputs.stations.size if along else 0 for part in self.parts]
 
     def levels(self, kind: str) -> Float[np.ndarray, " points"]:
-        """The "pressure" [Pa] or "length" [m] level of every reading, or the number of its "specimen"."""
+        """Return the "pressure" [Pa] or "length" [m] level, or the "specimen" index, of each reading."""
         if kind == "specimen":
             return np.repeat(
                 np.arange(1.0 * len(self.parts)), [one.force.size for one in self.parts]
@@ -189,7 +189,7 @@ class Problem:
     def with_readings(
         self, *, force: np.ndarray | None = None, factor: np.ndarray | None = None
     ) -> "Problem":
-        """The problem with other forces [N], and factors on the weights of its readings."""
+        """Return the problem with other forces [N] or with factors on the weights."""
         force = self.force if force is None else force
         weight = self.weight if factor is None else self.weight * factor
         parts = tuple(
@@ -206,7 +206,7 @@ class Problem:
 
 
 class _Part(eqx.Module):
-    """One force map; readings [N], weights and places as in `Part`."""
+    """One force map; see `Part`."""
 
     family: AbstractFamily
     inputs: MapInputs
@@ -216,17 +216,17 @@ class _Part(eqx.Module):
 
 
 class PureProblem(eqx.Module):
-    """A problem as pure functions of parameters and of the forces that were read.
+    """A problem as pure functions of the parameters and the measured forces.
 
     Attributes:
         parts: one for each force map.
         low, high: bounds of the nonlinear parameters [SI], shape (q,).
-        free: places of those that may move.
-        limits: rows and offsets of the bounds on the coefficients, G x >= h; zeros for none.
-        prior_rows: rows and targets of priors on coefficients, weighted.
-        priors: rows and targets of priors on nonlinear parameters, weighted.
-        constraint: on the coefficients.
-        compliant: whether a rig gives way.
+        free: indices of the free parameters.
+        limits: bounds on the coefficients as G x >= h; rows of zeros for none.
+        prior_rows: weighted rows and targets of the priors on coefficients.
+        priors: weighted rows and targets of the priors on nonlinear parameters.
+        constraint: constraint on the coefficients.
+        compliant: true if a rig is compliant.
     """
 
     parts: tuple[_Part, ...]
@@ -241,7 +241,7 @@ class PureProblem(eqx.Module):
 
     @classmethod
     def of(cls, problem: Problem) -> "PureProblem":
-        """The problem of an identification."""
+        """Convert the problem of an identification."""
         unit, (low, high) = np.eye(len(problem.linear)), (problem.lowest, problem.coefficient_max)
         ends = [(np.isfinite(low), unit, low), (np.isfinite(high), -unit, -high)]
 
@@ -275,12 +275,12 @@ class PureProblem(eqx.Module):
     def coefficients(
         self, p: Float[Array, " q"], force: Float[Array, " points"]
     ) -> Float[Array, " n"]:
-        """The coefficients of the certified convex fit at given parameters [SI], in a rigid rig."""
+        """Coefficients of the certified convex fit at given parameters [SI], for a rigid rig."""
         none = jnp.zeros(self.limits[0].shape[1])
         return solve_qp(*self.programme(p, none, force, jnp.ones_like(force), force)).x
 
     def _each(self) -> Iterator[tuple[_Part, slice]]:
-        """The parts, and where their readings are among all."""
+        """Iterate over the parts with the slices of their readings."""
         first = 0
         for part in self.parts:
             yield part, slice(first, first := first + part.weight.shape[0])
@@ -297,10 +297,10 @@ class PureProblem(eqx.Module):
 
         Args:
             p: parameters [SI].
-            x0: coefficients about which a compliant rig is made linear.
-            force: that was read [N].
-            factor: on the weights of the readings.
-            reached: force [N] about which a compliant rig is made linear.
+            x0: coefficients about which a compliant rig is linearised.
+            force: measured force [N].
+            factor: factors on the weights of the readings.
+            reached: force [N] about which a compliant rig is linearised.
         """
         unit, (rows, targets), (bounds, ends) = jnp.eye(x0.size), self.prior_rows, self.limits
         blocks: list[tuple[Array, ...]] = []
@@ -323,7 +323,7 @@ class PureProblem(eqx.Module):
         force: Float[Array, " points"],
         reached: Float[Array, " points"],
     ) -> tuple[Float[Array, " k"], Float[Array, " m"]]:
-        """Weighted residual and slack of every row, with nothing made linear."""
+        """Weighted residual, and slack of every constraint row, without linearisation."""
         residuals, values = [], []
         for part, here in self._each():
             at = part.inputs
@@ -341,14 +341,14 @@ class PureProblem(eqx.Module):
     def differentiable(
         self, force: Float[Array, " points"], near: Any
     ) -> tuple[Float[Array, " q"], Float[Array, " n"]]:
-        """The optimum of forces near those of a fit, with its derivative in them.
+        """Optimum as a differentiable function of the forces, near the forces of a fit.
 
-        A Newton step on the optimality conditions from the fit, with parameters on a bound and active
-        rows held. At the fit's own forces it has the derivative of the optimum.
+        This is one Newton step on the optimality conditions. Parameters at a bound and active rows are
+        held. At the forces of the fit, its derivative is the derivative of the optimum.
 
         Args:
-            force: of the readings [N].
-            near: the optimum that was found, an `engine.Point` such as `result.end.point`.
+            force: forces [N] of the readings.
+            near: optimum of the fit, an `engine.Point` such as `result.end.point`.
 
         Returns:
             Nonlinear parameters [SI], shape (q,), and coefficients [Pa], shape (n,).

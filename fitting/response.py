@@ -1,11 +1,11 @@
-"""What a fit asks of a model: its force and its constraint, linear in the coefficients.
+"""Response of a model in a fit: force and constraint, linear in the coefficients.
 
-A family makes models of named numbers; in some of these the force is affine. At nonlinear parameters
-p and coefficients x0
+A family builds models from named numbers. The force is affine in some of them, the coefficients. At
+nonlinear parameters p and coefficients x0
 
     F(x) = force + columns (x - x0),   g(x) = rows (x - x0) + values >= 0,
 
-as traced code, of which the engine takes derivatives in p.
+This is traced code, which the engine differentiates in p.
 """
 
 import abc
@@ -27,17 +27,17 @@ Values = Mapping[str, Any]
 """Numbers [SI] by name."""
 
 RIG = ("series_compliance", "series_exponent")
-"""Parameters of the rig, which no model sees: compliance and exponent of `famjax.muscle.give_way`."""
+"""Parameters of the rig, not of the model: compliance and exponent in `famjax.muscle.give_way`."""
 
 
 class AbstractFamily(eqx.Module):
     """Models of one specimen as a function of named numbers.
 
-    Whatever is an array in it may differ from one specimen to another without a new program; what
-    is static (names, classes) may not.
+    Arrays in it may differ between specimens without a new program. Static fields (names, classes)
+    may not.
 
     Attributes:
-        nonlinear: names of the numbers that are searched, in order.
+        nonlinear: names of the searched numbers, in order.
     """
 
     nonlinear: eqx.AbstractVar[tuple[str, ...]]
@@ -45,11 +45,11 @@ class AbstractFamily(eqx.Module):
     @property
     @abc.abstractmethod
     def linear(self) -> tuple[str, ...]:
-        """Names of the numbers in which the force is affine, in order."""
+        """Names of the coefficients, in which the force is affine, in order."""
 
     @abc.abstractmethod
     def build(self, values: Values) -> Any:
-        """The model of these values: whatever has `force(length, pressure)`."""
+        """Build the model: any object with `force(length, pressure)`."""
 
     @abc.abstractmethod
     def rest_length(self, values: Values) -> Float[Array, ""]:
@@ -57,11 +57,11 @@ class AbstractFamily(eqx.Module):
 
     @property
     def derived_names(self) -> tuple[str, ...]:
-        """Names of what `derived` returns."""
+        """Names of the quantities that `derived` returns."""
         return ()
 
     def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
-        """What else a reader wants to know of the model; differentiable."""
+        """Further quantities for the report; differentiable."""
         del values
         return ()
 
@@ -77,13 +77,13 @@ STATIONS = 32
 
 
 class MapInputs(eqx.Module):
-    """Where a model is evaluated: at readings and along actuation paths.
+    """States at which a model is evaluated: readings and actuation paths.
 
     Attributes:
-        length, pressure, force: of the readings [m, Pa, N], shape (points,).
-        path_pressure: of the paths [Pa], shape (paths,).
+        length, pressure, force: readings [m, Pa, N], shape (points,).
+        path_pressure: pressure [Pa] of each path, shape (paths,).
         path_end: shortest length [m] of each path, shape (paths,); all start at rest.
-        stations: parts of the path in [0, 1], shape (paths, stations).
+        stations: positions along the path in [0, 1], shape (paths, stations).
     """
 
     length: Float[AnyArray, " points"]
@@ -95,13 +95,13 @@ class MapInputs(eqx.Module):
 
 
 class Linear(NamedTuple):
-    """The linear model of one part at a point; its derivatives in the parameters have the same form.
+    """Linear model of one part at a point; its derivatives in the parameters have the same form.
 
     Attributes:
-        force: [N] at no coefficients, with which a compliant rig gives way, shape (points,).
-        columns: its derivative in the coefficients, shape (points, n).
-        values: of the constraint along the paths [Pa] at no coefficients, shape (rows,).
-        rows: their derivative in the coefficients, shape (rows, n).
+        force: force [N] with all coefficients zero, shape (points,).
+        columns: derivative of the force in the coefficients, shape (points, n).
+        values: constraint along the paths [Pa] with all coefficients zero, shape (rows,).
+        rows: derivative of the constraint in the coefficients, shape (rows, n).
     """
 
     force: Float[AnyArray, " points"]
@@ -111,18 +111,18 @@ class Linear(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What a reader wants to know of a fit.
+    """Quantities of a fit for the report.
 
     Attributes:
-        numbers: of the model, one after another, shape (l,).
+        numbers: all numbers of the model, shape (l,).
         d_numbers: their derivatives in parameters and coefficients, shape (l, q + n).
-        derived: what follows from the parameters, shape (d,).
-        d_derived: its derivatives in the parameters of the family, shape (d, q).
-        path_modulus: along the paths [Pa], shape (paths, stations); nan without a bladder.
-        slope: tangent modulus [Pa] at the same shares of the largest strain, same shape.
-        largest_strain: magnitude [-] along each path, shape (paths,).
-        rest: L0 [m], where every path starts, shape ().
-        path_end: where each path ends [m], shape (paths,).
+        derived: derived quantities, shape (d,).
+        d_derived: their derivatives in the parameters of the family, shape (d, q).
+        path_modulus: Drucker modulus along the paths [Pa], shape (paths, stations); nan without a bladder.
+        slope: tangent modulus [Pa] at the same fractions of the largest strain, same shape.
+        largest_strain: largest strain magnitude [-] of each path, shape (paths,).
+        rest: rest length L0 [m], at which every path starts, shape ().
+        path_end: length [m] at which each path ends, shape (paths,).
     """
 
     numbers: Float[AnyArray, " l"]
@@ -145,16 +145,16 @@ def linear_response(
     reached: Float[AnyArray, " points"],
     to_x: Float[AnyArray, "own n"] | None = None,
 ) -> Linear:
-    """The linear model about (p, x0).
+    """Linearise the response about (p, x0).
 
     Args:
-        family: what is fitted.
-        constraint: on the coefficients.
+        family: family of models.
+        constraint: constraint on the coefficients.
         at: readings and paths.
-        p: `family.nonlinear`.
-        x0: `family.linear`, or what they are made of.
-        reached: force [N] at the readings, by which a compliant rig gives way.
-        to_x: matrix that makes `family.linear` of x0; None where x0 is them.
+        p: values of `family.nonlinear`.
+        x0: values of `family.linear`, or the vector from which `to_x` computes them.
+        reached: force [N] at the readings that deflects a compliant rig.
+        to_x: matrix from x0 to `family.linear`; None if x0 holds these values.
     """
     placed = _Placed.of(family, at, p, reached)
 
@@ -189,7 +189,7 @@ def report(
     x: Float[AnyArray, " n"],
     reached: Float[AnyArray, " points"],
 ) -> Report:
-    """What is reported of the model of (p, x); arguments as of `linear_response`."""
+    """Quantities for the report at (p, x); see `linear_response` for the arguments."""
     placed = _Placed.of(family, at, p, reached)
     model = placed.model(x)
     paths = _Paths.of(model, placed.rest, placed.end, at)
@@ -218,7 +218,7 @@ def report(
 
 
 class _Placed(NamedTuple):
-    """Models of given parameters, and where they are: readings as the muscle has them, ends of paths."""
+    """Models at given parameters, with readings corrected for the rig and ends of paths."""
 
     family: AbstractFamily
     searched: dict[str, Array]
@@ -246,7 +246,7 @@ class _Placed(NamedTuple):
         return cls(family, searched, length, jnp.asarray(at.pressure), rig, rest, end)
 
     def model(self, x: Float[Array, " n"]) -> Any:
-        """The model of some coefficients."""
+        """Build the model with these coefficients."""
         return self.family.build({**self.searched, **dict(zip(self.family.linear, x, strict=True))})
 
 
@@ -258,16 +258,16 @@ def force_and_constraint(
     x: Float[Array, " n"],
     compliant_steps: int = 0,
 ) -> tuple[Float[Array, " points"], Float[Array, " rows"]]:
-    """What the rig measures [N] and the constraint's values [Pa], with nothing made linear.
+    """Force in the rig [N] and values of the constraint [Pa], without linearisation.
 
     Args:
-        family: what is fitted.
-        constraint: on the coefficients.
+        family: family of models.
+        constraint: constraint on the coefficients.
         at: readings and paths.
-        p: `family.nonlinear`.
+        p: values of `family.nonlinear`.
         x: coefficients.
-        compliant_steps: Newton steps for the force in a compliant rig, from `at.force`; two at the
-            solution have its first and second derivatives.
+        compliant_steps: Newton steps for the force in a compliant rig, starting at `at.force`. At the
+            solution, two steps give exact first and second derivatives.
     """
     force = jnp.asarray(at.force)
     placed = _Placed.of(family, at, p, force)
@@ -284,7 +284,7 @@ def force_and_constraint(
 
 
 def rig_of(values: Mapping[str, Array]) -> tuple[Array, Array | None] | None:
-    """Compliance and exponent of the rig among named numbers, None for a rigid one."""
+    """Compliance and exponent of the rig; None for a rigid rig."""
     compliance = values.get("series_compliance")
     return None if compliance is None else (compliance, values.get("series_exponent"))
 
@@ -292,13 +292,13 @@ def rig_of(values: Mapping[str, Array]) -> tuple[Array, Array | None] | None:
 def _gain(
     model: Any, length: Array, pressure: Array, reached: Array, rig: tuple[Array, Array | None]
 ) -> tuple[Array, Array]:
-    """The muscle's own force [N], and how far the rig lets the force move when it does, see `Aside`.
+    """Force [N] of the muscle, and the factor 1 / (1 + rig compliance x muscle stiffness).
 
     Args:
-        model: of the muscle.
-        length: its own [m].
-        pressure: gauge [Pa].
-        reached: force [N] by which the rig gives way.
+        model: model of the muscle.
+        length: length of the muscle [m].
+        pressure: gauge pressure [Pa].
+        reached: force [N] that deflects the rig.
         rig: see `rig_of`.
     """
     ones = jnp.ones_like(length)
@@ -308,13 +308,13 @@ def _gain(
 
 
 def flat(model: Any) -> Float[Array, " l"]:
-    """All numbers of a model, leaf by leaf."""
+    """All numbers of a model as one vector."""
     leaves = jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
     return jnp.concatenate([leaf.ravel() for leaf in leaves])
 
 
 def unflat(family: AbstractFamily, numbers: Float[np.ndarray, " l"]) -> Any:
-    """The model of a family whose numbers these are; nothing is compiled."""
+    """Rebuild a model from the vector of its numbers; nothing is compiled."""
     names = dict.fromkeys((*family.nonlinear, *family.linear), jax.ShapeDtypeStruct((), float))
     shape = eqx.filter_eval_shape(family.build, names)
     leaves, treedef = jax.tree.flatten(shape)
@@ -330,7 +330,7 @@ def unflat(family: AbstractFamily, numbers: Float[np.ndarray, " l"]) -> Any:
 
 
 class _Paths(eqx.Module):
-    """Actuation paths of a geometry: strains at the stations, and the largest strain."""
+    """Actuation paths: strains at the stations, and the largest strain."""
 
     strains: famjax.stability.PathStrains | None
     pressure: Float[Array, " paths"]
@@ -381,7 +381,7 @@ class _Paths(eqx.Module):
 
 
 def bladder_of(model: Any) -> famjax.materials.AbstractMaterial | None:
-    """The bladder's law of a model that has one and a geometry; None of one that has not."""
+    """Bladder law of a model with a geometry; None if it has none."""
     if getattr(model, "geometry", None) is None:
         return None
     return getattr(model, "material", None)
