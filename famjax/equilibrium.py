@@ -31,7 +31,7 @@ REASONS = (
     "the balance that was found is not stable",
     "no balance was found: give more modes, or look at the dimensions and their units",
 )
-"""Why there is no state, by its code."""
+"""Reason for a missing state, by its code."""
 
 _RULE = np.polynomial.legendre.leggauss(16)
 _PROBE = 0.1  # strain at which a law's stress gives the scale of forces
@@ -39,17 +39,17 @@ _TILTED, _SLACK, _ROUND = 0.3, 0.15, 0.02
 
 
 class Section(Parametrised):
-    """A section of a muscle's threads, with its own parts.
+    """A section of a muscle with its own braid, bladder or material.
 
-    Every part is given as if the whole muscle were made of it: a section of half the muscle with a
-    braid of 9 in and one turn has 4.5 in of thread and half a turn.
+    Each part is described as if it formed the whole muscle: a section with half the share and a braid
+    with 9 in of thread and one turn contains 4.5 in of thread and half a turn.
 
     Attributes:
-        share: of the material coordinate, > 0; all shares sum to one.
-        braid: of the section; the muscle's if None.
-        bladder: of the section; the muscle's if None.
-        material: of the section; the muscle's if None.
-        far_bladder: where the bladder is tapered, the one at the far end of the section.
+        share: fraction of the material coordinate, > 0; all shares sum to one.
+        braid: braid of the section; the muscle's braid if None.
+        bladder: bladder of the section; the muscle's bladder if None.
+        material: material of the section; the muscle's material if None.
+        far_bladder: bladder at the far end of a tapered section; None for no taper.
     """
 
     share: float = eqx.field(static=True)
@@ -60,16 +60,16 @@ class Section(Parametrised):
 
 
 class Shape(eqx.Module):
-    """The shape of a muscle at points from one fitting to the other; arrays of shape (..., points).
+    """Shape of a muscle at points from one fitting to the other; arrays of shape (..., points).
 
     Attributes:
-        position: z [m] along the axis, 0 to L.
-        radius: r [m] of the braid.
-        braid_angle: theta [rad] between thread and circumference.
-        thread_tension: [N] of all threads together; of one, divide by their number.
-        axial_strain: eps_z [-] of the bladder, along its meridian.
-        hoop_strain: eps_c [-] of the bladder, at mid-wall.
-        thickness: t [m] of the bladder.
+        position: position z [m] along the axis, 0 to L.
+        radius: braid radius r [m].
+        braid_angle: angle theta [rad] between thread and circumference.
+        thread_tension: total tension [N] of all threads; divide by their number for one thread.
+        axial_strain: bladder strain eps_z [-] along the meridian.
+        hoop_strain: bladder strain eps_c [-] at mid-wall.
+        thickness: bladder thickness t [m].
     """
 
     position: Float[Array, "... points"]
@@ -82,14 +82,14 @@ class Shape(eqx.Module):
 
 
 class State(eqx.Module):
-    """A muscle at a length and pressure; nan where there is no state.
+    """State of a muscle at a length and pressure; nan if there is none.
 
     Attributes:
-        force: F [N].
-        volume: V [m3] of the fluid.
-        energy: U [J] of bladder and threads.
-        margin: least stiffness of the shape [N/m]; see `EquilibriumMuscle.margin`.
-        code: place of the reason in `REASONS`.
+        force: pull F [N].
+        volume: fluid volume V [m3].
+        energy: strain energy U [J] of bladder and threads.
+        margin: smallest stiffness of the shape [N/m]; see `EquilibriumMuscle.margin`.
+        code: index of the reason in `REASONS`.
     """
 
     force: RealArray
@@ -113,14 +113,14 @@ class EquilibriumMuscle(AbstractMuscle):
     Friction, gravity and the width of the threads are neglected. The bladder sticks to the braid.
 
     Attributes:
-        braid: threads about the bladder; elastic ones stretch as their tension says.
+        braid: threads around the bladder, inextensible or elastic.
         bladder: rubber tube under, or in, the braid.
-        material: any stress law of the bladder.
-        end_diameter: D [m] of the braid at the fittings, or at the first one.
-        other_end_diameter: D [m] at the last fitting; the same if None.
-        deadband_pressure: P_d [Pa], taken off the gauge pressure: the threads do not feel it.
-        sections: parts along the muscle that differ; none for a uniform one.
-        modes: degree of the radius in each section, more for slender sections unless given.
+        material: stress law of the bladder.
+        end_diameter: braid diameter D [m] at both fittings, or at the first one.
+        other_end_diameter: braid diameter D [m] at the last fitting; the same as the first if None.
+        deadband_pressure: P_d [Pa], subtracted from the gauge pressure.
+        sections: sections along the muscle that differ; empty for a uniform muscle.
+        modes: polynomial degree of the radius in each section; chosen from the slenderness if omitted.
 
     References:
         Chambers 2021, chapters 6 and 8 (the open question).
@@ -172,7 +172,7 @@ class EquilibriumMuscle(AbstractMuscle):
 
     @property
     def rest_length(self) -> RealArray:
-        """Active length L0 [m] of zero contraction: the bladder's."""
+        """Rest length L0 [m], taken from the bladder."""
         lengths = [s * jnp.mean(p.bladder.rest_length) for s, p in parts_of(self)]
         return jnp.asarray(sum(lengths))
 
@@ -192,18 +192,18 @@ class EquilibriumMuscle(AbstractMuscle):
         return _force(self, as_real(length), as_real(pressure))
 
     def state(self, length: Real, pressure: Real) -> "State":
-        """Pull, volume, energy, margin and the reason's code, of the broadcast shape."""
+        """Pull, volume, energy, margin and reason code, broadcast shape."""
         return _state(self, as_real(length), as_real(pressure))
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
-        """Volume V [m3] of the fluid, that within the braid less the rubber's, broadcast shape."""
+        """Fluid volume V [m3], the volume inside the braid minus the rubber, broadcast shape."""
         return self.state(length, pressure).volume
 
     def energy(self, length: Real, pressure: Real) -> RealArray:
         """Strain energy [J] of bladder and threads, broadcast shape: dU = F dL + P dV.
 
-        Of a law without an energy it is the work of its stresses along a straight path of strains. What
-        the deadband takes, P_d V, counts as stored.
+        For a law without an energy, it is the work of the stresses along a straight path of strains. The
+        work of the deadband, P_d V, counts as stored.
         """
         return self.state(length, pressure).energy
 
@@ -221,10 +221,10 @@ class EquilibriumMuscle(AbstractMuscle):
         Args:
             length: active length L [m].
             pressure: gauge pressure P [Pa].
-            points: in each section, equally far apart along the threads.
+            points: number of points in each section, equally spaced along the threads.
 
         Returns:
-            The shape, of the broadcast shape with the points as last axis; nan where there is none.
+            The shape in arrays of the broadcast shape, with the points as last axis; nan if there is none.
         """
         return _profile(self, as_real(length), as_real(pressure), points)
 
@@ -232,10 +232,10 @@ class EquilibriumMuscle(AbstractMuscle):
         """The muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
 
         Raises:
-            ValueError: it has sections, of which it is not said where it is cut.
+            ValueError: the muscle has sections, so the place of the cut is ambiguous.
         """
         if self.sections:
-            raise ValueError("a muscle of sections cannot be cut: make one of other sections")
+            raise ValueError("a muscle with sections cannot be cut: build one with other sections")
         cut = EstimatedGeometry(self.braid, self.bladder).cut_to_length(rest_length)
         return EquilibriumMuscle(
             cut.braid, cut.bladder, self.material, end_diameter=self.end_diameter,
@@ -243,7 +243,7 @@ class EquilibriumMuscle(AbstractMuscle):
         )  # fmt: skip
 
     def reason(self, length: float, pressure: float) -> str:
-        """Why there is no state at this length [m] and pressure [Pa], in words; "" if there is one."""
+        """Explain why there is no state at this length [m] and pressure [Pa]; "" if there is one."""
         return REASONS[int(self.state(length, pressure).code)]
 
     def blocked_force(self, pressure: Real) -> RealArray:
@@ -253,14 +253,14 @@ class EquilibriumMuscle(AbstractMuscle):
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
         """Active length L [m] at which the muscle carries the load; see `AbstractMuscle`.
 
-        The pull is given and the length follows: one balance, and no search for a root of the force.
+        The length follows from one equilibrium at the given pull, without a root search.
         """
         length, found = _length_at_load(self, as_real(load), as_real(pressure))
         return required(length, found, "equilibrium length") if throw else length
 
 
 def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
-    """Share and parts of every section, its bladder as it begins."""
+    """Share and parts of each section, with the bladder at its start."""
     whole = Part(muscle.braid, muscle.bladder, muscle.material)
     if not muscle.sections:
         return [(1.0, whole)]
@@ -285,7 +285,7 @@ def _modes_for(muscle: EquilibriumMuscle) -> int:
 
 
 def _check(muscle: EquilibriumMuscle) -> None:
-    """Refuse what no muscle can be, as far as its numbers are known."""
+    """Refuse impossible dimensions; traced numbers are not checked."""
     total = sum(share for share, _ in parts_of(muscle))
     if any(share <= 0 for share, _ in parts_of(muscle)) or abs(total - 1) > 1e-9:
         raise InputError(f"the shares of the sections must be > 0 and sum to 1, got {total:.6g}")
@@ -316,7 +316,7 @@ def _balance(
     pressure: RealArray,
     load: RealArray | None = None,
 ) -> tuple[Balance, Solved, Int[Array, ""]]:
-    """The balance at a scalar length or load, its solution, and the code of its reason."""
+    """Equilibrium at a scalar length or load: equations, solution and reason code."""
     parts, ends = parts_of(muscle), _ends(muscle)
     pressure = pressure - muscle.deadband_pressure
     far = [one.far_bladder for one in muscle.sections] or [None]
