@@ -256,8 +256,8 @@ def _identified(
     circuit = "water" if any(forward.coefficients[1:]) else "air"
     if circuit != test.circuit:
         raise InputError(
-            f"{journal} is from the {circuit} circuit, but the plan describes the {test.circuit} circuit: use "
-            "the plan of the step test"
+            f"{journal} is from the {circuit} circuit, but the plan describes the {test.circuit} "
+            "circuit: use the plan of the step test"
         )
     rest = float(muscle.rest_length) if length is None else parse_quantity(length, "length")
     assumed = CIRCUITS[test.circuit]()
