@@ -21,7 +21,6 @@ from . import (
     validation as validation,
     verdict as verdict,
 )
-from .arguments import InputError as InputError
 from .choice import Choice as Choice, choose as choose, validate_choice as validate_choice
 from .comparison import compare as compare
 from .data import (
@@ -31,6 +30,7 @@ from .data import (
     read_csv as read_csv,
     write_csv as write_csv,
 )
+from .errors import InputError as InputError
 from .identification import identify as identify, identify_together as identify_together
 from .parameters import Parameter as Parameter
 from .plant import PlantRecord as PlantRecord, identify_plant as identify_plant

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from famjax.boundary.errors import InputError as InputError
+from famjax.boundary.errors import InputError
 
 _SHOWN = 60
 """Longest value that a message shows in full."""
