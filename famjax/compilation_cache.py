@@ -108,9 +108,9 @@ def _machine() -> str:
 
 
 def _private_folder(folder: Path) -> bool:
-    """Make the folder if need be; whether it is this user's alone and can be written.
+    """Create the folder if missing, and check that only this user can read and write it.
 
-    Programs in it are trusted code.
+    Loading a compiled program runs it, so nobody else may write here.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -129,7 +129,7 @@ def _bound(root: Path, largest: int = LARGEST) -> None:
 
     JAX's own bound, `jax_compilation_cache_max_size`, needs another package, filelock.
     """
-    with contextlib.suppress(OSError):  # another process may be tidying up, too
+    with contextlib.suppress(OSError):  # another process may be removing files as well
         files = [(path.stat(), path) for path in root.glob(f"{_FOLDERS}/{_PROGRAMS}")]
         total = sum(one.st_size for one, _ in files)
         for one, path in sorted(files, key=lambda file: file[0].st_mtime):

@@ -725,7 +725,7 @@ def simulate(plant: Any, commands: Command, dt: Real, *, start: Any = None) -> A
         commands: leaves of shape (n,), (n, 2) for the signals of two muscles, or () for what is
             constant.
         dt: of a step [s].
-        start: state before the first step; `plant.start()` unless given.
+        start: state before the first step; `plant.start()` if omitted.
 
     Returns:
         The states, each leaf with a leading axis (n,). Differentiable in every number of the plant,
@@ -826,7 +826,7 @@ def solve_adaptively(
 ) -> PlantState:
     """The states at given times under one command, by an implicit rule of fifth order of diffrax.
 
-    Friction is that of a motion that does not turn round. Needs the extra `dynamics`.
+    The friction is that of a motion without reversals. Requires the extra `dynamics`.
 
     Args:
         plant: what `Plant.step` advances.

@@ -179,7 +179,7 @@ def choose(
         constraint: on the coefficients, as in `identify`; likewise of every family what follows.
         bounds: intervals by parameter name; the ladder varies none of these.
         parameters: bounds, held values and priors; the ladder varies none of these, either.
-        noise: standard deviation of one reading [N]; that of the data unless given.
+        noise: standard deviation of one reading [N]; taken from the data if omitted.
         objective: of the fit of the chosen family.
         ends: "equilibrium" tries Ogden's law with the shape from mechanics as well, see `identify`.
         starts: of the fit of the chosen family; others are compared with a few.
@@ -303,7 +303,7 @@ def weigh(data: ForceData, noise: float | None = None) -> ForceData:
 
     Args:
         data: the map.
-        noise: standard deviation of one reading [N]; that of the data unless given.
+        noise: standard deviation of one reading [N]; taken from the data if omitted.
     """
     own = noise or (0.0 if data.force_std is None else data.force_std)
     std = np.hypot(own, MODEL_ERROR * data.max_force)

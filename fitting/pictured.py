@@ -1,8 +1,8 @@
 """The shape from mechanics fitted to photographs and force together.
 
-The photographs enter as Gaussian priors: their residuals, linear about the current muscle, are one row
-for each parameter (QR). The rows are renewed until the muscle stays where it is, so that the optimum and
-its covariance are those of all readings and diameters together (Gauss-Newton).
+The photographs enter as Gaussian priors. Their residuals are linearised about the current muscle and
+compressed by QR to one row per parameter. This is repeated until the parameters converge, so optimum and
+covariance account for all forces and diameters together (Gauss-Newton).
 """
 
 import dataclasses
@@ -24,29 +24,29 @@ from .search import End, descend
 from .shapes import Pictures
 
 POSITIONS = (np.arange(12) + 0.5) / 12
-"""Where diameters are compared, z/L."""
-_MOST = 16  # pictures; of more, those nearest to evenly spaced lengths
-_POINTS = 201  # of a computed profile
-_ROUNDS = 30
-_WEIGHED = 5  # rounds after which the weights are kept
-_SETTLED = 1e-6  # of the box
+"""Positions z/L at which diameters are compared: evenly spaced, without the ends."""
+_MOST = 16  # pictures in a fit; a stroke has no more detail, and each costs an equilibrium per step
+_POINTS = 201  # of a computed profile: linear interpolation is then below a photograph's error
+_ROUNDS = 30  # at most
+_WEIGHED = 5  # rounds after which the weights stay constant, so that the iteration can converge
+_SETTLED = 1e-6  # largest change of a parameter, relative to its bounds
 _KEYS = {
     "names": "names", "length": "length_m", "pressure": "pressure_Pa", "position": "position",
     "measured": "measured_diameter_m", "computed": "computed_diameter_m", "stderr": "diameter_stderr_m",
 }  # fmt: skip
-"""Where each field is in `fit.json`."""
+"""Key of each field in `fit.json`."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PictureFit:
-    """Photographed profiles beside those of the fitted muscle.
+    """Photographed and computed profiles of a joint fit.
 
     Attributes:
-        names: file names of the pictures, n of them.
-        length, pressure: L [m] and P [Pa], shape (n,).
-        position: z/L, shape (m,).
+        names: file names of the n pictures.
+        length, pressure: active length L [m] and gauge pressure P [Pa], shape (n,).
+        position: positions z/L [-], shape (m,).
         measured, computed: braid diameter D [m], shape (n, m).
-        stderr: standard error [m] of a diameter in the fit: the stated one, or the RMSE if that is larger.
+        stderr: standard error [m] of a diameter: the stated one, or the RMSE if it is larger.
         priors: the photographs as priors on the parameters.
     """
 
@@ -61,24 +61,24 @@ class PictureFit:
 
     @property
     def rmse(self) -> float:
-        """Root mean square of computed less measured diameter [m]."""
+        """RMSE of the computed diameters [m]."""
         return float(np.sqrt(np.mean((self.computed - self.measured) ** 2)))
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, in SI."""
+        """Convert to plain data for JSON, in SI."""
         found = {key: np.asarray(getattr(self, name)).tolist() for name, key in _KEYS.items()}
         return {**found, "priors": [[p.direction.tolist(), p.mean, p.std] for p in self.priors]}
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> "PictureFit":
-        """From what `as_dict` returned."""
+        """Rebuild from the result of `as_dict`."""
         found = {name: np.array(saved[key]) for name, key in _KEYS.items()}
         priors = tuple(Prior(np.array(row), mean, std) for row, mean, std in saved["priors"])
         said = {"names": tuple(saved["names"]), "stderr": float(saved[_KEYS["stderr"]])}
         return cls(**{**found, **said, "priors": priors})
 
     def summary(self) -> str:
-        """One sentence for the reader of the fit."""
+        """Summarise the joint fit in one sentence."""
         return (
             f"Profile and force are fitted together: the diameters in {len(self.names)} photographs "
             f"differ from the computed ones by {self.rmse * 1e3:.2g} mm RMS "
@@ -87,16 +87,19 @@ class PictureFit:
 
 
 def read_pictures(table: Any) -> Pictures:
-    """Photographs for a joint fit: those with a pressure, at most 16 over the whole stroke.
+    """Read the photographs of a joint fit, at most 16 over the whole stroke.
+
+    Args:
+        table: `measurements.nc`, or the table of a campaign; every picture needs a pressure.
 
     Raises:
-        InputError: the table cannot be read, or has pictures without a pressure.
+        InputError: the table cannot be read, or a picture has no pressure.
     """
     pictures = Pictures.of(table)
     if not np.isfinite(pictures.pressure).all():
         raise InputError(
-            f"{pictures.source}: every photograph needs its pressure, because the shape depends on it: "
-            "measure with --log or --pressure"
+            f"{pictures.source}: every photograph needs its pressure, because the shape depends on it. Use "
+            "famjax measure --log with a log that contains the pressure, or famjax characterise"
         )
     wanted = np.linspace(pictures.length.min(), pictures.length.max(), _MOST)
     nearest = np.abs(pictures.length - wanted[:, None]).argmin(axis=1)
@@ -106,40 +109,35 @@ def read_pictures(table: Any) -> Pictures:
 def join(
     problem: Problem, best: End, pictures: Pictures, noise: float | None
 ) -> tuple[End, Problem, PictureFit]:
-    """The muscle that fits force and photographs best, from the one that fits the force.
+    """Fit force and photographs together, starting from the best fit to the force.
 
-    Each picture counts as one force reading, because its diameters err together. The weights follow
-    from the standard errors; where none is stated, or the misfit is larger, from the RMSE of each kind.
+    Each picture counts as one force reading, because its diameters have a common error. Forces are
+    weighted by `noise`, or by their RMSE if it is not stated. Diameters are weighted by their stated
+    error, or by their RMSE if it is larger.
 
     Args:
-        problem: of one force map, with the shape from mechanics.
+        problem: problem with one force map and the shape from mechanics.
         best: its optimum without the photographs.
-        pictures: from `read_pictures`.
-        noise: standard deviation of a force reading, in the unit of the weighted residual; None if
-            not stated.
+        pictures: photographs from `read_pictures`.
+        noise: standard deviation of a weighted force reading; None if not stated.
 
     Returns:
-        (optimum, problem with the photographs as priors, computed and measured profiles).
+        (optimum, problem with the photographs as priors, photographed and computed profiles).
 
     Raises:
-        InputError: a photographed state that the muscle does not have, or no convergence.
+        InputError: the muscle has no stable shape in a photographed state, or the iteration does not
+            converge.
     """
     (part,) = problem.parts
     grid = np.linspace(0, 1, pictures.diameter.shape[1])
     measured = np.stack([np.interp(POSITIONS, grid, one) for one in pictures.diameter])
-    stated = (
-        pictures.mean_std if pictures.local_std is None else float(np.median(pictures.local_std))
-    )
-    stated = float(np.hypot(stated, pictures.scale_std * measured.mean()))
+    local = pictures.mean_std if pictures.local_std is None else np.median(pictures.local_std)
+    stated = float(np.hypot(local, pictures.scale_std * measured.mean()))
     own, weights = problem.priors, (problem.noise, stated)
     for done in range(_ROUNDS):
         p = best.point.parameters
-        computed, slope = (
-            np.asarray(one)
-            for one in _diameters_and_slopes(
-                part.family, p[part.at], pictures.length, pictures.pressure
-            )
-        )
+        at = part.family, p[part.at], pictures.length, pictures.pressure
+        computed, slope = map(np.asarray, _diameters_and_slopes(*at))
         lost = ~np.isfinite(computed).all(axis=1) | ~np.isfinite(slope).all(axis=(1, 2))
         if lost.any():
             raise InputError(
@@ -167,13 +165,13 @@ def join(
             )  # fmt: skip
             return best, problem, fit
     raise InputError(
-        f"the fit of force and photographs did not converge in {_ROUNDS} rounds: state bounds or priors "
+        f"the fit of force and photographs did not converge in {_ROUNDS} rounds: give bounds or priors "
         "for the parameters that the data do not determine"
     )
 
 
 def _compressed(rows: np.ndarray, targets: np.ndarray) -> tuple[Prior, ...]:
-    """Priors with the normal equations of weighted rows; directions without information are left out."""
+    """Compress weighted rows to priors with the same normal equations; rows of zeros are dropped."""
     size = np.linalg.norm(rows, axis=0)
     Q, R = np.linalg.qr(rows / np.where(size > 0, size, 1.0))
     R, t = R * size, Q.T @ targets

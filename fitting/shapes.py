@@ -388,7 +388,7 @@ class ShapeSurface:
         Args:
             specimen: rest length, wall, braid thickness, and the bladder's diameter, or None where it
                 fills the braid at rest.
-            braid: gives the turns; that of the pictures' triangle unless given.
+            braid: braid with the turns of the threads; from the triangle of the pictures if omitted.
             draw: number of a draw, for the uncertainty of the shape.
 
         Raises:

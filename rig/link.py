@@ -169,7 +169,7 @@ class Session:
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """The events in `data`, received by host time `now` [s]; call it without data, too."""
+        """Return the events in `data`, received by host time `now` [s]; call it without data as well."""
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
             if message is None:
@@ -751,7 +751,7 @@ def mean_counts(
     Args:
         link: to the device, greeted, in any state; nothing is sent.
         seconds: of the mean.
-        wait: waits for a time [s] and supervises a run meanwhile; none runs unless given.
+        wait: function that waits for a time [s] and supervises a run; omit it if no run is active.
 
     Raises:
         RigFault: no record came.

@@ -201,7 +201,7 @@ class TestMachine:
         Args:
             cycles: number of strokes there and back.
             rate: of the crosshead [m/s] (chapter 4: 0.04 in/s).
-            stroke: [m] after which it turns at the latest; the limit switch turns it, too.
+            stroke: largest stroke [m]; the machine also reverses at the limit switch.
         """
         self._turn_at = max(self.shortest, self.rest_length - stroke)
         self._rate, self.velocity, self.cycles_left = rate, -rate, cycles
@@ -301,15 +301,15 @@ class SimulatedRig:
     steps in which it is advanced.
 
     Args:
-        circuit: pneumatic unless given.
-        muscle: the reference work's 7/8 in muscle, as a `LinearMcKibben`, unless given.
-        machine: a test machine at the muscle's rest length unless given.
-        device: the Python port of the firmware for this baud rate unless given.
-        pressure_sensor: `pressure_transducer()` unless given.
-        force_sensor: `load_cell()` unless given.
+        circuit: circuit; pneumatic if omitted.
+        muscle: muscle; if omitted, the 7/8 in muscle of the reference work, as a `LinearMcKibben`.
+        machine: test machine; if omitted, one at the rest length of the muscle.
+        device: device; if omitted, the Python port of the firmware at this baud rate.
+        pressure_sensor: sensor; `pressure_transducer()` if omitted.
+        force_sensor: sensor; `load_cell()` if omitted.
         baud: of the line, one of `BAUD_RATES`.
-        to_device: line from the host; at this baud rate, with no faults, unless given.
-        to_host: line from the device; at this baud rate, with no faults, unless given.
+        to_device: line from the host; if omitted, one at this baud rate without faults.
+        to_host: line from the device; if omitted, one at this baud rate without faults.
         clock_rate: by which the device's clock gains on true time [-]; -0.002 is usual for an Uno.
         friction: of the muscle, `DahlFriction.share`; ASSUMED.
         seed: of the sensors' noise.

@@ -1,6 +1,7 @@
 """The `famjax` command line: lists every command, imports only the one that runs."""
 
 import gc
+import importlib.util
 import inspect
 import io
 import os
@@ -70,6 +71,34 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(code)
 
 
+def clashes() -> list[str]:
+    """Return one sentence for each sibling package replaced by foreign code; none is imported.
+
+    Other distributions use two of these names, and any script's folder can hold a `fitting.py`. The
+    packages of famjax contain `__famjax__`.
+    """
+    places = {name: _foreign(name) for name in ("fitting", "imaging", "rig")}
+    return [
+        f"{name!r} resolved to {where}, which is not famjax's own {name!r} package. A file or folder of "
+        "that name shadows it, or another distribution has overwritten it: rename the file, or uninstall "
+        "the other distribution and install famjax again."
+        for name, where in places.items()
+        if where
+    ]
+
+
+def _foreign(name: str) -> str:
+    """Return the location of a package if it is not famjax's own; foreign code is not executed."""
+    spec = importlib.util.find_spec(name)
+    if spec is None:
+        return ""
+    if spec.origin is None:  # a folder without __init__.py
+        return str(list(spec.submodule_search_locations or ["?"]))
+    read = getattr(spec.loader, "get_source", None)
+    source = read(name) if read is not None else None
+    return "" if source is not None and "__famjax__" in source else spec.origin
+
+
 def _run(arguments: list[str]) -> int:
     try:
         import rich  # noqa: F401
@@ -79,7 +108,6 @@ def _run(arguments: list[str]) -> int:
             f"the famjax command needs its extra 'app' ({missing}); install it with\n"
             '    python -m pip install "famjax[app]"'
         )
-    from famjax._require import clashes
     from famjax.boundary.errors import InputError
 
     if arguments and arguments[0] != "doctor" and (found := clashes()):

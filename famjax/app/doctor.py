@@ -9,9 +9,10 @@ import sys
 from pathlib import Path
 
 from famjax import __version__
-from famjax._require import clashes
 from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
 from famjax.console import print_json, print_rows, progress
+
+from .cli import clashes
 
 
 def versions() -> dict[str, str]:

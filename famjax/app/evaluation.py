@@ -230,12 +230,17 @@ def _with_log(log: MachineLog, offset: float | None, path: Path, table: Table) -
     table = add_log(log, offset)(table)
     if "log_time" not in table.columns or "pressure" in table.columns or not path.exists():
         return table
+    pressure = pressure_at(path, table["log_time"])
+    return dataclasses.replace(table, columns={**table.columns, "pressure": pressure})
+
+
+def pressure_at(path: Path, at: np.ndarray) -> np.ndarray:
+    """Return the journal's pressure [Pa] at times [s] of the machine's clock; nan where it has a gap."""
     time, pressure = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
-    at = table["log_time"]
-    apart = np.min(np.abs(time - at[:, None]), axis=1)
+    after = np.clip(np.searchsorted(time, at), 1, time.size - 1)
+    apart = np.minimum(np.abs(at - time[after - 1]), np.abs(at - time[after]))
     known = apart <= 2 * np.median(np.diff(time))
-    found = np.where(known, np.interp(at, time, pressure), np.nan)
-    return dataclasses.replace(table, columns={**table.columns, "pressure": found})
+    return np.where(known, np.interp(at, time, pressure), np.nan)
 
 
 def _shape(sheet: Sheet, place: Path) -> None:

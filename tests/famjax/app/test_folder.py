@@ -8,12 +8,14 @@ import shutil
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import command
 from rendering.folder import TRUE_LENGTHS, write_twin
 from rendering.folder_truth import TRUTH
 
 from famjax.app.checks import Check, checks_table, read_checks, settle
+from famjax.app.evaluation import pressure_at
 from famjax.app.folder import SHEET, FolderStep, read_sheet, run_steps
 from famjax.boundary.errors import InputError
 from fitting import load_bundled, write_csv
@@ -241,6 +243,13 @@ wall_thickness_m = 0.0
 bladder_diameter_m = 0.0
 braid_thickness_m = 0.0
 """
+
+
+def test_a_picture_in_a_gap_of_the_journal_has_no_pressure(tmp_path):
+    path = tmp_path / "pressures.csv"
+    path.write_text("time_s,pressure_Pa\n0,100\n1,110\n2,120\n9,190\n10,200\n")
+    found = pressure_at(path, np.array([0.5, 1.0, 5.5, 9.5, 20.0, np.nan]))
+    np.testing.assert_allclose(found, [105, 110, np.nan, 195, np.nan, np.nan])
 
 
 def test_a_contradiction_stops_and_all_checks_are_written(tmp_path):
