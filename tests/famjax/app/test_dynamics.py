@@ -168,7 +168,8 @@ def test_a_rig_is_tuned_from_its_step_test(run, tmp_path, fluid):
     other.write_text(PLAN.replace("water", "air" if fluid == "water" else "water"))
     wrong = (*asked[:3], "--plan", other, "-o", tmp_path / "new.toml")
     for words, said in (
-        (asked, "exists"), ((*asked, "--simulate"), "give either the journal"), (wrong, "but the plan describes"),
+        (asked, "exists"), ((*asked, "--simulate"), "give either the journal"),
+        (wrong, "but the plan describes"),
     ):  # fmt: skip
         code, _, err = run(*words)
         assert code == 2
