@@ -179,7 +179,7 @@ def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(tmp_path, se
     assert sent.count == 1  # of four lengths
     assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(found).items())
     assert cut.read_bytes() == whole.read_bytes()
-    with pytest.raises(InputError, match=r"a validation of other data .*groups was"):
+    with pytest.raises(InputError, match=r"a validation with other data .*groups was"):
         validate_choice(here, "pressure", resume=cut, **few)
 
 
