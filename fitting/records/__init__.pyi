@@ -35,7 +35,6 @@ from .isobar import (
     IsobaricRecord as IsobaricRecord,
     characterise as characterise,
     combine as combine,
-    force_rmse as force_rmse,
     strokes as strokes,
     write_dataset as write_dataset,
 )
@@ -53,8 +52,3 @@ from .ramp import (
     read_ramp as read_ramp,
 )
 from .record import MachineLog as MachineLog, read_machine_log as read_machine_log
-from .thread import (
-    InSitu as InSitu,
-    ModulusFit as ModulusFit,
-    thread_in_situ as thread_in_situ,
-)

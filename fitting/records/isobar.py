@@ -322,43 +322,6 @@ def characterise(
     return Characterisation(tuple(isobars), record.rest_length, (*record.notes, *notes))
 
 
-def force_rmse(one: Characterisation, other: Characterisation) -> Mapping[float, float]:
-    """Return the RMS difference between the forces of two characterisations, by set pressure.
-
-    sqrt(mean (F_1 - F_2)^2) over both branches, at the common lengths.
-
-    Returns:
-        Set pressure [Pa] -> difference [N], for the common pressures.
-
-    Raises:
-        InputError: there is no common set pressure, or no common length.
-
-    References:
-        Chambers 2021, equation 3.8 and table 3.5.
-    """
-    others = {bar.set_pressure: bar for bar in other.isobars}
-    pairs = [(bar, others[bar.set_pressure]) for bar in one.isobars if bar.set_pressure in others]
-    if not pairs:
-        raise InputError(
-            "the characterisations must share a set pressure, got "
-            f"{', '.join(f'{bar.set_pressure:.6g}' for bar in one.isobars)} Pa and "
-            f"{', '.join(f'{P:.6g}' for P in others)} Pa"
-        )
-    found = {}
-    for a, b in pairs:
-        low, high = max(a.length[-1], b.length[-1]), min(a.length[0], b.length[0])
-        if low >= high:
-            raise InputError(f"at {a.set_pressure:.6g} Pa the ranges of lengths must overlap")
-        at = np.linspace(low, high, GRID)
-        left = [
-            np.interp(at, a.length[::-1], getattr(a, branch)[::-1])
-            - np.interp(at, b.length[::-1], getattr(b, branch)[::-1])
-            for branch in ("shortening", "lengthening")
-        ]
-        found[a.set_pressure] = float(np.sqrt(np.mean(np.square(left))))
-    return found
-
-
 def _hole(record: IsobaricRecord, rows: slice, grid: int) -> float:
     """Duration [s] of the longest gap in which the length changes by more than a grid step, or 0."""
     apart, moved = np.diff(record.time[rows]), np.abs(np.diff(record.length[rows]))
