@@ -27,7 +27,6 @@ from .hysteresis import (
     hysteresis_warnings as hysteresis_warnings,
     leave_out as leave_out,
     read_history as read_history,
-    threshold_grid as threshold_grid,
 )
 from .isobar import (
     Characterisation as Characterisation,
