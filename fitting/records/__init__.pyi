@@ -8,8 +8,6 @@ from .clock import (
 from .force_map import (
     StaticMap as StaticMap,
     branches_csv as branches_csv,
-    parse_atmosphere as parse_atmosphere,
-    plot_ramps as plot_ramps,
     ramp_pairs as ramp_pairs,
     ramps_command as ramps_command,
     read_branches as read_branches,

@@ -69,7 +69,7 @@ def test_units_are_in_the_header(tmp_path):
     np.testing.assert_allclose(record.time, [0, 1e-3, 3e-3])
     np.testing.assert_allclose(record.pressure, 6894.757293 * np.array([10, 20, 30]), rtol=1e-9)
     np.testing.assert_allclose(record.force, 4.4482216 * np.array([1, 2, 3]), rtol=1e-7)
-    assert (record.valve_state, record.length, record.source) == (None, 0.3, "record.csv")
+    assert (record.length, record.source) == (0.3, "record.csv")
     history = read_history(_file(tmp_path, "# a test\nlength_in;pressure_psi\n10;0\n\n9.5;50\n"))
     np.testing.assert_allclose(history.length, [0.254, 0.2413])
     np.testing.assert_allclose(history.pressure, [0, 344737.8647], rtol=1e-9)
