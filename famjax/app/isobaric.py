@@ -314,7 +314,6 @@ def figures(found: Analysis) -> dict[str, Any]:
         for row in found.characterisation.rows()
     ]
     aligned = found.alignment
-    residual = "residual_N" if aligned.method == "load" else "residual_s"
     alignment = {
         "method": aligned.method,
         "offset_s": aligned.offset,
@@ -322,7 +321,6 @@ def figures(found: Analysis) -> dict[str, Any]:
         "offset_error_s": aligned.offset_error,
         "rate": aligned.rate,
         "rate_error": finite_or_none(aligned.rate_error),
-        residual: aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
 

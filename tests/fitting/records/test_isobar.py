@@ -143,7 +143,7 @@ def log_of(found: IsobaricRecord, **changes: object) -> MachineLog:
     return MachineLog(**(fields | changes))  # pyright: ignore[reportArgumentType]
 
 
-AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6, 1.0, 100, "load")
+AHEAD = Alignment(-50.0, 0.0, 0.0, 1e-3, 1e-6, "load")
 
 
 def test_signs_and_zero_of_the_machine_are_honoured():
