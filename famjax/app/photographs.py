@@ -66,8 +66,8 @@ def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Sync
     # The scale error is common to all lengths and does not affect the alignment.
     known = np.nan_to_num(table["contraction_stderr"]) * table.rest_length
     stderr = float(np.median(known[table.ok])) if table.ok.any() else 0.0
-    near = {} if guess is None else {"window": _NEAR, "guess": guess}
-    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, **near)
+    near = None if guess is None else (guess, _NEAR)
+    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, near=near)
 
 
 def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:

@@ -241,9 +241,7 @@ def test_a_motion_that_repeats_needs_a_window():
     log = machine(cycles, end=1200)
     with pytest.raises(SyncError, match="several offsets"):
         synchronise(t, length, log)
-    assert synchronise(t, length, log, window=20.0, guess=90.0).offset == pytest.approx(
-        97, abs=0.02
-    )
+    assert synchronise(t, length, log, near=(90.0, 20.0)).offset == pytest.approx(97, abs=0.02)
 
 
 def test_interpolation_knows_its_error():
