@@ -42,6 +42,8 @@ _PRESSURES = 200  # maximum per map; the cost grows with the square
 _STATIONS = 17  # positions on each path at which a constraint is posed initially
 _SPARE = 4  # rows of each path for points between its stations
 _STEPS = 60
+_CELLS = 128  # cells of a path at first, and the largest number
+_MOST_CELLS = 1024
 _EXACT = 1e-11  # violation relative to the largest coefficient
 _ROUNDED = 1e-8  # relative to |c_p|: smoothing of the corner of a norm
 _TINY = float(np.finfo(float).tiny)
@@ -120,63 +122,50 @@ class LinearMuscle:
 
 
 class PathTable(NamedTuple):
-    """phi_n along paths as piecewise cubics: sum_k cubic_k ((s - start)/width)^k.
+    """phi_n along paths as cubics on equal cells: sum_k cubic_k t^k with t = cells s - cell.
 
     Attributes:
-        start: start of each cell, 2 for padding, shape (paths, cells).
-        width: width of each cell, shape (paths, cells).
         cubic: coefficients, shape (paths, cells, 4, order).
     """
 
-    start: Float[np.ndarray, "paths cells"]
-    width: Float[np.ndarray, "paths cells"]
     cubic: Float[np.ndarray, "paths cells 4 order"]
 
     @classmethod
     def of(
         cls, evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray], paths: int, cells: int
     ) -> "PathTable":
-        """Approximate functions to rounding, halving cells until the cubics agree with them.
+        """Approximate functions to rounding, halving the cells until the cubics agree with them.
 
         Args:
             evaluate: returns phi_n for paths, shape (m,), at positions, shape (m, k); shape (m, k, order).
             paths: number of paths.
             cells: initial number of cells of each path.
         """
-        path, low = (one.ravel() for one in np.indices((paths, cells)))
-        low, wide, found, size = low / cells, 1 / cells, [], 0.0
-        while path.size:
-            values = evaluate(path, low[:, None] + wide * _THIRDS)
-            size = np.maximum(size, np.abs(values).max(axis=(0, 1)))
-            cubic = _TO_CUBIC @ values[:, :4]
-            off = np.abs(_MIDDLE @ cubic - values[:, 4:])[:, 0]
-            # Beyond the geometry's limits the values are nan, and halving does not help.
-            rough = (off > 1e-10 * size).any(axis=-1) & (wide > 1e-9)
-            found.append((path[~rough], low[~rough], np.full((~rough).sum(), wide), cubic[~rough]))
-            wide = wide / 2
-            path, low = np.tile(path[rough], 2), np.concatenate([low[rough], low[rough] + wide])
-        path, low, widths, cubic = (np.concatenate(each) for each in zip(*found, strict=True))
-        order, count = np.lexsort((low, path)), np.bincount(path)
-        at = path[order], np.arange(path.size) - np.repeat(np.cumsum(count) - count, count)
-        start, width = np.full((paths, count.max()), 2.0), np.ones((paths, count.max()))
-        cubics = np.zeros((*start.shape, *cubic.shape[1:]))
-        start[at], width[at], cubics[at] = low[order], widths[order], cubic[order]
-        return cls(start, width, cubics)
+        path, cell = (one.ravel() for one in np.indices((paths, cells)))
+        values = evaluate(path, (cell[:, None] + _THIRDS) / cells)
+        cubic = _TO_CUBIC @ values[:, :4]
+        off = np.abs(_MIDDLE @ cubic - values[:, 4:])
+        # Beyond the geometry's limits the values are nan, and halving does not help.
+        rough = off > 1e-10 * np.nan_to_num(np.abs(values)).max(axis=(0, 1))
+        if rough.any() and cells < _MOST_CELLS:
+            return cls.of(evaluate, paths, 2 * cells)
+        return cls(cubic.reshape(paths, cells, *cubic.shape[1:]))
 
     def at(
         self, path: Int[np.ndarray, "*#batch"], s: Float[np.ndarray, "*batch"]
     ) -> Float[np.ndarray, "*batch order"]:
         """phi_n at positions of paths."""
-        cell = (self.start[path] <= s[..., None]).sum(axis=-1) - 1
-        t = (s - self.start[path, cell]) / self.width[path, cell]
-        return (t[..., None, None] ** np.arange(4) @ self.cubic[path, cell])[..., 0, :]
+        cells = self.cubic.shape[1]
+        cell = np.minimum(np.nan_to_num(cells * s).astype(int), cells - 1)
+        t = (cells * s - cell)[..., None, None]
+        return (t ** np.arange(4) @ self.cubic[path, cell])[..., 0, :]
 
     def weakest(
         self, E: Float[np.ndarray, "*batch paths order"]
     ) -> tuple[Float[np.ndarray, "*batch paths"], Float[np.ndarray, "*batch paths"]]:
         """Smallest g = sum_n E_n phi_n [Pa] of each path, and its position."""
-        cells, paths = self.start.shape[1], np.arange(len(self.start))
-        flat = self.cubic.reshape(len(self.start), -1, E.shape[-1])
+        paths, cells = self.cubic.shape[:2]
+        flat = self.cubic.reshape(paths, -1, E.shape[-1])
         c = np.moveaxis((flat @ E[..., None]).reshape(*E.shape[:-1], cells, 4), -1, 0)
         # c_1 + 2 c_2 t + 3 c_3 t^2 rises through zero at the minimum of g; no cancellation.
         root, up = np.sqrt(np.maximum(c[2] ** 2 - 3 * c[3] * c[1], 0.0)), c[2] > 0
@@ -184,12 +173,11 @@ class PathTable(NamedTuple):
         inside = np.where(up, -c[1], root - c[2]) / np.where(over == 0, 1.0, over)
         t = np.stack([0 * inside, np.clip(inside, 0.0, 1.0), 0 * inside + 1], axis=-1)
         c0, c1, c2, c3 = c[..., None]
-        g = np.where(self.start[..., None] > 1, np.inf, c0 + t * (c1 + t * (c2 + t * c3)))
+        g = c0 + t * (c1 + t * (c2 + t * c3))
         g, t = (one.reshape(*E.shape[:-1], 3 * cells) for one in (g, t))
         best = g.argmin(axis=-1)[..., None]
         value, t = (np.take_along_axis(one, best, axis=-1)[..., 0] for one in (g, t))
-        cell = best[..., 0] // 3
-        return value, np.minimum(self.start[paths, cell] + t * self.width[paths, cell], 1.0)
+        return value, np.minimum((best[..., 0] // 3 + t) / cells, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,7 +259,7 @@ class Design:
             return PathTable.of(evaluate, pressure.size, cells)
 
         # The tangent of the law is a cubic up to order 4.
-        tables = {"slope": table("slope", 1), "drucker": table("drucker", 32)}
+        tables = {"slope": table("slope", 1), "drucker": table("drucker", _CELLS)}
         return cls(
             muscle, pressure, data.force[padded], length, weight, path_end, A, target,
             np.asarray(factor), tables,
@@ -296,7 +284,6 @@ class Fits(NamedTuple):
         coefficients: E_n [Pa] at each pressure, shape (..., pressures, order); nan unless OPTIMAL.
         objective: minimum of the objective.
         kkt_residual, duality_gap: relative certificate.
-        condition: condition of the columns, see `convex.Optimum`.
         status: a `Status`.
     """
 
@@ -304,7 +291,6 @@ class Fits(NamedTuple):
     objective: Float[np.ndarray, "*fits"]
     kkt_residual: Float[np.ndarray, "*fits"]
     duality_gap: Float[np.ndarray, "*fits"]
-    condition: Float[np.ndarray, "*fits"]
     status: Int[np.ndarray, "*fits"]
 
 
@@ -387,7 +373,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     least_size = np.maximum(1e-3 * alone.max(axis=1, initial=0.0), _TINY)
     done = np.zeros(count, bool)
     status = last = np.full(count, int(Status.STALLED))
-    condition, certificate = np.zeros(count), np.full((3, count), np.nan)
+    certificate = np.full((3, count), np.nan)
     for step in range(400 if smooth else _STEPS):
         rounding = max(0.1**step, _ROUNDED)  # the first steps see a smoother function
         A, b = W, c
@@ -395,7 +381,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
             # Safe steps first and last; the others use nearly the true curvature.
             A, b = _model(W, c, x, share, 0.1 if 6 <= step < _STEPS else 1.0, rounding)
         best = _optimum(A, b, given.used, G)
-        last, condition = best.status, condition if step else best.condition
+        last = best.status
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
         now: Any = best.objective, best.kkt_residual, best.duality_gap
         if smooth:
@@ -416,11 +402,7 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     wrong = (status == int(Status.OPTIMAL)) & ~(certificate[1] < 1e-9)
     status = np.where(wrong, int(Status.STALLED), status)
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
-    # Unused unknowns are columns of unit length.
-    on = given.used.sum(axis=1)
-    least, residual, gap = certificate
-    scaled = np.sqrt(on * (condition**2 / n - (n - on)))
-    return Fits(E, least, residual, gap, scaled, status)
+    return Fits(E, *certificate, status)
 
 
 def _optimum(

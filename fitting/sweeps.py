@@ -1,6 +1,7 @@
 """Fit all permutations of order, pressure dependence and constraint at one geometry."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -15,12 +16,11 @@ from famjax.boundary.units import factor, unit_system
 
 from .arguments import check_names, check_whole, is_number, shown
 from .convex import Status
-from .data import ForceData, check_maps, data_frame
+from .data import ForceData, check_maps
 from .response import CONSTRAINTS, DEPENDENCES
 from .sweep_fits import Design, LinearMuscle, fits_of
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
 
 
@@ -43,18 +43,15 @@ class SweepRow:
         coefficients: E_n [Pa] at each pressure, shape (pressures, order).
         objective: minimum of the objective: half the sum of squares, or the mean RMSE.
         rmse, mae: [N], averaged over pressures.
-        pooled_rmse: [N], over all readings.
         rmse_by_pressure, mae_by_pressure: [N].
         blocked_error: mean over pressures of |model - measured| blocked force [N].
         blocked_error_by_pressure: model minus measured [N].
         free_contraction_error: mean of |model - measured| [-] over pressures with both values, or nan.
         free_contraction_error_by_pressure: model minus measured [-]; nan if the model's force does not
             fall to zero, or the measured force does not come close to it.
-        aicc, bic: information criteria for independent normal errors; they count coefficients as if
-            unconstrained.
+        bic: information criterion for independent normal errors, for coefficients without constraint.
         cross_validated_rmse: [N] at held-out pressures; nan if the form does not predict other pressures.
         margin: smallest modulus along the actuation paths [Pa]; Drucker-stable when >= 0.
-        condition: condition number of the columns.
         kkt_residual, duality_gap: certificate.
         status: status of the solver.
         verdict: "stable", "not stable", or why there is no fit.
@@ -68,18 +65,15 @@ class SweepRow:
     objective: float
     rmse: float
     mae: float
-    pooled_rmse: float
     rmse_by_pressure: Float[np.ndarray, " pressures"]
     mae_by_pressure: Float[np.ndarray, " pressures"]
     blocked_error: float
     blocked_error_by_pressure: Float[np.ndarray, " pressures"]
     free_contraction_error: float
     free_contraction_error_by_pressure: Float[np.ndarray, " pressures"]
-    aicc: float
     bic: float
     cross_validated_rmse: float
     margin: float
-    condition: float
     kkt_residual: float
     duality_gap: float
     status: Status
@@ -108,21 +102,6 @@ class Sweep:
     data: ForceData
     muscle: LinearMuscle
     objective: str
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """Return one row in SI for each fit, without lists by pressure.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
-        return data_frame(
-            {key: value for key, value in row.as_dict().items() if not isinstance(value, list)}
-            for row in self.rows
-        )
-
-    def __repr__(self) -> str:
-        name, solved = self.data.specimen.name, sum(one.status == 0 for one in self.rows)
-        return f"Sweep({len(self.rows)} fits of {name}, {solved} of them solved, {self.objective})"
 
 
 def sweep(
@@ -211,30 +190,25 @@ def _rows(
     square = ((of.weight * residual) ** 2).sum(axis=(-2, -1))
     margin = of.tables["drucker"].weakest(E)[0].min(axis=-1)
     nodes = {"fixed": 1, "linear": min(2, count.size), "free": count.size}[dependence]
-    for o, c in np.ndindex(fits.status.shape):
-        at, order, status = (o, c), orders[o], Status(int(fits.status[o, c]))
-        k = nodes * order + 1.0
-        room = n - k - 1
-        correction = 2 * k * (k + 1) / room if room > 0 else math.inf
-        deviance = float(n * np.log(square[at] / n))
+    for at in np.ndindex(fits.status.shape):
+        order, status = orders[at[0]], Status(int(fits.status[at]))
+        k = nodes * order
         stable = margin[at] >= -FEASIBLE * float(np.abs(E[at]).max())
         known = np.abs(free[at][np.isfinite(free[at])])
         yield SweepRow(
-            dependence, order, constraints[c],
-            n_coefficients=nodes * order,
+            dependence, order, constraints[at[1]],
+            n_coefficients=k,
             coefficients=E[at][:, :order],
             objective=float(fits.objective[at]),
             rmse=float(rmse[at].mean()), mae=float(mae[at].mean()),
-            pooled_rmse=float(np.sqrt(count @ rmse[at] ** 2 / n)),
             rmse_by_pressure=rmse[at], mae_by_pressure=mae[at],
             blocked_error=float(np.abs(blocked[at]).mean()),
             blocked_error_by_pressure=blocked[at],
             free_contraction_error=float(known.mean()) if known.size else math.nan,
             free_contraction_error_by_pressure=free[at],
-            aicc=deviance + 2 * k + correction, bic=deviance + k * math.log(n),
+            bic=float(n * np.log(square[at] / n) + (k + 1) * np.log(n)),
             cross_validated_rmse=float(np.sqrt(left_out[at].sum() / n)),
             margin=float(margin[at]),
-            condition=float(fits.condition[at]),
             kkt_residual=float(fits.kkt_residual[at]), duality_gap=float(fits.duality_gap[at]),
             status=status,
             verdict=status.message if status else "stable" if stable else "not stable",
@@ -280,7 +254,6 @@ def _end_errors(
     return force[..., 0] - measured[0], free - measured[1]
 
 
-_COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
 _TOP = 1.07  # upper limit of an axis relative to the largest value
 
 
@@ -316,18 +289,15 @@ def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
         ("free_contraction_error", "free contraction error", 1.0),
     )
     for one, (name, label, scale) in zip(axes, panels, strict=True):
-        for k, form in enumerate(forms):
-            for constraint in constraints:
-                same = [r for r in rows if (r.dependence, r.constraint) == (form, constraint)]
-                one.plot(
-                    [k * wide + orders.index(row.order) for row in same],
-                    [getattr(row, name) / scale for row in same],
-                    "o-", ms=3.5, lw=1, color=_COLOURS[constraint],
-                    label=None if k else constraint,
-                )  # fmt: skip
+        for (k, form), (c, constraint) in itertools.product(*map(enumerate, (forms, constraints))):
+            same = [r for r in rows if (r.dependence, r.constraint) == (form, constraint)]
+            one.plot(
+                [k * wide + orders.index(row.order) for row in same],
+                [getattr(row, name) / scale for row in same],
+                "o-", ms=3.5, lw=1, color=f"C{c}", label=None if k else constraint,
+            )  # fmt: skip
         largest = np.nanmax([getattr(row, name) / scale for row in rows] + [1e-9])
         one.set(ylabel=label, ylim=(0, _TOP * largest))
-        one.spines[["top", "right"]].set_visible(False)
     places = [k * wide + n for k in range(len(forms)) for n in range(len(orders))]
     axes[-1].set_xticks(places, orders * len(forms))
     axes[-1].set_xlabel(f"order of the law; {', then '.join(forms)} in pressure")

@@ -35,8 +35,8 @@ _SWEPT = {
     "pressure": "dependence", "order": "order", "constraint": "constraint",
     "n coefficients": "n_coefficients", "rmse_N": "rmse", "mae_N": "mae",
     "blocked force error_N": "blocked_error", "free contraction error": "free_contraction_error",
-    "aicc": "aicc", "bic": "bic", "left out rmse_N": "cross_validated_rmse",
-    "stability margin_Pa": "margin", "condition": "condition", "verdict": "verdict",
+    "bic": "bic", "left out rmse_N": "cross_validated_rmse", "stability margin_Pa": "margin",
+    "verdict": "verdict",
 }  # fmt: skip
 """Columns of the table of a sweep, and their keys in `sweep.json`."""
 
