@@ -46,6 +46,7 @@ _CELLS = 128  # cells of a path at first, and the largest number
 _MOST_CELLS = 1024
 _EXACT = 1e-11  # violation relative to the largest coefficient
 _ROUNDED = 1e-8  # relative to |c_p|: smoothing of the corner of a norm
+_SETTLED = 1e-11  # residual of the optimality conditions at which the steps end
 _TINY = float(np.finfo(float).tiny)
 
 _THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0, 0.5])
@@ -385,10 +386,8 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
         now: Any = best.objective, best.kkt_residual, best.duality_gap
         if smooth:
-            size = np.maximum(np.linalg.norm(_times(W, new), axis=(1, 2)), _TINY)
-            change = np.linalg.norm(_times(W, new - x), axis=(1, 2)) / size
-            still = (change <= 1e-13) & (rounding <= _ROUNDED)
             now = _certificate(W, c, new, share, G, best.multipliers)
+            still = (now[1] <= _SETTLED) & (rounding <= _ROUNDED)
         violation = _pose_weakest(of, given, new, G, step % _SPARE, least_size)
         now = np.stack([now[0], np.maximum(now[1], violation), now[2]])
         certificate = np.where(done, certificate, now)
