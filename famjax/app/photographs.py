@@ -109,7 +109,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         lines = ", ".join(map(str, log.unread[:5]))
         notes.append(f"{len(log.unread)} lines of the log are not numbers: {lines}.")
     if log.missing_rows:
-        notes.append(f"{log.missing_rows} rows are missing from the log; see its gaps.")
+        notes.append(f"{log.missing_rows} rows are missing from the log.")
     return dataclasses.replace(
         table,
         columns=columns,

@@ -2,7 +2,6 @@ from .clock import (
     Alignment as Alignment,
     ClockMap as ClockMap,
     align_by_load as align_by_load,
-    align_by_pulses as align_by_pulses,
     fit_clock as fit_clock,
 )
 from .force_map import (

@@ -148,8 +148,7 @@ class Alignment:
         rate: relative rate of the journal's clock against the machine's [-].
         reference: machine time [s] at which the offset is most accurate.
         offset_error: standard error of the offset [s].
-        rate_error: standard error of the rate [-]; infinite for a single pulse.
-        method: "load" or "pulses".
+        rate_error: standard error of the rate [-].
     """
 
     offset: float
@@ -157,15 +156,12 @@ class Alignment:
     reference: float
     offset_error: float
     rate_error: float
-    method: str
 
     def __str__(self) -> str:
-        rate = f"{self.rate * 1e6:.1f}"
-        if np.isfinite(self.rate_error):
-            rate += f" +- {self.rate_error * 1e6:.1f}"
         return (
-            f"clocks aligned by {self.method}: journal = log {self.offset:+.4f} s +- "
-            f"{self.offset_error * 1e3:.2g} ms, rate {rate} ppm"
+            f"clocks aligned by load: journal = log {self.offset:+.4f} s +- "
+            f"{self.offset_error * 1e3:.2g} ms, rate {self.rate * 1e6:.1f} +- "
+            f"{self.rate_error * 1e6:.1f} ppm"
         )
 
     def journal_time(self, time: ArrayLike | float) -> np.ndarray:
@@ -175,70 +171,8 @@ class Alignment:
 
     def error(self, time: ArrayLike | float) -> np.ndarray:
         """Standard error [s] of `journal_time` at machine times [s], same shape."""
-        away = np.abs(np.asarray(time, float) - self.reference)
-        with np.errstate(invalid="ignore"):
-            drift = np.where(away > 0, self.rate_error * away, 0.0)
-        return np.asarray(np.hypot(self.offset_error, drift))
-
-
-def align_by_pulses(
-    journal_pulses: np.ndarray, log_pulses: np.ndarray, *, resolution: float = 0.01
-) -> Alignment:
-    """Align two clocks by pulses that both have recorded.
-
-    Either list may have missing or extra pulses. A single pulse determines the offset but not the rate.
-
-    Args:
-        journal_pulses: edge times on the journal's clock [s], increasing, shape (n,).
-        log_pulses: edge times on the machine's clock [s], increasing, shape (m,).
-        resolution: standard deviation of an edge time [s], about half the log's interval.
-
-    Returns:
-        The alignment.
-
-    Raises:
-        InputError: a list is empty, or the pulses match in several ways or in none.
-    """
-    journal, log = np.asarray(journal_pulses, float), np.asarray(log_pulses, float)
-    if not (journal.size and log.size):
-        raise InputError(
-            f"no pulses to match: {journal.size} in the journal, {log.size} in the log"
-        )
-    i, j = _matched(journal, log, resolution)
-    n, reference = len(i), float(log[j].mean())
-    away, lags = log[j] - reference, journal[i] - log[j]
-    offset = float(lags.mean())
-    if n == 1:
-        return Alignment(offset, 0.0, reference, resolution, np.inf, "pulses")
-    square = float(away @ away)
-    rate = float(away @ lags) / square
-    left = lags - offset - rate * away
-    spread = np.sqrt(left @ left / (n - 2)) if n > 2 else 0.0
-    spread = max(float(spread), resolution)  # few pulses may agree by chance
-    return Alignment(offset, rate, reference, spread / n**0.5, spread / square**0.5, "pulses")
-
-
-def _matched(
-    journal: np.ndarray, log: np.ndarray, resolution: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices in journal and log for the unique match with the most coinciding pulses."""
-    found: set[tuple[tuple[int, int], ...]] = set()
-    for i, j in np.ndindex(journal.size, log.size):
-        at = journal[i] + log - log[j]
-        nearest = np.abs(journal[:, None] - at).argmin(axis=0)
-        within = 4 * resolution + MAX_RATE * np.abs(log - log[j])
-        near = np.flatnonzero(np.abs(journal[nearest] - at) <= within)
-        if np.unique(nearest[near]).size == near.size:
-            found.add(tuple(zip(nearest[near].tolist(), near.tolist(), strict=True)))
-    most = max(map(len, found), default=0)
-    best = [pairs for pairs in found if len(pairs) == most]
-    if most < min(journal.size, log.size) / 2 or len(best) != 1:
-        raise InputError(
-            f"{journal.size} pulses of the journal and {log.size} of the log match in {len(best)} "
-            f"ways, with {most} pairs: vary the time between pulses, or align by load"
-        )
-    i, j = np.array(best[0]).T
-    return i, j
+        away = np.asarray(time, float) - self.reference
+        return np.asarray(np.hypot(self.offset_error, self.rate_error * away))
 
 
 def align_by_load(
@@ -322,7 +256,7 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
         raise InputError(
             f"the loads agree at more than one offset, such as {lags[k]:.1f} s and "
             f"{lags[rivals[0]]:.1f} s: equal strokes cannot be distinguished. Give "
-            "near=(offset, within), or use pulses"
+            "near=(offset, within)"
         )
     return float(lags[k])
 
@@ -463,7 +397,7 @@ def _refined(
             f"the load alignment does not converge: after {_STEPS} steps it still shifts by "
             f"{abs(step[0]):.2g} s. Check that both channels record the same load"
         )
-    return Alignment(offset, rate, reference, float(errors[0]), float(errors[1]), "load")
+    return Alignment(offset, rate, reference, float(errors[0]), float(errors[1]))
 
 
 def _covariance_of_scores(left: np.ndarray, J: np.ndarray) -> np.ndarray:

@@ -126,8 +126,8 @@ def combine(
     notes = []
     if not heard.all():
         notes.append(f"{(~heard).sum()} rows of the machine log have no pressure in the journal.")
-    if log.gaps:
-        notes.append(f"The machine log lacks {log.missing_rows} rows in {len(log.gaps)} gaps.")
+    if log.missing_rows:
+        notes.append(f"The machine log lacks {log.missing_rows} rows.")
     towards = -1.0 if shortening_positive else 1.0
     return IsobaricRecord(
         time=time[use],

@@ -8,7 +8,6 @@ from fitting.records import (
     MachineLog,
     SyncError,
     align_by_load,
-    align_by_pulses,
     fit_clock,
     synchronise,
 )
@@ -135,28 +134,6 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly():
 def test_records_of_different_tests_and_of_the_other_sign_are_refused(spoil, words):
     with pytest.raises(InputError, match=words):
         align_by_load(*spoil(*recorded(0, 5.0, 0.0)))
-
-
-def test_pulses_give_offset_and_rate():
-    rng = np.random.default_rng(2)
-    scaled = []
-    for _ in range(30):
-        true = np.cumsum(rng.uniform(5, 40, 15))
-        log = (true - 33.3) / 1.0005 + rng.normal(0, 5e-3, true.size)
-        found = align_by_pulses(true, log, resolution=5e-3)
-        machine = np.array([true[0], true[-1]])
-        error = found.journal_time((machine - 33.3) / 1.0005) - machine
-        scaled += (error / found.error((machine - 33.3) / 1.0005)).tolist()
-    assert np.abs(scaled).max() < SIGMAS
-    assert 0.5 < np.std(scaled) < 1.5
-
-
-def test_pulses_at_equal_distances_with_one_missing_are_refused():
-    times = np.arange(10) * 10.0
-    with pytest.raises(InputError, match="match in 2 ways"):
-        align_by_pulses(times, times[:-1] + 3.0)
-    with pytest.raises(InputError, match="no pulses"):
-        align_by_pulses(times, np.array([]))
 
 
 IN = 0.0254
