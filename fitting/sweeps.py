@@ -92,16 +92,10 @@ class Sweep:
     Attributes:
         rows: all fits, by dependence, order and constraint.
         pressures: pressure levels of the force map [Pa].
-        data: the force map.
-        muscle: muscle of the fits, for any coefficients.
-        objective: "sum_of_squares" or "mean_rmse".
     """
 
     rows: tuple[SweepRow, ...]
     pressures: Float[np.ndarray, " pressures"]
-    data: ForceData
-    muscle: LinearMuscle
-    objective: str
 
 
 def sweep(
@@ -162,7 +156,7 @@ def sweep(
     rows = [
         row for form in dependences for row in _rows(of, form, tuple(each), constraints, objective)
     ]
-    return Sweep(tuple(rows), of.pressure, data, muscle, objective)
+    return Sweep(tuple(rows), of.pressure)
 
 
 def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -302,52 +296,4 @@ def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
     axes[-1].set_xticks(places, orders * len(forms))
     axes[-1].set_xlabel(f"order of the law; {', then '.join(forms)} in pressure")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return figure
-
-
-def plot_curves(found: Sweep, chosen: list[SweepRow], system: str = "metric") -> "Figure":
-    """Plot measured and fitted isobars of some fits, one panel for each.
-
-    Args:
-        found: the sweep.
-        chosen: some of its rows.
-        system: "si", "metric" or "us".
-
-    Returns:
-        A figure, not shown; save it with `savefig`.
-
-    References:
-        Chambers 2021, figures 7.6 to 7.10.
-    """
-    import matplotlib as mpl  # noqa: PLC0415 -- when something is drawn
-    from matplotlib.collections import LineCollection  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    units, readings, levels = unit_system(system), found.data, found.pressures
-    force, pressure = factor(units["force"], "force"), factor(units["pressure"], "pressure")
-    muscle, loaded = found.muscle, readings.loaded
-    rest, at_level = muscle.rest_length, np.searchsorted(levels, readings.pressures.level[loaded])
-    shortest = [readings.length[loaded][at_level == k].min() for k in range(levels.size)]
-    length = np.linspace(rest, shortest, 120, axis=1)
-    braid, bladder = muscle.columns(length, levels[:, None])
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.9, levels.size))
-    figure = Figure(figsize=(3.8 * len(chosen), 3.9), layout="constrained")
-    axes = figure.subplots(1, len(chosen), squeeze=False, sharey=True)[0]
-    for one, row in zip(axes, chosen, strict=True):
-        F = braid + (bladder[..., : row.order] @ row.coefficients[..., None])[..., 0]
-        curves = np.stack([1 - length / rest, F / force], axis=-1)
-        one.add_collection(LineCollection(list(curves), colors=shades, lw=1))
-        spots = 1 - readings.length[loaded] / rest, readings.force[loaded] / force
-        one.scatter(*spots, s=4, c=shades[at_level], lw=0)
-        one.set_title(
-            f"{row.dependence}, order {row.order}, {row.constraint}\n"
-            f"RMSE {row.rmse / force:.3g} {units['force']}", fontsize=9,
-        )  # fmt: skip
-        one.set(xlabel="contraction")
-    top = _TOP * float(readings.force[loaded].max()) / force
-    axes[0].set(ylabel=f"force, {units['force']}", ylim=(0, top))
-    for k in np.unique(np.linspace(0, levels.size - 1, 8).round().astype(int))[::-1]:
-        label = f"{levels[k] / pressure:.4g} {units['pressure']}"
-        axes[0].plot([], [], color=shades[k], label=label)
-    axes[0].legend(frameon=False, fontsize=7)
     return figure

@@ -29,8 +29,6 @@ SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
 ]
 """Orders of the polynomial law in a sweep."""
-_CURVES = 3
-"""Number of fits with plotted force curves; those with the smallest BIC are plotted."""
 _SWEPT = {
     "pressure": "dependence", "order": "order", "constraint": "constraint",
     "n coefficients": "n_coefficients", "rmse_N": "rmse", "mae_N": "mae",
@@ -96,7 +94,7 @@ def sweep(
     from famjax.boundary.files import as_png
     from famjax.boundary.units import parse_quantity, unit_system
     from fitting.specimen import parse_specimen
-    from fitting.sweeps import plot_curves, plot_errors
+    from fitting.sweeps import plot_errors
 
     place = Output(output)
     measured = load_map(data, parse_specimen(specimen), column)
@@ -120,13 +118,11 @@ def sweep(
             measured, shape, deadband=dead, orders=order, dependences=dependence,
             constraints=constraint, objective=objective,
         )  # fmt: skip
-    best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
     rows = [_finite(row.as_dict()) for row in found.rows]
     paths = place.write(
         {
             "sweep.json": {"rows": rows},
             "errors.png": as_png(plot_errors(found, units)),
-            "curves.png": as_png(plot_curves(found, best, units)),
         }
     )
     if json_:

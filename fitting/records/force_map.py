@@ -471,7 +471,7 @@ def _summary(static: StaticMap) -> dict[str, Any]:
 
 
 def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
-    """Plot points and map against pressure, and the hysteresis next to them, one colour per length.
+    """Plot points and map against pressure, one colour per length.
 
     Args:
         static: result of `static_map`.
@@ -485,29 +485,23 @@ def plot_ramps(static: StaticMap, system: str = "metric") -> "Figure":
 
     units, points = unit_system(system), static.points
     pressure, force, metre = (factor(units[kind], kind) for kind in ("pressure", "force", "length"))
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure = Figure(figsize=(6, 4.5), layout="constrained")
+    axes = figure.subplots()
     shades = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(static.lengths)))
     for one, colour in zip(static.lengths, shades, strict=True):
         for filling, marker in ((True, "^"), (False, "v")):
             mine = (points.length == one["length_m"]) & (points.filling == filling) & ~points.slack
             dots = points.pressure[mine] / pressure, points.force[mine] / force
-            left.plot(*dots, marker, ms=3, mfc="none", color=colour)
+            axes.plot(*dots, marker, ms=3, mfc="none", color=colour)
         rows = (static.length == one["length_m"]) & ~static.slack
         P, F = static.pressure[rows] / pressure, static.force[rows] / force
-        left.plot(
+        axes.plot(
             P, F, color=colour, lw=1, label=f"{one['length_m'] / metre:.5g} {units['length']}"
         )
-        half, bars = static.half_width[rows] / force, static.force_std[rows] / force
-        right.errorbar(P, half, yerr=bars, color=colour, marker=".", lw=1, elinewidth=0.6)
     slack = points.pressure[points.slack] / pressure, points.force[points.slack] / force
-    left.plot(*slack, "x", color="0.7", ms=3)
-    left.legend(frameon=False, fontsize=8)
-    left.set_title("up: fill; down: vent; crosses: slack; line: map", fontsize=9)
-    left.set_ylabel(f"force, {units['force']}")
-    right.axhline(0, color="0.7", lw=0.8)
-    right.set_title("hysteresis half-width; bars: standard error of the map", fontsize=9)
-    right.set_ylabel(f"(vent - fill)/2, {units['force']}")
-    for axes in (left, right):
-        axes.set_xlabel(f"gauge pressure, {units['pressure']}")
+    axes.plot(*slack, "x", color="0.7", ms=3)
+    axes.legend(frameon=False, fontsize=8)
+    axes.set_title("up: fill; down: vent; crosses: slack; line: map", fontsize=9)
+    axes.set_ylabel(f"force, {units['force']}")
+    axes.set_xlabel(f"gauge pressure, {units['pressure']}")
     return figure
