@@ -360,33 +360,91 @@ def fits_of(
     return Fits(*(leaf[:, :, 0] for leaf in found)), left_out
 
 
+class _Norms(NamedTuple):
+    """Weighted residuals r_p = W_p x - c_p at each pressure, and their shares in the mean RMSE."""
+
+    W: Float[np.ndarray, "b pressures rows n"]
+    c: Float[np.ndarray, "b pressures rows"]
+    share: Float[np.ndarray, " pressures"]
+
+    @classmethod
+    def of(cls, of: Design, given: _Programmes) -> "_Norms":
+        order, keep = of.muscle.order, given.keep[:, :, None]
+        W = of.factor[:, :, :order, None] * given.basis[:, :, None, None, :]
+        W = W.reshape(len(keep), -1, order + 1, 2 * order) * keep[..., None]
+        share = 1 / (np.sqrt(of.there.sum(axis=1)) * len(of.target))
+        return cls(W * given.used[:, None, None], of.factor[:, :, order] * keep, share)
+
+    def at(self, x: np.ndarray, rounding: float) -> tuple[np.ndarray, np.ndarray]:
+        """r_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2); the latter is positive."""
+        r = (self.W @ x[:, None, :, None])[..., 0] - self.c
+        norm = np.sqrt((r**2).sum(axis=-1) + rounding**2 * (self.c**2).sum(axis=-1))
+        return r, np.where(norm > 0, norm, 1.0)
+
+    def model(self, x: np.ndarray, loose: float, rounding: float) -> tuple[np.ndarray, np.ndarray]:
+        """A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
+
+        Its curvature is (1 - loose) times that of the norms plus `loose` times share_p / |r_p|, that of the
+        sum of squares that bounds them from above. With loose = 1, every step reduces the mean RMSE.
+        """
+        r, norm = self.at(x, rounding)
+        square = (r**2).sum(axis=-1)
+        along = np.sqrt(1 - (1 - loose) * square / norm**2)[..., None]
+        unit = r / np.sqrt(np.where(square > 0, square, 1.0))[..., None]
+        weight = np.sqrt(self.share / norm)[..., None]
+        bent = ((1 - along) * unit)[..., None] * (unit[..., None, :] @ self.W)
+        A = weight[..., None] * (self.W - bent)
+        return A, (A @ x[:, None, :, None])[..., 0] - weight * r / along
+
+    def certificate(
+        self, x: np.ndarray, G: np.ndarray, multipliers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean RMSE, relative residual of its optimality conditions, and relative duality gap.
+
+        The residual is relative to the data: a change of the readings by this much makes the point optimal.
+        Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
+        -sum_p u_p c_p of the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual
+        of the conditions).
+        """
+        r, norm = self.at(x, _ROUNDED)
+        u = (self.share / norm)[..., None] * r
+        value = (self.share * np.linalg.norm(r, axis=-1)).sum(axis=1)
+        G = G.reshape(len(x), -1, x.shape[1])
+        pull = (multipliers[:, None, : G.shape[1]] @ G)[:, 0]
+        left = (u[..., None, :] @ self.W)[..., 0, :].sum(axis=1) - pull
+        size = np.linalg.norm(self.c, axis=-1)
+        reach = self.share * np.maximum(1.0, size / norm)
+        most = (reach[..., None] * np.linalg.norm(self.W, axis=2)).sum(axis=1)
+        gap = value - (u * r).sum(axis=(1, 2))
+        gap = gap + np.abs((left * x).sum(axis=1)) + np.abs((pull * x).sum(axis=1))
+        residual = np.abs(left / np.maximum(most, _TINY)).max(axis=1)
+        least = (self.share * size).sum(axis=1) * _ROUNDED + _TINY
+        return value, residual, gap / np.maximum(value, least)
+
+
 def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     """Solve programmes, adding violated points between stations, until all have ended."""
-    order, count, smooth = of.muscle.order, len(given.used), objective == "mean_rmse"
-    n, keep = 2 * order, given.keep[:, :, None]
-    W = of.factor[:, :, :order, None] * given.basis[:, :, None, None, :]
-    W = W.reshape(count, -1, order + 1, n) * keep[..., None] * given.used[:, None, None]
-    c = of.factor[:, :, order] * keep
-    share = 1 / (np.sqrt(of.there.sum(axis=1)) * len(of.target))
+    count, n = given.used.shape
+    norms, smooth = _Norms.of(of, given), objective == "mean_rmse"
     G, x = _posed(of, given), np.zeros((count, n))
-    length = np.linalg.norm(W, axis=(1, 2))
-    alone = np.linalg.norm(c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
+    length = np.linalg.norm(norms.W, axis=(1, 2))
+    alone = np.linalg.norm(norms.c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
     least_size = np.maximum(1e-3 * alone.max(axis=1, initial=0.0), _TINY)
     done = np.zeros(count, bool)
     status = last = np.full(count, int(Status.STALLED))
     certificate = np.full((3, count), np.nan)
     for step in range(400 if smooth else _STEPS):
         rounding = max(0.1**step, _ROUNDED)  # the first steps see a smoother function
-        A, b = W, c
+        A, b = norms.W, norms.c
         if smooth and step:
             # Safe steps first and last; the others use nearly the true curvature.
-            A, b = _model(W, c, x, share, 0.1 if 6 <= step < _STEPS else 1.0, rounding)
+            A, b = norms.model(x, 0.1 if 6 <= step < _STEPS else 1.0, rounding)
         best = _optimum(A, b, given.used, G)
         last = best.status
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
         now: Any = best.objective, best.kkt_residual, best.duality_gap
         if smooth:
-            now = _certificate(W, c, new, share, G, best.multipliers)
+            now = norms.certificate(new, G, best.multipliers)
             still = (now[1] <= _SETTLED) & (rounding <= _ROUNDED)
         violation = _pose_weakest(of, given, new, G, step % _SPARE, least_size)
         now = np.stack([now[0], np.maximum(now[1], violation), now[2]])
@@ -474,68 +532,3 @@ def _pose_weakest(
         old = G[mine, :, _STATIONS + slot]
         G[mine, :, _STATIONS + slot] = np.where((own > _EXACT)[..., None], rows, old)
     return violation
-
-
-def _times(W: np.ndarray, x: np.ndarray) -> Float[np.ndarray, "b pressures rows"]:
-    return (W @ x[:, None, :, None])[..., 0]
-
-
-def _norms(
-    W: np.ndarray, c: np.ndarray, x: np.ndarray, rounding: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """r_p = W_p x - c_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2)."""
-    r = _times(W, x) - c
-    return r, np.sqrt((r**2).sum(axis=-1) + rounding**2 * (c**2).sum(axis=-1))
-
-
-def _model(
-    W: Float[np.ndarray, "b pressures rows n"],
-    c: Float[np.ndarray, "b pressures rows"],
-    x: Float[np.ndarray, "b n"],
-    share: Float[np.ndarray, " pressures"],
-    loose: float,
-    rounding: float,
-) -> tuple[Float[np.ndarray, "b pressures rows n"], Float[np.ndarray, "b pressures rows"]]:
-    """A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
-
-    Its curvature is (1 - loose) times that of the norms plus `loose` times share_p / |r_p|, that of the sum
-    of squares that bounds them from above. With loose = 1, every step reduces the mean RMSE.
-    """
-    r, norm = _norms(W, c, x, rounding)
-    norm, square = np.where(norm > 0, norm, 1.0), (r**2).sum(axis=-1)
-    along = np.sqrt(1 - (1 - loose) * square / norm**2)[..., None]
-    unit = r / np.sqrt(np.where(square > 0, square, 1.0))[..., None]
-    weight = np.sqrt(share / norm)[..., None]
-    A = weight[..., None] * (W - ((1 - along) * unit)[..., None] * (unit[..., None, :] @ W))
-    return A, _times(A, x) - weight * r / along
-
-
-def _certificate(
-    W: np.ndarray,
-    c: np.ndarray,
-    x: Float[np.ndarray, "b n"],
-    share: np.ndarray,
-    G: np.ndarray,
-    multipliers: Float[np.ndarray, "b m"],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean RMSE, relative residual of its optimality conditions, and relative duality gap.
-
-    The residual is relative to the data: a change of the readings by this much makes the point optimal.
-    Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
-    -sum_p u_p c_p of the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual of
-    the conditions).
-    """
-    r, norm = _norms(W, c, x, _ROUNDED)
-    positive = np.where(norm > 0, norm, 1.0)
-    u = (share / positive)[..., None] * r
-    value = (share * np.linalg.norm(r, axis=-1)).sum(axis=1)
-    G = G.reshape(len(x), -1, x.shape[1])
-    pull = (multipliers[:, None, : G.shape[1]] @ G)[:, 0]
-    left = (u[..., None, :] @ W)[..., 0, :].sum(axis=1) - pull
-    size = np.linalg.norm(c, axis=-1)
-    reach = share * np.maximum(1.0, size / positive)
-    most = (reach[..., None] * np.linalg.norm(W, axis=2)).sum(axis=1)
-    gap = value - (u * r).sum(axis=(1, 2))
-    gap = gap + np.abs((left * x).sum(axis=1)) + np.abs((pull * x).sum(axis=1))
-    residual = np.abs(left / np.maximum(most, _TINY)).max(axis=1)
-    return value, residual, gap / np.maximum(value, (share * size).sum(axis=1) * _ROUNDED + _TINY)

@@ -57,7 +57,7 @@ def sweep(
 ) -> int:
     """Fit all combinations of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.json` with all fits in SI, and figures of errors and force curves. By default, the
+    Writes `sweep.json` with all fits in SI, and a figure of their errors. By default, the
     geometry is identified as in `famjax fit --law polynomial`.
 
     Parameters
