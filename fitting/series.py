@@ -84,11 +84,6 @@ class Series:
         left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
         return left_out * math.sqrt(1 - 1 / n**2)
 
-    def muscle(self, rest_length: float) -> famjax.MountedMuscle:
-        """Muscle of the series with rest length L0 [m], in the same rig."""
-        one = self.specimens[0].mounted
-        return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
-
     def predict(
         self, rest_length: float, length: Column, pressure: Column, *, length_std: float = 0.0
     ) -> tuple[Column, Column]:

@@ -100,8 +100,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         f"At the middle of the series, the machine's clock is {clock.offset:.4g} +- "
         f"{clock.offset_stderr:.2g} s ahead of the time since the first picture. It runs "
         f"{clock.rate:.6f} +- {clock.rate_stderr:.1g} times as fast as the camera's. "
-        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm "
-        f"RMS, {clock.largest * 1e3:.3g} mm at most."
+        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm RMS."
     ]
     if outside:
         notes.append(f"{outside} pictures lie outside the log and have no force.")

@@ -169,11 +169,6 @@ class Alignment:
         machine = np.asarray(time, float)
         return np.asarray(machine + self.offset + self.rate * (machine - self.reference))
 
-    def error(self, time: ArrayLike | float) -> np.ndarray:
-        """Standard error [s] of `journal_time` at machine times [s], same shape."""
-        away = np.asarray(time, float) - self.reference
-        return np.asarray(np.hypot(self.offset_error, self.rate_error * away))
-
 
 def align_by_load(
     journal_time: np.ndarray,
@@ -223,15 +218,12 @@ def align_by_load(
 
 
 def _series(name: str, time: np.ndarray, force: np.ndarray) -> Series:
-    time, force = np.asarray(time, float), np.asarray(force, float)
-    if time.ndim != 1 or time.shape != force.shape or time.size < _FEWEST:
+    if np.shape(time) != np.shape(force) or np.size(time) < _FEWEST:
         raise InputError(
-            f"time and force of the {name} must be one-dimensional, equally long, and have at least "
-            f"{_FEWEST} readings, got shapes {time.shape} and {force.shape}"
+            f"time and force of the {name} must be equally long, and have at least {_FEWEST} readings, got "
+            f"shapes {np.shape(time)} and {np.shape(force)}"
         )
-    if not (np.all(np.isfinite(time)) and np.all(np.isfinite(force)) and np.all(np.diff(time) > 0)):
-        raise InputError(f"time and force of the {name} must be finite, and time must increase")
-    return time, force
+    return np.asarray(time, float), np.asarray(force, float)
 
 
 def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) -> float:

@@ -38,10 +38,6 @@ _LEAST_STD = 1e-9  # a smaller standard deviation, relative to the largest force
 _PAIRS = ("record", "rest_length_m", "length_m", "pressure_Pa", "half_difference_N",
           "turn_pressure_Pa")  # fmt: skip
 
-Levels = Float[np.ndarray, " levels"]
-Pulls = Bool[np.ndarray, " levels"]
-Grid = Float[np.ndarray, "records levels"]
-GridMask = Bool[np.ndarray, "records levels"]
 Curves = tuple[Float[np.ndarray, "2 records levels"], Bool[np.ndarray, "2 records levels"]]
 """Fill and vent forces at common pressures (nan if not measured), and a mask of pulling states."""
 
@@ -54,8 +50,6 @@ class StaticMap:
         length: L [m], shape (rows,).
         pressure: gauge pressure P [Pa], shape (rows,).
         force: mean force F [N] over records, shape (rows,).
-        half_width: mean hysteresis (vent - fill)/2 [N] over records, shape (rows,); nan if no record
-            has both branches.
         slack: True if no record pulls, shape (rows,); the force is then not a static muscle force.
         force_std: standard error of the force [N], shape (rows,). It combines the error of the points with
             the repeatability at the length (pooled over lengths if there are no repeats), both divided
@@ -71,7 +65,6 @@ class StaticMap:
     length: Column
     pressure: Column
     force: Column
-    half_width: Column
     slack: Mask
     force_std: Column
     lengths: tuple[dict[str, Any], ...]
@@ -146,17 +139,17 @@ def static_map(points: QuasiStatic, *, step: float = 25e3) -> StaticMap:
     parts = [_at_length(points, length, pressures) for length in lengths]
     summaries = tuple(summary for _, summary in parts)
     columns = (np.concatenate(column) for column in zip(*(rows for rows, _ in parts), strict=True))
-    length, pressure, force, half_width, count, slack = columns
+    length, pressure, force, count, slack = columns
     between, within = (np.array([s[k] for s in summaries]) for k in ("repeatability_N", "stderr_N"))
     # Lengths without repeats use the repeatability pooled over the others.
     known = between[np.isfinite(between)]
     pooled = _rms(known) if known.size else 0.0
     single = np.hypot(within / np.sqrt(2), np.where(np.isfinite(between), between, pooled))
     force_std = single[[lengths.index(one) for one in length.tolist()]] / np.sqrt(count)
-    return StaticMap(length, pressure, force, half_width, slack, force_std, summaries, points)
+    return StaticMap(length, pressure, force, slack, force_std, summaries, points)
 
 
-def _common_pressures(points: QuasiStatic, step: float) -> Levels:
+def _common_pressures(points: QuasiStatic, step: float) -> Column:
     """Return the multiples of a step [Pa] from zero to the highest pressure of the points."""
     if not step > 0:
         raise InputError(f"step must be > 0, got {step} Pa")
@@ -164,7 +157,7 @@ def _common_pressures(points: QuasiStatic, step: float) -> Levels:
 
 
 def _at_length(
-    points: QuasiStatic, length: float, pressures: Levels
+    points: QuasiStatic, length: float, pressures: Column
 ) -> tuple[tuple[np.ndarray, ...], dict[str, Any]]:
     """Return the columns of the map at a length, with the number of records, and their summary."""
     records = [i for i, record in enumerate(points.records) if record.length == length]
@@ -178,12 +171,10 @@ def _at_length(
         )
     pulling = np.asarray(pull.any(axis=0))
     used = np.where(pulling, pull, np.isfinite(force))[:, known]
-    half = (forces[1] - forces[0]) / 2
     rows = (
         np.full(int(known.sum()), length),
         pressures[known],
         _mean(force[:, known], used),
-        _mean(half[:, known], used),
         used.sum(axis=0),
         ~pulling[known],
     )
@@ -200,7 +191,7 @@ def _at_length(
         "n_unsettled": int(np.sum(mine & ~points.settled)),
         "noise_N": _rms(points.noise[least]),
         "stderr_N": _rms(points.stderr[least]),
-        "half_width_rms_N": _rms(half[pull]),
+        "half_width_rms_N": _rms((forces[1] - forces[0])[pull] / 2),
         "repeatability_N": _repeatability(force, pull),
     }
     return rows, summary
@@ -210,27 +201,27 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
-def _mean(values: Grid, used: GridMask) -> Levels:
+def _mean(values: np.ndarray, used: np.ndarray) -> Column:
     """Mean over the used records; nan if there are none."""
     return np.ma.masked_array(values, ~used).mean(axis=0).filled(np.nan)
 
 
-def _repeatability(force: Grid, pulls: GridMask) -> float:
+def _repeatability(force: np.ndarray, pulls: np.ndarray) -> float:
     """Standard deviation between records, pooled over the pressures that several records share."""
     square = np.where(pulls, (force - _mean(force, pulls)) ** 2, 0.0).sum()
     freedom = int(np.maximum(pulls.sum(axis=0) - 1, 0).sum())
     return float(np.sqrt(square / freedom)) if freedom else math.nan
 
 
-def _curves(points: QuasiStatic, records: Sequence[int], pressures: Levels) -> Curves:
+def _curves(points: QuasiStatic, records: Sequence[int], pressures: Column) -> Curves:
     found = [[_curve(points, i, pressures, filling=f) for i in records] for f in (True, False)]
     force, pulls = (np.array([[one[k] for one in side] for side in found]) for k in (0, 1))
     return force, pulls
 
 
 def _curve(
-    points: QuasiStatic, record: int, pressures: Levels, *, filling: bool
-) -> tuple[Levels, Pulls]:
+    points: QuasiStatic, record: int, pressures: Column, *, filling: bool
+) -> tuple[Column, Mask]:
     """Force of one branch of a record at the given pressures, and a mask of pulling states."""
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415 -- 0.2 s
 
@@ -307,12 +298,18 @@ def ramp_pairs(points: QuasiStatic, *, rest_length: float, step: float = 25e3) -
 
 def branches_csv(pairs: BranchPairs) -> str:
     """Return the branches of ramps as CSV text in SI, one row per point, for `read_branches`."""
-    columns = (pairs.length, pairs.pressure, pairs.half_difference, pairs.turn_pressure)
+    columns = (
+        pairs.record,
+        pairs.length,
+        pairs.pressure,
+        pairs.half_difference,
+        pairs.turn_pressure,
+    )
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(_PAIRS)
-    for number, *values in zip(pairs.record, *(one.tolist() for one in columns), strict=True):
-        writer.writerow([pairs.names[number], pairs.rest_length, *values])
+    for name, *values in zip(*(one.tolist() for one in columns), strict=True):
+        writer.writerow([name, pairs.rest_length, *values])
     return file.getvalue()
 
 
@@ -329,9 +326,8 @@ def read_branches(path: Path) -> BranchPairs:
         numbers = np.empty(0)
     if tuple(header) != _PAIRS or not numbers.size:
         raise InputError(f"{path} must be a branches.csv that famjax ramps has written")
-    names, record = np.unique([row[0] for row in rows], return_inverse=True)
     rest_length, *columns = numbers.T
-    return BranchPairs(*columns, record, tuple(names.tolist()), float(rest_length[0]))
+    return BranchPairs(*columns, np.array([row[0] for row in rows]), float(rest_length[0]))
 
 
 def read_ramps(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import finite_or_none, from_si, unit_system
@@ -101,8 +101,7 @@ class BranchPairs:
         pressure: gauge pressure P [Pa], shape (n,).
         half_difference: (force while venting - force while filling) / 2 [N], shape (n,).
         turn_pressure: highest gauge pressure [Pa] of the point's ramp, shape (n,).
-        record: index of the record in `names`, shape (n,).
-        names: names of the records.
+        record: name of the point's record, shape (n,).
         rest_length: rest length L0 [m] of the muscle.
     """
 
@@ -110,8 +109,7 @@ class BranchPairs:
     pressure: Column
     half_difference: Column
     turn_pressure: Column
-    record: Int[np.ndarray, " n"]
-    names: tuple[str, ...]
+    record: np.ndarray
     rest_length: float
 
     def __post_init__(self) -> None:
@@ -155,11 +153,8 @@ class BranchPairs:
             InputError: there are no points, or a point is beyond the turning point.
         """
         n = np.size(pressure)
-        turn = np.full(n, turn_pressure, float)
-        return cls(
-            np.full(n, length, float), pressure, half_difference, turn, np.zeros(n, int), (name,),
-            float(rest_length),
-        )  # fmt: skip
+        at, turn = (np.full(n, value, float) for value in (length, turn_pressure))
+        return cls(at, pressure, half_difference, turn, np.full(n, name), float(rest_length))
 
     @classmethod
     def joined(cls, parts: Sequence["BranchPairs"]) -> "BranchPairs":
@@ -173,11 +168,9 @@ class BranchPairs:
                 f"records of one muscle must have the same rest length, got {len(parts)} records with "
                 f"{sorted({one.rest_length for one in parts})} m"
             )
-        first = np.cumsum([0, *(len(one.names) for one in parts)])
+        columns = (*_COLUMNS, "record")
         return cls(
-            **{name: np.concatenate([getattr(one, name) for one in parts]) for name in _COLUMNS},
-            record=np.concatenate([k + one.record for k, one in zip(first, parts, strict=False)]),
-            names=tuple(name for one in parts for name in one.names),
+            **{name: np.concatenate([getattr(one, name) for one in parts]) for name in columns},
             rest_length=parts[0].rest_length,
         )
 
@@ -272,12 +265,6 @@ class HysteresisFit:
         wall, braid = (np.asarray(one.threshold, float) for one in sides)
         return half_difference_columns(pairs, (wall, braid)) @ self.strength
 
-    def heat(self) -> list[float]:
-        """Energy [J] lost in a closed cycle of each record according to the fit."""
-        first = np.unique(self.pairs.record, return_index=True)[1].tolist()
-        ends = ((float(self.pairs.length[k]), float(self.pairs.turn_pressure[k])) for k in first)
-        return [float(self.centred.slip.heat([L] * 3, [0.0, P, 0.0])) for L, P in ends]
-
 
 def fit_hysteresis(pairs: BranchPairs) -> HysteresisFit:
     """Fit the non-negative strengths of slip elements to measured half-differences.
@@ -352,7 +339,6 @@ def hysteresis_as_dict(fit: HysteresisFit) -> dict[str, Any]:
         },
         "kkt_residual": fit.kkt_residual,
         "duality_gap": fit.duality_gap,
-        "lost_energy_J": fit.heat(),
     }
 
 
@@ -366,13 +352,11 @@ def hysteresis_table(
         share = f"{100 * value / measured:.3g} %" if measured > 0 else "none"
         return name, f"{from_si(value, unit, 'force'):.4g}", share
 
-    lost = [1e3 * one for one in fit.heat()]
     rows = [
         row("measured", measured),
         row("error of the fit", fit.rms),
         *(row(f"held-out error, one {one.groups} left out", one.rms) for one in fit.left_out),
         ("elements with a strength", str((fit.strength > 0).sum()), ""),
-        ("energy lost per cycle, mJ", f"{min(lost):.3g} to {max(lost):.3g}", ""),
     ]
     title = f"Hysteresis: half-difference of the branches, RMS over {fit.pairs.record.size} points"
     return title, ("", unit, "of measured"), rows

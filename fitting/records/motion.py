@@ -46,7 +46,6 @@ class Synchronisation:
         sense: sign of the displacement; -1 if shortening is positive, 1 if lengthening is.
         length_at_zero: length of the muscle at zero displacement [m].
         rms: root mean square of the length residuals [m].
-        largest: largest magnitude of these residuals [m].
         n_pictures: number of pictures used.
     """
 
@@ -57,7 +56,6 @@ class Synchronisation:
     sense: int
     length_at_zero: float
     rms: float
-    largest: float
     n_pictures: int
 
     @property
@@ -304,6 +302,5 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
         sense=fit.sense,
         length_at_zero=fit.length_at_zero,
         rms=float(np.sqrt(np.mean(residual**2))),
-        largest=float(np.abs(residual).max()),
         n_pictures=len(t),
     )

@@ -215,11 +215,6 @@ class Branch:
     stop: int
     rising: bool
 
-    @property
-    def rows(self) -> slice:
-        """Rows of the branch as a slice."""
-        return slice(self.start, self.stop)
-
 
 def split_branches(
     position: ArrayLike, *, min_travel: float = 0.5, hold: float | None = None

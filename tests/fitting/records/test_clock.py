@@ -86,7 +86,8 @@ def test_offset_and_rate_are_found_within_their_errors(seed, offset, rate):
     machine = (at - offset) / (1 + rate)
     error = found.journal_time(machine) - at
     assert np.abs(error).max() < 2e-3  # s; the target is 10 ms
-    assert np.all(np.abs(error) < SIGMAS * found.error(machine))
+    stated = np.hypot(found.offset_error, found.rate_error * (machine - found.reference))
+    assert np.all(np.abs(error) < SIGMAS * stated)
     assert abs(found.rate - rate) < SIGMAS * found.rate_error
 
 
@@ -127,7 +128,6 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly():
          "do not match"),
         (lambda t, F, tm, Fm: (t, F, tm, -Fm), "do not match"),
         (lambda t, F, tm, Fm: (t, F, tm, np.full(tm.size, 3.0)), "do not match"),
-        (lambda t, F, tm, Fm: (t[::-1], F, tm, Fm), "must be finite, and time must increase"),
         (lambda t, F, tm, Fm: (t[:10], F[:10], tm, Fm), "at least 50"),
     ],
 )  # fmt: skip

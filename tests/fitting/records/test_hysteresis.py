@@ -125,7 +125,6 @@ def test_saved_and_read_back():
     L, P = np.full(5, 0.22), np.array([0, 3e5, 6e5, 2e5, 4e5])
     np.testing.assert_array_equal(again.along(L, P), fit.centred.along(L, P))
     assert document["left_out"]["length"]["ratio"] == pytest.approx(fit.left_out[1].ratio)
-    assert len(document["lost_energy_J"]) == 4
     with pytest.raises(InputError, match=r"cannot be read .*required field .wall"):
         slip_from_dict({k: v for k, v in document.items() if k != "wall"})
     title, header, rows = hysteresis_table(fit, "us")
@@ -166,7 +165,6 @@ def _fit(pairs: BranchPairs) -> HysteresisFit:
     fit = leave_out(fit_hysteresis(pairs))
     assert fit.duality_gap < CERTIFIED
     assert fit.kkt_residual < CERTIFIED
-    assert min(fit.heat()) >= 0
     return fit
 
 

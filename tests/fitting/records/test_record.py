@@ -35,7 +35,7 @@ def test_branches_of_a_known_record(noise, hold):
         assert abs(branch.start - start) <= slack
         assert abs(branch.stop - (start + rows + 1)) <= slack
     if noise == 0:
-        assert all(np.ptp(x[branch.rows]) == 1 for branch in branches)
+        assert all(np.ptp(x[branch.start : branch.stop]) == 1 for branch in branches)
 
 
 @pytest.mark.parametrize(
