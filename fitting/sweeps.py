@@ -1,10 +1,9 @@
 """Fit all permutations of order, pressure dependence and constraint at one geometry."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -12,17 +11,12 @@ from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import factor, unit_system
 
 from .arguments import check_names, check_whole, is_number, shown
 from .convex import Status
 from .data import ForceData, check_maps
 from .response import CONSTRAINTS, DEPENDENCES
 from .sweep_fits import Design, LinearMuscle, fits_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
 
@@ -246,54 +240,3 @@ def _end_errors(
             slope, at_zero = np.polyfit(F[near], contraction[near], 1)
             measured[1, k] = at_zero if slope < 0 else np.nan
     return force[..., 0] - measured[0], free - measured[1]
-
-
-_TOP = 1.07  # upper limit of an axis relative to the largest value
-
-
-def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
-    """Plot RMSE, MAE, blocked force and free contraction errors against the order, side by side by form.
-
-    Args:
-        found: the sweep.
-        system: "si", "metric" or "us".
-
-    Returns:
-        A figure, not shown; save it with `savefig`. Missing fits leave gaps.
-
-    References:
-        Chambers 2021, figures 7.2 to 7.5.
-    """
-    from matplotlib.figure import Figure  # noqa: PLC0415 -- when something is drawn
-
-    unit = unit_system(system)["force"]
-    force, rows = factor(unit, "force"), found.rows
-    forms, constraints = (
-        list(dict.fromkeys(getattr(row, name) for row in rows))
-        for name in ("dependence", "constraint")
-    )
-    orders = sorted({row.order for row in rows})
-    wide = len(orders) + 1
-    figure = Figure(figsize=(0.8 + 3.2 * len(forms), 8.5), layout="constrained")
-    axes = figure.subplots(4, sharex=True)
-    panels = (
-        ("rmse", f"mean RMSE, {unit}", force),
-        ("mae", f"mean MAE, {unit}", force),
-        ("blocked_error", f"blocked force error, {unit}", force),
-        ("free_contraction_error", "free contraction error", 1.0),
-    )
-    for one, (name, label, scale) in zip(axes, panels, strict=True):
-        for (k, form), (c, constraint) in itertools.product(*map(enumerate, (forms, constraints))):
-            same = [r for r in rows if (r.dependence, r.constraint) == (form, constraint)]
-            one.plot(
-                [k * wide + orders.index(row.order) for row in same],
-                [getattr(row, name) / scale for row in same],
-                "o-", ms=3.5, lw=1, color=f"C{c}", label=None if k else constraint,
-            )  # fmt: skip
-        largest = np.nanmax([getattr(row, name) / scale for row in rows] + [1e-9])
-        one.set(ylabel=label, ylim=(0, _TOP * largest))
-    places = [k * wide + n for k in range(len(forms)) for n in range(len(orders))]
-    axes[-1].set_xticks(places, orders * len(forms))
-    axes[-1].set_xlabel(f"order of the law; {', then '.join(forms)} in pressure")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return figure

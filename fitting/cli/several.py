@@ -57,8 +57,8 @@ def sweep(
 ) -> int:
     """Fit all combinations of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.json` with all fits in SI, and a figure of their errors. By default, the
-    geometry is identified as in `famjax fit --law polynomial`.
+    Writes `sweep.json` with all fits in SI. By default, the geometry is identified as in
+    `famjax fit --law polynomial`.
 
     Parameters
     ----------
@@ -85,16 +85,13 @@ def sweep(
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of tables and figures: si, metric or us.
+        Choose the units of the table: si, metric or us.
     json_
         Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
-
-    from famjax.boundary.files import as_png
     from famjax.boundary.units import parse_quantity, unit_system
     from fitting.specimen import parse_specimen
-    from fitting.sweeps import plot_errors
 
     place = Output(output)
     measured = load_map(data, parse_specimen(specimen), column)
@@ -119,12 +116,7 @@ def sweep(
             constraints=constraint, objective=objective,
         )  # fmt: skip
     rows = [_finite(row.as_dict()) for row in found.rows]
-    paths = place.write(
-        {
-            "sweep.json": {"rows": rows},
-            "errors.png": as_png(plot_errors(found, units)),
-        }
-    )
+    paths = place.write({"sweep.json": {"rows": rows}})
     if json_:
         print_json({"rows": rows})
         return 0
