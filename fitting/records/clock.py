@@ -1,7 +1,6 @@
 """Clock alignment: device ticks to host time, and the machine's clock to the journal's."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +14,9 @@ MAX_RATE = 0.01
 
 _PASSES = 3
 _WINDOW = 10.0  # s, within which the error of a clock map is constant
-_COARSE, _FINE = 0.5, 0.05  # s, grids of the correlations
+_COARSE = 0.5  # s, grid of the correlation
 _LEAST_AGREEMENT = 0.9  # smallest correlation between the loads of the same test
 _LEAST_OVERLAP = 0.5  # smallest overlap, relative to the shorter record
-_WINDOWS, _REACH = 10, 30.0  # number of windows for local lags, and their largest distance [s]
 _CORRELATED = 0.05  # longest correlation of residuals, relative to the record
 _CUBIC = 3 / 128  # interpolation error of a cubic at mid-interval, per fourth difference
 _STEPS = 30  # largest number of Gauss-Newton steps
@@ -204,17 +202,14 @@ def align_by_load(
     journal = _series("journal", journal_time, journal_force)
     log = _series("log", log_time, log_force)
     lag = _best_lag(journal, log, near)
-    times, lags = _local_lags(journal, log, lag)
-    start = lag, 0.0, float(log[0].mean())
-    if times.size >= 2:
-        rate, offset = np.polyfit(times - times.mean(), lags, 1)
-        start = float(offset), float(rate), float(times.mean())
-    if abs(start[1]) > MAX_RATE:
+    # Smooth loads find the rate from a lag that is known to half a second.
+    first = _refined(_smoothed(*journal), _smoothed(*log), lag, 0.0, float(log[0].mean()), 0.0)
+    if abs(first.rate) > MAX_RATE:
         raise InputError(
-            f"the clock rates must agree within {MAX_RATE * 1e6:.0f} ppm, got {start[1] * 1e6:.0f} ppm: "
+            f"the clock rates must agree within {MAX_RATE * 1e6:.0f} ppm, got {first.rate * 1e6:.0f} ppm: "
             "check that journal and log are of the same test"
         )
-    return _refined(journal, log, *start, time_error)
+    return _refined(journal, log, first.offset, first.rate, first.reference, time_error)
 
 
 def _series(name: str, time: np.ndarray, force: np.ndarray) -> Series:
@@ -228,7 +223,7 @@ def _series(name: str, time: np.ndarray, force: np.ndarray) -> Series:
 
 def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) -> float:
     """Lag [s] of the log, to half a second, from the normalised correlation."""
-    correlation, lags, share = _correlation(journal, log, _COARSE, _LEAST_OVERLAP)
+    correlation, lags, share = _correlation(journal, log)
     if near is not None:
         correlation = np.where(np.abs(lags - near[0]) <= near[1], correlation, -1.0)
     # Explained variance of the shorter record: a mere part of a record may fit anywhere.
@@ -253,51 +248,24 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
     return float(lags[k])
 
 
-def _local_lags(journal: Series, log: Series, lag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return log times [s] and local lags [s] from windows with varying load.
-
-    Outliers from a line are removed; its slope is the median over all pairs (Theil-Sen).
-    """
-    (tj, fj), (tm, fm), found = journal, log, []
-    reach = min(_REACH, (tm[-1] - tm[0]) / 4)
-    for low, high in itertools.pairwise(np.linspace(tm[0], tm[-1], _WINDOWS + 1).tolist()):
-        inside = (tm >= low) & (tm <= high)
-        around = (tj >= low + lag - reach) & (tj <= high + lag + reach)
-        few = min(inside.sum(), around.sum()) < _FEWEST
-        if few or np.std(fm[inside]) < 0.2 * float(np.std(fm)):
-            continue
-        parts = (tj[around], fj[around]), (tm[inside], fm[inside])
-        correlation, lags, _ = _correlation(*parts, _FINE, None)
-        k = int(np.argmax(correlation))
-        if correlation[k] > _LEAST_AGREEMENT and 0 < k < correlation.size - 1:
-            y = correlation[k - 1 : k + 2]
-            bend = y[0] - 2 * y[1] + y[2]
-            shift = 0.5 * (y[0] - y[2]) / bend if bend < 0 else 0.0
-            found.append([(low + high) / 2, lags[k] + shift * _FINE])
-    times, lags = np.reshape(found, (-1, 2)).T
-    if times.size < 3:
-        return times, lags
-    i, j = np.triu_indices(times.size, 1)
-    left = lags - np.median((lags[j] - lags[i]) / (times[j] - times[i])) * times
-    left = np.abs(left - np.median(left))
-    keep = left <= max(4 * float(np.median(left)), _FINE)
-    return times[keep], lags[keep]
+def _smoothed(time: np.ndarray, force: np.ndarray) -> Series:
+    """Means of 400 parts of a record, over seven of them."""
+    centre, mean, _ = _sampled(time, force, float(time[-1] - time[0]) / 400)
+    window = np.hanning(9)[1:-1] / np.hanning(9).sum()
+    return centre, np.convolve(np.pad(mean, 3, mode="edge"), window, mode="valid")
 
 
-def _correlation(
-    journal: Series, log: Series, step: float, overlap: float | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the correlation at lags spaced by `step`, the lags [s], and the variance in the overlap.
+def _correlation(journal: Series, log: Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the correlation at lags half a second apart, the lags [s], and the variance in the overlap.
 
-    The correlation is -1 if the overlap is constant or too short: below the fraction `overlap` of the
-    shorter record, or four fifths of the log. The variance is that of the shorter record, relative to its
-    largest value.
+    The correlation is -1 if the overlap is constant, or below half of the shorter record. The variance is
+    that of the shorter record, relative to its largest value.
     """
     from scipy.signal import correlate  # noqa: PLC0415 -- 0.2 s
 
-    grid_a, a, wa = _sampled(*journal, step)
-    grid_b, b, wb = _sampled(*log, step)
-    least = 0.8 * wb.sum() if overlap is None else overlap * min(wa.sum(), wb.sum())
+    grid_a, a, wa = _sampled(*journal, _COARSE)
+    grid_b, b, wb = _sampled(*log, _COARSE)
+    least = _LEAST_OVERLAP * min(wa.sum(), wb.sum())
     a, b = a * wa, b * wb
     n, sa, sb, saa, sbb, sab = (
         correlate(x, y, method="fft")
@@ -309,7 +277,7 @@ def _correlation(
     valid &= min(va.max(), vb.max()) > 0
     spread = np.sqrt(np.where(valid, va * vb, 1.0))
     correlation = np.where(valid, (sab - sa * sb / safe) / spread, -1.0)
-    lags = np.arange(1 - b.size, a.size) * step + grid_a[0] - grid_b[0]
+    lags = np.arange(1 - b.size, a.size) * _COARSE + grid_a[0] - grid_b[0]
     shorter = va if wa.sum() < wb.sum() else vb
     return correlation, lags, shorter / max(float(shorter.max()), 1e-300)
 
