@@ -37,7 +37,7 @@ from .race import (
 )
 from .result import Identification, Outlook
 from .search import check_objective
-from .series import OtherLengths, accounts, other_lengths
+from .series import FROM_ONE, accounts
 from .validation import LeftOut, levels_of_groups
 
 if TYPE_CHECKING:
@@ -58,8 +58,6 @@ class Choice:
             the error of these, the families that fit the data alike, and muscles of other lengths.
         tried: all families, that of the choice first, the others by their held-out errors.
         dropped: what the map cannot carry, in sentences.
-        other_lengths: what predictions of muscles of other lengths are made of, None where the map or
-            what a user says leaves but one account of it.
         open_question: a sentence on where families that fit alike differ by more than the map can settle,
             and which readings would; "" where they agree.
     """
@@ -68,7 +66,6 @@ class Choice:
     chosen: Identification
     tried: tuple[Tried, ...]
     dropped: tuple[str, ...]
-    other_lengths: OtherLengths | None = None
     open_question: str = ""
 
     def __repr__(self) -> str:
@@ -253,23 +250,20 @@ def choose(
         one.candidate.name: one.mounted
         for k, one in enumerate(families) if tried[k].alike and k != place
     }  # fmt: skip
-    others = other_lengths(
-        [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
-        data.max_force,
-    )
+    others = [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)]
     winner = tried[place]
     outlook = Outlook(
         model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
     )
-    if others is not None:
-        members = dict(zip(others.names, others.members, strict=True))
-        outlook = dataclasses.replace(outlook, other_lengths=members, between=others.between)
+    if others:
+        members = {one.candidate.name: one.mounted for one in others}
+        between = FROM_ONE * data.max_force
+        outlook = dataclasses.replace(outlook, other_lengths=members, between=between)
     return Choice(
         data=data,
         chosen=dataclasses.replace(chosen, data=data, outlook=outlook),
         tried=(winner, *(tried[k] for k in order if k != place)),
         dropped=dropped,
-        other_lengths=others,
         open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )
 

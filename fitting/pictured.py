@@ -90,7 +90,7 @@ def read_pictures(table: Any) -> Pictures:
     """Read the photographs of a joint fit, at most 16 over the whole stroke.
 
     Args:
-        table: `measurements.nc`, or the table of a campaign; every picture needs a pressure.
+        table: path of a `measurements.nc`; every picture needs a pressure.
 
     Raises:
         InputError: the table cannot be read, or a picture has no pressure.

@@ -40,7 +40,6 @@ class PlantRecord:
         pressure: measured gauge pressure P [Pa].
         length: active length L [m].
         force: measured force F [N]; None if not measured.
-        dump: 1 while the dump valve is open; None if it never is.
         name: name in messages.
     """
 
@@ -49,7 +48,6 @@ class PlantRecord:
     pressure: Float[np.ndarray, " n"]
     length: Float[np.ndarray, " n"]
     force: Float[np.ndarray, " n"] | None = None
-    dump: Float[np.ndarray, " n"] | None = None
     name: str = "record"
 
     def __post_init__(self) -> None:
@@ -287,7 +285,6 @@ class _Inputs(NamedTuple):
     """Columns of a record given to a plant, shape (n,); the pressure is used where pieces begin."""
 
     signal: Float[Array | np.ndarray, " n"]
-    dump: Float[Array | np.ndarray, " n"]
     length: Float[Array | np.ndarray, " n"]
     pressure: Float[Array | np.ndarray, " n"]
 
@@ -307,11 +304,10 @@ def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
     last, step = record.time.size - 1, record.step
     count = max(1, min(last, round(min(seconds / step, last))))
     at = np.arange(last // count)[:, None] * count + np.arange(count + 1)
-    dump = np.zeros_like(record.signal) if record.dump is None else record.dump
     held, rate = at[:, :-1], np.diff(record.length) / step
     return _Pieces(
-        step, _Inputs(record.signal, dump, record.length, record.pressure),
-        Command(record.signal[held], dump[held], rate[held]), record.pressure[at],
+        step, _Inputs(record.signal, record.length, record.pressure),
+        Command(record.signal[held], 0.0 * rate[held], rate[held]), record.pressure[at],
         None if record.force is None else record.force[at],
     )  # fmt: skip
 
@@ -327,8 +323,8 @@ def _beginnings(
     first = eqx.tree_at(lambda one: one.opening, first, jnp.asarray(opening))
 
     def onward(state: PlantState, at: Any) -> tuple[PlantState, PlantState]:
-        signal, dump, L, P = at
-        openings, dumps = plant.actuators(state, Command(signal, dump))(step)
+        signal, L, P = at
+        openings, dumps = plant.actuators(state, Command(signal, 0.0 * signal))(step)
         memory = plant.moved(state.memory, L[None], P[None])
         force = plant.pulls(memory, L[None], P[None], jnp.zeros(1))[0]
         after = PlantState(P, openings[0], dumps[0], L, state.velocity, force, memory)
@@ -336,7 +332,7 @@ def _beginnings(
 
     before, after = (jax.tree.map(lambda leaf, cut=cut: jnp.asarray(leaf)[cut], inputs)
                      for cut in (slice(None, -1), slice(1, None)))  # fmt: skip
-    columns = before.signal, before.dump, after.length, after.pressure
+    columns = before.signal, after.length, after.pressure
     later = jax.lax.scan(onward, first, columns)[1]
     return jax.tree.map(
         lambda one, others: jnp.concatenate([one[None], others])[:-1:every], first, later

@@ -70,7 +70,7 @@ def predict(
         and where a slack reading at no smaller length and no lower pressure shows the same. The error is
         null if unknown: at another rest length, it is known only for a series and for a model
         chosen without stated deadband and rig. In the latter case the force is the mean over all models
-        that the map cannot refute, see `fitting.series.OtherLengths`. `band` names the sources of error:
+        that the map cannot refute, see `fitting.series.accounts`. `band` names the sources of error:
         "left out" (see `ModelError`), "bootstrap" or "linear" for the parameters, "specimens" of a
         series, "one specimen" for another rest length, and "shared errors" if stated. With a compliant
         rig, `muscle_force_N` is the force of the muscle alone at that length, 0 if slack.

@@ -24,7 +24,7 @@ from .ladder import Candidate, as_cylinder, believed, law_of, numbers_of, option
 from .mechanics import check_ends, equilibrium_options
 from .parameters import Parameter
 from .posing import Geometry, Posed, pose
-from .race import Fitted, Tried, descended, preferred, ranked
+from .race import Tried, descended, preferred, ranked
 from .result import Identification
 from .validation import LeftOut, force_error, leave_out_each
 
@@ -83,11 +83,6 @@ class Series:
         n = len(self.specimens)
         left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
         return left_out * math.sqrt(1 - 1 / n**2)
-
-    def muscle(self, rest_length: float) -> famjax.MountedMuscle:
-        """Muscle of the series with rest length L0 [m], in the same rig."""
-        one = self.specimens[0].mounted
-        return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
 
     def predict(
         self, rest_length: float, length: Column, pressure: Column, *, length_std: float = 0.0
@@ -338,21 +333,6 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class OtherLengths:
-    """Muscles that predict other lengths of the same make.
-
-    Attributes:
-        names: names of the families.
-        members: mounted muscle of each family.
-        between: standard deviation [N] of a specimen about their mean, without their disagreement.
-    """
-
-    names: tuple[str, ...]
-    members: tuple[famjax.MountedMuscle, ...]
-    between: float
-
-
 def accounts(
     candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
 ) -> tuple[Candidate, ...]:
@@ -368,22 +348,3 @@ def accounts(
     """
     found = [as_cylinder(one, data, said) for one in candidates if one.law in DEFAULT_LAWS]
     return tuple(found) if {one.rig for one in found} == {False, True} else ()
-
-
-def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths | None:
-    """Collect the muscles that predict other lengths, as cylinders with stiff threads.
-
-    Args:
-        families: families of `accounts`, fitted to all readings.
-        max_force: largest measured force [N].
-
-    Returns:
-        The muscles, or None if there are no families.
-    """
-    if not families:
-        return None
-    return OtherLengths(
-        names=tuple(one.candidate.name for one in families),
-        members=tuple(one.mounted for one in families),
-        between=FROM_ONE * max_force,
-    )

@@ -190,7 +190,6 @@ def rig_characterise(
     *,
     rest_length: str,
     column: Columns = (),
-    sync_column: str | None = None,
     near: Annotated[str | None, Signed] = None,
     near_within: str = "5s",
     skip_cycles: int = 0,
@@ -218,9 +217,6 @@ def rig_characterise(
         Assign a column of the log to a quantity if its name does not identify it, repeatable:
         `force="Kraft [N]"`, by name or number, with the unit. `pressure=-` ignores the pressure. Also
         `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
-    sync_column
-        Align the clocks by this column of the log, the rig's sync pulses (`run` raises pin D7 at the
-        first stroke at each pressure); default: align by the load.
     near
         Approximate offset from machine time to journal time with its unit; needed if equal strokes make
         the alignment ambiguous.
@@ -256,7 +252,7 @@ def rig_characterise(
         tell_columns(machine.taken)
         found = analyse(
             read_journal(journal), machine, rest_length=rest, zero_displacement=zero,
-            sync_column=sync_column, near=roughly or None, skip_cycles=skip_cycles,
+            near=roughly or None, skip_cycles=skip_cycles,
             shortening_positive=shortening_positive, pushing_positive=pushing_positive,
         )  # fmt: skip
         output.mkdir(parents=True, exist_ok=True)

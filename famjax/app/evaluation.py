@@ -124,7 +124,6 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     analysed = functools.partial(
         analyse, journal, log,
         rest_length=sheet.specimen.rest_length,
-        sync_column=records.sync_column,
         near=None if records.near is None else (records.near, 5.0),
         skip_cycles=records.skip_cycles,
         shortening_positive=records.shortening_positive,

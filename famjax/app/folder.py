@@ -36,7 +36,6 @@ class Records:
     journal: Text | None = None
     machine_log: Text | None = None
     force_map: Text | None = None
-    sync_column: Text | None = None
     near: float | None = None
     skip_cycles: int = 0
     zero_displacement: float = 0.0

@@ -21,7 +21,6 @@ from fitting.records import (
     IsobaricRecord,
     MachineLog,
     align_by_load,
-    align_by_pulses,
     characterise,
     combine,
     fit_clock,
@@ -164,7 +163,6 @@ def analyse(
     log: MachineLog,
     *,
     rest_length: float,
-    sync_column: str | None = None,
     near: tuple[float, float] | None = None,
     skip_cycles: int = 0,
     shortening_positive: bool = False,
@@ -181,7 +179,6 @@ def analyse(
         journal: journal of the rig.
         log: log of the test machine.
         rest_length: L0 [m].
-        sync_column: column of the log with the rig's sync pulses; None aligns the clocks by load.
         near: approximate offset of the clocks and its largest error [s], if known.
         skip_cycles: number of strokes to skip at the start of each pressure.
         shortening_positive: True if the machine's displacement grows as the muscle shortens.
@@ -207,9 +204,7 @@ def analyse(
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0])
     time = time[rising]
     pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
-    if alignment is None and sync_column is not None:
-        alignment = _by_pulses(time, columns["sync"][known][rising], log, sync_column)
-    elif alignment is None:
+    if alignment is None:
         errors = [clock.error for clock in clocks(journal).values()]
         error = max((one for one in errors if math.isfinite(one)), default=0.0)
         alignment = _by_load(time, force, log, near, error, pushing_positive=pushing_positive)
@@ -278,33 +273,12 @@ def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads
     return Loads(float(gain), float(zero), float(np.sqrt(np.mean(left**2)) / np.ptp(ours)))
 
 
-def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str) -> Alignment:
-    """Align the clocks by the edges of the rig's pulses in a column of the log."""
-    if column not in log.others:
-        raise RigError(f"the log has no column {column!r}; it has {', '.join(log.others)}")
-    # Uniform over an interval; both edges of a pulse may have the same error between two rows.
-    resolution = log.interval / math.sqrt(12) * math.sqrt(2)
-    ours, theirs = _edges(time, sync), _edges(log.time, log.others[column])
-    return align_by_pulses(ours, theirs, resolution=resolution)
-
-
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
     """Return times [s] and the set pressure from then on [Pa]; nan after an end."""
     return sorted(
         (float(note["at"]), float(note["pressure_Pa"]) if note["note"] == "set" else math.nan)
         for note in journal.notes if note["note"] in {"set", "end"}
     )  # fmt: skip
-
-
-def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return the times [s] at which a level crosses its middle, halfway between two readings.
-
-    Crossings in a gap of the readings are left out.
-    """
-    high = level > (np.nanmin(level) + np.nanmax(level)) / 2
-    step = np.diff(time)
-    edges = np.flatnonzero((high[1:] != high[:-1]) & (step < 1.5 * np.median(step)))
-    return (time[edges] + time[edges + 1]) / 2
 
 
 def figures(found: Analysis) -> dict[str, Any]:
@@ -314,15 +288,12 @@ def figures(found: Analysis) -> dict[str, Any]:
         for row in found.characterisation.rows()
     ]
     aligned = found.alignment
-    residual = "residual_N" if aligned.method == "load" else "residual_s"
     alignment = {
-        "method": aligned.method,
         "offset_s": aligned.offset,
         "reference_s": aligned.reference,
         "offset_error_s": aligned.offset_error,
         "rate": aligned.rate,
         "rate_error": finite_or_none(aligned.rate_error),
-        residual: aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
 

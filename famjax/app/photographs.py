@@ -66,8 +66,8 @@ def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Sync
     # The scale error is common to all lengths and does not affect the alignment.
     known = np.nan_to_num(table["contraction_stderr"]) * table.rest_length
     stderr = float(np.median(known[table.ok])) if table.ok.any() else 0.0
-    near = {} if guess is None else {"window": _NEAR, "guess": guess}
-    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, **near)
+    near = None if guess is None else (guess, _NEAR)
+    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, near=near)
 
 
 def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
@@ -100,8 +100,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         f"At the middle of the series, the machine's clock is {clock.offset:.4g} +- "
         f"{clock.offset_stderr:.2g} s ahead of the time since the first picture. It runs "
         f"{clock.rate:.6f} +- {clock.rate_stderr:.1g} times as fast as the camera's. "
-        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm "
-        f"RMS, {clock.largest * 1e3:.3g} mm at most."
+        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm RMS."
     ]
     if outside:
         notes.append(f"{outside} pictures lie outside the log and have no force.")
@@ -109,7 +108,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         lines = ", ".join(map(str, log.unread[:5]))
         notes.append(f"{len(log.unread)} lines of the log are not numbers: {lines}.")
     if log.missing_rows:
-        notes.append(f"{log.missing_rows} rows are missing from the log; see its gaps.")
+        notes.append(f"{log.missing_rows} rows are missing from the log.")
     return dataclasses.replace(
         table,
         columns=columns,

@@ -29,14 +29,12 @@ SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
 ]
 """Orders of the polynomial law in a sweep."""
-_CURVES = 3
-"""Number of fits with plotted force curves; those with the smallest BIC are plotted."""
 _SWEPT = {
     "pressure": "dependence", "order": "order", "constraint": "constraint",
     "n coefficients": "n_coefficients", "rmse_N": "rmse", "mae_N": "mae",
     "blocked force error_N": "blocked_error", "free contraction error": "free_contraction_error",
-    "aicc": "aicc", "bic": "bic", "left out rmse_N": "cross_validated_rmse",
-    "stability margin_Pa": "margin", "condition": "condition", "verdict": "verdict",
+    "bic": "bic", "left out rmse_N": "cross_validated_rmse", "stability margin_Pa": "margin",
+    "verdict": "verdict",
 }  # fmt: skip
 """Columns of the table of a sweep, and their keys in `sweep.json`."""
 
@@ -59,8 +57,8 @@ def sweep(
 ) -> int:
     """Fit all combinations of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.json` with all fits in SI, and figures of errors and force curves. By default, the
-    geometry is identified as in `famjax fit --law polynomial`.
+    Writes `sweep.json` with all fits in SI. By default, the geometry is identified as in
+    `famjax fit --law polynomial`.
 
     Parameters
     ----------
@@ -87,16 +85,13 @@ def sweep(
     output
         Write the files to this folder; it is created if missing.
     units
-        Choose the units of tables and figures: si, metric or us.
+        Choose the units of the table: si, metric or us.
     json_
         Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
-
-    from famjax.boundary.files import as_png
     from famjax.boundary.units import parse_quantity, unit_system
     from fitting.specimen import parse_specimen
-    from fitting.sweeps import plot_curves, plot_errors
 
     place = Output(output)
     measured = load_map(data, parse_specimen(specimen), column)
@@ -120,15 +115,8 @@ def sweep(
             measured, shape, deadband=dead, orders=order, dependences=dependence,
             constraints=constraint, objective=objective,
         )  # fmt: skip
-    best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
     rows = [_finite(row.as_dict()) for row in found.rows]
-    paths = place.write(
-        {
-            "sweep.json": {"rows": rows},
-            "errors.png": as_png(plot_errors(found, units)),
-            "curves.png": as_png(plot_curves(found, best, units)),
-        }
-    )
+    paths = place.write({"sweep.json": {"rows": rows}})
     if json_:
         print_json({"rows": rows})
         return 0
@@ -373,11 +361,8 @@ def ramps(
     atmosphere: Annotated[str, Signed],
     specimen: tuple[str, ...] = (),
     column: Columns = (),
-    branches: Literal["both", "fill", "vent"] = "both",
-    period_s: float | None = None,
     step_kPa: Annotated[float, Parameter(name="--step-kPa")] = 25.0,
     slack_below_N: Annotated[float | None, Parameter(name="--slack-below-N")] = None,
-    length_std_mm: float | None = None,
     output: Path = Path("famjax-ramps"),
     units: Units = "metric",
     json_: bool = False,
@@ -393,24 +378,17 @@ def ramps(
         Read these raw records, each with its length: `test8.csv=73.25mm`; or a CSV file with the
         columns `file,length_mm`.
     atmosphere
-        State the pressure reading at atmosphere, `8.94kPa`, or the interval in which the muscle is vented
-        in each record, `0s:0.5s`.
+        State the pressure reading of the vented muscle, `8.94kPa`.
     specimen
         Describe the muscle, key_unit=value, repeatable; rest_length is required.
     column
         Name the column of a quantity that is not recognised: `force="Kraft [N]"`, by name or number, with
         the unit, repeatable; `pressure=-` ignores a column. Also `decimal=,` and, for absolute
         pressures, `atmosphere=101.3kPa`.
-    branches
-        Choose the branch of the map: both (mean), fill or vent.
-    period_s
-        Set the time between valve pulses; default: detected from the record.
     step_kPa
         Set the spacing of the pressures of the map.
     slack_below_N
         Set the force below which the muscle does not pull; default: derived from noise and sensor clamp.
-    length_std_mm
-        State the standard deviation of the lengths.
     output
         Write the files to this folder; it is created if missing.
     units
@@ -420,19 +398,20 @@ def ramps(
     """
     load_fitting()
     from famjax.boundary.files import Origin
-    from fitting.records import parse_atmosphere, ramps_command
+    from famjax.boundary.units import parse_quantity, unit_system
+    from fitting.records import ramps_command
     from fitting.specimen import parse_specimen
 
     place = Output(output)
     with progress("reading ramps"):
         summary, files = ramps_command(
-            records, atmosphere=parse_atmosphere(atmosphere), columns=parse_columns(column),
-            specimen=parse_specimen(specimen), period=period_s, step=step_kPa * 1e3,
-            slack_below=slack_below_N, branches=branches, system=units, tell=tell_columns,
-            length_std=None if length_std_mm is None else length_std_mm / 1e3,
+            records, atmosphere=parse_quantity(atmosphere, "pressure"), columns=parse_columns(column),
+            specimen=parse_specimen(specimen), step=step_kPa * 1e3, slack_below=slack_below_N,
+            system=units, tell=tell_columns,
         )  # fmt: skip
-    origin = Origin.of_this_command()
-    summary["origin"] = origin.as_dict()
+    origin, said = Origin.of_this_command(), unit_system(units)
+    rows = {name: in_units(summary[name], said) for name in ("records", "lengths")}
+    summary = {**in_units([summary], said)[0], **rows, "origin": origin.as_dict()}
     files["map.csv"] = "\n".join(origin.comments()).encode() + b"\n" + files["map.csv"]
     paths = place.write({**files, "ramps.json": summary})
     if json_:
