@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
-from famjax.boundary.units import Quantity, Sentence, si_unit
+from famjax.boundary.units import Quantity, Sentence
 from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
@@ -73,11 +73,6 @@ class Along:
     def variance(self, at: Column) -> Column:
         """Variance [N^2] at lengths or pressures."""
         return self.scale**2 * spline_variance(self.levels, np.asarray(at, float))
-
-    def as_dict(self, kind: str) -> dict[str, Any]:
-        """JSON-ready, in SI, for "length" or "pressure"."""
-        levels = {f"levels_{si_unit(kind)}": self.levels.tolist()}
-        return levels | {"scale_N": self.scale, "freedom": self.freedom}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,23 +135,19 @@ class ModelError:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, in SI."""
-        return {
-            "noise_N": self.noise,
-            "floor_N": self.floor,
-            "factor_95": self.factor(),
-            "length": self.length.as_dict("length"),
-            "pressure": self.pressure.as_dict("pressure"),
-            "covers": self.covers,
-        }
+        document = dataclasses.asdict(self) | {"factor_95": self.factor(), "covers": self.covers}
+        for kind in ("length", "pressure"):
+            document[kind]["levels"] = document[kind]["levels"].tolist()
+        return document
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "ModelError":
         """Inverse of `as_dict`."""
         length, pressure = (
-            Along(np.array(one[f"levels_{si_unit(name)}"]), one["scale_N"], one["freedom"])
-            for name, one in ((name, document[name]) for name in ("length", "pressure"))
+            Along(**{**document[kind], "levels": np.array(document[kind]["levels"])})
+            for kind in ("length", "pressure")
         )
-        return cls(document["noise_N"], length, pressure, document["floor_N"])
+        return cls(document["noise"], length, pressure, document["floor"])
 
 
 def model_error(
@@ -250,21 +241,6 @@ ROWS = 512
 """Rows per call; fewer are padded, more are split."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Pull:
-    """Forces at lengths and pressures.
-
-    Attributes:
-        force: force measured by the rig [N].
-        muscle_force: force of the muscle alone at the same length [N].
-        std: standard deviation of `force` [N] from the parameters and lengths.
-    """
-
-    force: Column
-    muscle_force: Column
-    std: Column
-
-
 def _in_rows(function: Callable[..., Any], length: Column, pressure: Column) -> list[np.ndarray]:
     """Evaluate a function compiled for `ROWS` lengths and pressures at any number of them."""
     parts = []
@@ -283,9 +259,8 @@ def pull(
     pressure: Column,
     *,
     rest_length: float | None = None,
-    length_std: float = 0.0,
-) -> Pull:
-    """Forces of a muscle, with standard errors by linear theory.
+) -> tuple[Column, Column]:
+    """Forces measured by the rig [N], with standard errors [N] by linear theory; nan where there is none.
 
     Args:
         mounted: the identified muscle in its rig.
@@ -293,10 +268,6 @@ def pull(
         length: active lengths [m] as measured by the rig.
         pressure: gauge pressures [Pa].
         rest_length: L0 [m] of another muscle, see `famjax.cut_to_length`.
-        length_std: standard deviation of the lengths [m].
-
-    Returns:
-        The forces; nan where the muscle has none.
 
     Raises:
         ValueError: the muscle cannot be cut to another length.
@@ -304,10 +275,11 @@ def pull(
     if spread is None:
         numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
         spread = np.zeros((0, sum(np.size(one) for one in numbers)))
-    rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
+    rig = "compliant" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
-    arrays, std = as_arrays(mounted), np.asarray(length_std)
-    return Pull(*_in_rows(lambda L, P: _pull(arrays, of, spread, std, L, P, rig), length, pressure))
+    arrays = as_arrays(mounted)
+    force, std = _in_rows(lambda L, P: _pull(arrays, of, spread, L, P, rig), length, pressure)
+    return force, std
 
 
 def force_of(mounted: famjax.MountedMuscle, length: Column, pressure: Column) -> Column:
@@ -331,35 +303,22 @@ def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,
     spread: Array | np.ndarray,
-    length_std: Array | np.ndarray,
     length: Array | np.ndarray,
     pressure: Array | np.ndarray,
     rig: str,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     flat, unflat = flatten(mounted)
 
-    def alone(mounted: famjax.MountedMuscle) -> famjax.AbstractMuscle:
-        if rest_length is None:
-            return mounted.muscle
-        return famjax.cut_to_length(mounted.muscle, rest_length)
-
-    def force(flat: Array, length: Array) -> Array:
+    def force(flat: Array) -> Array:
         changed = unflat(flat)
-        one = alone(changed)
-        whole = changed.with_muscle(one) if rig == "gives way" else one
+        one = changed.muscle
+        if rest_length is not None:
+            one = famjax.cut_to_length(one, rest_length)
+        whole = changed.with_muscle(one) if rig == "compliant" else one
         return whole.force(length, pressure)
 
-    def along(direction: Array, lengths: Array) -> tuple[Array, Array]:
-        return jax.jvp(force, (flat, jnp.asarray(length)), (direction, lengths))
-
-    # The last direction shifts all lengths by their standard deviation.
-    directions = jnp.concatenate([spread, jnp.zeros((1, flat.size))])
-    last = jnp.broadcast_to(length_std, (1, len(length)))
-    lengths = jnp.concatenate([jnp.zeros((len(spread), len(length))), last])
-    found, slopes = jax.vmap(along, out_axes=(None, 0))(directions, lengths)
-    std = jnp.sqrt(jnp.sum(slopes**2, axis=0))
-    muscle_force = alone(mounted).force(length, pressure) if rig == "gives way" else found
-    return found, muscle_force, std
+    found, along = jax.linearize(force, flat)
+    return found, jnp.sqrt(jnp.sum(jax.vmap(along)(jnp.asarray(spread)) ** 2, axis=0))
 
 
 def muscle_spread(

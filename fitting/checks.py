@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from .response import CONSTRAINTS
 
 _REACH = (0.55, 1.07)  # range of lengths of rubber muscles, relative to the rest length
 _LONGEST_AT_LEAST = 0.85  # longest length in most tests, relative to the rest length
-_WORDS = {"in": "inches"}
 _USUAL = 0.25  # m: usual rest length of a muscle
 _ALIKE = 0.5  # decades within which two guesses are equally likely
 _SAME_LENGTH = 1e-6  # relative tolerance for equal rest lengths
@@ -135,12 +134,11 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
         )
     else:
         return
-    likely = _likely_length_fault(data)
     raise InputError(
         f"reading {reading + 1} has the length {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
         f"{rest * 1e3:.5g} mm, braid angle at most {math.degrees(steepest):.4g} deg). Check the unit of "
         "the length column and the rest length, and that all readings are of one muscle"
-        f"{'. ' * bool(likely)}{likely}"
+        f"{_likely_length_fault(data)}"
     )
 
 
@@ -221,7 +219,7 @@ def check_affine(problem: Problem) -> None:
     _SEEN_TO_BE_AFFINE.add(batch.layout.forms)
 
 
-def check_solvable(problem: Problem) -> None:
+def check_solvable(problem: Problem, data: ForceData) -> None:
     """Check that the convex fit has a solution in the middle of the bounds."""
     point = solve(problem, problem.low + (problem.high - problem.low) / 2, tolerance=_ROUGH)
     count = problem.force.size
@@ -234,6 +232,7 @@ def check_solvable(problem: Problem) -> None:
             "length is outside what was measured or can be reached, or a law or term is no number. Check "
             "wall_thickness, nominal_diameter and bladder_diameter of the specimen (diameters, not radii), "
             "its rest length, their units, and force(at, pressure) of terms of your own"
+            f"{_likely_length_fault(data)}"
         )
     if not np.isfinite(point.G).all():
         raise InputError(
@@ -247,34 +246,25 @@ def check_solvable(problem: Problem) -> None:
 
 
 def _likely_length_fault(data: ForceData) -> str:
-    """Return a sentence on the likeliest fault of a map with unreachable lengths, or ""."""
+    """Return ". It looks as if" the unit of lengths or rest length is wrong, or "" if no unit fits better."""
     rest, length = data.specimen.rest_length, data.length[data.loaded]
+    known, said = UNITS["length"], data.units.get("length", "mm")
+    words = {unit: unit for unit in known} | {"in": "inches"}
+    # Factor on lengths relative to the rest length, corrected rest length, fault.
+    slips = [
+        (known[true] / known[said], rest, f"the lengths were in {words[true]}, not {words[said]}")
+        for true in known.keys() - {said}
+    ]
+    for said, true in itertools.permutations(("mm", "cm", "m", "in"), 2):
+        scale = known[true] / known[said]
+        fault = f"the rest length was in {words[true]}, not {words[said]}"
+        slips.append((1 / scale, rest * scale, fault))
     low, high = float(length.min()) / rest, float(length.max()) / rest
     # Both kinds of change reconcile the lengths; the more usual muscle is likelier.
     found = sorted(
-        (
-            abs(math.log10(then / _USUAL)),
-            f"{what} in {_WORDS.get(true, true)}, not {_WORDS.get(said, said)}",
-        )
-        for scale, then, what, true, said in _unit_slips(data)
+        (abs(math.log10(then / _USUAL)), fault)
+        for scale, then, fault in slips
         if _LONGEST_AT_LEAST <= high * scale <= _REACH[1] and low * scale >= _REACH[0]
     )
-    likely = [sentence for away, sentence in found if away < found[0][0] + _ALIKE][:2]
-    return f"It looks as if {', or '.join(likely)}." if likely else ""
-
-
-def _unit_slips(data: ForceData) -> Iterator[tuple[float, float, str, str, str]]:
-    """Yield possible unit errors of the lengths or of the rest length.
-
-    Yields:
-        Factor on lengths relative to the rest length, corrected rest length, subject of the message, true
-        unit and given unit.
-    """
-    rest, said = data.specimen.rest_length, data.units.get("length", "mm")
-    known = UNITS["length"]
-    for true in known:
-        if true != said:
-            yield known[true] / known[said], rest, "the lengths were", true, said
-    for typed, true in itertools.permutations(("mm", "cm", "m", "in"), 2):
-        scale = known[true] / known[typed]
-        yield 1 / scale, rest * scale, "the rest length was", true, typed
+    likely = [fault for away, fault in found if away < found[0][0] + _ALIKE][:2]
+    return f". It looks as if {', or '.join(likely)}" if likely else ""

@@ -25,7 +25,7 @@ from fitting.evidence import (
     moves_of,
 )
 from fitting.families import LawGiven, known_laws, law_named
-from fitting.faults import doubtful, suspect, suspect_refused
+from fitting.faults import doubtful, suspect
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
@@ -253,13 +253,7 @@ class Problem:
         """Return the fit, and the choice of its law if no law was given."""
         asked = self.asked
         if asked.chosen:
-            try:
-                choice = fitting.choose(self.data, **self.options, progress=progress)
-            except fitting.InputError:
-                causes = [str(one.sentence) for one in suspect_refused(self.data)]
-                if not causes:
-                    raise
-                raise fitting.InputError(" ".join(causes)) from None
+            choice = fitting.choose(self.data, **self.options, progress=progress)
             return choice.chosen, choice
         name = f"identifying {self.data.specimen.name}"
         censored = asked.objective == "censored"
