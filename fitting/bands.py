@@ -135,7 +135,8 @@ class ModelError:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, in SI."""
-        document = dataclasses.asdict(self) | {"factor_95": self.factor(), "covers": self.covers}
+        document = dataclasses.asdict(self) | {"units": "SI", "covers": self.covers}
+        document["factor_95"] = self.factor()
         for kind in ("length", "pressure"):
             document[kind]["levels"] = document[kind]["levels"].tolist()
         return document
@@ -195,7 +196,7 @@ def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: fl
 
 
 def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
-    """Error variance of a natural cubic spline with covariance |h|^3, relative to the range.
+    """Error variance of a natural cubic spline (kriging with covariance |h|^3), relative to the range.
 
     Args:
         known: levels at which the function is known, ascending.
@@ -208,33 +209,10 @@ def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
     x, t = (known - known[0]) / span, (np.asarray(at, float) - known[0]) / span
     if x.size == 1:  # one level does not determine a drift
         return np.abs(t - x[0]) ** 3
-    gap = np.diff(x)
-    own, shared = _slopes(gap)
-    i = np.clip(np.searchsorted(x, t, side="right") - 1, 0, gap.size - 1)
-    beyond = np.maximum(np.maximum(x[0] - t, t - x[-1]), 0.0)
-    h, u = gap[i], np.clip((t - x[i]) / gap[i], 0.0, 1.0)
-    left, right = h * u * (1 - u) ** 2, -h * u**2 * (1 - u)  # Hermite weights of the slopes
-    between = left**2 * own[i] + 2 * left * right * shared[i] + right**2 * own[i + 1]
-    pinned = (h * u * (1 - u)) ** 3 / 3
-    ends = beyond**2 * np.where(t < x[0], own[0], own[-1]) + beyond**3 / 3
-    return 12 * (between + pinned + ends)  # |h|^3 is 12 times twice integrated white noise
-
-
-def _slopes(gap: Float[np.ndarray, " gaps"]) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the slope at each level, and covariance of neighbouring slopes.
-
-    Between two levels, a function whose second derivative is white noise is a Hermite cubic plus
-    independent noise. The slopes therefore have the tridiagonal precision of the cubic's bending energy;
-    one sweep from each end gives the required elements of its inverse.
-    """
-    diagonal = 4 * (np.append(1 / gap, 0.0) + np.append(0.0, 1 / gap))
-    beside = 2 / gap
-    down, up = diagonal.copy(), diagonal.copy()
-    for i in range(gap.size):
-        down[i + 1] -= beside[i] ** 2 / down[i]
-        up[-i - 2] -= beside[-i - 1] ** 2 / up[-i - 1]
-    own = 1 / (down + up - diagonal)
-    return own, -beside / down[:-1] * own[1:]
+    drift = np.vander(x, 2)
+    system = np.block([[np.abs(x[:, None] - x) ** 3, drift], [drift.T, np.zeros((2, 2))]])
+    right = np.vstack([np.abs(x[:, None] - t) ** 3, np.vander(t, 2).T])
+    return np.maximum(-np.sum(right * np.linalg.solve(system, right), axis=0), 0.0)
 
 
 ROWS = 512
@@ -274,7 +252,7 @@ def pull(
     """
     if spread is None:
         numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
-        spread = np.zeros((0, sum(np.size(one) for one in numbers)))
+        spread = np.zeros((1, sum(np.size(one) for one in numbers)))
     rig = "compliant" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     arrays = as_arrays(mounted)

@@ -356,22 +356,22 @@ def gather(
         return functools.partial(progress, what)
 
     error, left_out = _error(result) if known is None else known
-    evidence = Evidence(
+    return Evidence(
         validations=tuple(
             validate(result, kind, progress=told(f"leave one {kind} out"))
             for kind in (left_out_kinds(result) if validation else ())
         ),
         profiles=profile(result, progress=told("profile likelihood")) if profiles else (),
+        bootstrap=bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
+        if replicates
+        else None,
         error=error,
         left_out=left_out,
+        posterior=sample(result, noise=noise, seed=seed, progress=told("posterior"))
+        if posterior
+        else None,
         shared=carry(result, shared) if shared else None,
     )
-    more: dict[str, Any] = {}
-    if replicates:
-        more["bootstrap"] = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
-    if posterior:
-        more["posterior"] = sample(result, noise=noise, seed=seed, progress=told("posterior"))
-    return dataclasses.replace(evidence, **more)
 
 
 def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, LeftOut]]:
@@ -408,8 +408,6 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
             one.name: {
                 "verdict": one.verdict,
                 "unit": si_unit(one.kind),
-                "values": one.values.tolist(),
-                "excess": _finite(one.excess),
                 **{f"interval_{100 * at:.0f}": _finite(ends) for at, ends in one.intervals.items()},
             }
             for one in evidence.profiles
@@ -419,10 +417,8 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         document["bootstrap"] = {
             "replicates": len(drawn.samples),
             "failed": drawn.failed,
-            "units": "SI",
             "stderr": {name: finite_or_none(value) for name, value in drawn.stderr.items()},
             "interval_95": {name: drawn.interval(name) for name in drawn.names},
-            "band_95_N": drawn.band().tolist(),
         }
     if evidence.hysteresis is not None:
         document["hysteresis"] = hysteresis_as_dict(evidence.hysteresis)

@@ -44,16 +44,12 @@ _RESTS = {1.0: 0.0, 0.98: 0.3, 1.03: 0.3}
 """Candidate rest lengths, relative to the longest loaded length, and their penalty [decades]."""
 _SHARED = 2e-3  # fraction of the largest force within which readings share one limit
 _MOST_OUTLIERS = 0.25  # fraction of the readings
-_FEWEST_LENGTHS = 3  # needed to characterise a muscle
-_DIVISIONS = 4  # splits into two muscles that are tried
 _BORES = {
     2.0: "the nominal diameter is a radius, or that of a smaller muscle",
     0.5: "the nominal diameter is that of a larger muscle",
     10.0: "the nominal diameter is in cm, not mm",
     0.1: "the nominal diameter is ten times too large",
 }
-_SWAPS = ((1e-3, 1e3), (1 / 1550.0, 1550.0), (1e-5, 1e5), (1e-6, 1e6))
-"""Factors to force and pressure if the columns were N and kPa, lbf and psi, N and bar, or N and MPa."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,10 +178,7 @@ def suspect(
     """
     asked = _as_fitted(result)
     data = asked.data
-    no_rise = _no_rise(data)
-    plain = [*no_rise, *thick_wall(data)]
-    if no_rise:
-        return tuple(plain)  # other faults cannot be detected
+    plain = thick_wall(data)
     here = attempt(data)
     least = min(asked.misfit, np.inf if here is None else here.misfit)
     cornered = here is None or here.cornered or (asked.cornered and least > _DOUBTFUL)
@@ -196,7 +189,6 @@ def suspect(
         (1, _absolute(data, least, late=late)),
         (1, _fractions(data)),
         (int(least > _DOUBTFUL), _rest_lengths(data, least)),
-        (int(least >= _TOLERATED), _swapped(data, least)),
         (3 * (least > GOOD or cornered), _scales(data, least, cornered=cornered)),
     )
     for done, (most, faults) in enumerate(kinds):
@@ -370,18 +362,6 @@ def _rest_lengths(data: ForceData, least: float) -> Iterator[Fault]:
             )  # fmt: skip
 
 
-def _swapped(data: ForceData, least: float) -> Iterator[Fault]:
-    """Swapped columns of force and pressure."""
-    errors = dict.fromkeys(("force_std", "pressure_std", "pressure_tolerance"))
-    for to_force, to_pressure in _SWAPS:
-        undone = {
-            "force": data.pressure * to_force,
-            "pressure": np.maximum(data.force, 0.0) * to_pressure,
-        }
-        cause = "the columns of force and pressure are swapped"
-        yield Fault(cause, undone | errors, min(_TOLERATED, least / 5))
-
-
 def _scales(data: ForceData, least: float, *, cornered: bool) -> Iterator[Fault]:
     """Wrong units of force or pressure, or a wrong bore: each scales the force at a given pressure.
 
@@ -432,22 +412,6 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
     return [Suspicion("the wall is too thick, or the diameter too small", sentence, 0.0)]
 
 
-def _no_rise(data: ForceData) -> list[Suspicion]:
-    """Forces that do not rise with the pressure at any length."""
-    rises = []
-    for one in np.unique(data.lengths.level[data.loaded]):
-        mine = data.loaded & (data.lengths.level == one)
-        force, pressure = data.force[mine], data.pressure[mine]
-        low, high = pressure.argmin(), pressure.argmax()
-        if pressure[high] > 1.3 * pressure[low]:
-            rises.append((force[high] - force[low]) / force.max())
-    if not rises or max(rises) >= 0.05:
-        return []
-    cause = "the force does not rise with the pressure"
-    sentence = f"{cause.capitalize()} at any length: check the columns, and that it was recorded."
-    return [Suspicion(cause, sentence, 0.0)]
-
-
 def _steepness(data: ForceData) -> float:
     """Relative loss of force per contraction at the highest pressure with two lengths; usually 3 to 10."""
     pressure, loaded = data.pressures.level, data.loaded
@@ -461,15 +425,14 @@ def _steepness(data: ForceData) -> float:
 
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
-    """Faults that affect some readings: the first whose misfit is close to the smallest."""
+    """Faults that affect some readings: a saturated load cell, or outliers if these fit much better."""
     good = [
-        one
-        for one in (_at_a_limit(data), _outliers(data), _two_muscles(data))
-        if one is not None and one[1] < GOOD and one[1] * _FAR_BETTER < least
+        _named(cause, least, better)
+        for cause, better in filter(None, (_at_a_limit(data), _outliers(data)))
+        if better < GOOD and better * _FAR_BETTER < least
     ]
-    best = min((better for _, better in good), default=np.inf)
-    likely = [one for one in good if one[1] <= 2.0 * max(best, 1e-3)]
-    return [_named(cause, least, better) for cause, better in likely[:1]]
+    best = min((one.misfit for one in good), default=np.inf)
+    return [one for one in good if one.misfit <= 2.0 * max(best, 1e-3)][:1]
 
 
 def _kept_only(data: ForceData, kept: Bool[np.ndarray, " loaded"]) -> ForceData:
@@ -531,28 +494,3 @@ def _outliers(data: ForceData) -> tuple[str, float] | None:
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
     are, them = ("reading is an outlier", "it") if count == 1 else ("readings are outliers", "them")
     return f"{count} {are} (number {shown}; --objective huber gives {them} little weight)", misfit
-
-
-def _two_muscles(data: ForceData) -> tuple[str, float] | None:
-    """Readings of a second muscle before or after a place in the file; the other part fits alone.
-
-    The file is divided where the slower of pressure and length reverses, as if a new test began.
-    """
-    lengths, pressures = data.lengths.level[data.loaded], data.pressures.level[data.loaded]
-    slow = min((lengths, pressures), key=lambda one: int((np.diff(one) != 0).sum()))
-    changes = np.flatnonzero(np.diff(slow) != 0) + 1
-    steps, found = np.sign(slow[changes] - slow[changes - 1]), []
-    for turn in changes[1:][steps[1:] != steps[:-1]][:_DIVISIONS]:
-        before = np.arange(slow.size) < turn
-        if min(np.unique(lengths[part]).size for part in (before, ~before)) < _FEWEST_LENGTHS:
-            continue
-        row = int(np.flatnonzero(data.loaded)[turn]) + 1
-        for where, other in (
-            (f"up to reading {row - 1}", before),
-            (f"from reading {row} on", ~before),
-        ):
-            trial = attempt(_kept_only(data, ~other))
-            if trial is not None:
-                cause = f"there are two muscles in the file, one of them {where}"
-                found.append((cause, trial.misfit))
-    return min(found, key=lambda one: one[1], default=None)

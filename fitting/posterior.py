@@ -40,7 +40,7 @@ class Summary:
         mean, std: mean and standard deviation of the draws.
         low, high: limits of the central 95 % interval.
         r_hat: split R-hat of the chains; 1 if they agree.
-        effective_size, effective_size_of_tails: equivalent number of independent draws.
+        effective_size: equivalent number of independent draws, the smaller of bulk and tails.
     """
 
     mean: float
@@ -49,7 +49,6 @@ class Summary:
     high: float
     r_hat: float
     effective_size: float
-    effective_size_of_tails: float
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -86,10 +85,8 @@ class Posterior:
         """Return the draws of one parameter [SI].
 
         Raises:
-            KeyError: no such parameter.
+            ValueError: no such parameter.
         """
-        if name not in self.names:
-            raise KeyError(f"no parameter {name!r}; available: {', '.join(self.names)}")
         return self.samples[:, :, self.names.index(name)]
 
     @functools.cached_property
@@ -106,7 +103,7 @@ class Posterior:
         ]
         columns = (
             draws.mean(axis=(0, 1)), draws.std(axis=(0, 1), ddof=1), low, high,
-            diagnostics.potential_scale_reduction(halves), size(halves), np.min(tails, axis=0),
+            diagnostics.potential_scale_reduction(halves), np.min([size(halves), *tails], axis=0),
         )  # fmt: skip
         rows = zip(*(np.atleast_1d(column).tolist() for column in columns), strict=True)
         return {name: Summary(*row) for name, row in zip(self.names, rows, strict=True)}
@@ -119,9 +116,7 @@ class Posterior:
     @property
     def effective_size(self) -> float:
         """Smallest effective size of all parameters, in the bulk and in the tails."""
-        return min(
-            min(one.effective_size, one.effective_size_of_tails) for one in self.summary.values()
-        )
+        return min(one.effective_size for one in self.summary.values())
 
     @property
     def converged(self) -> bool:
@@ -314,8 +309,9 @@ def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, 
     for (name, one), kind in zip(posterior.summary.items(), posterior.kinds, strict=True):
         figures = (one.mean, 5), (one.std, 2), (one.low, 5), (one.high, 5)
         mean, std, low, high = (Quantity(v, kind, n).in_units(system) for v, n in figures)
-        size = min(one.effective_size, one.effective_size_of_tails)
-        rows.append((name, mean, std, f"{low} to {high}", f"{one.r_hat:.4f}", f"{size:.0f}"))
+        rows.append(
+            (name, mean, std, f"{low} to {high}", f"{one.r_hat:.4f}", f"{one.effective_size:.0f}")
+        )
     chains, draws, _ = posterior.samples.shape
     title = f"Posterior, {chains} chains of {draws} draws"
     return title, ("parameter", "mean", "std.", "95 %", "R-hat", "effective"), rows

@@ -305,7 +305,6 @@ def profile(
         for one in result.estimates
         if not one.fixed and (one.name in problem.names or not several)
     }
-    names = (names,) if isinstance(names, str) else names
     chosen = list(free) if names is None else check_names("names", names)
     for name in chosen:
         if name not in free:
@@ -394,10 +393,9 @@ def _crossing(values: np.ndarray, excess: np.ndarray, level: float, sign: int) -
     above = np.flatnonzero(known & (excess > level))
     if not above.size:
         return sign * math.inf
-    k = above[0]
-    left, right = np.sqrt(np.maximum(excess[k - 1 : k + 1], 0))
-    share = (np.sqrt(level) - left) / (right - left)
-    return float(values[k - 1] + share * (values[k] - values[k - 1]))
+    near = slice(above[0] - 1, above[0] + 1)
+    root = np.sqrt(np.maximum(excess[near], 0))
+    return float(np.interp(np.sqrt(level), root, values[near]))
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -408,13 +406,11 @@ class Bootstrap:
         names: identified nonlinear parameters, then coefficients.
         samples: values in every replicate [SI], shape (replicates, parameters).
         failed: number of replicates that did not converge; excluded from `samples`.
-        forces: model force at every reading [N], shape (replicates, points).
     """
 
     names: tuple[str, ...]
     samples: Float[np.ndarray, "replicates parameters"]
     failed: int
-    forces: Float[np.ndarray, "replicates points"]
 
     def __repr__(self) -> str:
         failed = f", {self.failed} failed" if self.failed else ""
@@ -433,10 +429,6 @@ class Bootstrap:
         low, high = np.quantile(self.samples[:, self.names.index(name)], ends)
         return float(low), float(high)
 
-    def band(self, level: float = 0.95) -> Float[np.ndarray, "2 points"]:
-        """Lower and upper limits [N] of the model's force at every reading, shape (2, points)."""
-        return np.quantile(self.forces, ((1 - level) / 2, (1 + level) / 2), axis=0)
-
 
 def bootstrap(
     result: Identification,
@@ -449,7 +441,7 @@ def bootstrap(
 
     Residuals are scaled for the degrees of freedom, resampled and added to the model. Priors stay fixed,
     so a parameter known only from its prior hardly varies. Replicates start from the optimum and run in
-    batches of 250; each takes about a millisecond for 100 readings, and 8 bytes of memory per reading.
+    batches of 250; each takes about a millisecond for 100 readings.
 
     Args:
         result: from `identify`.
@@ -462,7 +454,7 @@ def bootstrap(
     """
     check_identified(result)
     check_whole("replicates", replicates, 2)
-    problem, samples, forces, good = result.problem, [], [], []
+    problem, samples, good = result.problem, [], []
     residual, scale, read = force_error(problem, result.end), 1 / problem.weight, problem.side == 0
     standard = (residual / scale)[read]
     spent = np.sqrt(standard.size / max(result.degrees_of_freedom, 1))
@@ -476,7 +468,6 @@ def bootstrap(
         for end in best_ends(problems, [result.end.u[None]] * count):
             point = end.point
             samples.append(np.concatenate([point.parameters[problem.free], point.x]))
-            forces.append(point.force)
             good.append(end.converged and bool(np.isfinite(samples[-1]).all()))
         if progress is not None:
             progress(first + count, replicates)
@@ -489,5 +480,4 @@ def bootstrap(
         names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,
         samples=np.array(samples)[good],
         failed=good.count(False),
-        forces=np.array(forces)[good],
     )
