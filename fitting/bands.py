@@ -124,13 +124,14 @@ class ModelError:
         """Description of what the interval covers."""
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
-        assumed = "assumed from other muscles"
-        seen = f"seen on {' and '.join(judged)} left out" if judged else assumed
-        few = f". With too few lengths to leave one out, the error in length is {assumed}"
+        seen = (
+            f"seen on {' and '.join(judged)} left out" if judged else "assumed from other muscles"
+        )
+        few = "" if "lengths" in judged else ". With so few lengths, that in length is assumed"
         return (
             f"single readings. They include the noise of the readings, the model error {seen} (it grows "
-            "with the distance from the measured states), and the disagreement of models that fit "
-            f"equally well{'' if 'lengths' in judged else few}"
+            f"with the distance from the measured states), and the disagreement of models that fit "
+            f"equally well{few}"
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import log_ndtr
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from famjax.boundary.errors import InputError
 
@@ -153,27 +153,26 @@ class Density(eqx.Module):
     box: BoxMap
 
     def __call__(self, z: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log p(z | y), up to a constant."""
+        """Log p(z | y), up to a constant; -inf where the whole constraint does not hold."""
         return self._evaluate(z)[0]
 
     def draw(
         self, z: Float[Array, " d"]
-    ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
-        """Parameters [SI], coefficients and noise, and whether the whole constraint holds."""
-        _, p, x, sigma, slack = self._evaluate(z)
-        rounding = 1e-9 * jnp.max(jnp.abs(x), initial=0.0)
-        held = jnp.min(slack, initial=jnp.inf) >= -rounding
-        return p, x, sigma, held & jnp.all(jnp.isfinite(x))
+    ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""]]:
+        """Parameters [SI], coefficients and noise."""
+        return self._evaluate(z)[1:]
 
-    def _evaluate(self, z: Float[Array, " d"]) -> tuple[Array, Array, Array, Array, Array]:
-        """Log density, parameters, coefficients, noise, and slacks of all rows."""
+    def _evaluate(self, z: Float[Array, " d"]) -> tuple[Array, Array, Array, Array]:
+        """Log density, parameters, coefficients and noise."""
         v, found = self.box(z)
         first, last = self.geometry, self.geometry + len(self.faces)
         known = last + len(self.others)
         p = self.problem.parameters(v[:first])
         slack = jnp.concatenate([v[first:last], jnp.zeros(len(self.held))])
         sigma = jnp.exp(v[-1]) if self.noise is None else jnp.asarray(self.noise)
-        A, b, G, h = self._programme(p)
+        force = jnp.asarray(self.force)
+        none = jnp.zeros(self.centre.shape)
+        A, b, G, h = self.problem.programme(p, none, force, jnp.ones(force.shape), force)
         at = np.array(self.faces + self.held, int)
         N = (G[at] / self.face_scale[:, None]) @ self.scale
         offset = (h[at] - G[at] @ self.centre) / self.face_scale
@@ -182,7 +181,7 @@ class Density(eqx.Module):
         x = self.centre + self.scale @ c
         residual, count = A @ x - b, self.force.shape[0]
         if self.problem.compliant:
-            exact, _ = self.problem.exact(p, x, jnp.asarray(self.force), jnp.asarray(self.force))
+            exact, _ = self.problem.exact(p, x, force, force)
             residual = jnp.concatenate([exact[:count], residual[count:]])
         prior_rows, means = self.problem.priors
         priors = jnp.concatenate([residual[count:], prior_rows @ p - means]) / self.prior_noise
@@ -191,13 +190,9 @@ class Density(eqx.Module):
             side == 0, -(r**2) / 2 - jnp.log(sigma), log_ndtr(jnp.where(side == 0, 0.0, -side * r))
         )
         found += jnp.sum(each) - priors @ priors / 2 - jnp.linalg.slogdet(rows)[1]
-        return found, p, x, sigma, G @ x - h
-
-    def _programme(self, p: Array) -> tuple[Array, Array, Array, Array]:
-        """A, b, G and h about zero coefficients, with the weights of the readings."""
-        force = jnp.asarray(self.force)
-        none = jnp.zeros(self.centre.shape)
-        return self.problem.programme(p, none, force, jnp.ones(force.shape), force)
+        rounding = 1e-9 * jnp.max(jnp.abs(x), initial=0.0)
+        held = jnp.min(G @ x - h, initial=jnp.inf) >= -rounding
+        return jnp.where(held & jnp.isfinite(found), found, -jnp.inf), p, x, sigma
 
 
 def _faces(
@@ -351,8 +346,6 @@ def _whitening(
     length = np.linalg.norm(columns, axis=0)
     R = np.linalg.qr(columns / np.where(length > 0, length, 1.0), mode="r")
     if not np.linalg.svd(R, compute_uv=False).min() > 1e-8:
-        raise InputError(
-            f"the readings do not determine {', '.join(dict.fromkeys(names))}, which have no posterior "
-            "with a flat prior: give priors (parameters=, --prior), or use a lower order"
-        )
+        named = ", ".join(dict.fromkeys(names))
+        raise InputError(f"the readings do not determine {named}: give priors, or a lower order")
     return np.linalg.inv(R) / length[:, None]

@@ -200,9 +200,8 @@ def suspect(
         found = _of_some(data, least)
     if not found and not plain and least > _UNEXPLAINED:
         sentence = (
-            f"No muscle model explains these readings: the most general one misses them by {least:.2%} of "
-            "the largest force. Check units, signs and columns, the rest length, bore and wall of the "
-            "specimen, and that readings of a slack muscle are 0."
+            f"No muscle model explains these readings: the best misses them by {least:.2%} of the largest "
+            "force. Check units, signs and columns, the specimen, and that slack readings are 0."
         )
         found.append(Suspicion("no muscle explains the readings", sentence, least))
     return tuple([*plain, *found][:3])
@@ -272,14 +271,9 @@ def _explained(
 def _named(
     cause: str, before: float, after: float, of: str = "", *, grave: bool = True
 ) -> Suspicion:
-    sentence = Sentence(
-        *(
-            "The data look wrong. It seems that ",
-            cause,
-            f". With this corrected, the misfit{of} is ",
-        ),
-        f"{100 * after:.2g} % of the largest force instead of {100 * before:.2g} %.",
-    )
+    figures = f"{100 * after:.2g} % of the largest force instead of {100 * before:.2g} %."
+    corrected = f". With this corrected, the misfit{of} is {figures}"
+    sentence = Sentence("The data look wrong. It seems that ", cause, corrected)
     return Suspicion(cause, sentence, after, grave)
 
 
@@ -404,11 +398,11 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
     if share <= THICK:
         return []
     key = "nominal_diameter" if specimen.nominal_diameter else "bladder_diameter"
-    sentence = Sentence(
-        *("The wall of ", Quantity(specimen.wall_thickness, "length")),
-        *(f" is {share:.0%} of {key}, ", Quantity(getattr(specimen, key), "length")),
-        f", and leaves no room for a bladder that strains: check wall_thickness, {key} and their units.",
+    wall, bore = (Quantity(getattr(specimen, name), "length") for name in ("wall_thickness", key))
+    remedy = (
+        f", and leaves no room for a bladder that strains: check wall_thickness, {key}, and units."
     )
+    sentence = Sentence("The wall of ", wall, f" is {share:.0%} of {key}, ", bore, remedy)
     return [Suspicion("the wall is too thick, or the diameter too small", sentence, 0.0)]
 
 

@@ -20,7 +20,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from famjax.boundary.errors import InputError, check_seed
-from famjax.boundary.units import Quantity
 from famjax.compile_options import quick_jit
 
 from .arguments import check_whole
@@ -40,7 +39,7 @@ class Summary:
         mean, std: mean and standard deviation of the draws.
         low, high: limits of the central 95 % interval.
         r_hat: split R-hat of the chains; 1 if they agree.
-        effective_size: equivalent number of independent draws, the smaller of bulk and tails.
+        effective_size, effective_size_of_tails: equivalent number of independent draws.
     """
 
     mean: float
@@ -49,6 +48,7 @@ class Summary:
     high: float
     r_hat: float
     effective_size: float
+    effective_size_of_tails: float
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -63,7 +63,6 @@ class Posterior:
         divergent: true for divergent trajectories, shape (chains, draws). If there are more than a few,
             the draws miss a part of the posterior.
         noise: known standard deviation of a reading [N], or the known factor.
-        name: name of the specimen.
     """
 
     names: tuple[str, ...]
@@ -71,14 +70,12 @@ class Posterior:
     samples: Float[np.ndarray, "chains draws parameters"]
     divergent: Bool[np.ndarray, "chains draws"]
     noise: float | None
-    name: str
 
     def __repr__(self) -> str:
         chains, draws, _ = self.samples.shape
         return (
-            f"Posterior({self.name}: {chains} chains of {draws} draws, R-hat at most "
-            f"{self.r_hat:.4f}, effective size at least {self.effective_size:.0f}; "
-            f"{', '.join(self.names)})"
+            f"posterior, {chains} chains of {draws} draws, R-hat at most {self.r_hat:.4f}, effective size "
+            f"at least {self.effective_size:.0f}"
         )
 
     def draws(self, name: str) -> Float[np.ndarray, "chains draws"]:
@@ -103,7 +100,7 @@ class Posterior:
         ]
         columns = (
             draws.mean(axis=(0, 1)), draws.std(axis=(0, 1), ddof=1), low, high,
-            diagnostics.potential_scale_reduction(halves), np.min([size(halves), *tails], axis=0),
+            diagnostics.potential_scale_reduction(halves), size(halves), np.min(tails, axis=0),
         )  # fmt: skip
         rows = zip(*(np.atleast_1d(column).tolist() for column in columns), strict=True)
         return {name: Summary(*row) for name, row in zip(self.names, rows, strict=True)}
@@ -116,7 +113,8 @@ class Posterior:
     @property
     def effective_size(self) -> float:
         """Smallest effective size of all parameters, in the bulk and in the tails."""
-        return min(one.effective_size for one in self.summary.values())
+        summary = self.summary.values()
+        return min(min(one.effective_size, one.effective_size_of_tails) for one in summary)
 
     @property
     def converged(self) -> bool:
@@ -127,9 +125,8 @@ class Posterior:
 _DOUBLINGS = 8  # maximum per trajectory
 
 
-Drawn = tuple[Array, Array, Array, Array, Array]
-"""Parameters [SI], coefficients, noise, whether the whole constraint holds, and whether the trajectory
-diverged; leading axes of chains and draws."""
+Drawn = tuple[Array, Array, Array, Array]
+"""Parameters [SI], coefficients, noise, whether the trajectory diverged; axes of chains and draws first."""
 
 
 def load_blackjax() -> Any:
@@ -188,13 +185,13 @@ def sample(
 
     Readings are the model's force plus independent normal noise. Nonlinear parameters are uniform within
     their bounds, times their priors; coefficients have a flat prior on the set allowed by the constraint,
-    times theirs. Active constraints are sampled by their slack, and draws that violate another constraint
-    are discarded, which gives the truncated posterior. The sampler is NUTS (blackjax).
+    times theirs. Active constraints are sampled by their slack; a trajectory that meets another constraint
+    ends there and counts as divergent. The sampler is NUTS (blackjax).
 
     Args:
         result: from `identify` or `identify_together`; with `objective="huber"` the readings keep their
             final weights.
-        draws: draws of each chain after the warm-up, including those that are discarded.
+        draws: draws of each chain after the warm-up.
         warmup: tuning draws of each chain.
         chains: number of chains, from dispersed starts.
         noise: known standard deviation of a reading [N], or (low, high) [N] to sample it with a uniform
@@ -209,8 +206,8 @@ def sample(
         The draws, with R-hat and effective sizes.
 
     Raises:
-        InputError: blackjax is not installed, the fit did not converge, coefficients are not determined,
-            or the constraint rejects more than half of the draws.
+        InputError: blackjax is not installed, the fit did not converge, or coefficients are not
+            determined.
         RuntimeError: float64 is off.
 
     References:
@@ -223,28 +220,15 @@ def sample(
     for what, count, least in (("draws", draws, 4), ("warmup", warmup, 20), ("chains", chains, 1)):
         check_whole(what, count, least)
     if not result.converged:
-        raise InputError(
-            "the fit did not converge, so there is no optimum to sample around: see its warnings"
-        )
+        raise InputError("the fit did not converge, so it has no posterior: see its warnings")
     chosen = _noise(result, noise)
     density = density_of(result, chosen)
     if progress is not None:
         progress(0, 1)
     keys = jax.random.split(jax.random.key(check_seed(seed)), chains)
-    found = tuple(map(np.asarray, drawn(density, keys, warmup, draws)))
-    held = found[3]
-    kept = int(held.sum(axis=1).min())
-    if kept < draws / 2:
-        raise InputError(
-            f"only {kept} of {draws} draws of a chain satisfy the constraint {result.constraint!r}, which "
-            "excludes most of what the readings allow. Fit with another constraint or a lower order"
-        )
+    parameters, x, sigma, divergent = map(np.asarray, drawn(density, keys, warmup, draws))
     if progress is not None:
         progress(1, 1)
-    first = [np.flatnonzero(row)[:kept] for row in held]
-    parameters, x, sigma, _, divergent = (
-        np.stack([of[at] for of, at in zip(leaf, first, strict=True)]) for leaf in found
-    )
     problem = result.problem
     known = {base_name(one.name): one.kind for one in result.estimates}
     columns = {
@@ -264,7 +248,6 @@ def sample(
         samples=np.stack(samples, axis=-1),
         divergent=divergent,
         noise=None if isinstance(chosen, tuple) else chosen,
-        name=result.data.specimen.name,
     )
 
 
@@ -301,20 +284,6 @@ def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
         "divergent": int(posterior.divergent.sum()),
         "parameters": parameters,
     }
-
-
-def posterior_table(posterior: Posterior, system: str) -> tuple[str, tuple[str, ...], list]:
-    """Title, header and rows of a table in a unit system."""
-    rows = []
-    for (name, one), kind in zip(posterior.summary.items(), posterior.kinds, strict=True):
-        figures = (one.mean, 5), (one.std, 2), (one.low, 5), (one.high, 5)
-        mean, std, low, high = (Quantity(v, kind, n).in_units(system) for v, n in figures)
-        rows.append(
-            (name, mean, std, f"{low} to {high}", f"{one.r_hat:.4f}", f"{one.effective_size:.0f}")
-        )
-    chains, draws, _ = posterior.samples.shape
-    title = f"Posterior, {chains} chains of {draws} draws"
-    return title, ("parameter", "mean", "std.", "95 %", "R-hat", "effective"), rows
 
 
 def posterior_warnings(posterior: Posterior, rmse: float) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ so a reported force and both ends of its band are never below 0 N.
 import dataclasses
 import functools
 import math
-from collections.abc import Collection, Sequence
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -90,9 +89,7 @@ def predict(
     if rest_length is not None:
         _check_cut(fit.muscle, rest_length)
         if onset:
-            raise InputError(
-                "the onset is known for the fitted muscle only: omit rest_length or onset"
-            )
+            raise InputError("the onset is that of the fitted muscle: omit rest_length or onset")
     rows: list[Row] = []
     if pressure.size:
         L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
@@ -111,10 +108,8 @@ def _check_cut(muscle: famjax.AbstractMuscle, rest_length: float) -> None:
     try:
         famjax.cut_to_length(muscle, rest_length)
     except (ValueError, eqx.EquinoxRuntimeError):
-        raise InputError(
-            f"a muscle of this fit cannot be cut to {rest_length:.4g} m: its rounded ends are longer than "
-            "that, or its geometry is known at one rest length only"
-        ) from None
+        cannot = f"this muscle cannot be cut to {rest_length:.4g} m"
+        raise InputError(f"{cannot}: its ends are longer, or its geometry was measured") from None
 
 
 def static_rows(
@@ -326,18 +321,25 @@ class Reach:
     def __init__(self, fit: Identification, rest_length: float | None) -> None:
         muscle, fitted, series = fit.muscle, float(fit.muscle.rest_length), fit.outlook.series
         ratios, pressures = fit.data.length / fitted, fit.data.pressure
-        rest = fitted / _FARTHEST, fitted * _FARTHEST
-        self.whose = f"the tested range, {_FARTHEST:g} times the specimen's either way:"
+        rest, self.whose = (fitted / _FARTHEST, fitted * _FARTHEST), "the tested range,"
         if series is not None:
             ratios, pressures = np.array(series["length_ratios"]), series["pressures_Pa"]
             rest, self.whose = series["rest_lengths_m"], "the specimens'"
         if rest_length is not None:
             muscle = famjax.cut_to_length(muscle, rest_length)
         self.rest_length = fitted if rest_length is None else rest_length
-        rounding, (low, high) = 1e-12 * self.rest_length, _ends(ratios)
-        self.lengths = low * self.rest_length - rounding, high * self.rest_length + rounding
-        self.pressures, self.rest_lengths = _ends(pressures), _ends(rest)
-        self.lock, self.thread_length = (float(at) for at in _braid_limits(muscle))
+        rounding = 1e-12 * self.rest_length
+        self.lengths = (
+            float(min(ratios)) * self.rest_length - rounding,
+            float(max(ratios)) * self.rest_length + rounding,
+        )
+        self.pressures = float(min(pressures)), float(max(pressures))
+        self.rest_lengths = float(min(rest)), float(max(rest))
+        self.lock, self.thread_length = math.nan, math.nan
+        if isinstance(muscle, famjax.EquilibriumMuscle):
+            self.thread_length = float(muscle.braid.rest_thread_length)
+        elif isinstance(muscle, famjax.Muscle):
+            self.lock, self.thread_length = map(float, muscle.geometry.braid_limits())
         self.closed = float(muscle.length_range()[1])
         self.largest_force = float(fit.data.force.max())
 
@@ -388,18 +390,6 @@ class Reach:
 
 def _range(ends: tuple[float, float], kind: str) -> tuple[Quantity, str, Quantity]:
     return Quantity(ends[0], kind), " to ", Quantity(ends[1], kind)
-
-
-def _ends(values: Collection[float]) -> tuple[float, float]:
-    return float(min(values)), float(max(values))
-
-
-def _braid_limits(muscle: famjax.AbstractMuscle) -> Sequence[Any]:
-    """Active lengths [m] at which the braid locks and the threads are straight; nan if unknown."""
-    if isinstance(muscle, famjax.EquilibriumMuscle):
-        return math.nan, muscle.braid.rest_thread_length
-    assert isinstance(muscle, famjax.Muscle)
-    return muscle.geometry.braid_limits()
 
 
 def _inverse(fit: Identification, force: Any, length: np.ndarray, highest: float) -> Any:
@@ -485,8 +475,7 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
     outlook = fit.outlook
     if outlook.hysteresis is None:
         raise InputError(
-            "the fit has no hysteresis, so the history has no effect: fit raw ramps with "
-            "famjax assess --hysteresis, or predict at lengths and pressures"
+            "the fit has no hysteresis: run famjax assess --hysteresis, or predict at lengths and pressures"
         )
     L, P, missed = history.length, history.pressure, outlook.branches_error
     added = np.asarray(outlook.hysteresis.along(L, P), float)

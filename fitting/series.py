@@ -261,7 +261,8 @@ def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOu
     """Mean of a law in both rigs as one family, with its RMSE in sample [N] and held-out errors."""
     weights = _weights(rigs)
     rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
-    left_out = LeftOut.of_mean([one.left_out for one in rigs], weights)
+    error = np.average([one.left_out.error for one in rigs], axis=0, weights=weights)
+    left_out = dataclasses.replace(rigs[0].left_out, error=error)
     return rigs[0].candidate, rmse, {"specimen": left_out}
 
 

@@ -84,8 +84,11 @@ def _judgement(
     worst = max((one.level for one in reasons), default=0)
     unsure = any("rest_length" in one.data.assumed for one in results)
     level = LEVELS[max(worst, int(unsure))]
+    left = [check for name, check in _CHECKS.items() if name in results[0].data.assumed]
+    unchecked = "Not checked, because the specimen data do not include it: "
+    unchecked = f"{unchecked}{'; '.join(left)}." if left else ""
     sentences = tuple(one.sentence for one in reasons)
-    return Judgement(level, sentences, tuple(suspicions), _unchecked(results[0]))
+    return Judgement(level, sentences, tuple(suspicions), unchecked)
 
 
 def judge(
@@ -106,39 +109,21 @@ def judge(
     misfit = 100 * result.counted_rmse / largest
     found = [Remark(1 + one.grave, one.sentence) for one in suspicions]
     if not misfit <= POOR:
-        sentence = f"The model misses the readings by {misfit:.3g} % of the largest force"
         grave = not misfit <= 5.0
-        more = (
-            "; a model of a McKibben muscle should not miss them by more than 5 %. Check units, signs and "
-            "columns, and the rest length, bore and wall of the specimen."
-        )
-        found.append(Remark(1 + grave, sentence + (more if grave else ".")))
+        remedy = "; check units, signs and columns, and the rest length, bore and wall" * grave
+        sentence = f"The model misses the readings by {misfit:.3g} % of the largest force{remedy}."
+        found.append(Remark(1 + grave, sentence))
     found += remarks(result)
-    found += [
-        Remark(1, sentence)
-        for sentence in (
-            *_of_one_pressure(result),
-            *_of_residuals(result, misfit),
-            *_of_left_out(left_out or {}, largest),
-            *filter(None, [open_question]),
+    data, doubts = result.data, list[str]()
+    if np.unique(data.pressures.level[data.loaded]).size == 1:
+        doubts.append(
+            "All loaded readings are at one pressure: they do not separate the deadband from diameter and "
+            "angle, and forces at other pressures rely on the model alone. Measure at two or more."
         )
-    ]
+    doubts += _of_residuals(result, misfit) + _of_left_out(left_out or {}, largest)
+    doubts += [open_question] if open_question else []
+    found += [Remark(1, sentence) for sentence in doubts]
     return _judgement(found, [result], suspicions)
-
-
-def _of_one_pressure(result: Identification) -> list[str]:
-    """Doubt about a fit to a single pressure."""
-    data, loaded = result.data, result.data.loaded
-    if np.unique(data.pressures.level[loaded]).size > 1:
-        return []
-    return [
-        Sentence(
-            "All loaded readings are at one pressure, ",
-            Quantity(float(np.median(data.pressure[loaded])), "pressure"),
-            ": they do not separate the deadband from diameter and angle, and forces at other pressures "
-            "rely on the model alone. Measure at two or more pressures.",
-        )
-    ]
 
 
 _CHECKS = {
@@ -148,15 +133,6 @@ _CHECKS = {
     "bladder_diameter": "the position of the braid (assumed inside the wall)",
 }
 """Consequences of assumed specimen data, most serious first."""
-
-
-def _unchecked(result: Identification) -> str:
-    """Sentence on missing specimen data."""
-    left = [check for name, check in _CHECKS.items() if name in result.data.assumed]
-    if not left:
-        return ""
-    listed = ", ".join(left[:-1]) + " and " * (len(left) > 1) + left[-1]
-    return f"Not checked, because the specimen data do not include it: {listed}."
 
 
 def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]:

@@ -147,7 +147,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"law": "rubber"}, "the law must be one of polynomial, ogden"),
         ({"law": "ogden", "order": 3}, "only the polynomial law"),
         ({"law": "ogden", "dependence": "linear"}, "only the polynomial law may depend on pressure"),
-        ({"law": "ogden", "constraint": "slope"}, "directions do not interact"),
+        ({"law": "ogden", "constraint": "slope"}, "directions of OgdenMaterial interact"),
         ({"parameters": {"spam": Parameter()}}, "unknown parameter 'spam'"),
         (_rest(300.0, 1.0, unit=""), "is a length and needs a unit"),
         *((_rest(300.0, std), "a mean and a standard deviation > 0") for std in (0.0, -1.0, math.nan)),
@@ -158,7 +158,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"parameters": {"series_compliance": Parameter(min=-1.0, unit="mm/N")}}, "must be >= 0"),
         ({"parameters": {END: Parameter(max=1.3)}, "bounds": {END: (1.0, 1.2)}}, "give its bounds once"),
         ({"noise": -1.0}, "noise of a reading must be a force > 0 in N"),
-        ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "no such parameter"),
+        ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "a known geometry has no end_length"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(dmsp20, options, message):

@@ -195,7 +195,7 @@ def test_what_chains_show_is_that_of_a_known_process(rho):
     def made(samples: np.ndarray) -> Posterior:
         of_draws = np.zeros(samples.shape[:2])
         names, kinds = tuple("abcdefgh"), ("number",) * 8
-        return Posterior(names, kinds, samples, of_draws > 0, None, "made")
+        return Posterior(names, kinds, samples, of_draws > 0, None)
 
     alike = made(x)
     found = np.mean([one.effective_size for one in alike.summary.values()])
