@@ -21,7 +21,6 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeAlias
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -128,28 +127,26 @@ class ModelError:
             f"seen on {' and '.join(judged)} left out" if judged else "assumed from other muscles"
         )
         few = "" if "lengths" in judged else ". With so few lengths, that in length is assumed"
-        return (
-            f"single readings. They include the noise of the readings, the model error {seen} (it grows "
-            f"with the distance from the measured states), and the disagreement of models that fit "
-            f"equally well{few}"
-        )
+        grows = "it grows with the distance from the measured states"
+        included = f"the noise of the readings, the model error {seen} ({grows})"
+        alike = "the disagreement of models that fit equally well"
+        return f"single readings. They include {included}, and {alike}{few}"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, in SI."""
-        document = dataclasses.asdict(self) | {"units": "SI", "covers": self.covers}
-        document["factor_95"] = self.factor()
+        document: dict[str, Any] = dataclasses.asdict(self)
         for kind in ("length", "pressure"):
             document[kind]["levels"] = document[kind]["levels"].tolist()
-        return document
+        return document | {"units": "SI", "covers": self.covers, "factor_95": self.factor()}
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "ModelError":
         """Inverse of `as_dict`."""
-        length, pressure = (
-            Along(**{**document[kind], "levels": np.array(document[kind]["levels"])})
-            for kind in ("length", "pressure")
-        )
-        return cls(document["noise"], length, pressure, document["floor"])
+        kinds = ("length", "pressure")
+        along = {
+            k: Along(**document[k] | {"levels": np.array(document[k]["levels"])}) for k in kinds
+        }
+        return cls(noise=document["noise"], floor=document["floor"], **along)
 
 
 def model_error(
@@ -251,9 +248,6 @@ def pull(
     Raises:
         ValueError: the muscle cannot be cut to another length.
     """
-    if spread is None:
-        numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
-        spread = np.zeros((1, sum(np.size(one) for one in numbers)))
     rig = "compliant" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
     arrays = as_arrays(mounted)
@@ -281,7 +275,7 @@ def _force(
 def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,
-    spread: Array | np.ndarray,
+    spread: Array | np.ndarray | None,
     length: Array | np.ndarray,
     pressure: Array | np.ndarray,
     rig: str,
@@ -296,6 +290,8 @@ def _pull(
         whole = changed.with_muscle(one) if rig == "compliant" else one
         return whole.force(length, pressure)
 
+    if spread is None:
+        return force(flat), jnp.zeros(len(length))
     found, along = jax.linearize(force, flat)
     return found, jnp.sqrt(jnp.sum(jax.vmap(along)(jnp.asarray(spread)) ** 2, axis=0))
 

@@ -23,7 +23,6 @@ _REACH = (0.55, 1.07)  # range of lengths of rubber muscles, relative to the res
 _LONGEST_AT_LEAST = 0.85  # longest length in most tests, relative to the rest length
 _USUAL = 0.25  # m: usual rest length of a muscle
 _ALIKE = 0.5  # decades within which two guesses are equally likely
-_SAME_LENGTH = 1e-6  # relative tolerance for equal rest lengths
 
 
 def check_law(law: Law, constraint: str, dependence: str) -> None:
@@ -48,7 +47,7 @@ def known_bounds(
         InputError: the rest length differs from the specimen's, or a known parameter has bounds.
     """
     rest = float(geometry.rest_length)
-    if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
+    if abs(rest / data.specimen.rest_length - 1) > 1e-6:
         both = f"{rest * 1e3:.6g} mm and {data.specimen.rest_length * 1e3:.6g} mm"
         raise InputError(f"the rest lengths of geometry and specimen must be equal, got {both}")
     at = geometry.dimensions(rest, 0.0)
@@ -150,18 +149,14 @@ def check_count(
 
 _ROUGH = 1e-3  # tolerance of the forces in a compliant rig, for a feasibility check
 _AFFINE = 1e-7  # rounding of an affine force, relative to the largest column
-_SEEN_TO_BE_AFFINE: set[tuple] = set()
 
 
 def check_affine(problem: Problem) -> None:
     """Check that the force is affine in the coefficients that are declared linear.
 
-    The derivatives at zero and at nonzero coefficients must agree. The result is cached, since it does not
-    depend on the numbers.
+    The derivatives at zero and at nonzero coefficients must agree.
     """
     batch = Batch([problem])
-    if batch.layout.forms in _SEEN_TO_BE_AFFINE:
-        return
     middle, n = problem.low + (problem.high - problem.low) / 2, len(problem.linear)
     for part in problem.parts:
         middle[list(part.rig)[:1]] = 0.0
@@ -179,10 +174,9 @@ def check_affine(problem: Problem) -> None:
     if bent.size:
         named = ", ".join(dict.fromkeys(problem.linear[k] for k in bent))
         raise InputError(f"the force is not affine in {named}: declare it without linear=True")
-    _SEEN_TO_BE_AFFINE.add(batch.layout.forms)
 
 
-def check_solvable(problem: Problem, data: ForceData) -> None:
+def check_solvable(problem: Problem, data: Sequence[ForceData]) -> None:
     """Check that the convex fit has a solution in the middle of the bounds."""
     point = solve(problem, problem.low + (problem.high - problem.low) / 2, tolerance=_ROUGH)
     count = problem.force.size
@@ -194,7 +188,7 @@ def check_solvable(problem: Problem, data: ForceData) -> None:
             "mm): the bladder does not fit in the braid, the length cannot be reached or was not measured, "
             "or a law or term is no number. Check wall_thickness, nominal_diameter and bladder_diameter of "
             "the specimen (diameters, not radii), its rest length, their units, and terms of your own"
-            f"{_likely_length_fault(data)}"
+            f"{_likely_length_fault(data[0])}"
         )
     if not np.isfinite(point.G).all():
         raise InputError(

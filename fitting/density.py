@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int
 from famjax.boundary.errors import InputError
 
 from .engine import Point
-from .problem import Problem, PureProblem
+from .problem import PureProblem
 from .result import Identification
 from .search import descend_many
 from .summary import joint_derivatives
@@ -128,10 +128,9 @@ class Density(eqx.Module):
         side: 0 for a reading, 1 if the force is at most the limit, -1 if it is at least the limit.
         geometry: number of parameters in the unit box.
         faces: rows of the constraint whose slack is sampled.
-        held: rows of the bounds of held coefficients, which are equations.
         centre: shape (n,).
         scale: shape (n, n).
-        face_scale: scale of the rows of faces and held coefficients [Pa], shape (r,).
+        face_scale: scale of the rows of faces [Pa], shape (r,).
         others: rows on c left free by these at the optimum, shape (n - r, n).
         noise: known standard deviation, in the unit of a weighted residual; None if sampled.
         prior_noise: noise for which the rows of priors were weighted.
@@ -143,7 +142,6 @@ class Density(eqx.Module):
     side: Int[np.ndarray, " points"]
     geometry: int = eqx.field(static=True)
     faces: tuple[int, ...] = eqx.field(static=True)
-    held: tuple[int, ...] = eqx.field(static=True)
     centre: Float[np.ndarray, " n"]
     scale: Float[np.ndarray, "n n"]
     face_scale: Float[np.ndarray, " r"]
@@ -168,16 +166,14 @@ class Density(eqx.Module):
         first, last = self.geometry, self.geometry + len(self.faces)
         known = last + len(self.others)
         p = self.problem.parameters(v[:first])
-        slack = jnp.concatenate([v[first:last], jnp.zeros(len(self.held))])
         sigma = jnp.exp(v[-1]) if self.noise is None else jnp.asarray(self.noise)
-        force = jnp.asarray(self.force)
-        none = jnp.zeros(self.centre.shape)
+        force, none = jnp.asarray(self.force), jnp.zeros(self.centre.shape)
         A, b, G, h = self.problem.programme(p, none, force, jnp.ones(force.shape), force)
-        at = np.array(self.faces + self.held, int)
+        at = np.array(self.faces, int)
         N = (G[at] / self.face_scale[:, None]) @ self.scale
         offset = (h[at] - G[at] @ self.centre) / self.face_scale
         rows = jnp.concatenate([N, jnp.asarray(self.others)])
-        c = jnp.linalg.solve(rows, jnp.concatenate([slack + offset, v[last:known]]))
+        c = jnp.linalg.solve(rows, jnp.concatenate([v[first:last] + offset, v[last:known]]))
         x = self.centre + self.scale @ c
         residual, count = A @ x - b, self.force.shape[0]
         if self.problem.compliant:
@@ -196,40 +192,35 @@ class Density(eqx.Module):
 
 
 def _faces(
-    problem: Problem, point: Point, scale: Float[np.ndarray, "n n"], spread: Float[np.ndarray, " m"]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Rows of the constraint whose slack is sampled, and rows of held coefficients.
+    point: Point, scale: Float[np.ndarray, "n n"], spread: Float[np.ndarray, " m"]
+) -> tuple[int, ...]:
+    """Rows of the constraint whose slack is sampled.
 
-    The faces are active rows, then the nearest ones within three standard deviations, of different
+    These are the active rows, then the nearest ones within three standard deviations, of different
     directions.
 
     Args:
-        problem: problem of the fit.
-        point: its optimum.
+        point: optimum of the fit.
         scale: transformation to coefficients that are about standard normal.
         spread: standard deviations of the slacks of all rows.
     """
-    G, n = point.G @ scale, len(problem.linear)
+    G = point.G @ scale
     slack = point.G @ point.x - point.h
     size = np.linalg.norm(G, axis=1)
-    # The last rows are the bounds on coefficients, lower ones first.
-    fixed = np.flatnonzero(problem.coefficient_min == problem.coefficient_max)
-    held = len(G) - 2 * n + fixed
-    directions = [G[row] / size[row] for row in held]
     push = point.multipliers * size[point.rows]
     away = np.where(spread > 0, slack / np.where(spread > 0, spread, 1.0), np.inf)
     nearest = np.argsort(away, kind="stable")
     order = [*point.rows[np.argsort(-push, kind="stable")], *nearest[away[nearest] < 3.0]]
-    faces: list[int] = []
+    faces, directions = list[int](), list[np.ndarray]()
     for row in order:
-        if row in {*held, *(held + n)} or not size[row] > 0 or len(directions) == len(scale):
+        if not size[row] > 0 or len(directions) == len(scale):
             continue
         known = np.linalg.qr(np.array(directions).reshape(-1, len(scale)).T)[0]
         direction = G[row] / size[row]
         if np.linalg.norm(direction - known @ (known.T @ direction)) > 0.01:
             faces.append(int(row))
             directions.append(direction)
-    return tuple(faces), tuple(held.tolist())
+    return tuple(faces)
 
 
 def density_of(result: Identification, noise: Noise) -> Density:
@@ -240,21 +231,22 @@ def density_of(result: Identification, noise: Noise) -> Density:
         noise: in the unit of the weighted residual; its logarithm is uniform in an interval.
 
     Raises:
-        InputError: the readings do not determine the coefficients, or nothing is free.
+        InputError: the readings do not determine the coefficients, one is held, or nothing is free.
     """
     problem, point = result.problem, result.end.point
     free, q, count = problem.free, len(problem.names), problem.force.size
     p, n = free.size, len(problem.linear)
+    if (problem.coefficient_min == problem.coefficient_max).any():
+        raise InputError("a held coefficient cannot be sampled: use another law or order")
     _, jacobian, slopes = joint_derivatives(point)
     freedom = max(int((problem.side == 0).sum()) - p - n, 1)
-    sigma = noise
-    if isinstance(noise, tuple):
+    if not isinstance(noise, tuple):
+        sigma = noise
+    else:
         own = point.residual[:count][problem.side == 0]
-        low, high = np.log(noise)
-        margin = 1e-3 * (high - low)
-        log_scatter = np.log(max(np.sqrt(own @ own / freedom), noise[0]))
-        log_sigma = np.clip(log_scatter, low + margin, high - margin)
-        sigma = float(np.exp(log_sigma))
+        inside = (noise[1] / noise[0]) ** 1e-3
+        scatter = np.sqrt(own @ own / freedom)
+        sigma = float(np.clip(scatter, noise[0] * inside, noise[1] / inside))
     rows = np.full(point.residual.size, 1 / problem.noise)
     rows[:count] = 1 / sigma
     residual, jacobian = rows * point.residual, rows[:, None] * jacobian
@@ -269,16 +261,15 @@ def density_of(result: Identification, noise: Noise) -> Density:
     # 12 = 1 / variance of a uniform distribution in the unit box
     H = J.T @ J + np.diag(np.repeat([12.0, 0.0], [p, n]))
     spread = np.sqrt(np.einsum("mi,ij,mj->m", slope, np.linalg.inv(H), slope))
-    faces, held = _faces(problem, point, scale, spread)
-    rows, r = [*faces, *held], len(faces)
+    faces = _faces(point, scale, spread)
+    rows, r = list(faces), len(faces)
     size = np.linalg.norm(slope[rows, p:], axis=1)
     N = slope[rows] / size[:, None]
-    others = np.linalg.svd(N[:, p:], full_matrices=True)[2][len(N) :] if len(N) else np.eye(n)
-    sampled = np.concatenate([np.eye(p, p + n), N[:r], np.pad(others, ((0, 0), (p, 0)))])
-    # The slacks of held rows are zero.
-    inverse = np.linalg.inv(H + 1e12 * N[r:].T @ N[r:])
+    others = np.linalg.svd(N[:, p:], full_matrices=True)[2][r:] if r else np.eye(n)
+    sampled = np.concatenate([np.eye(p, p + n), N, np.pad(others, ((0, 0), (p, 0)))])
+    inverse = np.linalg.inv(H)
     spread = sampled @ inverse @ sampled.T
-    slack = (point.G @ point.x - point.h)[list(faces)] / size[:r]
+    slack = (point.G @ point.x - point.h)[rows] / size
     mean = -sampled @ inverse @ (J.T @ residual)
     mean[: p + r] += np.concatenate([result.end.u, slack])
     reach = 1e4 * np.sqrt(np.diag(spread))  # practically unbounded
@@ -297,7 +288,7 @@ def density_of(result: Identification, noise: Noise) -> Density:
         problem=PureProblem.of(problem),
         force=problem.force,
         side=problem.side,
-        geometry=p, faces=faces, held=held,
+        geometry=p, faces=faces,
         centre=point.x, scale=scale, face_scale=size, others=others,
         noise=None if isinstance(noise, tuple) else np.asarray(noise),
         prior_noise=np.asarray(problem.noise),

@@ -16,7 +16,7 @@ References:
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, NotNegative
-from famjax.boundary.units import Quantity, finite_or_none, si_unit
+from famjax.boundary.units import Quantity, finite_or_none
 
 from .bands import ModelError, model_error, numbers_by_parameters
 from .covariance import free_root
@@ -195,15 +195,6 @@ def moves_of(
     }
 
 
-def drawn_moves(geometry_of: Callable[[int], Geometry]) -> list[Move]:
-    """Convert the uncertainty of a measured shape into random geometries.
-
-    Args:
-        geometry_of: returns the geometry of a draw, numbered from 0 to `DRAWS` - 1.
-    """
-    return [Move(None, geometry_of(draw)) for draw in range(DRAWS)]
-
-
 def carry(result: Identification, moves: Moves) -> Carried:
     """Propagate shared errors to the parameters and forces of a fit.
 
@@ -239,13 +230,8 @@ def carry(result: Identification, moves: Moves) -> Carried:
         if not np.isfinite(steps).all():
             raise InputError(f"with the error of {source} the muscle has no force at some readings")
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))
-    count = len(problem.names) + len(problem.linear)
-    return Carried(
-        problem.names + result.coefficient_names,
-        tuple(moves),
-        np.array(effects).reshape(len(moves), count),
-        np.array(directions).reshape(-1, numbers.size),
-    )
+    names = problem.names + result.coefficient_names
+    return Carried(names, tuple(moves), np.array(effects), np.array(directions))
 
 
 def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -392,14 +378,13 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
             "rmse_N": finite_or_none(one.rmse),
             "interior_rmse_N": finite_or_none(one.interior_rmse),
             "left_out": one.values.tolist(),
-            "group_rmse_N": _finite(one.group_rmse),
+            "group_rmse_N": [finite_or_none(value) for value in one.group_rmse],
         }
     if evidence.profiles:
         document["profiles"] = {
             one.name: {
                 "verdict": one.verdict,
-                "unit": si_unit(one.kind),
-                **{f"interval_{100 * at:.0f}": _finite(ends) for at, ends in one.intervals.items()},
+                "interval_95": [finite_or_none(end) for end in one.interval],
             }
             for one in evidence.profiles
         }
@@ -418,10 +403,6 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
     if evidence.shared is not None:
         document["shared_errors"] = evidence.shared.by_source()
     return document
-
-
-def _finite(values: Iterable[float]) -> list[float | None]:
-    return [finite_or_none(value) for value in values]
 
 
 def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
@@ -452,9 +433,7 @@ def evidence_tables(evidence: Evidence, result: Identification, system: str) -> 
             for name, error in evidence.shared.std.items()
         }
     if evidence.profiles:
-        columns["95 % by profile likelihood"] = {
-            p.name: p.intervals[0.95] for p in evidence.profiles
-        }
+        columns["95 % by profile likelihood"] = {p.name: p.interval for p in evidence.profiles}
     if (drawn := evidence.bootstrap) is not None:
         title.append(f"bootstrap of {len(drawn.samples)} replicates, {drawn.failed} more failed")
         columns["95 % by the bootstrap"] = {name: drawn.interval(name) for name in drawn.names}

@@ -7,7 +7,7 @@ readings, such as a saturated load cell or outliers, are found by fitting the ot
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -164,14 +164,11 @@ def doubtful(result: Identification) -> bool:
     )
 
 
-def suspect(
-    result: Identification, progress: Callable[[int, int], None] | None = None
-) -> tuple[Suspicion, ...]:
+def suspect(result: Identification) -> tuple[Suspicion, ...]:
     """Find faults in a force map that would explain its misfit, most likely first.
 
     Args:
         result: a fit of the map.
-        progress: called with (kinds of faults tried, total).
 
     Returns:
         At most three suspicions.
@@ -191,9 +188,7 @@ def suspect(
         (int(least > _DOUBTFUL), _rest_lengths(data, least)),
         (3 * (least > GOOD or cornered), _scales(data, least, cornered=cornered)),
     )
-    for done, (most, faults) in enumerate(kinds):
-        if progress is not None:
-            progress(done, len(kinds))
+    for most, faults in kinds:
         if most and not found:
             found = _explained(data, faults, least, most)
     if not found and not plain and least > 0.013:
@@ -288,14 +283,12 @@ def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]
         return
     pull = np.inf if here is None else here.predict(data.length[negative], data.pressure[negative])
     pulls, n = not np.all(np.asarray(pull) <= 0), int(negative.sum())
-    yield Fault(
-        Sentence(
-            f"forces have the wrong sign ({n} reading{' is' if n == 1 else 's are'} negative by up to ",
-            *(Quantity(-float(data.force.min()), "force"), ", and a muscle does not push)"),
-        ),
-        {"force": np.where(negative, -data.force, data.force)},
-        min(_TOLERATED, max(1.5 * least, GOOD * pulls)),
-    )
+    are = "reading is" if n == 1 else "readings are"
+    said = f"forces have the wrong sign ({n} {are} negative by up to "
+    most = Quantity(-float(data.force.min()), "force")
+    cause = Sentence(said, most, ", and a muscle does not push)")
+    undone = {"force": np.where(negative, -data.force, data.force)}
+    yield Fault(cause, undone, min(_TOLERATED, max(1.5 * least, GOOD * pulls)))
 
 
 def _stiff(data: ForceData) -> Candidate | None:
@@ -374,15 +367,18 @@ def _scales(data: ForceData, least: float, *, cornered: bool) -> Iterator[Fault]
 
     for what in ("force", "pressure"):
         said, units = data.units.get(what), UNITS[what]
-        for true in units if said else ():
+        for true in units:
+            if said is None or true == said:
+                continue
             factor = units[true] / units[said]
             then = highest * (factor if what == "pressure" else 1.0)
-            if true != said:
-                changes = {what: getattr(data, what) * factor}
-                yield fault(f"the {what}s are in {true}, not {said}", then, **changes)
+            changes = {what: getattr(data, what) * factor}
+            yield fault(f"the {what}s are in {true}, not {said}", then, **changes)
     bore, share = data.specimen.nominal_diameter, _wall_share(data)
-    for factor, cause in _BORES.items() if bore else ():
-        if share / factor <= max(THICK, share):  # else this would trade one fault for another
+    for factor, cause in _BORES.items():
+        if bore is not None and share / factor <= max(
+            THICK, share
+        ):  # else this would trade one fault for another
             yield fault(cause, highest, nominal_diameter=bore * factor)
 
 
@@ -399,9 +395,7 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
         return []
     key = "nominal_diameter" if specimen.nominal_diameter else "bladder_diameter"
     wall, bore = (Quantity(getattr(specimen, name), "length") for name in ("wall_thickness", key))
-    remedy = (
-        f", and leaves no room for a bladder that strains: check wall_thickness, {key}, and units."
-    )
+    remedy = f", and leaves no room for a bladder: check wall_thickness, {key} and their units."
     sentence = Sentence("The wall of ", wall, f" is {share:.0%} of {key}, ", bore, remedy)
     return [Suspicion("the wall is too thick, or the diameter too small", sentence, 0.0)]
 
@@ -450,12 +444,9 @@ def _at_a_limit(data: ForceData) -> tuple[str, float] | None:
     misfit = float(np.sqrt(np.mean(errors[~full] ** 2))) / limit
     if np.mean(errors[full] < -2.0 * max(misfit, _SHARED) * limit) > 0.25:
         return None
-    cause = Sentence(
-        f"the load cell was saturated at {full.sum()} readings of ",
-        Quantity(limit, "force"),
-        f" (mark them with the line # specimen: force_limit_N = {float(force[full].min()):.6g})",
-    )
-    return cause, misfit
+    said = f"the load cell was saturated at {full.sum()} readings of "
+    mark = f" (mark them with the line # specimen: force_limit_N = {float(force[full].min()):.6g})"
+    return Sentence(said, Quantity(limit, "force"), mark), misfit
 
 
 def _outliers(data: ForceData) -> tuple[str, float] | None:

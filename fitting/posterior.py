@@ -200,7 +200,7 @@ def sample(
             deviations, error of the laws for a chosen family, or noise of the priors), or else 1e-4 of
             the largest force.
         seed: seed of the draws.
-        progress: called with (0, 1) before and (1, 1) after the draws.
+        progress: called with (0, 1) before the draws.
 
     Returns:
         The draws, with R-hat and effective sizes.
@@ -227,8 +227,6 @@ def sample(
         progress(0, 1)
     keys = jax.random.split(jax.random.key(check_seed(seed)), chains)
     parameters, x, sigma, divergent = map(np.asarray, drawn(density, keys, warmup, draws))
-    if progress is not None:
-        progress(1, 1)
     problem = result.problem
     known = {base_name(one.name): one.kind for one in result.estimates}
     columns = {
@@ -236,8 +234,7 @@ def sample(
         for k in problem.free
     }
     for k, name in enumerate(result.coefficient_names):
-        if problem.coefficient_min[k] < problem.coefficient_max[k]:
-            columns[name] = result.law.coefficients[problem.linear[k]].kind, x[:, :, k]
+        columns[name] = result.law.coefficients[problem.linear[k]].kind, x[:, :, k]
     if isinstance(chosen, tuple):
         weighted = _weighted(result)
         columns["noise_factor" if weighted else "noise"] = "number" if weighted else "force", sigma
@@ -272,17 +269,13 @@ def _weighted(result: Identification) -> bool:
 def posterior_as_dict(posterior: Posterior) -> dict[str, Any]:
     """Posterior as JSON-ready data in SI."""
     chains, draws, _ = posterior.samples.shape
-    parameters = {}
-    for name, one in posterior.summary.items():
-        parameters[name] = figures = dataclasses.asdict(one)
-        figures["interval_95"] = [figures.pop("low"), figures.pop("high")]
     return {
         "chains": chains,
         "draws": draws,
         "units": "SI",
         "noise_known": posterior.noise,
         "divergent": int(posterior.divergent.sum()),
-        "parameters": parameters,
+        "parameters": {name: dataclasses.asdict(one) for name, one in posterior.summary.items()},
     }
 
 

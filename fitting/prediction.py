@@ -77,10 +77,8 @@ def predict(
         InputError: lengths, pressures or the rest length are not possible.
     """
     check_identified(fit)
-    length, pressure = (
-        np.atleast_1d(check_numbers(name, given))
-        for name, given in (("length", length), ("pressure", pressure))
-    )
+    length = np.atleast_1d(check_numbers("length", length))
+    pressure = np.atleast_1d(check_numbers("pressure", pressure))
     if not length.size or not (pressure.size or onset):
         raise InputError("a prediction needs a length, and also a pressure unless onset is set")
     _check_lengths(length)
@@ -172,9 +170,33 @@ def model_forces(
         pressure: gauge pressures [Pa], one for each length.
         rest_length: see `predict`.
     """
-    reach, error = Reach(fit, rest_length), fit.outlook.error
+    outlook, error, reach = fit.outlook, fit.outlook.error, Reach(fit, rest_length)
     force, spread = _pull(fit, length, pressure, rest_length)
-    std, factor, band = _band(fit, force, spread, length, pressure, rest_length)
+    theory = "bootstrap" if outlook.bootstrap else "linear"
+    # Standard deviation of a reading, half-width of the band in units of it, and sources of error.
+    std, factor, band = np.full(length.size, np.nan), np.asarray(NORMAL_95), None
+    if outlook.series is not None:
+        # Errors on held-out specimens already include those of the parameters.
+        std, band = np.maximum(spread, outlook.series["between_N"]), f"{theory}, specimens"
+    elif rest_length is not None:
+        # One specimen cannot show how specimens differ, or separate its braid from its rig.
+        if outlook.other_lengths:
+            std, band = np.hypot(spread, outlook.between), "one specimen"
+    elif error is not None:
+        differ = disagreement(force, outlook.alike.values(), length, pressure)
+        factor = np.asarray(error.factor())
+        model = error.half_band(length, pressure, differ) / factor
+        if outlook.bootstrap:
+            std, band = np.maximum(model, spread), f"left out, {theory}"
+        else:
+            std, band = np.hypot(model, spread), "left out"
+            # Held-out readings cannot show shared errors; these are stated and normal.
+            student, normal = factor * model, NORMAL_95 * spread
+            factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
+        if outlook.shared is not None and len(outlook.shared):
+            band += ", shared errors"
+    elif len(_directions(fit)):
+        std, band = spread, theory
     states = zip(length.tolist(), pressure.tolist(), force.tolist(), strict=True)
     reasons = [reach.outside(*state) for state in states]
     unknown = np.array([refused for _, refused in reasons]) | ~np.isfinite(force)
@@ -208,43 +230,6 @@ def _directions(fit: Identification) -> Float[np.ndarray, "directions numbers"]:
     """Directions in which the muscle's numbers vary, by linear theory unless known otherwise."""
     known = fit.outlook.directions
     return muscle_spread(fit) if known is None else known
-
-
-def _band(
-    fit: Identification,
-    force: Column,
-    spread: Column,
-    length: Column,
-    pressure: Column,
-    rest_length: float | None,
-) -> tuple[np.ndarray, np.ndarray | float, str | None]:
-    """Standard deviation of a reading, half-width of the 95 % band in units of it, and its sources."""
-    outlook, error = fit.outlook, fit.outlook.error
-    theory = "bootstrap" if outlook.bootstrap else "linear"
-    std, factor, band = np.full(length.size, np.nan), NORMAL_95, None
-    if outlook.series is not None:
-        # Errors on held-out specimens already include those of the parameters.
-        std, band = np.maximum(spread, outlook.series["between_N"]), f"{theory}, specimens"
-    elif rest_length is not None:
-        # One specimen cannot show how specimens differ, or separate its braid from its rig.
-        if outlook.other_lengths:
-            std, band = np.hypot(spread, outlook.between), "one specimen"
-    elif error is not None:
-        differ = disagreement(force, outlook.alike.values(), length, pressure)
-        factor = error.factor()
-        model = error.half_band(length, pressure, differ) / factor
-        if outlook.bootstrap:
-            std, band = np.maximum(model, spread), f"left out, {theory}"
-        else:
-            std, band = np.hypot(model, spread), "left out"
-            # Held-out readings cannot show shared errors; these are stated and normal.
-            student, normal = factor * model, NORMAL_95 * spread
-            factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
-        if outlook.shared is not None and len(outlook.shared):
-            band += ", shared errors"
-    elif len(_directions(fit)):
-        std, band = spread, theory
-    return std, factor, band
 
 
 def _figures(found: ModelForces, seen_slack: Bool[np.ndarray, " n"]) -> list[Row]:
@@ -485,11 +470,11 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
         static, force=static.force + added, std=np.hypot(static.std, missed),
         half=np.hypot(static.half, NORMAL_95 * missed),
     )  # fmt: skip
-    found = []
     both = zip(static_rows(fit, L, P), _figures(moving, np.zeros(L.size, bool)), strict=True)
-    for k, (row, figures) in enumerate(both):
-        first = {} if history.time is None else {"time_s": float(history.time[k])}
-        first |= {name: row[name] for name in ("length_m", "pressure_Pa")}
-        first |= {"force_N": figures["force_N"], "static_force_N": row["force_N"]}
-        found.append(first | {"hysteresis_N": finite_or_none(added[k])} | row | figures)
-    return found
+    return [
+        ({} if history.time is None else {"time_s": float(history.time[k])})
+        | row
+        | figures
+        | {"static_force_N": row["force_N"], "hysteresis_N": finite_or_none(added[k])}
+        for k, (row, figures) in enumerate(both)
+    ]

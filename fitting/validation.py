@@ -225,8 +225,8 @@ def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
     return end.point.force - problem.force
 
 
-LEVELS = {0.68: 0.9889, 0.95: 3.8415}
-"""Confidence levels and the corresponding quantiles of chi-squared with one degree of freedom."""
+QUANTILE_95 = 3.8415
+"""Quantile of chi-squared with one degree of freedom for a confidence of 95 %."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,8 +239,8 @@ class Profile:
         excess: increase of the sum of squares above the optimum in units of the noise variance. It
             follows chi-squared with one degree of freedom if the model is right; nan if no fit was found,
             as beyond a constraint.
-        intervals: (low, high) [SI] by confidence level; infinite on a side where the excess does not
-            reach the level.
+        interval: (low, high) [SI] with a confidence of 95 %; infinite on a side where the excess stays
+            below `QUANTILE_95`.
         verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped by a
             bound" (the optimum is at a bound), or "stopped by a constraint" (no feasible fit exists beyond
             the values on an open side).
@@ -250,7 +250,7 @@ class Profile:
     name: str
     values: Float[np.ndarray, " values"]
     excess: Float[np.ndarray, " values"]
-    intervals: dict[float, tuple[float, float]]
+    interval: tuple[float, float]
     verdict: str
     kind: str
 
@@ -314,7 +314,7 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
         for times in 2.0 ** np.arange(4):
             end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
             same = np.isclose(end, values[-1], rtol=1e-12, atol=0)
-            if same or not excess[-1] <= max(LEVELS.values()):
+            if same or not excess[-1] <= QUANTILE_95:
                 break
             more = np.linspace(values[-1], end, points + 1)[1:]
             costs = _costs(result, estimate.name, more)
@@ -323,18 +323,15 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
         return values, excess
 
     (down, fall), (up, rise) = side(-1), side(1)
-    intervals = {
-        level: (_crossing(down, fall, quantile, -1), _crossing(up, rise, quantile, 1))
-        for level, quantile in LEVELS.items()
-    }
-    excess, closed = np.concatenate([fall[:0:-1], rise]), int(np.isfinite(intervals[0.95]).sum())
+    interval = _crossing(down, fall, -1), _crossing(up, rise, 1)
+    excess, closed = np.concatenate([fall[:0:-1], rise]), int(np.isfinite(interval).sum())
     verdict = ("flat", "one-sided", "identified")[closed]
     if estimate.at_bound:
         verdict = "stopped by a bound"
     elif closed < 2 and np.isnan(excess).any():
         verdict = "stopped by a constraint"
     values = np.concatenate([down[:0:-1], up])
-    return Profile(estimate.name, values, excess, intervals, verdict, estimate.kind)
+    return Profile(estimate.name, values, excess, interval, verdict, estimate.kind)
 
 
 def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.ndarray, " values"]:
@@ -355,19 +352,19 @@ def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.nd
     return np.array([end.cost if end.converged else np.nan for end in found])
 
 
-def _crossing(values: np.ndarray, excess: np.ndarray, level: float, sign: int) -> float:
-    """Value at which the excess first exceeds a level, by linear interpolation of its root.
+def _crossing(values: np.ndarray, excess: np.ndarray, sign: int) -> float:
+    """Value at which the excess first exceeds `QUANTILE_95`, by linear interpolation of its root.
 
     Infinite, with the sign of the side, if it stays below until the values or the fits end.
     """
     # Values beyond the first failed fit are ignored.
     known = np.cumsum(np.isnan(excess)) == 0
-    above = np.flatnonzero(known & (excess > level))
+    above = np.flatnonzero(known & (excess > QUANTILE_95))
     if not above.size:
         return sign * math.inf
     near = slice(above[0] - 1, above[0] + 1)
     root = np.sqrt(np.maximum(excess[near], 0))
-    return float(np.interp(np.sqrt(level), root, values[near]))
+    return float(np.interp(np.sqrt(QUANTILE_95), root, values[near]))
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -44,8 +43,7 @@ def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
     return float((runs - mean) / np.sqrt(variance)) if variance > 0 else -np.inf
 
 
-Level = Literal["identified", "identified with doubts", "not identified"]
-LEVELS: tuple[Level, ...] = ("identified", "identified with doubts", "not identified")
+LEVELS = ("identified", "identified with doubts", "not identified")
 """Levels by the most serious finding."""
 
 POOR = 2.0
@@ -65,7 +63,7 @@ class Judgement:
             unknown rest length is at best doubtful.
     """
 
-    level: Level
+    level: str
     reasons: tuple[str, ...]
     suspicions: tuple[Suspicion, ...] = ()
     unchecked: str = ""
@@ -192,21 +190,15 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     first = specimens[0]
     missed = {one.data.specimen.name: one.errors.rmse_percent for one in specimens}
     worst = max(missed, key=missed.__getitem__)
-    said = f"misses {worst} by {missed[worst]:.3g} % of its largest force"
+    said = f"the model of all misses {worst} by {missed[worst]:.3g} % of its largest force"
     found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
     if not missed[worst] <= 15.0:
-        sentence = (
-            f"The model of all {said}; specimens of one series differ by less than 15 %. Its map is wrong "
-            "or from another make of muscle: check it with famjax fit, and leave it out."
-        )
-        found.append(Remark(2, sentence))
+        remedy = "its map is wrong or from another make: check it with famjax fit, and leave it out"
+        found.append(Remark(2, f"The specimens are no series: {said}; {remedy}."))
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())
-        sentence = Sentence(
-            f"The specimens differ: the model of all {said}; predicted from the others, "
-            f"{specimens[most].data.specimen.name} is missed by ",
-            Quantity(float(left_out.group_rmse[most]), "force", 3),
-            ". A new muscle differs as much; the band of its prediction includes this.",
-        )
-        found.append(Remark(1, sentence))
+        other = f"; predicted from the others, {specimens[most].data.specimen.name} is missed by "
+        error = Quantity(float(left_out.group_rmse[most]), "force", 3)
+        included = ". A new muscle differs as much; the band of its prediction includes this."
+        found.append(Remark(1, Sentence(f"The specimens differ: {said}{other}", error, included)))
     return _judgement([*found, *of_parameters(first)], specimens)

@@ -15,11 +15,11 @@ from famjax.boundary.units import UNITS, si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
+    DRAWS,
     FORM,
     Evidence,
     Move,
     SharedErrors,
-    drawn_moves,
     gather,
     left_out_kinds,
     moves_of,
@@ -309,7 +309,7 @@ class Problem:
         surface = self.surface
         if surface is None:
             return moves_of(data, self.errors)
-        draws = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
+        draws = [Move(None, surface.geometry(data.specimen, draw=draw)) for draw in range(DRAWS)]
         return {**moves_of(data, self.errors, surface.geometry), "shape": draws}
 
 
@@ -319,9 +319,8 @@ def judged(
     """Return the verdict; after a poor fit, likely errors in the data are tested."""
     suspicions = ()
     if doubtful(result):
-        suspicions = suspect(
-            result, progress=lambda done, total: progress("testing likely errors", done, total)
-        )
+        progress("testing likely errors", 0, 1)
+        suspicions = suspect(result)
     question = "" if choice is None else choice.open_question
     return judge(result, suspicions, evidence.left_out, question)
 
