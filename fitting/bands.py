@@ -335,8 +335,7 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
 
 def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p directions"]:
     """R with R R^T = C; rows without variance are zero."""
-    std = np.sqrt(np.diag(covariance))
-    std = np.where(std > 0, std, 0.0)
+    std = np.nan_to_num(np.sqrt(np.diag(covariance)))
     scale = np.outer(std, std)
     correlation = np.where(scale > 0, covariance / np.where(scale > 0, scale, 1.0), 0.0)
     variance, directions = np.linalg.eigh(correlation)

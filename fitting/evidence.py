@@ -332,21 +332,20 @@ def gather(
     def told(what: str) -> Callable[[int, int], None]:
         return functools.partial(progress, what)
 
+    kinds = left_out_kinds(result) if validation else ()
+    drawn = sampled = None
+    if replicates:
+        drawn = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
+    if posterior:
+        sampled = sample(result, noise=noise, seed=seed, progress=told("posterior"))
     error, left_out = _error(result) if known is None else known
     return Evidence(
-        validations=tuple(
-            validate(result, kind, progress=told(f"leave one {kind} out"))
-            for kind in (left_out_kinds(result) if validation else ())
-        ),
+        validations=tuple(validate(result, k, progress=told(f"leave one {k} out")) for k in kinds),
         profiles=profile(result, progress=told("profile likelihood")) if profiles else (),
-        bootstrap=bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
-        if replicates
-        else None,
+        bootstrap=drawn,
         error=error,
         left_out=left_out,
-        posterior=sample(result, noise=noise, seed=seed, progress=told("posterior"))
-        if posterior
-        else None,
+        posterior=sampled,
         shared=carry(result, shared) if shared else None,
     )
 

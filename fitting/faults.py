@@ -179,11 +179,10 @@ def suspect(result: Identification) -> tuple[Suspicion, ...]:
     here = attempt(data)
     least = min(asked.misfit, np.inf if here is None else here.misfit)
     cornered = here is None or here.cornered or (asked.cornered and least > _DOUBTFUL)
-    late = asked.late or here is None or here.late
     found: list[Suspicion] = []
     kinds: tuple[tuple[int, Iterable[Fault]], ...] = (
         (int(not plain), _signs(data, here, least)),
-        (1, _absolute(data, least, late=late)),
+        (1, _absolute(data, least, late=asked.late or here is None or here.late)),
         (1, _fractions(data)),
         (int(least > _DOUBTFUL), _rest_lengths(data, least)),
         (3 * (least > GOOD or cornered), _scales(data, least, cornered=cornered)),

@@ -85,29 +85,25 @@ def predict(
     if not (np.isfinite(pressure).all() and (pressure >= 0).all()):
         raise InputError(f"gauge pressures must be >= 0, got {pressure.min():.6g} Pa")
     if rest_length is not None:
-        _check_cut(fit.muscle, rest_length)
-        if onset:
-            raise InputError("the onset is that of the fitted muscle: omit rest_length or onset")
+        if not (math.isfinite(rest_length) and rest_length > 0):
+            raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
+        try:
+            famjax.cut_to_length(fit.muscle, rest_length)
+        except (ValueError, eqx.EquinoxRuntimeError):
+            cannot = f"this muscle cannot be cut to {rest_length:.4g} m"
+            raise InputError(
+                f"{cannot}: its ends are longer, or its geometry was measured"
+            ) from None
     rows: list[Row] = []
     if pressure.size:
         L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
         rows += static_rows(fit, L, P, rest_length=rest_length)
-    return rows + (_onsets(fit, length) if onset else [])
+    return rows + (_onsets(fit, length, rest_length) if onset else [])
 
 
 def _check_lengths(length: Column) -> None:
     if not (np.isfinite(length).all() and (length > 0).all()):
         raise InputError(f"lengths must be > 0, got {length.min():.6g} m")
-
-
-def _check_cut(muscle: famjax.AbstractMuscle, rest_length: float) -> None:
-    if not (math.isfinite(rest_length) and rest_length > 0):
-        raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
-    try:
-        famjax.cut_to_length(muscle, rest_length)
-    except (ValueError, eqx.EquinoxRuntimeError):
-        cannot = f"this muscle cannot be cut to {rest_length:.4g} m"
-        raise InputError(f"{cannot}: its ends are longer, or its geometry was measured") from None
 
 
 def static_rows(
@@ -377,17 +373,24 @@ def _range(ends: tuple[float, float], kind: str) -> tuple[Quantity, str, Quantit
     return Quantity(ends[0], kind), " to ", Quantity(ends[1], kind)
 
 
-def _inverse(fit: Identification, force: Any, length: np.ndarray, highest: float) -> Any:
+def _inverse(
+    fit: Identification, force: Any, length: np.ndarray, highest: float, rest_length: float | None
+) -> Any:
     """Lowest pressures with given forces, see `famjax.control.pressure_for_force`."""
-    muscle = famjax.muscle.MeanMuscle((fit.mounted, *fit.outlook.others), fit.outlook.weights)
+    members, weights = [fit.mounted, *fit.outlook.others], fit.outlook.weights
+    if rest_length is not None:
+        if fit.outlook.other_lengths:
+            members, weights = [*fit.outlook.other_lengths.values()], None
+        members = [m.with_muscle(famjax.cut_to_length(m.muscle, rest_length)) for m in members]
+    muscle = famjax.muscle.MeanMuscle(members, weights)
     return pressure_for_force(muscle, force, length, (0.0, highest))
 
 
-def _onsets(fit: Identification, length: Column) -> list[Row]:
-    """Onset pressure of the fitted muscle at each length."""
-    reach, rows = Reach(fit, None), []
+def _onsets(fit: Identification, length: Column, rest_length: float | None) -> list[Row]:
+    """Onset pressure at each length."""
+    reach, rows = Reach(fit, rest_length), []
     # Predictions beyond three times the highest measured pressure mean nothing.
-    found = _inverse(fit, 0.0, length, 3.0 * reach.pressures[1])
+    found = _inverse(fit, 0.0, length, 3.0 * reach.pressures[1], rest_length)
     for at, code, gauge in zip(length.tolist(), found.code, found.pressure, strict=True):
         onset = float(gauge) if code == Outcome.FEASIBLE else None
         # An onset below the measured pressures is valid.
@@ -422,7 +425,7 @@ def pressures_for(
     if not (np.isfinite(force).all() and (force >= 0).all()):
         raise InputError(f"forces must be >= 0, as a muscle only pulls; got {force.min():.6g} N")
     reach, rows = Reach(fit, None), []
-    found = _inverse(fit, force, length[:, None], reach.pressures[1])
+    found = _inverse(fit, force, length[:, None], reach.pressures[1], None)
     for (k, j), code in np.ndenumerate(np.asarray(found.code)):
         at, wanted = float(length[k]), float(force[j])
         # Slack up to the highest pressure: zero force is attained there.

@@ -85,8 +85,7 @@ def _judgement(
     left = [check for name, check in _CHECKS.items() if name in results[0].data.assumed]
     unchecked = "Not checked, because the specimen data do not include it: "
     unchecked = f"{unchecked}{'; '.join(left)}." if left else ""
-    sentences = tuple(one.sentence for one in reasons)
-    return Judgement(level, sentences, tuple(suspicions), unchecked)
+    return Judgement(level, tuple(r.sentence for r in reasons), tuple(suspicions), unchecked)
 
 
 def judge(
