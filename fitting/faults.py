@@ -44,6 +44,7 @@ _RESTS = {1.0: 0.0, 0.98: 0.3, 1.03: 0.3}
 """Candidate rest lengths, relative to the longest loaded length, and their penalty [decades]."""
 _SHARED = 2e-3  # fraction of the largest force within which readings share one limit
 _MOST_OUTLIERS = 0.25  # fraction of the readings
+_FEWEST_LENGTHS = 3  # needed to characterise a muscle
 _BORES = {
     2.0: "the nominal diameter is a radius, or that of a smaller muscle",
     0.5: "the nominal diameter is that of a larger muscle",
@@ -159,7 +160,6 @@ def doubtful(result: Identification) -> bool:
         or trial.cornered
         or bool(thick_wall(data))
         or float(data.force.min()) < -_DOUBTFUL * data.max_force
-        or _steepness(data) > 30.0
         or _stiff_and_late(data) is not None
     )
 
@@ -183,7 +183,6 @@ def suspect(result: Identification) -> tuple[Suspicion, ...]:
     kinds: tuple[tuple[int, Iterable[Fault]], ...] = (
         (int(not plain), _signs(data, here, least)),
         (1, _absolute(data, least, late=asked.late or here is None or here.late)),
-        (1, _fractions(data)),
         (int(least > _DOUBTFUL), _rest_lengths(data, least)),
         (3 * (least > GOOD or cornered), _scales(data, least, cornered=cornered)),
     )
@@ -325,15 +324,6 @@ def _absolute(data: ForceData, least: float, *, late: bool) -> Iterator[Fault]:
     yield Fault(cause, undone, below, early=True, stiff=stiff)
 
 
-def _fractions(data: ForceData) -> Iterator[Fault]:
-    """Contractions given as fractions in place of percent, so that the force falls far too steeply."""
-    rest = data.specimen.rest_length
-    if _steepness(data) >= 40.0:
-        length = rest * (1 - 100 * (1 - data.length / rest))
-        undone = {"length": length, "length_std": None}
-        yield Fault("the contractions are fractions, not percent", undone, _TOLERATED)
-
-
 def _rest_lengths(data: ForceData, least: float) -> Iterator[Fault]:
     """A wrong rest length; the right one is close to the longest loaded length."""
     given, longest = data.specimen.rest_length, float(data.length[data.loaded].max())
@@ -399,23 +389,11 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
     return [Suspicion("the wall is too thick, or the diameter too small", sentence, 0.0)]
 
 
-def _steepness(data: ForceData) -> float:
-    """Relative loss of force per contraction at the highest pressure with two lengths; usually 3 to 10."""
-    pressure, loaded = data.pressures.level, data.loaded
-    for one in np.unique(pressure[loaded])[::-1]:
-        mine = loaded & (pressure == one)
-        length, force = data.length[mine], data.force[mine]
-        if np.unique(data.lengths.level[mine]).size > 1:
-            slope = np.polyfit(length / data.specimen.rest_length, force, 1)[0]
-            return float(slope) / float(force.max())
-    return 0.0
-
-
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
-    """Faults that affect some readings: a saturated load cell, or outliers if these fit much better."""
+    """Faults that affect some readings: the first whose misfit is close to the smallest."""
     good = [
         _named(cause, least, better)
-        for cause, better in filter(None, (_at_a_limit(data), _outliers(data)))
+        for cause, better in filter(None, (_at_a_limit(data), _outliers(data), _two_muscles(data)))
         if better < GOOD and better * _FAR_BETTER < least
     ]
     best = min((one.misfit for one in good), default=np.inf)
@@ -478,3 +456,23 @@ def _outliers(data: ForceData) -> tuple[str, float] | None:
     misfit = float(np.sqrt(np.mean(errors[kept] ** 2))) / float(force[kept].max())
     are, them = ("reading is an outlier", "it") if count == 1 else ("readings are outliers", "them")
     return f"{count} {are} (number {shown}; --objective huber gives {them} little weight)", misfit
+
+
+def _two_muscles(data: ForceData) -> tuple[str, float] | None:
+    """Readings of a second muscle before or after a place in the file; the other part fits alone.
+
+    The file is divided where the slower of pressure and length first reverses, as if a new test began.
+    """
+    lengths, pressures = data.lengths.level[data.loaded], data.pressures.level[data.loaded]
+    slow = min((lengths, pressures), key=lambda one: int((np.diff(one) != 0).sum()))
+    changes = np.flatnonzero(np.diff(slow) != 0) + 1
+    steps = np.sign(slow[changes] - slow[changes - 1])
+    turns, found = changes[1:][steps[1:] != steps[:-1]], []
+    if not turns.size:
+        return None
+    before, row = np.arange(slow.size) < turns[0], int(np.flatnonzero(data.loaded)[turns[0]])
+    for where, other in ((f"up to reading {row}", before), (f"from reading {row + 1} on", ~before)):
+        trial = attempt(_kept_only(data, ~other))
+        if trial is not None and np.unique(lengths[~other]).size >= _FEWEST_LENGTHS:
+            found.append((f"there are two muscles in the file, one of them {where}", trial.misfit))
+    return min(found, key=lambda one: one[1], default=None)

@@ -155,11 +155,6 @@ def column(name: str, said: str, factor: float) -> Callable[[ForceData], ForceDa
     )
 
 
-def percent(data: ForceData) -> ForceData:
-    rest = data.specimen.rest_length
-    return dataclasses.replace(data, length=rest - (rest - data.length) / 100)
-
-
 def one_length_negative(data: ForceData) -> ForceData:
     at = data.length == np.unique(data.length)[-2]
     return dataclasses.replace(data, force=np.where(at, -data.force, data.force))
@@ -181,7 +176,6 @@ FAULTS = {
         lambda data: changed(data, nominal_diameter=10e-3), 20),
     "the nominal diameter is that of a larger muscle": (
         lambda data: changed(data, nominal_diameter=40e-3), 20),
-    "the contractions are fractions, not percent": (percent, 10),
 }  # fmt: skip
 """A fault, and the bundled map in which it is made, by its bore in mm."""
 
@@ -209,3 +203,15 @@ def test_outliers_and_one_giant(dmsp20):
     assert causes(dataclasses.replace(dmsp20, force=force)).startswith(
         f"1 reading is an outlier (number {rows[0] + 1}"
     )
+
+
+@pytest.mark.slow
+def test_two_muscles_in_one_file():
+    one, other = known_muscle(0.02, 0.3, 66.0), known_muscle(0.034, 0.3, 64.0)
+    columns = {
+        name: np.append(getattr(one, name), getattr(other, name))
+        for name in ("force", "pressure", "length")
+    }
+    found = causes(dataclasses.replace(one, **columns))
+    assert "there are two muscles in the file, one of them" in found
+    assert f"reading {one.force.size}" in found or f"reading {one.force.size + 1}" in found
