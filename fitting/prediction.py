@@ -476,8 +476,9 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
     both = zip(static_rows(fit, L, P), _figures(moving, np.zeros(L.size, bool)), strict=True)
     return [
         ({} if history.time is None else {"time_s": float(history.time[k])})
+        | {name: row[name] for name in ("length_m", "pressure_Pa", "force_N")}
+        | {"static_force_N": row["force_N"], "hysteresis_N": finite_or_none(added[k])}
         | row
         | figures
-        | {"static_force_N": row["force_N"], "hysteresis_N": finite_or_none(added[k])}
         for k, (row, figures) in enumerate(both)
     ]
