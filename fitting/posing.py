@@ -178,7 +178,7 @@ def pose(
     )  # fmt: skip
     check_affine(problem)
     if linear:  # otherwise the middle of the box may not be a valid muscle
-        check_solvable(problem)
+        check_solvable(problem, data)
     return Posed(data, problem, table, family, cast(Any, constraint), dependence, near)
 
 

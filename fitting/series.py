@@ -85,18 +85,17 @@ class Series:
         return left_out * math.sqrt(1 - 1 / n**2)
 
     def predict(
-        self, rest_length: float, length: Column, pressure: Column, *, length_std: float = 0.0
+        self, rest_length: float, length: Column, pressure: Column
     ) -> tuple[Column, Column]:
         """Predict the force of a new muscle as measured by the rig, with its standard deviation.
 
         The standard deviation is the larger of that between specimens, which includes parameter errors,
-        and that of parameters and lengths by linear theory.
+        and that of parameters by linear theory.
 
         Args:
             rest_length: L0 [m] of the muscle.
             length: active lengths [m].
             pressure: gauge pressures [Pa].
-            length_std: standard deviation of the lengths [m].
 
         Returns:
             (force, standard deviation), both [N] and of shape (n,).
@@ -105,12 +104,12 @@ class Series:
             pull(
                 one.mounted,
                 muscle_spread(one) if k == 0 else None,
-                length, pressure, rest_length=rest_length, length_std=length_std,
+                length, pressure, rest_length=rest_length,
             )
             for k, (one, *_) in enumerate((self.specimens, *self.others))
         ]  # fmt: skip
-        force = np.average([one.force for one in found], axis=0, weights=self.weights)
-        return force, np.maximum(found[0].std, self.between)
+        force = np.average([force for force, _ in found], axis=0, weights=self.weights)
+        return force, np.maximum(found[0][1], self.between)
 
 
 def identify_series(
@@ -257,7 +256,8 @@ def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOu
     """Mean of a law in both rigs as one family, with its RMSE in sample [N] and held-out errors."""
     weights = _weights(rigs)
     rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
-    left_out = LeftOut.of_mean([one.left_out for one in rigs], weights)
+    error = np.average([one.left_out.error for one in rigs], axis=0, weights=weights)
+    left_out = dataclasses.replace(rigs[0].left_out, error=error)
     return rigs[0].candidate, rmse, {"specimen": left_out}
 
 

@@ -66,7 +66,7 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
         Findings(found, evidence).numbers("metric"),
         specimen_table(found, "metric"),
     ]
-    assert len(tables) == 8
+    assert len(tables) == 6
     assert not unexplained([c for _, head, rows in tables for c in (*head, *(r[0] for r in rows))])
 
 

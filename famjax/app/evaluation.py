@@ -16,7 +16,7 @@ from famjax.boundary.errors import InputError
 from famjax.boundary.files import Origin, as_svg
 from famjax.boundary.tasks import AnyExecutor
 from famjax.console import parse_columns
-from fitting.evidence import Evidence, Move, SharedErrors, drawn_moves, moves_of
+from fitting.evidence import DRAWS, Evidence, Move, SharedErrors, moves_of
 from fitting.parameters import Parameter
 from fitting.records import MachineLog, read_machine_log, write_dataset
 from fitting.report import write_fit
@@ -342,7 +342,9 @@ def _shared(
             source: [dataclasses.replace(one, geometry=here) for one in of]
             for source, of in clock.items()
         },
-        SHAPE: drawn_moves(lambda draw: _geometry(sheet, sheet.specimen, name, surface, draw)),
+        SHAPE: [
+            Move(None, _geometry(sheet, sheet.specimen, name, surface, k)) for k in range(DRAWS)
+        ],
     }
 
 

@@ -67,7 +67,6 @@ def predict(
     force: tuple[str, ...] = (),
     onset: bool = False,
     rest_length: str | None = None,
-    length_std: str | None = None,
     history: Path | None = None,
     column: Columns = (),
     own: tuple[str, ...] = (),
@@ -94,8 +93,6 @@ def predict(
     rest_length
         Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
         one muscle gives a wide error band; `famjax series` also estimates how specimens differ.
-    length_std
-        State the standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     history
         Predict the force, with hysteresis, along a history in a CSV file with columns such as
         `time_s,length_mm,pressure_kPa`. First run `famjax assess --hysteresis` on the fit.
@@ -115,7 +112,7 @@ def predict(
     if own:
         add_cwd_to_path()
     said = {"--length": length, "--pressure": pressure, "--force": force, "--onset": onset,
-            "--rest-length": rest_length, "--length-std": length_std, "--history": history}  # fmt: skip
+            "--rest-length": rest_length, "--history": history}  # fmt: skip
     given = [name for name, value in said.items() if value]
     L, P, F = (
         np.array(parse_quantities(typed, kind))
@@ -140,8 +137,7 @@ def predict(
             rows, typed = fitting.prediction.pressures_for(saved, L, F), [*length[:1], "", force[0]]
         else:
             rest = None if rest_length is None else parse_quantity(rest_length, "length")
-            std = 0.0 if length_std is None else parse_quantity(length_std, "length")
-            rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest, length_std=std)
+            rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest)
             notes = _notes(saved, other=rest is not None, forces=bool(pressure))
     asked = _answer_units(units, *typed)
     if json_:
@@ -170,10 +166,6 @@ def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
 def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
     """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
     document, notes = saved.document, []
-    if document.get("series_compliance_m_per_N"):
-        notes.append(
-            "force is measured in the compliant rig; muscle force is that of the muscle alone"
-        )
     if other and saved.outlook.other_lengths:
         names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
         notes.append(
@@ -203,13 +195,13 @@ def _along(
     saved: "Identification", path: Path, columns: Mapping[str, str], system: str
 ) -> tuple[list[dict[str, Any]], list[str], list[str]]:
     """Return rows along the history in a CSV file, sample quantities in its units, and notes."""
-    from fitting.prediction import hysteresis_error, predict_history
+    from fitting.prediction import predict_history
     from fitting.records import read_history
 
     moves, notes = read_history(path, columns), []
     rows = predict_history(saved, moves)
     if any(row["force_std_N"] is not None for row in rows):
-        error = Quantity(hysteresis_error(saved), "force", 2).in_units(system)
+        error = Quantity(saved.outlook.branches_error, "force", 2).in_units(system)
         held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
         notes = [f"the 95 % band includes the error of the static map and the {held_out} error of the "
                  f"hysteresis, {error} RMS"]  # fmt: skip

@@ -15,17 +15,17 @@ from famjax.boundary.units import UNITS, si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
+    DRAWS,
     FORM,
     Evidence,
     Move,
     SharedErrors,
-    drawn_moves,
     gather,
     left_out_kinds,
     moves_of,
 )
 from fitting.families import LawGiven, known_laws, law_named
-from fitting.faults import doubtful, suspect, suspect_refused
+from fitting.faults import doubtful, suspect
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.shapes import ShapeSurface
@@ -253,13 +253,7 @@ class Problem:
         """Return the fit, and the choice of its law if no law was given."""
         asked = self.asked
         if asked.chosen:
-            try:
-                choice = fitting.choose(self.data, **self.options, progress=progress)
-            except fitting.InputError:
-                causes = [str(one.sentence) for one in suspect_refused(self.data)]
-                if not causes:
-                    raise
-                raise fitting.InputError(" ".join(causes)) from None
+            choice = fitting.choose(self.data, **self.options, progress=progress)
             return choice.chosen, choice
         name = f"identifying {self.data.specimen.name}"
         censored = asked.objective == "censored"
@@ -315,7 +309,7 @@ class Problem:
         surface = self.surface
         if surface is None:
             return moves_of(data, self.errors)
-        draws = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
+        draws = [Move(None, surface.geometry(data.specimen, draw=draw)) for draw in range(DRAWS)]
         return {**moves_of(data, self.errors, surface.geometry), "shape": draws}
 
 
@@ -325,9 +319,8 @@ def judged(
     """Return the verdict; after a poor fit, likely errors in the data are tested."""
     suspicions = ()
     if doubtful(result):
-        suspicions = suspect(
-            result, progress=lambda done, total: progress("testing likely errors", done, total)
-        )
+        progress("testing likely errors", 0, 1)
+        suspicions = suspect(result)
     question = "" if choice is None else choice.open_question
     return judge(result, suspicions, evidence.left_out, question)
 

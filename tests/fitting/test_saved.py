@@ -147,7 +147,6 @@ def test_the_saved_band_is_that_of_the_parameters(fitted20, tmp_path):
     expected = np.sqrt(np.einsum("pk,pq,qk->k", slopes, covariance, slopes))
     np.testing.assert_allclose([row["force_std_N"] for row in rows], expected, rtol=1e-5)
     assert {row["band"] for row in rows} == {"linear"}
-    assert "muscle_force_N" not in rows[0]
 
 
 # ---- the card of a saved fit

@@ -52,7 +52,7 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
     fitted = json.loads(file.read_text())
     code, out, _ = run("assess", file, "--validate", "--profile", "--bootstrap", 8)
     assert code == 0
-    for needed in (*shown, "Validation", "Profile likelihood", "Bootstrap, 8 replicates"):
+    for needed in (*shown, "Validation", "profile likelihood", "bootstrap of 8 replicates"):
         assert needed in out
     saved = json.loads(file.read_text())
     assert saved["leave_one_pressure_out"]["rmse_N"] < 0.01  # exact readings are predicted
