@@ -71,10 +71,6 @@ class RecipeOptions:
         the errors allow for other styles.
     tape_diameter
         Known diameter of the tapes on the fittings, used to check the scale.
-    tape_hue
-        Hue of the tapes, `355deg`. If omitted, the colour that covers the smaller area is used.
-    recipe
-        Read settings from this `recipe.toml`; other options override them.
     braid_angle
         Also measure the braid angle from the weave: profile, mean, standard error and turns.
     orientation
@@ -92,8 +88,6 @@ class RecipeOptions:
     k1: Annotated[float | None, Signed] = None
     tone: Literal["srgb"] | None = None
     tape_diameter: str | None = None
-    tape_hue: str | None = None
-    recipe: Path | None = None
     braid_angle: bool | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None
 
@@ -162,7 +156,7 @@ def measure(
     """
     # Idle OpenBLAS threads spin, and the matrices here are small. NumPy reads this when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .pictures import as_document, expand, measure_pictures
+    from .pictures import expand, measure_pictures
     from .recipe import recipe_text
 
     try:
@@ -195,7 +189,12 @@ def measure(
             file=sys.stderr,
         )
         return 130
-    document = as_document(outcome, units)
+    table = outcome.table
+    document = {
+        "pictures": len(table), "ok": int(table.ok.sum()), "complete": outcome.complete,
+        "notes": table.notes, "files": [str(path) for path in outcome.files],
+        "rows": table.rows(units),
+    }  # fmt: skip
     if json_:
         print_json(document)
     else:
@@ -220,8 +219,7 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     """Build the recipe from command-line options, and the provenance entries of the table.
 
     Args:
-        options: override the entries of a recipe file. Lengths include their unit; a `scale` is
-            `226.63 px/in` or `226.63+-0.02 px/in`.
+        options: settings. Lengths include their unit; a `scale` is `226.63 px/in` or `226.63+-0.02 px/in`.
 
     Raises:
         ImagingError: the scale is missing or given twice, or an option cannot be parsed.
@@ -229,41 +227,27 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     from .camera import Tone
     from .pictures import picture_recipe
 
-    lengths = {"pitch": options.pitch, "placement_stderr": options.ruler_placement}
-    reading: dict[str, Any] = {
-        name: parse_quantity(text, "length") for name, text in lengths.items() if text is not None
-    }
-    if options.expected_px_per_in is not None:
-        reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
-    readers: dict[str, Callable[[Any, str], Any]] = {
-        **dict.fromkeys(
-            ("distance", "tape_diameter"), lambda text, _: parse_quantity(text, "length")
-        ),
-        "crop_offset": lambda text, name: _numbers(text, name, "1459,531"),
-        "frame_size": lambda text, name: _numbers(text, name, "5568,3712", int),
-        "tape_hue": lambda text, name: _numbers(text.removesuffix("deg"), name, "355deg")[0],
-        "tone": lambda _text, _: Tone.srgb(),
-        **dict.fromkeys(("k1", "braid_angle", "orientation"), lambda given, _: given),
-    }
-    choices = {
-        name: read(given, name.replace("_", " "))
-        for name, read in readers.items()
-        if (given := getattr(options, name)) is not None
-    }
-    return picture_recipe(
-        ruler=options.ruler, recipe=options.recipe, scale=options.scale, reading=reading,
-        choices=choices,
-    )  # fmt: skip
+    given = {name: one for name, one in vars(options).items() if one is not None}
+    for name in ("pitch", "ruler_placement", "distance", "tape_diameter"):
+        if name in given:
+            given[name] = parse_quantity(given[name], "length")
+    for name, kind in (("crop_offset", float), ("frame_size", int)):
+        if name in given:
+            given[name] = _pair(given[name], name, kind)
+    if "tone" in given:
+        given["tone"] = Tone.srgb()
+    if "ruler_placement" in given:
+        given["placement_stderr"] = given.pop("ruler_placement")
+    if "expected_px_per_in" in given:
+        given["expected_px_per_m"] = given.pop("expected_px_per_in") * factor("px/in", "scale")
+    return picture_recipe(given.pop("ruler", None), given.pop("scale", None), given)
 
 
-def _numbers(
-    text: str, name: str, such_as: str, kind: Callable[[str], float] = float
-) -> tuple[float, ...]:
+def _pair(text: str, name: str, kind: Callable[[str], float]) -> tuple[float, float]:
     try:
-        found = tuple(map(kind, text.split(",")))
+        u, v = map(kind, text.split(","))
     except ValueError:
-        found = ()
-    if len(found) != such_as.count(",") + 1:
-        many = "two numbers in px" if "," in such_as else "an angle"
-        raise ImagingError(f"the {name} must be {many} such as {such_as}, got {text!r}")
-    return found
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} must be two numbers in px such as 1459,531, got {text!r}"
+        ) from None
+    return u, v

@@ -66,13 +66,6 @@ def test_no_muscle_at_all(level):
         measure(np.clip(noise, 0, 255).astype(np.uint8), recipe())
 
 
-def test_the_wrong_tape_hue_is_refused():
-    rgb = photograph(base(), 1).rgb
-    with pytest.raises(errors.AmbiguousHue, match="hue"):
-        measure(rgb, recipe(tape_hue=120.0))
-    measure(rgb, recipe(tape_hue=215.0))
-
-
 @pytest.mark.parametrize("factor", [0.98, 1.03])
 def test_a_scale_that_contradicts_the_tapes(factor):
     tape = Tape(diameter=0.95 * INCH)
