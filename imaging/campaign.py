@@ -113,7 +113,7 @@ def _numbers(found: Measurement) -> dict[str, float]:
         "volume_stderr", "px_per_m", "x0", "distance", "distance_stderr", "bow",
     )  # fmt: skip
     numbers = {name: getattr(found, name) for name in names} | {
-        "max_diameter": found.maximum_diameter,
+        "max_diameter": found.diameter.max(),
         "roll_deg": math.degrees(found.roll),
         "tilt_deg": math.degrees(found.tilt),
         **dataclasses.asdict(found.quality),
@@ -175,11 +175,6 @@ class Table:
     stamp_resolution: float
     notes: tuple[str, ...]
     provenance: Mapping[str, str]
-
-    @property
-    def position(self) -> Array:
-        """Positions z/L of the profiles, shape (201,)."""
-        return POSITION
 
     @property
     def ok(self) -> np.ndarray:

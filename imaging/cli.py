@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import factor, parse_quantity
+from famjax.boundary.units import parse_quantity
 from famjax.console import (
     Columns,
     Jobs,
@@ -53,8 +53,6 @@ class RecipeOptions:
         the curvature of the tape edges.
     pitch
         Spacing of the ruler's marks. If omitted, it is inferred from the number of marks between numerals.
-    expected_px_per_in
-        Approximate scale (within 25 %), for a ruler whose two edges carry different marks.
     ruler_placement
         Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`. Pictures
         cannot show it; it contributes to the error of every result.
@@ -80,7 +78,6 @@ class RecipeOptions:
     ruler: Path | None = None
     distance: str | None = None
     pitch: str | None = None
-    expected_px_per_in: float | None = None
     ruler_placement: str | None = None
     crop_offset: str | None = None
     frame_size: str | None = None
@@ -238,8 +235,6 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
         given["tone"] = Tone.srgb()
     if "ruler_placement" in given:
         given["placement_stderr"] = given.pop("ruler_placement")
-    if "expected_px_per_in" in given:
-        given["expected_px_per_m"] = given.pop("expected_px_per_in") * factor("px/in", "scale")
     return picture_recipe(given.pop("ruler", None), given.pop("scale", None), given)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -152,27 +153,18 @@ def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
     return height, rest - height * centred
 
 
-def least_squares(left_over: Callable[[Array], Array], start: Array, tolerance: float) -> Array:
+def least_squares(left_over: Callable[[Array], Array], start: ArrayLike, tolerance: float) -> Array:
     """Minimise the sum of squares of residuals by the Levenberg-Marquardt method.
 
     Args:
-        left_over: function from unknowns, shape (..., p), to residuals, shape (..., n). One call computes
-            all forward differences.
+        left_over: function from unknowns, shape (p,), to residuals, shape (n,).
         start: initial values, shape (p,), of order 1.
         tolerance: relative tolerance of the unknowns.
 
     Returns:
         Shape (p,).
     """
-    steps = _DIFFERENCE * np.eye(start.size + 1, start.size, -1)
-
-    def slopes(unknown: Array) -> Array:
-        values = left_over(unknown + steps)
-        return (values[1:] - values[0]) / _DIFFERENCE
-
-    best, *_ = leastsq(
-        left_over, start, Dfun=slopes, col_deriv=True, xtol=tolerance, ftol=tolerance
-    )
+    best, *_ = leastsq(left_over, start, xtol=tolerance, ftol=tolerance, epsfcn=_DIFFERENCE**2)
     return np.asarray(best, float)
 
 
@@ -244,22 +236,20 @@ def edge_profile(
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
-    def blur_and_disk(unknown: Array) -> tuple[Array, ...]:
-        s = np.exp(np.clip(unknown[..., 2:3], *np.log(_BLURS)))
-        return s, LARGEST_DISK * np.sin(unknown[..., 3:]) ** 2
+    def blur_and_disk(unknown: Array) -> tuple[float, float]:
+        s = float(np.exp(np.clip(unknown[2], *np.log(_BLURS))))
+        return s, LARGEST_DISK * math.sin(unknown[3]) ** 2
 
     def left_over(unknown: Array) -> Array:
         s, part = blur_and_disk(unknown)
-        at = t[near] - unknown[..., :2, None]
-        model = limb(at, s[..., None], np.array(kappas)[:, None], radius, part[..., None])
-        return height_and_rest(parts, model)[1].reshape(*unknown.shape[:-1], -1)
+        model = limb(t[near] - unknown[:2, None], s, np.array(kappas)[:, None], radius, part)
+        return height_and_rest(parts, model)[1].ravel()
 
-    angle = np.arcsin(np.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
-    first = [0.0, 0.0, np.log(blur), max(float(angle), _LEAST_ANGLE)]
-    best = least_squares(left_over, np.array(first), 1e-3)
+    angle = math.asin(math.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
+    best = least_squares(left_over, [0.0, 0.0, np.log(blur), max(angle, _LEAST_ANGLE)], 1e-3)
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
     shifts = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
-    s, part = (float(value[0]) for value in blur_and_disk(best))
+    s, part = blur_and_disk(best)
     flanks, waves, rims, laws = zip(
         *(
             _inside(profile, t - shift, s, part, kappa, radius)

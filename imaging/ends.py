@@ -207,16 +207,22 @@ def find_ring(
         shows = front.uncovered(y, s)
         grid, lateral, seen = front.unrolled(y, t, shows)
         for _ in range(_PASSES):
-            try:
-                shift, s, slope = _clear_step(grid.mean(axis=0), t, s, seen)
-            except MissingFitting:
-                if front.lean == 0 or seen < _LEAST_SEEN:
-                    raise
+            shift, blur_now, height, slope_now = _step(grid.mean(axis=0), t, s)
+            if height > _LEAST_HEIGHT and abs(shift) < t[-1]:
+                s, slope = blur_now, slope_now
+                if abs(shift) < _SETTLED:
+                    break
+                y += shift * front.step
+            elif front.lean and seen >= _LEAST_SEEN:
                 y -= front.lean * float(body.radius_at(y))
-                front.plane, front.lean, shift = (0.0, front.lean), 0.0, math.inf
-            if abs(shift) < _SETTLED:
-                break
-            y += shift * front.step if math.isfinite(shift) else 0.0
+                front.plane, front.lean = (0.0, front.lean), 0.0
+            else:
+                _check_seen(seen)
+                raise MissingFitting(
+                    "a tape must end in a visible edge at the braid: if the braid is glossy or darker than "
+                    "its tapes, apply chalk and light it from all sides",
+                    step_height=height,
+                )
             t = _window(s)
             if (
                 not shows.all()
@@ -317,23 +323,6 @@ def _window(blur: float) -> Array:
     return np.arange(-half, half + 1.0)
 
 
-def _clear_step(profile: Array, t: Array, start: float, seen: float) -> tuple[float, float, float]:
-    """Return shift, blur and slope of the step in the mean profile of an edge [px].
-
-    Raises:
-        MissingFitting: there is no step, or it is too faint.
-    """
-    shift, blur, height, slope = _step(profile, t, start)
-    if height > _LEAST_HEIGHT and abs(shift) < t[-1]:
-        return shift, blur, slope
-    _check_seen(seen)
-    raise MissingFitting(
-        "a tape must end in a visible edge at the braid: if the braid is glossy or darker than its tapes, "
-        "apply chalk and light it from all sides",
-        step_height=height,
-    )
-
-
 def _check_seen(seen: float) -> None:
     if seen < _LEAST_SEEN:
         raise MissingFitting(
@@ -357,26 +346,24 @@ def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, 
     """Fit a blurred step, with a rise behind it: shift, blur, height and slope."""
     inside = _inside(start)
 
-    def blur_of(unknown: Array) -> Array:
-        return np.minimum(np.maximum(np.exp(unknown[..., 1:]), _BLURS[0]), _BLURS[1])
+    def blur_of(unknown: Array) -> float:
+        return min(max(math.exp(unknown[1]), _BLURS[0]), _BLURS[1])
 
     def plain(unknown: Array) -> tuple[Array, Array]:
-        return height_and_rest(profile, step(t - unknown[..., :1], blur_of(unknown)))
+        return height_and_rest(profile, step(t - unknown[0], blur_of(unknown)))
 
     def fitted(unknown: Array) -> tuple[Array, Array]:
         # The factor of one of two regressors follows from the residuals of regression on the other.
-        x = t[near] - unknown[..., :1]
+        x = t[near] - unknown[0]
         relief = _relief(x, inside)
         return height_and_rest(
-            height_and_rest(np.broadcast_to(profile[near], x.shape), relief)[1],
+            height_and_rest(profile[near], relief)[1],
             height_and_rest(step(x, blur_of(unknown)), relief)[1],
         )
 
     steepest = float(t[np.argmax(np.convolve(np.gradient(profile), np.ones(3), "same"))])
     near = t <= inside
-    best = least_squares(
-        lambda unknown: plain(unknown)[1], np.array([steepest, np.log(start)]), 1e-5
-    )
+    best = least_squares(lambda unknown: plain(unknown)[1], [steepest, math.log(start)], 1e-5)
     height, slope = float(plain(best)[0][0]), 0.0
     risen = least_squares(lambda unknown: fitted(unknown)[1], best, 1e-5)
     high, x = float(fitted(risen)[0][0]), t[near] - risen[0]
@@ -384,7 +371,7 @@ def _step(profile: Array, t: Array, start: float) -> tuple[float, float, float, 
     rise = float(height_and_rest(left, _relief(x, inside))[0][0])
     if rise > 0:  # the shade of the tape cannot make the light fall inward
         best, height, slope = risen, high, rise
-    return float(best[0]), float(blur_of(best)[0]), height, slope
+    return float(best[0]), blur_of(best), height, slope
 
 
 def check_tape_diameter(

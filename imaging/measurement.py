@@ -150,11 +150,6 @@ class Measurement:
         return math.hypot(self.errors.edge, random, at_ends, mean * self.errors.scale)
 
     @property
-    def maximum_diameter(self) -> float:
-        """Largest D [m]."""
-        return float(self.diameter.max())
-
-    @property
     def volume(self) -> float:
         """Volume inside the outline, the integral of pi D^2 / 4 [m^3]."""
         return float(np.trapezoid(np.pi / 4 * self.diameter**2, self.z))

@@ -120,15 +120,10 @@ def density_left_over(off: Array, resolution: float) -> float:
 @functools.lru_cache(maxsize=16)
 def _end_variance(thousandths: int) -> Array:
     resolution = thousandths / 1000
-    n, k = int(4 * resolution) + 8, int(resolution)
-    every = max(1, k // 32)
-    at = np.arange(0, k, every)
-    unit = np.zeros((n, at.size))
-    unit[at, np.arange(at.size)] = 1
+    n = int(4 * resolution) + 8
     band = penalty(n) * _strength(resolution)
     band[-1] += 1
-    response = solveh_banded(band, unit)
-    return np.interp(np.arange(k), at, np.sum(response**2, axis=0))
+    return np.sum(solveh_banded(band, np.eye(n, int(resolution))) ** 2, axis=0)
 
 
 def _strength(resolution: float) -> float:

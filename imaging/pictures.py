@@ -27,7 +27,7 @@ from .ruler import calibrate_ruler
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", *HEIC)
 """Suffixes by which pictures are recognised in a folder."""
 
-_OF_RULER = ("pitch", "placement_stderr", "expected_px_per_m")
+_OF_RULER = ("pitch", "placement_stderr")
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
@@ -87,8 +87,8 @@ def picture_recipe(
     Args:
         ruler: photograph of a ruler, if any.
         scale: manual scale, see `parse_scale`; None to use the ruler.
-        choices: fields of `imaging.Recipe`, and pitch, placement_stderr and expected_px_per_m as in
-            `imaging.calibrate_ruler`, all in SI.
+        choices: fields of `imaging.Recipe`, and pitch and placement_stderr of `imaging.calibrate_ruler`,
+            all in SI.
 
     Raises:
         ImagingError: the scale is missing or given twice, or a choice is invalid.
@@ -97,7 +97,7 @@ def picture_recipe(
     choices = {name: one for name, one in choices.items() if name not in reading}
     if reading and ruler is None:
         raise ImagingError(
-            "pitch, expected scale and ruler placement require a ruler: give its photograph (--ruler)"
+            "pitch and ruler placement require a ruler: give its photograph (--ruler)"
         )
     if (ruler is None) == (scale is None):
         raise ImagingError(

@@ -185,11 +185,6 @@ class Numbered(NamedTuple):
         """Mean spacing of the marks [px]."""
         return float(np.ptp(self.place) / np.ptp(self.number))
 
-    @property
-    def expected(self) -> int:
-        """Number of marks from the first to the last, both included."""
-        return int(self.number[-1] - self.number[0]) + 1
-
 
 def marks_of(profile: Array, pitch: float) -> Array:
     """Return the centres of the marks along a profile [px], dark on light or light on dark.
@@ -319,11 +314,9 @@ FEWEST = 8
 _ON_MODEL = 0.8  # fraction of the marks between the first and the last that must be found
 _AT_ALL = 0.5  # the same for a strip that may contradict the best one
 _SHARP = 0.05  # largest scatter of the marks of a ruler [pitches]
-_EXPECTED = 0.25  # relative tolerance of the expected scale
 _SAME = 0.03  # relative difference at which two pitches, or multiples of one, count as equal
 _AS_EXACT = (3.0, 0.1)  # factor and offset [px] of the residual of another scale
 _STRAND = 3.0  # width of the lines along which marks are traced between strips [px]
-_KNOWN = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)  # m
 _ON_MARK = 0.12  # largest apparent shift of a mark between two strips [pitches]
 
 
@@ -334,38 +327,28 @@ class Strip(NamedTuple):
     marks: Numbered
 
 
-def choose_strip(luma: Image, light: Single, pitch: float | None, expected: float | None) -> Strip:
-    """Return the strip with the most marks among those with the expected scale.
+def choose_strip(luma: Image, light: Single) -> Strip:
+    """Return the strip with the most marks.
 
     Args:
         luma: picture, shape (h, w).
         light: the same picture in linear light.
-        pitch: spacing of the marks [m]; None allows all common rulers.
-        expected: scale [px/m]; None takes the finest marks, which must not be contradicted.
 
     Raises:
-        RulerNotFound: no strip has 8 evenly spaced marks of the expected scale.
-        AmbiguousRuler: no scale is expected, and another edge shows a different one.
+        RulerNotFound: no strip has 8 evenly spaced marks.
+        AmbiguousRuler: another edge has a different spacing.
     """
     lines = regular_strips(luma)
     strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
     good = [strip for strip in strips if is_ruler(strip.marks)]
-    if expected is not None:
-        # If both edges could match, the more common pitch is used; eighths of an inch come first.
-        alike = (
-            [one for one in good if abs(one.marks.pitch / (expected * near) - 1) < _EXPECTED]
-            for near in (_KNOWN if pitch is None else (pitch,))
-        )
-        good = next(filter(None, alike), [])
     if not good:
         raise RulerNotFound(
             f"a ruler must show at least {FEWEST} evenly spaced marks: check that it is in the picture and "
-            "in focus, and that pitch and expected scale refer to its finest regular marks",
+            "in focus",
             strips=len(lines),
         )
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
-    if expected is None:
-        _check_unique(light, best, strips, pitch or _KNOWN[0])
+    _check_unique(light, best, strips)
     return best
 
 
@@ -377,11 +360,11 @@ def read_strip(light: Single, line: Line) -> Strip | None:
 
 def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
     """Return True if the marks are sharp, at least 8, and at least this part of those expected."""
-    enough = marks.number.size >= max(FEWEST, part * marks.expected)
+    enough = marks.number.size >= max(FEWEST, part * (np.ptp(marks.number) + 1))
     return enough and marks.residual <= _SHARP * marks.pitch
 
 
-def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
+def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
     """Check that every other strip shows the same marks, or only the longer ones of them.
 
     Numerals next to every eighth mark are periodic as well, but less exactly.
@@ -402,11 +385,8 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         ):
             continue
         raise AmbiguousRuler(
-            "the two edges of the ruler differ: state the expected scale (expected_px_per_m, "
-            "--expected-px-per-in), or cover one edge",
+            "the marks on the two edges of the ruler differ: cover one edge, or state the scale (--scale)",
             pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
-            px_per_in=best.marks.pitch / pitch * INCH,
-            other_px_per_in=other.marks.pitch / pitch * INCH,
         )  # fmt: skip
 
 
@@ -443,22 +423,18 @@ _AS_CLEAR = 0.75  # the same relative to the best period
 _INK = 0.15  # relative to the light on the ruler's face
 
 
-def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
+def pitch_of(light: Single, strip: Strip) -> float:
     """Return the pitch of a ruler's marks [m], from the number of marks between numerals.
 
     Args:
         light: linear light of the picture, shape (h, w).
         strip: strip with the marks.
-        expected: approximate scale (within 25 %) [px/m], which decides between two readings.
 
     Raises:
         AmbiguousRuler: no numerals or longest marks are visible, or two pitches are possible.
     """
     period = marks_per_number(light, strip)
     readings = _READINGS.get(period or 0, ())
-    if expected is not None:
-        near = strip.marks.pitch / expected
-        readings = tuple(one for one in readings if abs(one / near - 1) < _EXPECTED)
     if len(readings) == 1:
         return readings[0]
     seen = f"every {period}th mark is numbered" if period else "no numerals were found"
@@ -581,7 +557,7 @@ _LEAST_EXACT = 1e-3  # largest relative standard error of the scale
 def calibrate_ruler(
     image: str | PathLike[str] | Image, *, pitch: float | None = None, distance: float = 1.524,
     centre: tuple[float, float] | None = None, k1: float | None = None, tone: Tone | None = None,
-    expected_px_per_m: float | None = None, placement_stderr: float | None = None,
+    placement_stderr: float | None = None,
 ) -> Scale:  # fmt: skip
     """Measure the scale in the mid-plane from a ruler at the height of the optical axis.
 
@@ -600,8 +576,6 @@ def calibrate_ruler(
         k1: radial distortion, see `Camera`; None estimates it from the marks and uses it if it exceeds
             three standard errors.
         tone: the camera's tone curve, by default sRGB; its influence is small.
-        expected_px_per_m: approximate scale (within 25 %) [px/m]; selects among marks of different
-            spacing, or between the two edges.
         placement_stderr: standard error of the ruler's position in depth [m], included in that of the
             scale. None assumes the ruler in the plane; measurements then issue a warning.
 
@@ -610,25 +584,23 @@ def calibrate_ruler(
 
     Raises:
         RulerNotFound: too few regular marks, too many outliers, or a scale error above 0.1 %.
-        AmbiguousRuler: the two edges show different scales and none is expected, or the pitch is
-            ambiguous.
+        AmbiguousRuler: the two edges have different marks, or the pitch is ambiguous.
         UnreadableImage, DamagedImage: see `read_image`.
         ImagingError: a value outside its range.
 
     References:
         Chambers 2021, section 4.2.1.
     """
-    for name, value in (("pitch", pitch), ("expected_px_per_m", expected_px_per_m)):
-        if value is not None and not 0 < value < math.inf:
-            raise ImagingError(f"{name} must be finite and > 0, got {value}, in SI")
+    if pitch is not None and not 0 < pitch < math.inf:
+        raise ImagingError(f"pitch must be finite and > 0, got {pitch} m")
     if not 0 <= (placement_stderr or 0.0) < math.inf:
         raise ImagingError(f"placement_stderr must be finite and >= 0, got {placement_stderr} m")
     with named(image) as (rgb, _):
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)
         light = np.asarray(cv2.LUT(luma, table), np.float32)
-        strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
-        step = pitch or pitch_of(light, strip, expected_px_per_m)
+        strip = _aligned(light, choose_strip(luma, light))
+        step = pitch or pitch_of(light, strip)
         middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
         lens = Camera(strip.marks.pitch / step, distance, middle, k1 or 0.0)
         bent = None

@@ -493,18 +493,6 @@ class Segmentation:
     saturated: float
 
 
-class _Look(NamedTuple):
-    """Muscle and tapes in a picture thinned to every `step`-th pixel."""
-
-    step: int
-    small: Image
-    muscle: MuscleMask
-    tape: Mask
-    upper: Patch
-    lower: Patch
-    eta_hue: float
-
-
 def segment(rgb: Image) -> Segmentation:
     """Find the coarse outline of an upright muscle and its two tapes.
 
@@ -541,40 +529,31 @@ def _segmented(rgb: Image, mask_by: Callable[[Image], MuscleMask]) -> Segmentati
     step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
     # With a step of 3, the first pass would be finer than the second pass of a large picture.
     step = _FINE_STEP if step == _FINE_STEP - 1 else step
-    look = _look(rgb, step, mask_by)
-    across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre))
-    if across > along:
-        raise errors.WrongOrientation(
-            'the muscle must be upright: turn the camera, or set the orientation to "auto"',
-            across_px=float(across * step),
-        )
-    v0 = u0 = 0
-    if step > _FINE_STEP:
+    v0, u0, part = 0, 0, rgb
+    while True:
+        h, w = part.shape[0] // step, part.shape[1] // step
+        even = part[: h * step, : w * step]
+        small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
+        soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
+        muscle = mask_by(soft)
+        coloured, eta_hue = split_by_colour(soft, muscle.lit)
+        patches = two_tapes(coloured, muscle.lit, eta_hue)
+        across, along = np.abs(np.subtract(*(patch.centre for patch in patches)))
+        if part is rgb and across > along:
+            raise errors.WrongOrientation(
+                'the muscle must be upright: turn the camera, or set the orientation to "auto"',
+                across_px=float(across * step),
+            )
+        if step <= _FINE_STEP:
+            break
         # Crop to both tapes and the muscle between them, with a margin of cloth.
-        top, bottom = look.upper.y, look.lower.y + look.lower.mask.shape[0]
-        columns = np.flatnonzero(look.muscle.whole[top:bottom].any(axis=0))
+        top, bottom = patches[0].y, patches[1].y + patches[1].mask.shape[0]
+        columns = np.flatnonzero(muscle.whole[top:bottom].any(axis=0))
         margin = [-_MARGIN, _MARGIN]
         v0, v1 = np.clip(np.array([top, bottom]) * step + margin, 0, rgb.shape[0]).tolist()
         u0, u1 = np.clip(columns[[0, -1]] * step + margin, 0, rgb.shape[1]).tolist()
-        look = _look(rgb[v0:v1, u0:u1], _FINE_STEP, mask_by)
-    return _measured(look, v0, u0)
-
-
-def _look(rgb: Image, step: int, mask_by: Callable[[Image], MuscleMask]) -> _Look:
-    h, w = rgb.shape[0] // step, rgb.shape[1] // step
-    even = rgb[: h * step, : w * step]
-    small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
-    soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
-    muscle = mask_by(soft)
-    tape, eta_hue = split_by_colour(soft, muscle.lit)
-    upper, lower = two_tapes(tape, muscle.lit, eta_hue)
-    return _Look(step, small, muscle, tape, upper, lower, eta_hue)
-
-
-def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
-    """Convert masks to rows, columns and colours of the whole picture."""
-    step = look.step
-    upper, lower = _tape(look.upper, lower=False), _tape(look.lower, lower=True)
+        part, step = rgb[v0:v1, u0:u1], _FINE_STEP
+    upper, lower = _tape(patches[0], lower=False), _tape(patches[1], lower=True)
     first, last = max(upper.limbs), min(lower.limbs)
     rows = np.arange(
         int(np.ceil(first * step)) + step + _GUARD, int(last * step) - step - _GUARD + 1
@@ -584,18 +563,18 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         raise errors.MissingFitting(
             f"at least {_FEWEST_ROWS} rows of braid must be visible between the tapes; got {rows.size}"
         )
-    band = look.muscle.whole[first : last + 1] > 0
+    band = muscle.whole[first : last + 1] > 0
     left = np.argmax(band, axis=1)
     right = band.shape[1] - 1 - np.argmax(band[:, ::-1], axis=1)
     if left.min() == 0 or right.max() == band.shape[1] - 1:
         raise errors.Clipped(f"{_WHOLE}, or {_CLOTH}", left_px=int(left.min() * step))
     at = np.arange(first, last + 1) * step
-    body = shaped(look.muscle.lit, cv2.MORPH_ERODE, 5)
+    body = shaped(muscle.lit, cv2.MORPH_ERODE, 5)
     inside = np.zeros_like(body)
     inside[first : last + 1] = body[first : last + 1]
-    cloth = ~shaped(look.muscle.whole, cv2.MORPH_DILATE, 9)
+    cloth = ~shaped(muscle.whole, cv2.MORPH_DILATE, 9)
     cloth, braid, tape = (
-        sampled(look.small, mask, _COLOURS) for mask in (cloth, inside, look.tape & body)
+        sampled(small, mask, _COLOURS) for mask in (cloth, inside, coloured & body)
     )
     if min(cloth.size, braid.size, tape.size) == 0:
         raise errors.NoMuscle("cloth, braid and tapes must all be visible; one has no pixels")
@@ -603,8 +582,8 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
         right=np.interp(rows, at, right * step) + u0, upper=upper.moved(step, v0, u0),
         lower=lower.moved(step, v0, u0), cloth=np.median(cloth, axis=0),
-        braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=look.muscle.eta,
-        eta_hue=look.eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
+        braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=muscle.eta,
+        eta_hue=eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
     )  # fmt: skip
 
 

@@ -1,7 +1,6 @@
 """`famjax measure` from photographs, ruler and log to the files."""
 
 import csv
-import dataclasses
 import json
 from types import SimpleNamespace
 
@@ -13,7 +12,7 @@ from rendering import published_ruler, published_scene, render, render_ruler, se
 from famjax.__main__ import main
 from imaging import Recipe, Scale, read_recipe
 from imaging.cli import RecipeOptions, command_recipe
-from imaging.errors import AmbiguousRuler, MixedSizes
+from imaging.errors import MixedSizes
 from imaging.pictures import check_sizes
 
 IN = 0.0254
@@ -113,7 +112,6 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
         (["missing*.jpg", "--scale", "56 px/in"], "or a pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
         ([*SCALED, "--ruler-placement", "0.01in"], "require a ruler"),
-        ([*RULED, "--expected-px-per-in", "20"], "expected scale"),
         ([*RULED, "--ruler-placement=-1mm"], "placement_stderr"),
     ],
 )
@@ -127,19 +125,12 @@ def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, capsys, argu
     assert not (tmp_path / "out").exists()
 
 
-def test_how_a_ruler_is_read_is_an_option(tmp_path):
-    """Sixteenths on the other edge: the options tell which, and how well it was placed."""
-    scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
-    shot = render_ruler(scene, 5)
-    ruler = shot.save(tmp_path / "ruler.jpg")
-    with pytest.raises(AmbiguousRuler, match="--expected-px-per-in") as caught:
-        command_recipe(RecipeOptions(ruler=ruler))
-    assert caught.value.path == str(ruler)
-    options = RecipeOptions(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
-    found, _ = command_recipe(options)
-    assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
-    assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
-    assert found.scale.pitch == pytest.approx(IN / 8)  # eighths first
+def test_how_well_a_ruler_was_placed_is_an_option(lab):
+    ruler = lab.photos / "ruler.jpg"
+    found, provenance = command_recipe(RecipeOptions(ruler=ruler, ruler_placement="0.06in"))
+    assert found.scale.px_per_m == pytest.approx(lab.truth[0].px_per_m, rel=5e-4)
+    assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.02)  # 0.06 in of 60
+    assert provenance["ruler"] == str(ruler)
 
 
 def test_a_ruler_of_another_size_is_refused(tmp_path):
