@@ -289,14 +289,13 @@ def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
                 f"{rgb.dtype} and {rgb.shape}"
             )
         photo = Photograph(rgb, recipe.camera(rgb.shape[1], rgb.shape[0]), path)
-        if recipe.orientation == "horizontal":
-            return _measured(photo.clockwise(), recipe)
-        try:
-            return _measured(photo, recipe)
-        except errors.WrongOrientation:
-            if recipe.orientation == "vertical":
-                raise
-            return _measured(photo.clockwise(), recipe)
+        if recipe.orientation != "horizontal":
+            try:
+                return _measured(photo, recipe)
+            except errors.WrongOrientation:
+                if recipe.orientation == "vertical":
+                    raise
+        return _measured(photo.clockwise(), recipe)
 
 
 def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
@@ -308,21 +307,21 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
     outline = find_outline(
         image, amount, coarse.rows, coarse.left, coarse.right, resolution=recipe.smoothing_px
     )
-    body, upper, lower = _placed(photo, coarse, outline, recipe)
-    for again in range(_PASSES if recipe.distance is None else 0):
-        distance = distance_by_tapes(body, upper, lower, photo.camera.distance, found=again > 0)
+    stated, number = recipe.distance is not None, 0
+    while True:
+        body, upper, lower = _placed(photo, coarse, outline, recipe)
+        if stated or number == _PASSES:
+            break
+        distance = distance_by_tapes(body, upper, lower, photo.camera.distance, found=number > 0)
         if distance == photo.camera.distance:
             break
-        camera = photo.camera.moved(distance)
-        if recipe.k1 is not None:
-            camera = dataclasses.replace(camera, k1=recipe.k1)
+        camera, number = photo.camera.moved(distance), number + 1
+        camera = camera if recipe.k1 is None else dataclasses.replace(camera, k1=recipe.k1)
         photo = dataclasses.replace(photo, camera=camera)
-        body, upper, lower = _placed(photo, coarse, outline, recipe)
     quality = _quality(coarse, outline, upper, lower)
     quality.check()
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
-    stated = recipe.distance is not None
     axis = axis_of(photo.camera, outline, body, upper, lower, stated=stated)
     px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
     px = 1 / px_per_m

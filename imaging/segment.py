@@ -27,16 +27,11 @@ def shaped(mask: Mask, operation: int, size: int) -> Mask:
     return np.asarray(cv2.morphologyEx(mask, operation, np.ones((size, size), np.uint8)), np.uint8)
 
 
-def parts(mask: Mask) -> NDArray[np.int32]:
-    """Return the labels of the connected parts, 0 outside."""
-    return np.asarray(cv2.connectedComponents(mask)[1], np.int32)
-
-
-def areas(labels: NDArray[np.int32]) -> Indices:
-    """Return the number of pixels of each part, 0 for the outside."""
-    area = np.bincount(labels.ravel())
-    area[0] = 0
-    return area
+def parts(mask: Mask) -> tuple[NDArray[np.int32], Indices]:
+    """Return the labels of the connected parts, 0 outside, and the number of pixels of each part."""
+    _, labels, found, _ = cv2.connectedComponentsWithStats(mask)
+    found[0, cv2.CC_STAT_AREA] = 0
+    return np.asarray(labels, np.int32), np.asarray(found[:, cv2.CC_STAT_AREA], np.int64)
 
 
 def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
@@ -46,8 +41,7 @@ def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mas
 
 def largest(mask: Mask) -> tuple[Mask, int]:
     """Return the largest part of a mask, with gaps under 5 px closed, and its number of pixels."""
-    labels = parts(shaped(mask, cv2.MORPH_CLOSE, 5))
-    area = areas(labels)
+    labels, area = parts(shaped(mask, cv2.MORPH_CLOSE, 5))
     return chosen(labels, int(np.argmax(area))), int(area.max())
 
 
@@ -171,7 +165,7 @@ def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
     low, high = map(float, np.quantile(cloth, [0.5, 0.98], method="inverted_cdf"))
     level = max(low + _SHADE * (split.high - low), high + 4)
     shade = shaped(above(value, min(level, split.level)), cv2.MORPH_OPEN, 3)
-    labels = parts(lit | shade)
+    labels, _ = parts(lit | shade)
     return chosen(labels, labels[::2, ::2][lit[::2, ::2] > 0])
 
 
@@ -407,9 +401,10 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
 
     coloured = shaped(coloured, cv2.MORPH_OPEN, 3)
     half = np.count_nonzero(coloured) / 2
-    labels = parts(shaped(coloured, cv2.MORPH_CLOSE, int(max(5, _GAP * np.sqrt(half))) | 1))
+    labels, _ = parts(shaped(coloured, cv2.MORPH_CLOSE, int(max(5, _GAP * np.sqrt(half))) | 1))
     labels[coloured == 0] = 0
-    area = areas(labels)
+    area = np.bincount(labels.ravel())
+    area[0] = 0
     numbers = np.flatnonzero((area > 0) & (area >= _LEAST_TAPE * area.max()))
     n = int(numbers.size)
     clipped = any(line.any() for line in (muscle[0], muscle[-1], muscle[:, 0], muscle[:, -1]))

@@ -4,11 +4,10 @@ import cv2
 import numpy as np
 import pytest
 from rendering import INCH, Tape, published_scene
-from skimage.filters import threshold_otsu
 from slow_cases import slow_after
 
 from imaging import Recipe, Scale, measure, recipe
-from imaging.segment import otsu_split, segment
+from imaging.segment import segment
 from tests.imaging.photographs import changed, photograph
 
 COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
@@ -17,23 +16,6 @@ COARSE_PX = 8.0  # the fine steps find an edge that is up to 10 px away
 @pytest.fixture(scope="module")
 def photo():
     return photograph(published_scene(0.2625, size=(1060, 440)), 3)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_otsu_is_opencvs_and_scikit_images(seed):
-    random = np.random.default_rng(seed)
-    n = random.integers(50, 4000, 2)
-    values = np.concatenate([random.normal(70, 20, n[0]), random.normal(160, 25, n[1])])
-    image = np.clip(values, 0, 255).astype(np.uint8)[None]
-    level, _ = cv2.threshold(image, 0, 255, cv2.THRESH_OTSU)
-    split = otsu_split(image)
-    assert split.level == int(level)
-    # scikit-image gives the last bin of the lower class, or, on a plateau, another one of it.
-    assert np.array_equal(image > split.level, image > threshold_otsu(image))
-    upper = image > split.level
-    assert split.high == pytest.approx(image[upper].mean())
-    within = upper.mean() * image[upper].var() + (1 - upper.mean()) * image[~upper].var()
-    assert split.eta == pytest.approx(1 - within / image.var())
 
 
 def test_the_coarse_outline_is_near_the_true_one(photo):
