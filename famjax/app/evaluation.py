@@ -159,21 +159,15 @@ def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]
     from imaging import Tone
     from imaging.pictures import picture_recipe
 
-    ruler, recipe = (
-        None if name is None else sheet.path(name)
-        for name in (photographs.ruler, photographs.recipe)
-    )
+    ruler = None if photographs.ruler is None else sheet.path(photographs.ruler)
     given = {
         "pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement,
         "distance": photographs.distance, "tape_diameter": photographs.tape_diameter,
         "k1": photographs.k1, "orientation": photographs.orientation,
         "tone": None if photographs.tone is None else Tone.srgb(),
     }  # fmt: skip
-    given = {name: one for name, one in given.items() if one is not None}
-    reading = {name: given.pop(name) for name in ("pitch", "placement_stderr") if name in given}
-    return picture_recipe(
-        ruler=ruler, recipe=recipe, scale=photographs.scale, reading=reading, choices=given
-    )
+    choices = {name: one for name, one in given.items() if one is not None}
+    return picture_recipe(ruler, photographs.scale, choices)
 
 
 def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:

@@ -64,7 +64,6 @@ class Photographs:
     pitch: Positive | None = None
     ruler_placement: NotNegative | None = None
     tape_diameter: Positive | None = None
-    recipe: Text | None = None
     k1: float | None = None
     tone: Literal["srgb"] | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None

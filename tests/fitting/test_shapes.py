@@ -161,7 +161,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path=shown.names, error=("",) * n, warnings=("",) * n,
         columns={"length": shown.length, "pressure": shown.pressure},
         diameter=shown.diameter, diameter_stderr=5e-4 * shown.diameter,
-        braid_angle=unknown, braid_angle_stderr=unknown, sha256=("",) * n,
+        braid_angle=unknown, braid_angle_stderr=unknown,
         rest_length=REST, notes=(), time_origin=np.nan, stamp_resolution=np.nan,
         provenance={"scale_relative_stderr": "0.0003"},
     ).write_netcdf(folder / "measurements.nc")  # fmt: skip

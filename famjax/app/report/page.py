@@ -372,7 +372,7 @@ def _inputs(sheet: Sheet) -> dict[str, str]:
     named = [records.journal, records.machine_log, records.force_map]
     pictures = []
     if photographs is not None:
-        named += [photographs.ruler, photographs.recipe]
+        named.append(photographs.ruler)
         pictures = shown_pictures(sheet, photographs)
     files = [sheet.folder / SHEET, *(sheet.path(name) for name in named if name), *pictures]
     return {
