@@ -167,10 +167,16 @@ def bladder_hoop_force(
     return -jnp.asarray(hoop_stress * thickness * length**2 / (2 * jnp.pi * radius * turns**2))
 
 
-def _wall_forces(
+def wall_forces(
     material: AbstractMaterial, at: Dimensions, pressure: Real
 ) -> tuple[RealArray, RealArray]:
-    """Pulls [N] of the axial means of axial and hoop stress; nan where the law is undefined."""
+    """Return the pulls [N] of axial and hoop stress, broadcast shape; nan where the law is undefined.
+
+    Args:
+        material: stress law of the bladder.
+        at: dimensions of the muscle; stresses that vary along the axis are replaced by their mean.
+        pressure: gauge pressure P [Pa].
+    """
     stresses = material.stresses(
         at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
     )
@@ -179,45 +185,9 @@ def _wall_forces(
         jnp.sum(at.station_weights * jnp.where(known[..., None], stress, 0.0), axis=-1)
         for stress in stresses
     )
-    pulls = (
-        bladder_axial_force(axial, at.bladder_volume, at.length),
-        bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns),
-    )
-    return jnp.where(known, pulls[0], jnp.nan), jnp.where(known, pulls[1], jnp.nan)
-
-
-class BladderAxial(AbstractForceTerm):
-    """The pull of the axial stress alone, sigma_z V / L.
-
-    Attributes:
-        material: stress law of the bladder.
-
-    References:
-        Ferraresi 2001; Chambers 2021, section 6.2.
-    """
-
-    material: AbstractMaterial
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N], broadcast shape; negative where the shortened bladder pushes."""
-        return _wall_forces(self.material, at, pressure)[0]
-
-
-class BladderHoop(AbstractForceTerm):
-    """The pull lost to the hoop stress alone, -sigma_c t L^2 / (2 pi R N^2).
-
-    Attributes:
-        material: stress law of the bladder.
-
-    References:
-        Ferraresi 2001; Chambers 2021, section 6.2.
-    """
-
-    material: AbstractMaterial
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N], broadcast shape; negative where the stretched bladder restrains the braid."""
-        return _wall_forces(self.material, at, pressure)[1]
+    along = bladder_axial_force(axial, at.bladder_volume, at.length)
+    around = bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns)
+    return jnp.where(known, along, jnp.nan), jnp.where(known, around, jnp.nan)
 
 
 class BladderWall(AbstractForceTerm):
@@ -236,7 +206,7 @@ class BladderWall(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """Pull [N] of the bladder, broadcast shape; negative where it resists."""
-        axial, hoop = _wall_forces(self.material, at, pressure)
+        axial, hoop = wall_forces(self.material, at, pressure)
         return axial + hoop
 
 
@@ -288,24 +258,3 @@ class VirtualWork(AbstractForceTerm):
             B, L = at.thread_length, at.length
             rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
         return jnp.asarray(-(pressure - self.deadband_pressure) * rate)
-
-
-class Spring(AbstractForceTerm):
-    """A linear spring in parallel with the muscle, F = F_0 + k (L - L_s).
-
-    Attributes:
-        stiffness: k [N/m], >= 0; a stretched spring pulls with the muscle.
-        rest_length: L_s [m], active length of the muscle at which the spring pulls with F_0 only.
-            Only F_0 - k L_s can be identified from a force.
-        preload: F_0 [N].
-    """
-
-    stiffness: Float[Given, "..."] = parameter("N/m", low=0.0)
-    rest_length: Float[Given, "..."] = parameter("m", low=0.0, name="spring_length")
-    preload: Float[Given, "..."] = parameter("N", linear=True, name="spring_preload", default=0.0)
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N] of the spring, broadcast shape; negative if compressed."""
-        shape = jnp.broadcast_shapes(jnp.shape(at.length), jnp.shape(pressure))
-        pull = self.preload + self.stiffness * (at.length - self.rest_length)
-        return jnp.broadcast_to(pull, shape)

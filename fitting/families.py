@@ -193,7 +193,7 @@ class EstimatedSource(AbstractGeometrySource):
 
     specimen: Specimen | SpecimenNumbers
     n_threads: float | None = None
-    thread: famjax.braids.AbstractThread | None = None
+    thread: famjax.braids.LinearThread | None = None
 
     def __check_init__(self) -> None:
         if (self.n_threads is None) != (self.thread is None):

@@ -4,11 +4,13 @@ Values are in inches and psi, as printed, or in other units given by `inch` and 
 """
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from beside_print import printed
+from jaxtyping import Array
 
 from famjax import Bladder, Braid, ElasticBraid, EstimatedGeometry, MeasuredGeometry, Muscle, Real
 from famjax.braids import LinearThread
@@ -116,6 +118,26 @@ def measured_family(inch: float = 1.0, psi: float = 1.0, change: Change = NONE) 
 
 def _scaled(one: FourierProfile, inch: float, wider: Real) -> FourierProfile:
     return FourierProfile((one.a0 + wider) * inch, one.a * inch, one.b * inch, one.w)
+
+
+def elliptic_ends(
+    x: Real, length: Real, middle: Real, end: Real, end_length: float, angle: float
+) -> Array:
+    """Return the diameter of a cylinder whose ends are elliptic arcs swept around the axis.
+
+    Each arc leaves the cylinder tangentially and covers `angle` [rad] of the ellipse's parameter.
+
+    Args:
+        x: position as a fraction of the active length.
+        length: active length.
+        middle: diameter of the cylinder.
+        end: diameter at the fittings.
+        end_length: axial length of each end.
+        angle: in (0, pi/2).
+    """
+    zeta = jnp.minimum(jnp.minimum(x, 1 - x) * length / end_length, 1)
+    height = jnp.sqrt(math.cos(angle) ** 2 + math.sin(angle) ** 2 * zeta * (2 - zeta))
+    return end + (middle - end) * (height - math.cos(angle)) / (1 - math.cos(angle))
 
 
 def latex() -> PressurePolynomialMaterial:
