@@ -21,7 +21,6 @@ from famjax.plant import (
     PneumaticCircuit,
     PressureController,
     Regulated,
-    SlipFriction,
     SteppedPlant,
     choked_share,
     simulate,
@@ -239,7 +238,7 @@ def test_slip_elements_are_a_friction():
     L0 = LinearMcKibben().rest_length
     elements = MaxwellSlip(SlipElements([0.002], [20.0]), SlipElements.none(), L0, 1e6)
     plain = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben())
-    rough = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben(), friction=SlipFriction(elements))
+    rough = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben(), friction=elements)
     command = Command(np.full(1000, 0.6), 0.0, np.repeat([-2e-3, 2e-3], 500))
     smooth, found = (simulate(one, command, TICK) for one in (plain, rough))
     lengths, pressures = (np.asarray(one) for one in (smooth.position, smooth.pressure))
