@@ -89,7 +89,9 @@ LAWS: dict[str, materials.AbstractMaterial] = {
     "polynomial of pressure": materials.PressurePolynomialMaterial(
         [0.5, 1.0, 2.0], [[1.0, 0.2], [2.0, 0.1], [2.5, -0.3]]
     ),
-    "plain powers": materials.PlainPowerMaterial([0.5, 2.0], [[2.0, -1.0], [4.0, 0.5]]),
+    "plain powers": materials.PressurePolynomialMaterial(
+        [0.5, 2.0], [[2.0, -1.0], [4.0, 0.5]], odd=False
+    ),
 }
 
 # ---- in SI

@@ -13,7 +13,7 @@ from muscles import AREA, B0, L0, N
 
 import famjax
 from famjax.braids import ElasticBraid, LinearThread, thread_tension
-from famjax.materials import AbstractHyperelastic, AbstractMaterial, AbstractUniaxialLaw
+from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 EXACT = 1e-12  # a few roundings
 
@@ -97,7 +97,6 @@ def test_linear_thread_meets_the_closed_form_on_the_whole_grid():
 MU, C10, C01, YEOH = 0.8, 0.3, 0.1, np.array([0.4, -0.02, 0.003])
 OGDEN, ALPHA = map(np.array, known.OGDEN)
 HYPERELASTIC = known.HYPERELASTIC
-ENERGETIC = {name: known.LAWS[name] for name in [*HYPERELASTIC, "saturating"]}
 
 
 @eqx.filter_jit
@@ -156,10 +155,9 @@ def test_modulus_at_small_strain_is_that_of_poissons_ratio_one_half(law):
     assert float(jax.jit(jax.grad(law.uniaxial_stress))(0.0)) == pytest.approx(3 * mu, rel=EXACT)
 
 
-@pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)
+@pytest.mark.parametrize("law", HYPERELASTIC.values(), ids=HYPERELASTIC)
 def test_bladder_force_is_the_slope_of_the_stored_energy(law, festo):
     """Virtual work: where threads and mid-wall coincide, F dL = V dW with no other term."""
-    assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
     muscle = eqx.tree_at(lambda m: m.material, festo, law)
 
     def stored(length: jax.Array) -> jax.Array:
@@ -183,7 +181,8 @@ def test_monotone_law_is_its_modulus_integrated():
     law = famjax.materials.MonotoneMaterial(knots, moduli)
     strain = np.linspace(-0.4, 0.4, 41)
     modulus = np.interp(np.abs(strain), knots, moduli)
-    np.testing.assert_allclose(law.tangent_modulus(strain), modulus, rtol=1e-12)
+    slope = jax.vmap(jax.grad(law.stress))(strain)
+    np.testing.assert_allclose(slope, modulus, rtol=1e-12)
     fine = np.linspace(0, 0.4, 400001)
     trapezoid = np.interp(fine, knots, moduli)
     area = np.sum((trapezoid[1:] + trapezoid[:-1]) / 2) * (fine[1] - fine[0])

@@ -47,19 +47,6 @@ def test_a_law_is_named_by_its_class_alone(law):
         assert one.low <= float(material.parameters()[name]) <= one.high
 
 
-def test_tangent_modulus_of_laws_without_interaction():
-    h = 1e-6
-    for name in ("PolynomialMaterial", "SaturatingMaterial", "MonotoneMaterial"):
-        material = template(getattr(famjax.materials, name))
-        for strain in (0.07, 0.4):
-            up, down = (material.stresses(strain + d, 0.0, 0.0)[0] for d in (h, -h))
-            got = famjax.materials.tangent_modulus(material, strain)
-            assert float(got) == pytest.approx(float(up - down) / (2 * h), rel=1e-6)
-    by_pressure = famjax.materials.PressurePolynomialMaterial([0.0, 2e5], [[1e6], [3e6]])
-    got = famjax.materials.tangent_modulus(by_pressure, np.array([0.1, 0.2]), 1e5)
-    np.testing.assert_allclose(got, 2e6)
-
-
 def test_a_muscle_has_the_parameters_of_an_identification():
     soft = famjax.braids.CompliantBraid.of(EMBEDDED.braid, 1e-6)
     ends = famjax.geometries.EndEffectGeometry(
