@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 from muscles import FESTO
 
 import famjax
-from famjax.parameters import template
 
 EXACT = 1e-12
 
@@ -32,7 +31,7 @@ LAWS: dict[type[famjax.materials.AbstractMaterial], tuple[str, ...]] = {
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_a_law_is_named_by_its_class_alone(law):
-    material = template(law)
+    material = law.template()
     assert tuple(material.declared()) == LAWS[law]
     assert law.law_name
     linear = {name for name, one in material.declared().items() if one.linear}

@@ -11,7 +11,6 @@ import pytest
 import famjax
 from famjax import Braid, Muscle, materials, peers, terms
 from famjax.measured import MeasuredGeometry, Meridian, quadrature
-from famjax.parameters import template
 from famjax.profiles import FourierProfile
 from famjax.surfaces import MeasuredFamily, SampledSurface
 
@@ -128,7 +127,7 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
      lambda: known.FESTO_CYLINDER.with_parameters({"turns": 1.0})),
     (ValueError, r"one number; got the shape \(2,\) for 'E_1'",
      lambda: PLAIN.with_parameters({"E_1": jnp.ones(2)})),
-    (ValueError, "field 'geometry' of Muscle has no default", lambda: template(Muscle)),
+    (ValueError, "field 'geometry' of Muscle has no default", lambda: Muscle.template()),
     (ValueError, "goes from low to high", lambda: famjax.parameter("m", low=1.0, high=0.0)),
     (ValueError, "scale of a parameter is finite and > 0",
      lambda: famjax.parameter("m", scale=0.0)),
