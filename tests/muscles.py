@@ -21,7 +21,7 @@ KEVLAR = famjax.ElasticBraid(B0, N, 0.011, 144, braids.LinearThread(11.6e6, AREA
 CYLINDER = famjax.EstimatedGeometry(INELASTIC, SPECIMEN)
 LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
 CHAMBERS = famjax.Muscle(CYLINDER, LATEX)
-DESIGN = (0.875, 0.0625, 2.0, 0.011, 0.76, 2.23, L0)
+DESIGN = (0.875, 0.0625, 2.0, 0.011, 2.23, LATEX, 144.0, 59.3, L0)
 """Its braid and bladder as `famjax.design.Combination` takes them."""
 
 TABLE_4_3 = {  # as corrected, 100 psi: by contraction, profile and length [in]

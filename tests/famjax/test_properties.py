@@ -226,13 +226,8 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
     slips = MaxwellSlip(elements, SlipElements([0.002, 0.015], [8.0, 20.0]), 0.3, 1e6)
     states = (0.3 * (1 - 0.2 * RANDOM.uniform(size=9)), 8e5 * RANDOM.uniform(size=9))
     sleeve = Combination(*known.DESIGN)
-    ideal = lambda one, e, P: one.force(e, P)  # noqa: E731
-
-    def latex(one: Combination, e: jax.Array, P: jax.Array) -> jax.Array:
-        return one.force(e, P, jax.tree.map(lambda leaf: leaf.astype(e.dtype), known.LATEX))
-
     states = np.array([0.05, 0.2, 0.1]), PRESSURES
-    yield "ideal design", Case(ideal, sleeve, states)
+    latex = lambda one, e, P: one.force(e, P)  # noqa: E731
     yield "design of latex", Case(latex, sleeve, states, 2e-4)
     yield "history of slips", Case(MaxwellSlip.along, slips, states, 1e-3)
     shaped = lambda: famjax.EquilibriumMuscle(  # noqa: E731
