@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
+from numpy.polynomial.legendre import legint, legvander
 
 from ._arrays import Given, Real, RealArray, as_real, at_each
 from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
@@ -487,7 +488,7 @@ def _profile(
 
 
 def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
-    """The shape at points of every section, by the polynomials through its stations."""
+    """Return the shape at points of every section, by the polynomials through its stations."""
     dtype, start, found = balance.ends.dtype, jnp.zeros_like(balance.length), []
     at = np.linspace(-1, 1, points)
     radii = jnp.zeros(len(balance.shares) * balance.order + 1, dtype)
@@ -497,50 +498,30 @@ def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
     for i, (rule, part, state) in enumerate(
         zip(balance.rules, balance.parts, balance.states(solved.y), strict=True)
     ):
-        # Values at Gauss stations to Legendre coefficients, and from there anywhere.
-        size, stations = rule.x.size, 2 * rule.x - 1
-        legendre = np.polynomial.legendre.legvander(stations, size - 1)
-        share = balance.shares[i]
-        back = (legendre * (rule.weights / share)[:, None]).T * (2 * np.arange(size) + 1)[:, None]
-        there = np.polynomial.legendre.legvander(at, size)
-        through = (there[:, :-1] @ back).astype(dtype)
-        lower = np.concatenate([-np.ones((points, 1)), there[:, :-2]], axis=1)
-        grown = (there[:, 1:] - lower) / (2 * np.arange(size) + 1) / 2 * share
-        z = start + (grown @ back).astype(dtype) @ rates[i]
-        whole = (np.ones((1, size)) * rule.weights).astype(dtype) @ rates[i]
-        start = start + whole[0]
-        values = modes(balance.shares, balance.order, i, at)[0].astype(dtype)
-        radius = values @ radii
+        size = rule.x.size
+        to_series = np.linalg.inv(legvander(2 * rule.x - 1, size - 1))  # from values at stations
+        through = (legvander(at, size - 1) @ to_series).astype(dtype)
+        grown = legvander(at, size) @ legint(np.eye(size), lbnd=-1) @ to_series
+        z = start + (grown * balance.shares[i] / 2).astype(dtype) @ rates[i]
+        start = z[-1]
+        radius = modes(balance.shares, balance.order, i, at)[0].astype(dtype) @ radii
         stretch = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
-        across = through @ state[:, 3]
         bladder = jax.tree.map(lambda leaf, t=through: t @ leaf, part.bladder)
         own = Part(part.braid, bladder, part.material)
-        along: Any = z, radius, stretch, across
-        found.append(_points(own, balance, state[0, 2], *along))
+        meridian, _, outer = own.place(radius, stretch)
+        axial, hoop = own.strains(radius, stretch)
+        stress = own.material.stresses(axial, hoop, balance.pressure)[0]
+        along = balance.pressure * jnp.pi * radius**2 + state[0, 2]
+        rubber = bladder.volume * stress / (1 + axial) / bladder.rest_length
+        carried = jnp.hypot(along, through @ state[:, 3]) - rubber
+        shape = Shape(
+            position=z,
+            radius=radius,
+            braid_angle=jnp.arctan2(meridian, 2 * jnp.pi * part.braid.turns * radius),
+            thread_tension=carried * part.braid.rest_thread_length * (1 + stretch) / meridian,
+            axial_strain=axial,
+            hoop_strain=hoop,
+            thickness=bladder.thickness(meridian, outer),
+        )
+        found.append(shape)
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *found)
-
-
-def _points(
-    part: Part,
-    balance: Balance,
-    force: RealArray,
-    z: RealArray,
-    radius: RealArray,
-    stretch: RealArray,
-    across: RealArray,
-) -> Shape:
-    meridian, _, outer = part.place(radius, stretch)
-    axial, hoop = part.strains(radius, stretch)
-    stress = part.material.stresses(axial, hoop, balance.pressure)[0]
-    carried = jnp.hypot(balance.pressure * jnp.pi * radius**2 + force, across)
-    rubber = part.bladder.volume * stress / (1 + axial) / part.bladder.rest_length
-    thread = part.braid.rest_thread_length * (1 + stretch)
-    return Shape(
-        position=z,
-        radius=radius,
-        braid_angle=jnp.arctan2(meridian, 2 * jnp.pi * part.braid.turns * radius),
-        thread_tension=(carried - rubber) * thread / meridian,
-        axial_strain=axial,
-        hoop_strain=hoop,
-        thickness=part.bladder.thickness(meridian, outer),
-    )
