@@ -40,7 +40,7 @@ def design(
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 
-    Writes `design.json` (Pareto front, refined design, candidates excluded by each limit, end-fittings)
+    Writes `design.json` (Pareto front, refined design with end-fitting, candidates excluded by each limit)
     and `feasible.csv`. If no candidate is feasible, prints the nearest miss and exits with 1.
 
     Parameters
@@ -88,13 +88,12 @@ def design(
     requirement = _read(Requirement, require, "--require", "pressure_psi=100")
     varied = _read(_Varied, vary, "--vary", "rest_length_mm=100:600")
     longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
-    offered = load_catalogue(catalogue, bundled=bundled)
     found = search_catalogue(
-        offered, requirement, rest_length=varied.rest_length or (longest / 4, longest),
+        load_catalogue(catalogue, bundled=bundled), requirement, rest_length=varied.rest_length or (longest / 4, longest),
         pressure=varied.pressure, about=int(search), objectives=objective or DEFAULT_OBJECTIVES,
         end_fittings=end_fittings,
     )  # fmt: skip
-    document = design_document(found, offered, system=units)
+    document = design_document(found, system=units)
     document["origin"] = Origin.of_this_command().as_dict()
     files = {"feasible.csv": feasible_table(found, system=units)} if found.refined else {}
     paths = place.write({"design.json": document, **files})
@@ -117,7 +116,7 @@ def design(
 
 def _narrow(rows: list[dict]) -> list[dict]:
     """Rows without the columns that only the file contains."""
-    left = ("tube", "blocked_force", "thread", "turns")
+    left = ("tube", "diameter_on", "blocked_force", "thread", "turns")
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]
 
 

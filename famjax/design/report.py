@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..boundary.units import Row, entry, factor, unit_system
 from ..braids import turns_from_angle
-from .catalogue import Catalogue, size_end_fittings
 from .search import COLUMNS, CONSTRAINTS, Search
 
 
@@ -24,7 +23,8 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
     """Return candidates of a search as rows; an unknown number is None.
 
-    Each row lists the parts to buy, the columns of the search, and length and turns of the threads.
+    Each row lists the parts to buy, the sizes of the end-fitting, the columns of the search, and length
+    and turns of the threads.
 
     Args:
         found: from `search`.
@@ -39,10 +39,14 @@ def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system:
 def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
     pair, angle = found.pairs[int(numbers["pair"])], numbers["braid_angle"]
     length, diameter = numbers["rest_length"], pair.bladder.diameter
+    fitting: Row = {}
+    if pair.fitting is not None:
+        sizes = {"diameter_on_braid": "length", "diameter_on_bladder": "length"}
+        fitting = {"tube": pair.fitting.tube.name, **_entries(vars(pair.fitting), sizes, system)}
     return {
         "bladder": pair.bladder.name,
         "braid": pair.braid.name,
-        "tube": pair.tube,
+        **fitting,
         **_entries(numbers, COLUMNS, system),
         **entry("thread_length", length / math.sin(angle), "length", system),
         "turns": float(turns_from_angle(length, diameter, angle)),
@@ -71,17 +75,16 @@ def exclusion_rows(found: Search, *, system: str) -> list[Row]:
     return sorted(rows, key=lambda row: -row["excluded"])
 
 
-def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict[str, Any]:
+def design_document(found: Search, *, system: str) -> dict[str, Any]:
     """Return the result of a search, without the table of feasible designs, ready for JSON.
 
     Args:
         found: from `search`.
-        catalogue: the searched catalogue.
         system: "si", "metric" or "us".
 
     Returns:
         `search` (requirement in SI and number of candidates), `front`, `refined`, `exclusions`,
-        `nearest` (empty if a candidate is feasible), `end_fittings`.
+        `nearest` (empty if a candidate is feasible).
     """
     asked = dataclasses.asdict(found.requirement)
     refined = [] if found.refined is None else [_row(found, found.refined, system)]
@@ -98,27 +101,7 @@ def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict
         "refined": refined,
         "exclusions": exclusion_rows(found, system=system),
         "nearest": [] if refined else design_rows(found, found.nearest, system=system),
-        "end_fittings": _end_fittings(catalogue, system),
     }
-
-
-def _end_fittings(catalogue: Catalogue, system: str) -> list[Row]:
-    """Rows with the end-fittings of every bladder, and of every braid that fits it."""
-    sizes = {"diameter_on_braid": "length", "diameter_on_bladder": "length"}
-    return [
-        {
-            "tube": one.tube.name,
-            "bladder": bladder.name,
-            "braid": braid.name,
-            **_entries(vars(one), sizes, system),
-            "bore_stretch": one.bore_stretch,
-            "feasible": one.feasible,
-        }
-        for braid in catalogue.braids
-        for bladder in catalogue.bladders
-        if braid.fits(bladder.diameter)
-        for one in size_end_fittings(catalogue, braid, bladder)
-    ]
 
 
 def feasible_table(found: Search, *, system: str) -> bytes:
@@ -131,13 +114,6 @@ def feasible_table(found: Search, *, system: str) -> bytes:
         bought = found.pairs[k].bladder.name, found.pairs[k].braid.name
         lines.append(",".join([*bought, *(f"{value:.9g}" for value in row)]))
     return ("\n".join(lines) + "\n").encode()
-
-
-_REASONS = {
-    "braid": "the braid does not fit the bladder",
-    "end_fitting": "no swage tube in the catalogue fits",
-    "untested": "the strength of the threads is unknown",
-}
 
 
 def summary(found: Search, *, system: str) -> list[str]:
@@ -153,7 +129,7 @@ def summary(found: Search, *, system: str) -> list[str]:
         f"{len(found.feasible):,} of {len(found.margins):,} candidates ({len(found.pairs)} pairs of "
         "bladder and braid) meet all requirements."
     ]
-    if left_out := [f"{n} ({_REASONS[reason]})" for reason, n in found.left_out.items() if n]:
+    if left_out := [f"{n} ({reason})" for reason, n in found.left_out.items()]:
         said.append(f"Excluded pairs: {', '.join(left_out)}.")
     for row in [] if len(found.feasible) else exclusion_rows(found, system=system):
         column, side = CONSTRAINTS[row["constraint"]]

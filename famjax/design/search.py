@@ -8,6 +8,7 @@ of the reference work, D is the bladder's outer diameter: the braid's thickness 
 force and counts only in the diameter outside the braid.
 """
 
+import collections
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -34,6 +35,7 @@ from .catalogue import (
     Catalogue,
     CatalogueBladder,
     CatalogueBraid,
+    EndFitting,
     size_end_fittings,
 )
 
@@ -46,18 +48,11 @@ ATMOSPHERE = 101325.0
 LATEX = (257.8 * units.PSI, -57.9 * units.PSI, 32.7 * units.PSI)
 """Default E_n [Pa]: latex of the reference work (Chambers 2021, chapter 6)."""
 
-COLUMNS: dict[str, str] = {
-    "rest_length": "length",
-    "pressure": "pressure",
-    "braid_angle": "angle",
-    "blocked_force": "force",
-    "force": "force",
-    "contraction": "number",
-    "stroke": "length",
-    "outer_diameter": "length",
-    "air": "volume",
-    "thread_factor": "number",
-}
+COLUMNS = {
+    "rest_length": "length", "pressure": "pressure", "braid_angle": "angle", "blocked_force": "force",
+    "force": "force", "contraction": "number", "stroke": "length", "outer_diameter": "length",
+    "air": "volume", "thread_factor": "number",
+}  # fmt: skip
 """Columns of a candidate and the quantity of each, which sets its unit; see `Search`."""
 
 OBJECTIVES: dict[str, Literal["least", "most"]] = {
@@ -250,17 +245,17 @@ class Requirement:
 
 @dataclasses.dataclass(frozen=True)
 class BuildablePair:
-    """A bladder under a braid, with its swage tube.
+    """A bladder under a braid, with its end-fitting.
 
     Attributes:
         bladder: row of the catalogue.
         braid: row of the catalogue.
-        tube: name of the fitting swage tube with the thickest wall, or None if none is required.
+        fitting: end-fitting in the tube with the thickest wall that fits, or None if none is required.
     """
 
     bladder: CatalogueBladder
     braid: CatalogueBraid
-    tube: str | None
+    fitting: EndFitting | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -278,7 +273,7 @@ class Search:
         ranges: ranges of rest length [m] and pressure [Pa].
         objectives: as given.
         pairs: pairs that can be built.
-        left_out: number of excluded pairs by reason: "braid", "end_fitting", "untested".
+        left_out: number of excluded pairs by reason.
         columns: columns of all candidates.
         margins: relative margin to each of `CONSTRAINTS`, shape (candidates, constraints). Negative
             if the constraint is violated; nan if the braid jams first or the value is unknown.
@@ -403,9 +398,6 @@ def _buildable_pairs(
 ) -> tuple[list[BuildablePair], dict[str, int]]:
     """Return the pairs that can be built, and the number of other pairs by reason.
 
-    Reasons: "braid", the braid does not fit the bladder; "end_fitting", no tube fits; "untested", a
-    thread_factor is required but the threads' breaking load is unknown.
-
     Raises:
         InputError: end-fittings are required, but the catalogue has no tubes.
     """
@@ -413,21 +405,21 @@ def _buildable_pairs(
         raise InputError(
             "the catalogue has no swage tubes: add [[tube]] rows, or search without end-fittings"
         )
-    pairs, left_out = [], {"braid": 0, "end_fitting": 0, "untested": 0}
+    pairs, left_out = [], collections.Counter()
     for braid in catalogue.braids:
         for bladder in catalogue.bladders:
             sized = size_end_fittings(catalogue, braid, bladder) if end_fittings else []
-            fitting = [one.tube for one in sized if one.feasible]
-            tube = max(fitting, key=lambda one: one.thickness, default=None)
+            fitting = [one for one in sized if one.feasible]
+            thickest = max(fitting, key=lambda one: one.tube.thickness, default=None)
             if not braid.fits(bladder.diameter):
-                left_out["braid"] += 1
-            elif end_fittings and tube is None:
-                left_out["end_fitting"] += 1
+                left_out["the braid does not fit the bladder"] += 1
+            elif end_fittings and thickest is None:
+                left_out["no swage tube in the catalogue fits"] += 1
             elif requirement.thread_factor > 0 and braid.breaking_load is None:
-                left_out["untested"] += 1
+                left_out["the strength of the threads is unknown"] += 1
             else:
-                pairs.append(BuildablePair(bladder, braid, tube and tube.name))
-    return pairs, left_out
+                pairs.append(BuildablePair(bladder, braid, thickest))
+    return pairs, dict(left_out)
 
 
 def _stacked(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> Combination:

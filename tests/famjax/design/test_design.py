@@ -179,9 +179,7 @@ def test_fitting_diameters_come_within_a_thousandth_of_the_published_ones():
 def test_only_a_tube_of_0p058_in_or_more_lets_the_fitting_into_the_bore():
     catalogue = load_catalogue()
     wide = [one for one in catalogue.bladders if one.diameter == pytest.approx(0.875 * INCH)]
-    found = [
-        f for one in wide for f in size_end_fittings(catalogue, catalogue.braids[1], one)
-    ]
+    found = [f for one in wide for f in size_end_fittings(catalogue, catalogue.braids[1], one)]
     assert len(found) == 4 * 3
     fits = [(f.tube.thickness / INCH, f.bladder.thickness / INCH) for f in found if f.feasible]
     np.testing.assert_allclose(fits, [(0.058, 0.0625), (0.065, 0.0625)])
