@@ -180,36 +180,6 @@ class AbstractGeometry(Parametrised):
         )
 
 
-def cylinder_volume(length: Real, radius: Real) -> RealArray:
-    """Volume [m3] of a cylinder, V = pi R^2 L; rounded ends are neglected.
-
-    Args:
-        length: active length L [m].
-        radius: R [m].
-
-    Returns:
-        V [m3], broadcast shape.
-    """
-    return jnp.asarray(jnp.pi * radius**2 * length)
-
-
-def tube_volume(length: Real, outer_diameter: Real, thickness: Real) -> RealArray:
-    """Volume [m3] of the rubber in a tube, V = pi t (D - t) L.
-
-    Args:
-        length: L [m].
-        outer_diameter: D [m].
-        thickness: wall t [m], 0 < t <= D / 2.
-
-    Returns:
-        V [m3], broadcast shape.
-
-    >>> round(float(tube_volume(9.28125, 0.875, 0.0625)), 3)  # inches: Chambers 2021, 1.481 in3
-    1.481
-    """
-    return jnp.asarray(jnp.pi * thickness * (outer_diameter - thickness) * length)
-
-
 def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) -> RealArray:
     """Wall thickness t [m] of an incompressible tube, t = R - sqrt(R^2 - V / (pi L)).
 
@@ -351,7 +321,7 @@ def cylinder_dimensions(
         hoop_strain=bladder.hoop_strain(wall_length, wall_radius)[..., None],
         station_weights=jnp.ones(1, length.dtype),
         bladder_volume=bladder.volume,
-        volume=cylinder_volume(length, radius),
+        volume=jnp.pi * radius**2 * length,
         thread_length=thread_length,
     ).unless(reached)
 

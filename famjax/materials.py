@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ._arrays import Given, Real, RealArray, as_real, promoting
 from .parameters import Declared, Parametrised, checked_values, number, parameter
@@ -388,7 +388,7 @@ class OgdenMaterial(AbstractHyperelastic):
     """The Ogden law with any number of terms.
 
     W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
-    Some programs use 2 mu_p / alpha_p^2 instead of mu_p / alpha_p; their mu_p is alpha_p / 2 times this one.
+    Some programs use 2 mu_p / alpha_p^2 as factor; their mu_p is alpha_p / 2 times this one.
 
     Attributes:
         moduli: mu_p [Pa], shape (terms,).
@@ -490,65 +490,3 @@ _ONE_TERM = {
     ),
     "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=15.0),
 }
-
-
-class MonotoneMaterial(AbstractUniaxialLaw):
-    """An odd law whose tangent modulus is linear between knots and constant beyond the last.
-
-    If all moduli are >= 0, the stress rises everywhere and the law is Drucker-stable.
-
-    Attributes:
-        knots: strain magnitudes [-] of the nodes, increasing, the first 0.
-        moduli: tangent moduli [Pa] at the knots, shape (knots,).
-
-    >>> law = MonotoneMaterial((0.0, 0.1), [4.0, 2.0])
-    >>> print(f"{law.stress(0.1):.2f} {law.stress(-0.2):.2f} {jax.grad(law.stress)(0.05):.1f}")
-    0.30 -0.50 3.0
-    """
-
-    knots: tuple[float, ...] = eqx.field(static=True)
-    moduli: Float[Given, " knots"] = parameter(
-        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True, name="modulus_at_{}"
-    )
-
-    law_name: ClassVar[str] = "monotone"
-
-    @classmethod
-    def template(
-        cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
-    ) -> "MonotoneMaterial":
-        """Create the law with the same modulus at every knot."""
-        fields.setdefault("moduli", np.full(len(knots), STRESS_SCALE))
-        return super().template(knots=knots, **fields)
-
-    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """Return the name of a modulus with its knot, such as modulus_at_0.03."""
-        if field != "moduli":
-            return super().parameter_name(field, index)
-        return f"modulus_at_{self.knots[index[0]]:g}"
-
-    def __check_init__(self) -> None:
-        if len(self.knots) < 2 or self.knots[0] != 0 or not np.all(np.diff(self.knots) > 0):
-            raise ValueError(
-                "a monotone law needs two or more increasing strains as knots, the first of them 0, got "
-                f"{self.knots}"
-            )
-        if self.moduli.shape != (len(self.knots),):
-            raise ValueError(
-                f"a monotone law with {len(self.knots)} knots needs as many moduli, got shape "
-                f"{self.moduli.shape}"
-            )
-
-    def stress(self, strain: Real) -> RealArray:
-        """True stress sigma [Pa] of one direction: the integral of the modulus."""
-        strain = as_real(strain)
-        knots = np.asarray(self.knots)
-        width = np.diff(knots)
-        rise = jnp.diff(self.moduli) / width
-        sign = jnp.where(strain >= 0, 1.0, -1.0)
-        size = (sign * strain)[..., None]
-        # Each cell contributes its own change of modulus, and the changed modulus beyond it.
-        inside = jnp.clip(size - knots[:-1], 0, width)
-        beyond = jnp.maximum(size - knots[1:], 0)
-        kinks = jnp.sum(rise * (inside**2 / 2 + inside * beyond), axis=-1)
-        return sign * (self.moduli[0] * size[..., 0] + kinks)

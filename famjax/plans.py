@@ -55,7 +55,9 @@ def circuit_of(tables: dict[str, Any], plan: Path) -> AbstractCircuit:
     return _with_numbers(made, entries, f"{plan}: [circuit]: ")
 
 
-def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> DahlFriction | CentredSlip | None:
+def friction_of(
+    tables: dict[str, Any], plan: Path, muscle: SafeMuscle
+) -> DahlFriction | CentredSlip | None:
     """Build the friction from the table [friction], or else from the muscle's hysteresis."""
     if "friction" in tables:
         return _with_numbers(DahlFriction(), tables["friction"], f"{plan}: [friction]: ")

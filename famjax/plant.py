@@ -127,7 +127,7 @@ class AbstractCircuit(Parametrised):
 class PneumaticCircuit(AbstractCircuit):
     """Air through a 5/3 proportional valve, which fills above the bias, vents below it and leaks at it.
 
-        Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, in both directions; p V^n constant
+        Q = p_N C p_1 psi(p_2/p_1)/p from the supply and to the atmosphere, either way; p V^n constant
 
     The gas temperature enters only through the polytropic exponent n. Resistance and waves of the hose
     are neglected, and so are dynamics of the valve other than a lag.

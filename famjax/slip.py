@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import equinox as eqx
 import jax
@@ -13,10 +13,8 @@ from jaxtyping import Array, Float, Num
 
 from ._arrays import Given, Real, RealArray, as_number, as_real, compiled_method
 
-if TYPE_CHECKING:
-    Either: TypeAlias = Any  # NumPy's or JAX's, as the arguments are
-else:
-    Either: TypeAlias = Real
+Either: TypeAlias = Any  # an array of NumPy or JAX, as the arguments are
+History: TypeAlias = Float[Array | np.ndarray, " n"] | Sequence[float]
 
 
 def slip(deflection: Either, change: Either, threshold: Either) -> Either:
@@ -191,11 +189,7 @@ class MaxwellSlip(eqx.Module):
         return self.force(state, pressure)
 
     @compiled_method
-    def states(
-        self,
-        length: Float[Array | np.ndarray, " n"] | Sequence[float],
-        pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
-    ) -> SlipState:
+    def states(self, length: History, pressure: History) -> SlipState:
         """Return the state at each point of a history that starts relaxed.
 
         Args:
@@ -214,20 +208,12 @@ class MaxwellSlip(eqx.Module):
         return jax.lax.scan(step, self.start(L[0], P[0]), (L, P))[1]
 
     @compiled_method
-    def along(
-        self,
-        length: Float[Array | np.ndarray, " n"] | Sequence[float],
-        pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
-    ) -> Float[Array, " n"]:
+    def along(self, length: History, pressure: History) -> Float[Array, " n"]:
         """Return F_h [N] along a history that starts relaxed, shape (n,); see `states`."""
         return jax.vmap(self.force)(self.states(length, pressure), as_real(pressure))
 
     @compiled_method
-    def heat(
-        self,
-        length: Float[Array | np.ndarray, " n"] | Sequence[float],
-        pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
-    ) -> Float[Array, ""]:
+    def heat(self, length: History, pressure: History) -> Float[Array, ""]:
         """Return the energy [J] dissipated over a history; never negative."""
         states = self.states(length, pressure)
         change = jnp.diff(states.coordinates, axis=0)

@@ -1,15 +1,11 @@
 """Force terms, and their sum."""
 
 import abc
-import functools
-import operator
 from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float
 
 from ._arrays import Given, Real, RealArray, as_real
@@ -45,10 +41,6 @@ class AbstractForceTerm(Parametrised):
         if not isinstance(other, AbstractForceTerm):
             return NotImplemented
         return SumOfTerms((self, other))
-
-    def __radd__(self, other: object) -> "AbstractForceTerm":
-        """Return the term itself for 0 + term, as required by sum([...])."""
-        return self if isinstance(other, int) and other == 0 else NotImplemented
 
 
 class SumOfTerms(AbstractForceTerm):
@@ -87,23 +79,19 @@ class SumOfTerms(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """Sum of the terms' forces [N], broadcast shape."""
-        forces = [_of_term(term, at, pressure) for term in self.terms]
-        return functools.reduce(operator.add, forces)
-
-
-def _of_term(term: AbstractForceTerm, at: Dimensions, pressure: Real) -> RealArray:
-    """Force [N] of a term, checked to be one number for each state."""
-    force = term.force(at, pressure)
-    wanted = jnp.shape(at.length)
-    shape = force.shape if isinstance(force, jax.Array | np.ndarray) else np.shape(force)
-    alone = not isinstance(force, tuple | list | None)
-    if not alone or len(shape) > len(wanted) or jnp.broadcast_shapes(shape, wanted) != wanted:
-        came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
-        raise ValueError(
-            f"force(at, pressure) of {type(term).__name__} must return one force [N] for each state, "
-            f"here of the shape {wanted}, that of at.length; got {came}"
-        )
-    return jnp.asarray(force)
+        wanted, total = jnp.shape(at.length), jnp.zeros(())
+        for term in self.terms:
+            force = term.force(at, pressure)
+            alone = not isinstance(force, tuple | list | None)
+            shape = jnp.shape(force) if alone else ()
+            if not alone or jnp.broadcast_shapes(shape, wanted) != wanted:
+                came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
+                raise ValueError(
+                    f"force(at, pressure) of {type(term).__name__} must return one force [N] for each "
+                    f"state, here of the shape {wanted}, that of at.length; got {came}"
+                )
+            total = total + force
+        return total
 
 
 HIGHEST_DEADBAND = 200e3

@@ -43,7 +43,7 @@ def check_law(law: Law, constraint: str, dependence: str) -> None:
     if constraint == "slope" and law.material.directions_interact:
         raise InputError(
             "the slope constraint is for laws whose two directions do not interact (polynomial, "
-            "saturating, monotone, and those of a class with directions_interact = False), not for "
+            "saturating, and those of a class with directions_interact = False), not for "
             f"{type(law.material).__name__}; the drucker constraint covers both directions together"
         )
 

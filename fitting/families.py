@@ -71,7 +71,6 @@ def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
         famjax.materials.OgdenMaterial,
         famjax.materials.MooneyRivlinMaterial,
         famjax.materials.SaturatingMaterial,
-        famjax.materials.MonotoneMaterial,
         famjax.materials.NeoHookeanMaterial,
         famjax.materials.YeohMaterial,
     )

@@ -51,7 +51,7 @@ def identify(
 
     Args:
         data: the force map; slack readings are censored.
-        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean",
             "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial` with parameters
             declared by `famjax.parameter`, given as a class, an instance, or "module:Class".
         order: order of the polynomial law, 1 to 8; default 3.

@@ -84,7 +84,6 @@ HYPERELASTIC: dict[str, materials.AbstractHyperelastic] = {
 LAWS: dict[str, materials.AbstractMaterial] = {
     **HYPERELASTIC,
     "saturating": materials.SaturatingMaterial(0.5, 0.3, 0.2),
-    "monotone": materials.MonotoneMaterial((0.0, 0.05, 0.2), [6.0, 2.0, 4.0]),
     "polynomial": famjax.PolynomialMaterial([1.0, -0.3, 0.2]),
     "polynomial of pressure": materials.PressurePolynomialMaterial(
         [0.5, 1.0, 2.0], [[1.0, 0.2], [2.0, 0.1], [2.5, -0.3]]

@@ -10,13 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from beside_print import Chapter, Row, beside, printed
 from jaxtyping import Array, Float
-from specimen import elliptic_ends, inelastic_braid, profile, transcribed_profile
+from specimen import elliptic_ends, inelastic_braid, profile, transcribed_profile, tube_volume
 from twin import Twin
 
 from famjax import units
 from famjax.braids import diameter_from_length
 from famjax.compile_options import quick_jit
-from famjax.geometries import tube_volume
 from famjax.measured import Meridian
 from famjax.profiles import FourierProfile
 

@@ -16,12 +16,11 @@ from force_balance import (
     spread,
     terms,
 )
-from specimen import PRESSURES, elastic_braid, measured_family
+from specimen import PRESSURES, elastic_braid, measured_family, tube_volume
 from twin import Twin
 
 import famjax
 from famjax import units
-from famjax.geometries import tube_volume
 
 chapter = Chapter(__name__)
 

@@ -120,6 +120,11 @@ def _scaled(one: FourierProfile, inch: float, wider: Real) -> FourierProfile:
     return FourierProfile((one.a0 + wider) * inch, one.a * inch, one.b * inch, one.w)
 
 
+def tube_volume(length: float, outer_diameter: float, thickness: float) -> float:
+    """Return the volume of the rubber in a tube, V = pi t (D - t) L."""
+    return math.pi * thickness * (outer_diameter - thickness) * length
+
+
 def elliptic_ends(
     x: Real, length: Real, middle: Real, end: Real, end_length: float, angle: float
 ) -> Array:

@@ -89,9 +89,9 @@ def design(
     varied = _read(_Varied, vary, "--vary", "rest_length_mm=100:600")
     longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
     found = search_catalogue(
-        load_catalogue(catalogue, bundled=bundled), requirement, rest_length=varied.rest_length or (longest / 4, longest),
-        pressure=varied.pressure, about=int(search), objectives=objective or DEFAULT_OBJECTIVES,
-        end_fittings=end_fittings,
+        load_catalogue(catalogue, bundled=bundled), requirement,
+        rest_length=varied.rest_length or (longest / 4, longest), pressure=varied.pressure,
+        about=int(search), objectives=objective or DEFAULT_OBJECTIVES, end_fittings=end_fittings,
     )  # fmt: skip
     document = design_document(found, system=units)
     document["origin"] = Origin.of_this_command().as_dict()

@@ -25,7 +25,6 @@ LAWS: dict[type[famjax.materials.AbstractMaterial], tuple[str, ...]] = {
     famjax.materials.NeoHookeanMaterial: ("shear_modulus",),
     famjax.materials.YeohMaterial: ("C_1", "C_2", "C_3"),
     famjax.materials.SaturatingMaterial: ("final_modulus", "saturation_stress", "strain_scale"),
-    famjax.materials.MonotoneMaterial: tuple(f"modulus_at_{e}" for e in ("0", "0.03", "0.1", "0.3")),
 }  # fmt: skip
 
 
