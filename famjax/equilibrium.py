@@ -163,9 +163,8 @@ class EquilibriumMuscle(AbstractMuscle):
         """
         self.braid, self.bladder, self.material = braid, bladder, material
         self.end_diameter = as_real(end_diameter)
-        self.other_end_diameter = (
-            None if other_end_diameter is None else as_real(other_end_diameter)
-        )
+        other = other_end_diameter
+        self.other_end_diameter = None if other is None else as_real(other)
         self.deadband_pressure = as_real(deadband_pressure)
         self.sections = tuple(sections)
         _check(self)
@@ -287,27 +286,25 @@ def _modes_for(muscle: EquilibriumMuscle) -> int:
 
 def _check(muscle: EquilibriumMuscle) -> None:
     """Refuse impossible dimensions; traced numbers are not checked."""
-    total = sum(share for share, _ in parts_of(muscle))
-    if any(share <= 0 for share, _ in parts_of(muscle)) or abs(total - 1) > 1e-9:
-        raise InputError(f"the shares of the sections must be > 0 and sum to 1, got {total:.6g}")
-    bladders = [part.bladder for _, part in parts_of(muscle)]
-    bladders += [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
-    for one in bladders:
+    shares, parts = zip(*parts_of(muscle), strict=True)
+    if min(shares) <= 0 or abs(sum(shares) - 1) > 1e-9:
+        raise InputError(
+            f"the shares of the sections must be > 0 and sum to 1, got {sum(shares):.6g}"
+        )
+    far = [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
+    for one in [*(part.bladder for part in parts), *far]:
         for name in ("rest_length", "rest_diameter", "rest_thickness"):
             value = getattr(one, name)
             if not isinstance(value, Tracer) and not float(value) > 0:
                 raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
-    other = muscle.other_end_diameter
-    ends = muscle.end_diameter, muscle.end_diameter if other is None else other
-    for diameter, (_, part) in zip(ends, (parts_of(muscle)[0], parts_of(muscle)[-1]), strict=True):
-        numbers = diameter, part.braid.rest_thread_length, part.braid.turns
-        if any(isinstance(one, Tracer) for one in numbers):
+    for radius, part in zip(_ends(muscle), (parts[0], parts[-1]), strict=True):
+        widest = part.braid.rest_thread_length / (np.pi * part.braid.turns)
+        if any(isinstance(one, Tracer) for one in (radius, widest)):
             continue
-        given, thread, turns = map(float, numbers)
-        if not 0 < given < thread / (np.pi * turns):
+        if not 0 < 2 * float(radius) < float(widest):
             raise InputError(
-                f"an end diameter must be > 0 and less than the {thread / (np.pi * turns):.4g} m at "
-                f"which the threads run around the muscle, got {given:.4g} m"
+                f"an end diameter must be > 0 and less than the {float(widest):.4g} m at which the "
+                f"threads run around the muscle, got {2 * float(radius):.4g} m"
             )
 
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ._arrays import Given, Real, RealArray, as_real, compiled_method
@@ -131,11 +130,6 @@ class AbstractGeometry(Parametrised):
     @abc.abstractmethod
     def rest_length(self) -> RealArray:
         """Rest length L0 [m]: active length at zero contraction."""
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] at which a derivative of the dimensions is discontinuous."""
-        return jnp.asarray(np.zeros(0))  # requires no compilation
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
         """Fluid volume V [m3]: volume within the braid minus rubber.
@@ -477,12 +471,6 @@ class EndEffectGeometry(AbstractGeometry):
             for end in self.cylinder.length_range()
         )
         return shortest, longest
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m], mapped back from the cylinder."""
-        lengths = self.cylinder.breakpoints
-        return tondu_lopez_length(lengths, self.rest_length, 1 / self.end_factor)
 
     @property
     def rest_length(self) -> RealArray:

@@ -166,6 +166,7 @@ def quadrature(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positive(radius: RealArray, must: str) -> RealArray:
+    """Raise an error if a radius or diameter [m] is not positive; a nan remains."""
     return eqx.error_if(
         radius,
         radius <= 0,
@@ -192,11 +193,6 @@ class _OfProfiles(AbstractGeometry):
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest length [m] of the family: the measured range and its margin."""
         return self.family.length_range()
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] of the measured profiles."""
-        return self.family.lengths
 
     @property
     def rest_length(self) -> RealArray:
@@ -337,7 +333,8 @@ def _mean_diameter(
     family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
 ) -> RealArray:
     x, weights = (one.astype(length.dtype) for one in quadrature(order))
-    return family.diameter(x, length[..., None], pressure[..., None]) @ weights
+    diameter = family.diameter(x, length[..., None], pressure[..., None])
+    return _positive(diameter, "the diameter of a profile must be > 0 from x = 0 to 1") @ weights
 
 
 def _braid_angle(length: RealArray, diameter: RealArray, braid: AbstractBraid) -> RealArray:

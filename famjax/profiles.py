@@ -1,12 +1,9 @@
 """Profiles of a muscle: diameter against the position along the active length."""
 
 import abc
-from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float
 
 from ._arrays import Given, Real, RealArray, as_real
@@ -35,8 +32,7 @@ class FourierProfile(AbstractProfile):
         w: wave number [-], any real number; with 2 pi the profile is periodic in the length.
 
     Raises:
-        ValueError: `a` and `b` differ in shape, or the diameter is not positive everywhere. The diameter
-            of a traced profile is checked by `Meridian` instead.
+        ValueError: `a` and `b` differ in shape. Whether the diameter is positive is checked by `Meridian`.
 
     References:
         Chambers 2021, section 4.3, table 4.3.
@@ -53,37 +49,6 @@ class FourierProfile(AbstractProfile):
                 "a and b need one coefficient per term, without a0; got the shapes "
                 f"{self.a.shape} and {self.b.shape}"
             )
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
-            return
-        x = np.linspace(0, 1, 32 * (self.a.size + 1) + 1)
-        diameter = np.asarray(self.diameter(x, 1.0))
-        lowest = int(np.argmin(diameter))
-        if not diameter[lowest] > 0:
-            raise ValueError(
-                "the diameter of a profile must be > 0 from x = 0 to 1; it is "
-                f"{diameter[lowest]:.4g} at x = {x[lowest]:.3f}. Check the signs of a_n and b_n, "
-                "and w: terms that cancel need every digit"
-            )
-
-    @classmethod
-    def symmetric(cls, a0: Real, a: Real | Sequence[float], w: Real) -> "FourierProfile":
-        """Create the profile symmetric about x = 1/2 with given cosine terms, b_n = a_n tan(n w / 2).
-
-        Args:
-            a0: constant term [m].
-            a: a_n [m], shape (terms,).
-            w: wave number [-]; n w must not be near pi, 3 pi, ..., where b_n is unbounded. For a
-                profile with known b_n, `symmetrised` is more accurate.
-
-        Returns:
-            The profile.
-
-        >>> profile = FourierProfile.symmetric(1.02, [-0.09, -0.07, -0.01], 5.596)
-        >>> print(f"{profile.diameter(0.2, 1.0):.4f} {profile.diameter(0.8, 1.0):.4f}")
-        1.1043 1.1043
-        """
-        cosine = as_real(a)
-        return cls(a0, cosine, cosine * jnp.tan(_harmonics(cosine) * w / 2), w)
 
     def symmetrised(self) -> "FourierProfile":
         """Return the part of the profile that is even about x = 1/2, (D(x) + D(1 - x)) / 2."""

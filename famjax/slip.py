@@ -181,9 +181,7 @@ class MaxwellSlip(eqx.Module):
         wall, braid = slip_shares(as_real(pressure), self.modulus)
         return wall * self.wall.force(state.wall) + braid * self.braid.force(state.braid)
 
-    def added(
-        self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0
-    ) -> RealArray:
+    def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
         """Return the force [N] added to the static force [N], on which it does not depend."""
         del length, force
         return self.force(state, pressure)
@@ -310,9 +308,7 @@ class CentredSlip(eqx.Module):
         """Return the state after a monotone motion to a length [m] and a pressure [Pa]."""
         return self.slip.moved(state, length, pressure)
 
-    def added(
-        self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0
-    ) -> RealArray:
+    def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
         """Return the force [N] added to the static force [N], on which it does not depend."""
         del force
         return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))

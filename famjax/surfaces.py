@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Given, Real, RealArray, as_real, compiled, compiled_method
+from ._arrays import Given, Real, RealArray, as_real, compiled_method
 from .braids import AbstractBraid, diameter_from_length
 from .parameters import Parametrised, number
 from .profiles import AbstractProfile
@@ -142,8 +142,8 @@ class MeasuredFamily(AbstractMeasuredFamily):
         margin: extrapolation at each end, as a fraction of the range of lengths.
 
     Raises:
-        ValueError: lengths and profiles do not match, or an interpolated diameter is not positive.
-            Values are checked only if they are not traced.
+        ValueError: lengths and profiles do not match, or lengths do not decrease. A diameter that is
+            not positive is an error in a geometry of the family.
 
     References:
         Chambers 2021, section 4.3 (profiles); de Boor 1978, chapter IV (interpolation).
@@ -162,18 +162,6 @@ class MeasuredFamily(AbstractMeasuredFamily):
                 f"{len(self.profiles)} profiles and lengths with shape {self.lengths.shape}"
             )
         self._check_range()
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
-            return
-        x, lengths = jnp.linspace(0, 1, 129), jnp.linspace(*self.length_range(), 33)
-        diameter = np.asarray(_diameters(self, x, lengths))
-        if not np.all(diameter > 0):
-            row, column = np.unravel_index(np.argmin(diameter), diameter.shape)
-            raise ValueError(
-                "the diameter of a family must be > 0 at every length and position; it is "
-                f"{diameter[row, column]:.4g} at L = {lengths[row]:.4g}, x = {x[column]:.3f}. "
-                "Check the profile measured nearest to that length, the margin, and that the threads "
-                "are longer than the active length"
-            )
 
     @compiled_method
     def diameter(self, x: Real, length: Real, pressure: Real) -> RealArray:
@@ -191,12 +179,6 @@ class MeasuredFamily(AbstractMeasuredFamily):
     def middle_pressure(self) -> RealArray:
         """P_ref [Pa]."""
         return self.reference_pressure
-
-
-@compiled
-def _diameters(family: MeasuredFamily, x: RealArray, lengths: RealArray) -> RealArray:
-    """Diameters [m] at the reference pressure, shape (lengths, positions)."""
-    return family.diameter(x, lengths[:, None], family.reference_pressure)
 
 
 class SampledSurface(AbstractMeasuredFamily):

@@ -45,9 +45,7 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo):
     """F_G = -P dV/dL with the cylinder's volume: an oracle that shares no formula with F_G."""
     braid = festo.geometry.braid
     lengths = jnp.linspace(0.2, 0.33, 40)
-    slope = jax.jit(
-        jax.vmap(jax.grad(lambda L: jnp.pi / 4 * braid.diameter(L) ** 2 * L))
-    )(lengths)
+    slope = jax.jit(jax.vmap(jax.grad(lambda L: jnp.pi / 4 * braid.diameter(L) ** 2 * L)))(lengths)
     force = famjax.braids.gaylord_force(
         4e5, braid.diameter(lengths) / 2, braid.braid_angle(lengths)
     )
