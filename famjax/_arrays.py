@@ -77,13 +77,17 @@ def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
     return called
 
 
-def compiled_method(method: _Method) -> _Method:
+def compiled_method(method: _Method, jit: Callable[..., Any] = compiled) -> _Method:
     """Compile a method of a module whose arguments are numbers or arrays.
 
     Without it, the first call outside `jax.jit` would compile a program for every operation, which takes
     up to four times as long.
+
+    Args:
+        method: method of an `equinox.Module`.
+        jit: `compiled`, or `famjax.compile_options.quick_jit`.
     """
-    whole = compiled(method)
+    whole = jit(method)
 
     @functools.wraps(method)
     def called(owner: Any, *values: Any, **named: Any) -> Any:

@@ -1,7 +1,7 @@
 """A muscle whose shape follows from mechanics: profile, braid angle and force together."""
 
+import functools
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,8 +11,8 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial.legendre import legint, legvander
 
-from ._arrays import Given, Real, RealArray, as_real, at_each
-from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
+from ._arrays import Given, Real, RealArray, as_real, at_each, compiled_method
+from ._shape import Balance, Part, Solved, full, modes, reduced_hessian, rules, solve
 from .boundary.errors import InputError
 from .braids import AbstractBraid
 from .compile_options import quick_jit
@@ -98,6 +98,9 @@ class State(eqx.Module):
     energy: RealArray
     margin: RealArray
     code: Int[Array, "..."]
+
+
+_quick = functools.partial(compiled_method, jit=quick_jit)
 
 
 class EquilibriumMuscle(AbstractMuscle):
@@ -187,13 +190,32 @@ class EquilibriumMuscle(AbstractMuscle):
             open_lengths.append(share * jnp.sqrt((thread - closed) * (thread + closed)))
         return 0.57 * jnp.asarray(sum(threads)), jnp.asarray(sum(open_lengths))
 
+    @_quick
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        return _force(self, as_real(length), as_real(pressure))
 
+        def one(length: RealArray, pressure: RealArray) -> RealArray:
+            balance, solved, code = _balance(self, length, pressure)
+            return jnp.where(code == FOUND, solved.y[0][-1] * balance.force_scale, jnp.nan)
+
+        return at_each(one, as_real(length), as_real(pressure))
+
+    @_quick
     def state(self, length: Real, pressure: Real) -> "State":
         """Pull, volume, energy, margin and reason code, broadcast shape."""
-        return _state(self, as_real(length), as_real(pressure))
+
+        def one(length: RealArray, pressure: RealArray) -> State:
+            balance, solved, code = _balance(self, length, pressure)
+            volume = _length_and_volume(balance, solved)[1]
+            values = (
+                solved.y[0][-1] * balance.force_scale,
+                volume,
+                _energy(balance, solved) + self.deadband_pressure * volume,
+                _margin(balance, solved),
+            )
+            return State(*(jnp.where(code == FOUND, v, jnp.nan) for v in values), code)
+
+        return at_each(one, as_real(length), as_real(pressure))
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
         """Fluid volume V [m3], the volume inside the braid minus the rubber, broadcast shape."""
@@ -226,7 +248,16 @@ class EquilibriumMuscle(AbstractMuscle):
         Returns:
             The shape in arrays of the broadcast shape, with the points as last axis; nan if there is none.
         """
-        return _profile(self, as_real(length), as_real(pressure), points)
+        return self._profile(as_real(length), as_real(pressure), points)
+
+    @quick_jit
+    def _profile(self, length: RealArray, pressure: RealArray, points: int) -> Shape:
+        def one(length: RealArray, pressure: RealArray) -> Shape:
+            balance, solved, code = _balance(self, length, pressure)
+            shape = _shape(balance, solved, points)
+            return jax.tree.map(lambda leaf: jnp.where(code == FOUND, leaf, jnp.nan), shape)
+
+        return at_each(one, length, pressure)
 
     def cut_to_length(self, rest_length: RealArray) -> "EquilibriumMuscle":
         """The muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
@@ -255,8 +286,17 @@ class EquilibriumMuscle(AbstractMuscle):
 
         The length follows from one equilibrium at the given pull, without a root search.
         """
-        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        length, found = self._loaded(load, pressure)
         return required(length, found, "equilibrium length") if throw else length
+
+    @_quick
+    def _loaded(self, load: Real, pressure: Real) -> tuple[RealArray, Bool[Array, "..."]]:
+        def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            balance, solved, code = _balance(self, None, pressure, load)
+            length, _ = _length_and_volume(balance, solved)
+            return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
+
+        return at_each(one, as_real(load), as_real(pressure))
 
 
 def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
@@ -380,49 +420,11 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
     return jnp.where(solved.found, jnp.where(stable, FOUND, UNSTABLE), why)
 
 
-@quick_jit
-def _force(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    def one(length: RealArray, pressure: RealArray) -> RealArray:
-        balance, solved, code = _balance(muscle, length, pressure)
-        return jnp.where(code == FOUND, solved.y[0][-1] * balance.force_scale, jnp.nan)
-
-    return at_each(one, length, pressure)
-
-
-@quick_jit
-def _length_at_load(
-    muscle: EquilibriumMuscle, load: RealArray, pressure: RealArray
-) -> tuple[RealArray, Bool[Array, "..."]]:
-    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        balance, solved, code = _balance(muscle, None, pressure, load)
-        length, _ = _length_and_volume(balance, solved)
-        return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
-
-    return at_each(one, load, pressure)
-
-
-@quick_jit
-def _state(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> State:
-    def one(length: RealArray, pressure: RealArray) -> State:
-        balance, solved, code = _balance(muscle, length, pressure)
-        volume = _length_and_volume(balance, solved)[1]
-        values = (
-            solved.y[0][-1] * balance.force_scale,
-            volume,
-            _energy(balance, solved) + muscle.deadband_pressure * volume,
-            _margin(balance, solved),
-        )
-        force, volume, energy, margin = (jnp.where(code == FOUND, v, jnp.nan) for v in values)
-        return State(force, volume, energy, margin, code)
-
-    return at_each(one, length, pressure)
-
-
 def _axial_rate(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
     """Z' = mu m / sqrt(m^2 + p^2) at one station."""
-    radius, _, force, across, *stretch = state
+    radius, _, force, across, stretch = full(state)
     along = pressure * jnp.pi * radius**2 + force
-    meridian, *_ = part.place(radius, stretch[0] if stretch else jnp.zeros_like(radius))
+    meridian, *_ = part.place(radius, stretch)
     return meridian * along / jnp.hypot(along, across)
 
 
@@ -440,23 +442,14 @@ def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, Rea
 
 
 def _energy(balance: Balance, solved: Solved) -> RealArray:
-    nodes, weights = ((_RULE[0] + 1) / 2, _RULE[1] / 2)
+    """Strain energy [J] along a straight path of strains from rest."""
+    nodes, weights = (1 + _RULE[0]) / 2, _RULE[1] / 2
 
     def stored(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
-        radius, stretch = state[0], state[4] if part.elastic else jnp.zeros_like(state[0])
-        axial, hoop = part.strains(radius, stretch)
-
-        def rate(share: RealArray) -> RealArray:
-            stresses = part.material.stresses(share * axial, share * hoop, pressure)
-            work = stresses[0] * axial / (1 + share * axial) + stresses[1] * hoop / (
-                1 + share * hoop
-            )
-            tension = part.braid.threads_tension(share * stretch)
-            threads = 0.0 if tension is None else tension * part.braid.rest_thread_length * stretch
-            return part.bladder.volume * work + threads
-
-        at: Any = nodes.astype(radius.dtype)
-        return jnp.sum(weights.astype(radius.dtype) * jax.vmap(rate)(at))
+        radius, *_, stretch = full(state)
+        strains = jnp.stack([*part.strains(radius, stretch), stretch])
+        rates = jax.vmap(lambda share: part.resistances(share * strains, pressure))
+        return weights.astype(radius.dtype) @ rates(jnp.asarray(nodes, radius.dtype)) @ strains
 
     each = zip(balance.rules, balance.each(stored, solved.y), strict=True)
     return jnp.asarray(sum(jnp.sum(rule.weights.astype(w.dtype) * w) for rule, w in each))
@@ -470,18 +463,6 @@ def _margin(balance: Balance, solved: Solved) -> RealArray:
     root = np.linalg.inv(np.linalg.cholesky(mass)).astype(balance.ends.dtype)
     least = jnp.linalg.eigvalsh(root @ reduced_hessian(solved.point.matrix) @ root.T)[0]
     return least * balance.force_scale / balance.radius_scale
-
-
-@quick_jit
-def _profile(
-    muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray, points: int
-) -> Shape:
-    def one(length: RealArray, pressure: RealArray) -> Shape:
-        balance, solved, code = _balance(muscle, length, pressure)
-        shape = _shape(balance, solved, points)
-        return jax.tree.map(lambda leaf: jnp.where(code == FOUND, leaf, jnp.nan), shape)
-
-    return at_each(one, length, pressure)
 
 
 def _shape(balance: Balance, solved: Solved, points: int) -> Shape:

@@ -69,27 +69,21 @@ class Dimensions(eqx.Module):
         Results at these states must be replaced by nan afterwards. A nan here would, in reverse mode,
         contaminate the derivatives of all other states with respect to shared parameters.
         """
-        thread = self.thread_length  # must exceed the length, which is 1
-        return dataclasses.replace(
-            self._kept(reached, 1.0),
-            length=jnp.where(reached, self.length, 1.0),
-            thread_length=None if thread is None else jnp.where(reached, thread, 2.0),
-            rates=None if self.rates is None else self.rates.where(reached),
-        )
+        rates = None if self.rates is None else self.rates.where(reached)
+        filled = self._filled(reached, 1.0, 2.0)  # a thread is longer than the muscle
+        return dataclasses.replace(filled, length=jnp.where(reached, self.length, 1.0), rates=rates)
 
     def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
         """Replace the dimensions of impossible states by nan."""
-        thread = self.thread_length
-        return dataclasses.replace(
-            self._kept(reached, jnp.nan),
-            thread_length=None if thread is None else jnp.where(reached, thread, jnp.nan),
-        )
+        return self._filled(reached, jnp.nan, jnp.nan)
 
-    def _kept(self, reached: Bool[Array, "..."], other: float) -> "Dimensions":
+    def _filled(self, reached: Bool[Array, "..."], other: float, long: float) -> "Dimensions":
         names = ("radius", "braid_angle", "thickness", "axial_strain", "volume")
         kept = {name: jnp.where(reached, getattr(self, name), other) for name in names}
-        hoop_strain = jnp.where(reached[..., None], self.hoop_strain, other)
-        return dataclasses.replace(self, hoop_strain=hoop_strain, **kept)
+        kept["hoop_strain"] = jnp.where(reached[..., None], self.hoop_strain, other)
+        if self.thread_length is not None:
+            kept["thread_length"] = jnp.where(reached, self.thread_length, long)
+        return dataclasses.replace(self, **kept)
 
 
 class AbstractGeometry(Parametrised):
@@ -226,11 +220,6 @@ class Bladder(Parametrised):
         solid_radius = jnp.sqrt(self.volume / (jnp.pi * self.rest_length))
         return solid_radius / 2 if self.embedded else solid_radius
 
-    @property
-    def rest_radius(self) -> RealArray:
-        """Outer radius [m] at rest; mid-wall radius if `embedded`."""
-        return self.rest_diameter / 2
-
     def fits(self, length: Real, radius: Real) -> Bool[Array, "..."]:
         """Return True where the rubber fits in a length [m] and radius [m]; see `thickness`."""
         positive = (jnp.asarray(length) > 0) & (radius > 0)
@@ -302,7 +291,8 @@ def cylinder_dimensions(
     """
     bladder_radius = radius if bladder.embedded else radius - braid.thickness
     reached = reached & bladder.fits(length, bladder_radius)
-    rest_length, rest_radius = jax.lax.stop_gradient((bladder.rest_length, bladder.rest_radius))
+    rest = bladder.rest_length, bladder.rest_diameter / 2
+    rest_length, rest_radius = jax.lax.stop_gradient(rest)
     wall_length = jnp.where(reached, length, rest_length)
     wall_radius = jnp.where(reached, bladder_radius, rest_radius)
     return Dimensions(

@@ -14,7 +14,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Real, RealArray, as_real, at_each, compiled, compiled_method
+from ._arrays import Real, RealArray, as_real, at_each, compiled_method
 from .braids import AbstractBraid
 from .geometries import AbstractGeometry, Bladder, Dimensions, cylinder_dimensions
 from .surfaces import AbstractMeasuredFamily
@@ -236,9 +236,16 @@ class MeasuredGeometry(_OfProfiles):
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
-        diameter, thickness, axial_strain, hoop_strain, volume = _measures(
-            self.family, self.bladder, self.order, length, pressure
-        )
+        bladder, inset = self.bladder, 0.0 if self.bladder.embedded else self.braid.thickness
+
+        def one(length: RealArray, pressure: RealArray) -> tuple[RealArray, ...]:
+            diameter = functools.partial(self.family.diameter, pressure=pressure)
+            outline = Meridian.of(diameter, length, order=self.order)
+            line = outline.inset(inset)
+            strains = line.axial_strain(bladder.rest_length), line.hoop_strain(bladder)
+            return outline.mean_diameter, line.thickness(bladder.volume), *strains, outline.volume
+
+        diameter, thickness, axial_strain, hoop_strain, volume = at_each(one, length, pressure)
         return Dimensions(
             length=length,
             radius=diameter / 2,
@@ -276,7 +283,10 @@ class AverageDiameterGeometry(_OfProfiles):
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
-        radius = _mean_diameter(self.family, self.order, length, pressure) / 2
+        x, weights = (one.astype(length.dtype) for one in quadrature(self.order))
+        diameter = self.family.diameter(x, length[..., None], pressure[..., None])
+        must = "the diameter of a profile must be > 0 from x = 0 to 1"
+        radius = _positive(diameter / 2, must) @ weights
         angle = _braid_angle(length, 2 * radius, self.braid)
         return cylinder_dimensions(
             length, radius, angle, thread_length, self.braid, self.bladder, reached
@@ -299,42 +309,6 @@ def _states(
     measured = jax.lax.stop_gradient(family.middle_pressure())
     thread_length = jnp.where(reached, found, 2 * at)
     return at, jnp.where(reached, pressure, measured), thread_length, reached
-
-
-@compiled
-def _measures(
-    family: AbstractMeasuredFamily,
-    bladder: Bladder,
-    order: int,
-    length: RealArray,
-    pressure: RealArray,
-) -> tuple[RealArray, ...]:
-    """Mean diameter [m], thickness [m], axial strain, hoop strain at the stations, volume [m3]."""
-    inset = 0.0 if bladder.embedded else family.braid.thickness
-
-    def one(length: RealArray, pressure: RealArray) -> tuple[RealArray, ...]:
-        outline = Meridian.of(
-            functools.partial(family.diameter, pressure=pressure), length, order=order
-        )
-        line = outline.inset(inset)
-        return (
-            outline.mean_diameter,
-            line.thickness(bladder.volume),
-            line.axial_strain(bladder.rest_length),
-            line.hoop_strain(bladder),
-            outline.volume,
-        )
-
-    return at_each(one, length, pressure)
-
-
-@compiled
-def _mean_diameter(
-    family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
-) -> RealArray:
-    x, weights = (one.astype(length.dtype) for one in quadrature(order))
-    diameter = family.diameter(x, length[..., None], pressure[..., None])
-    return _positive(diameter, "the diameter of a profile must be > 0 from x = 0 to 1") @ weights
 
 
 def _braid_angle(length: RealArray, diameter: RealArray, braid: AbstractBraid) -> RealArray:

@@ -231,18 +231,13 @@ class VirtualWork(AbstractForceTerm):
         Raises:
             ValueError: the dimensions contain no rates, or no thread length although required.
         """
-        if at.rates is None:
+        if at.rates is None or (self.at_thread_length and at.thread_length is None):
             raise ValueError(
-                "virtual work needs the rate of the volume: dimensions with their `rates`, as "
-                "Muscle gives them to its terms, or geometry.dimensions_with_rates"
+                "virtual work needs the rate of the volume, from geometry.dimensions_with_rates, and at "
+                "constant thread length a geometry whose dimensions have a thread_length"
             )
         rate = at.rates.volume
         if self.at_thread_length:
-            if at.thread_length is None or at.rates.thread_length is None:
-                raise ValueError(
-                    "virtual work at constant thread length needs a geometry whose dimensions say "
-                    "their thread_length; this one does not"
-                )
             B, L = at.thread_length, at.length
             rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
         return jnp.asarray(-(pressure - self.deadband_pressure) * rate)
