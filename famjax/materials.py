@@ -329,19 +329,6 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
 
-    @promoting
-    def stresses(
-        self, axial_strain: Real, hoop_strain: Real, pressure: Real
-    ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa], 2 (lambda_i^2 - lambda_r^2) (C10 + lambda_j^2 C01)."""
-        del pressure
-        axial, hoop = (1 + as_real(axial_strain)) ** 2, (1 + as_real(hoop_strain)) ** 2
-        radial = 1 / (axial * hoop)
-        return (
-            2 * (axial - radial) * (self.c10 + hoop * self.c01),
-            2 * (hoop - radial) * (self.c10 + axial * self.c01),
-        )
-
     @property
     def initial_shear_modulus(self) -> RealArray:
         """Shear modulus [Pa] at zero strain, 2 (C10 + C01)."""

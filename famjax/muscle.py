@@ -119,7 +119,7 @@ class AbstractMuscle(Parametrised):
         Raises:
             RuntimeError: there is no such length, and `throw` is True.
         """
-        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        length, found = self._balanced(load, pressure)
         return required(length, found, "equilibrium length") if throw else length
 
     def free_contraction(self, pressure: Real, *, throw: bool = True) -> RealArray:
@@ -155,36 +155,28 @@ class AbstractMuscle(Parametrised):
         Raises:
             RuntimeError: the force has no zero between 0 and `highest`, and `throw` is True.
         """
-        pressure, found = _onset_pressure(self, as_real(length), as_real(highest))
+        pressure, found = self._onset(length, highest)
         return required(pressure, found, "onset pressure") if throw else pressure
 
+    @compiled_method
+    def _balanced(self, load: Real, pressure: Real) -> tuple[RealArray, Bool[Array, "..."]]:
+        check_one_muscle(self)
+        ends = self.length_range()
 
-@compiled
-def _length_at_load(
-    muscle: AbstractMuscle, load: RealArray, pressure: RealArray
-) -> tuple[RealArray, Bool[Array, "..."]]:
-    check_one_muscle(muscle)
-    shortest, longest = muscle.length_range()
+        def one(load: RealArray, P: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            return longest_equilibrium(lambda length: self.force(length, P), *ends, load)
 
-    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        return longest_equilibrium(
-            lambda length: muscle.force(length, pressure), shortest, longest, load
-        )
+        return at_each(one, as_real(load), as_real(pressure))
 
-    return at_each(one, load, pressure)
+    @compiled_method
+    def _onset(self, length: Real, highest: Real) -> tuple[RealArray, Bool[Array, "..."]]:
+        check_one_muscle(self)
 
+        def one(L: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            none = jnp.zeros_like(top)
+            return longest_equilibrium(lambda pressure: self.force(L, pressure), none, top, none)
 
-@compiled
-def _onset_pressure(
-    muscle: AbstractMuscle, length: RealArray, highest: RealArray
-) -> tuple[RealArray, Bool[Array, "..."]]:
-    check_one_muscle(muscle)
-
-    def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        none = jnp.zeros_like(top)
-        return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)
-
-    return at_each(one, length, highest)
+        return at_each(one, as_real(length), as_real(highest))
 
 
 def check_one_muscle(*parts: eqx.Module) -> None:
