@@ -181,14 +181,10 @@ class EquilibriumMuscle(AbstractMuscle):
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
-        threads, open_lengths = [], []
-        for share, part in parts_of(self):
-            inset = 0.0 if part.bladder.embedded else part.braid.thickness
-            closed = 2 * jnp.pi * part.braid.turns * (part.bladder.smallest_braid_radius + inset)
-            thread = part.braid.rest_thread_length
-            threads.append(share * thread)
-            open_lengths.append(share * jnp.sqrt((thread - closed) * (thread + closed)))
-        return 0.57 * jnp.asarray(sum(threads)), jnp.asarray(sum(open_lengths))
+        thread = sum(share * part.braid.rest_thread_length for share, part in parts_of(self))
+        cylinders = [(s, EstimatedGeometry(p.braid, p.bladder)) for s, p in parts_of(self)]
+        longest = sum(share * one.length_range()[1] for share, one in cylinders)
+        return 0.57 * jnp.asarray(thread), jnp.asarray(longest)
 
     @_quick
     def force(self, length: Real, pressure: Real) -> RealArray:

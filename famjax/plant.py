@@ -310,13 +310,6 @@ class DrivenLength(eqx.Module):
         """Return the active length L [m], which is the position."""
         return position[None]
 
-    def acceleration(
-        self, position: RealArray, velocity: RealArray, pulls: Float[Array, " n"], drive: RealArray
-    ) -> RealArray:
-        """Return zero, because the machine is rigid."""
-        del position, pulls, drive
-        return jnp.zeros_like(velocity)
-
 
 class MovingLoad(Parametrised):
     """A mass lifted by one muscle (`hung`), or a joint turned by two muscles (`joint`).
@@ -714,27 +707,16 @@ class SteppedPlant:
         dt: length of a tick [s].
 
     Attributes:
-        plant: the plant; it may be replaced during operation, for example to block the needle.
         pressure: gauge pressure P [Pa] in the muscle.
         force: pull [N], including friction.
         length: active length L [m].
     """
 
     def __init__(self, plant: Plant, dt: float) -> None:
-        self.dt, self.plant = dt, plant
-        state = plant.start()
+        self.dt, state = dt, plant.start()
         self.pressure, self.force = float(state.pressure), float(state.force)
         self.length = float(state.position)
         self._rest = ravel_pytree((state.opening, state.dump, state.memory))[0].tolist()
-
-    @property
-    def plant(self) -> Plant:
-        """The plant."""
-        return self._plant
-
-    @plant.setter
-    def plant(self, plant: Plant) -> None:
-        self._plant = plant
         arrays, static = eqx.partition(plant, eqx.is_array)
         shapes = tuple(leaf.shape for leaf in jax.tree.leaves(arrays))
         self._tick = _tick(jax.tree.structure(arrays), shapes, static)
@@ -804,7 +786,7 @@ def solve_adaptively(
         capacity = jax.jvp(fluid, (lengths, P), (zero, one))[1]
         rise = (plant._of_circuits("flow", P, *actuators(time)) - swept) / capacity
         pulls = plant.pulls(plant.moved(state.memory, lengths, P), lengths, P, rates)
-        gained = plant.load.acceleration(q, v, pulls, driven)
+        gained = plant.load.acceleration(q, v, pulls, driven) if moves else jnp.zeros_like(v)
         return jnp.concatenate([rise / _BAR, jnp.stack([v, gained])])
 
     start = jnp.stack([state.position, state.velocity])

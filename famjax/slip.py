@@ -94,11 +94,6 @@ class SlipElements(eqx.Module):
         """Return the sum [N] of strength times s / delta, shape (*n,)."""
         return jnp.sum(self.strength * deflection / self.threshold, axis=-1)
 
-    def heat(self, deflection: Float[Array, "n k"], change: Float[Array, " m"]) -> RealArray:
-        """Return the sum of strength times sliding distance, for successive deflections and changes."""
-        slid = jnp.abs(change[:, None] - jnp.diff(deflection, axis=0))
-        return jnp.sum(self.strength * slid)
-
 
 class SlipState(eqx.Module):
     """State of the elements after a history.
@@ -213,10 +208,12 @@ class MaxwellSlip(eqx.Module):
     @compiled_method
     def heat(self, length: History, pressure: History) -> Float[Array, ""]:
         """Return the energy [J] dissipated over a history; never negative."""
-        states = self.states(length, pressure)
+        states, heat = self.states(length, pressure), jnp.zeros(())
         change = jnp.diff(states.coordinates, axis=0)
-        wall = self.wall.heat(states.wall, change[:, 0])
-        return self.rest_length * (wall + self.braid.heat(states.braid, change[:, 1]))
+        for k, (elements, s) in enumerate(((self.wall, states.wall), (self.braid, states.braid))):
+            slid = jnp.abs(change[:, k, None] - jnp.diff(s, axis=0))
+            heat += jnp.sum(elements.strength * slid)
+        return self.rest_length * heat
 
 
 Cycle = Literal["ramp", "stroke"]
