@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -209,7 +210,8 @@ class EquilibriumMuscle(AbstractMuscle):
                 _energy(balance, solved) + self.deadband_pressure * volume,
                 _margin(balance, solved),
             )
-            return State(*(jnp.where(code == FOUND, v, jnp.nan) for v in values), code)
+            known: Any = (jnp.where(code == FOUND, v, jnp.nan) for v in values)
+            return State(*known, code=code)
 
         return at_each(one, as_real(length), as_real(pressure))
 
@@ -445,7 +447,8 @@ def _energy(balance: Balance, solved: Solved) -> RealArray:
         radius, *_, stretch = full(state)
         strains = jnp.stack([*part.strains(radius, stretch), stretch])
         rates = jax.vmap(lambda share: part.resistances(share * strains, pressure))
-        return weights.astype(radius.dtype) @ rates(jnp.asarray(nodes, radius.dtype)) @ strains
+        at, along = (jnp.asarray(one, radius.dtype) for one in (nodes, weights))
+        return along @ rates(at) @ strains
 
     each = zip(balance.rules, balance.each(stored, solved.y), strict=True)
     return jnp.asarray(sum(jnp.sum(rule.weights.astype(w.dtype) * w) for rule, w in each))
@@ -478,8 +481,8 @@ def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
         grown = legvander(at, size) @ legint(np.eye(size), lbnd=-1) @ to_series
         z = start + (grown * balance.shares[i] / 2).astype(dtype) @ rates[i]
         start = z[-1]
-        radius = modes(balance.shares, balance.order, i, at)[0].astype(dtype) @ radii
-        stretch = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
+        radius: Any = modes(balance.shares, balance.order, i, at)[0].astype(dtype) @ radii
+        stretch: Any = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
         bladder = jax.tree.map(lambda leaf, t=through: t @ leaf, part.bladder)
         own = Part(part.braid, bladder, part.material)
         meridian, _, outer = own.place(radius, stretch)

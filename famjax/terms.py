@@ -238,6 +238,8 @@ class VirtualWork(AbstractForceTerm):
             )
         rate = at.rates.volume
         if self.at_thread_length:
-            B, L = at.thread_length, at.length
-            rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
+            B, L, stretch = at.thread_length, at.length, at.rates.thread_length
+            assert B is not None
+            assert stretch is not None
+            rate = rate - stretch * 2 * B * at.volume / ((B - L) * (B + L))
         return jnp.asarray(-(pressure - self.deadband_pressure) * rate)

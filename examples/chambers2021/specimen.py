@@ -109,10 +109,10 @@ def measured_family(inch: float = 1.0, psi: float = 1.0, change: Change = NONE) 
     rest = printed()["specimen"]["active_length_in"] * inch
     rows = printed()["profile_100psi"]
     return MeasuredFamily(
-        jnp.array([rest * (1 - row["contraction"]) for row in rows]),
-        [_scaled(profile(row), inch, change.diameter) for row in rows],
-        100.0 * psi,
-        elastic_braid(inch=inch, psi=psi, change=change),
+        lengths=jnp.array([rest * (1 - row["contraction"]) for row in rows]),
+        profiles=tuple(_scaled(profile(row), inch, change.diameter) for row in rows),
+        reference_pressure=100.0 * psi,
+        braid=elastic_braid(inch=inch, psi=psi, change=change),
     )
 
 
@@ -142,7 +142,8 @@ def elliptic_ends(
     """
     zeta = jnp.minimum(jnp.minimum(x, 1 - x) * length / end_length, 1)
     height = jnp.sqrt(math.cos(angle) ** 2 + math.sin(angle) ** 2 * zeta * (2 - zeta))
-    return end + (middle - end) * (height - math.cos(angle)) / (1 - math.cos(angle))
+    rise = (height - math.cos(angle)) / (1 - math.cos(angle))
+    return jnp.asarray(end + (middle - end) * rise)
 
 
 def latex() -> PressurePolynomialMaterial:

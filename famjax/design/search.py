@@ -29,7 +29,7 @@ from ..compile_options import quick_jit
 from ..geometries import Bladder, EstimatedGeometry
 from ..materials import PolynomialMaterial
 from ..muscle import Muscle, bisected
-from ..parameters import number
+from ..parameters import Parametrised, number
 from .catalogue import (
     NOMINAL_ANGLE,
     Catalogue,
@@ -106,7 +106,7 @@ def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
     return braid_angle_from_diameter(diameter, nominal_diameter, NOMINAL_ANGLE)
 
 
-class Combination(eqx.Module):
+class Combination(Parametrised):
     """A bladder under a braid; instances can be stacked leaf by leaf for `jax.vmap`.
 
     Attributes:
@@ -165,8 +165,8 @@ class Combination(eqx.Module):
     def outer_diameter(self, contraction: Real) -> RealArray:
         """Diameter [m] outside the braid at a contraction [-]; nan where the braid jams."""
         length, free = self._length(contraction)
-        braid = self.muscle.geometry.braid
-        return jnp.where(free, braid.diameter(length) + 2 * self.braid_thickness, jnp.nan)
+        geometry: Any = self.muscle.geometry
+        return jnp.where(free, geometry.braid.diameter(length) + 2 * self.braid_thickness, jnp.nan)
 
     def force(self, contraction: Real, pressure: Real) -> RealArray:
         """Pull F [N] at a contraction [-] and gauge pressure P [Pa]; nan where the braid jams.
@@ -377,7 +377,8 @@ def search(
     stacked, table = None, np.zeros((0, len(COLUMNS) + len(CONSTRAINTS)))
     if pairs:
         stacked = _stacked(pairs, coefficients)
-        table = np.asarray(_grid(stacked, *map(jnp.asarray, axes), asked))
+        lengths, pressures = map(jnp.asarray, axes)
+        table = np.asarray(_grid(stacked, lengths, pressures, asked))
     columns: dict[str, NDArray] = dict(zip(COLUMNS, table.T, strict=False))
     columns["pair"] = np.repeat(np.arange(len(pairs)), axes[0].size * axes[1].size)
     found = Search(
@@ -563,7 +564,8 @@ def _refined(
     best, numbers = math.inf, np.zeros(0)
     for _ in range(_ZOOMS):
         ends = np.clip(at + reach * np.linspace(-1, 1, _STEPS)[:, None], low, high)
-        values = np.asarray(_grid(own, *map(jnp.asarray, ends.T), asked))
+        lengths, pressures = map(jnp.asarray, ends.T)
+        values = np.asarray(_grid(own, lengths, pressures, asked))
         columns = dict(zip(COLUMNS, values.T, strict=False))
         total = costs_of(columns, found.objectives) @ weights
         total = np.where((values[:, len(COLUMNS) :] >= 0).all(axis=-1), total, np.inf)

@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from famjax.braids import ElasticBraid, LinearThread
+from famjax.braids import (
+    ElasticBraid,
+    LinearThread,
+    braid_angle_from_length,
+    diameter_from_length,
+    gaylord_force,
+    thread_tension,
+)
 from fitting import InputError
 from fitting.records import InSitu, thread_in_situ
 
@@ -52,11 +59,14 @@ def test_lines_meet_scipys_regression(published, threshold):
 def test_the_braid_model_is_analysed_back():
     """Diameters and Gaylord's force of a linear braid give its own modulus in every line."""
     braid = ElasticBraid(B0, N, 0.011, n, LinearThread(11.6e6, AREA))
-    state = braid.stretch(L0, PRESSURE).elastic
-    found = thread_in_situ(state.diameter, state.gaylord_force, PRESSURE, **SPECIMEN)
+    B = braid.thread_length(L0, PRESSURE)
+    diameter, angle = diameter_from_length(L0, B, N), braid_angle_from_length(L0, B)
+    force = gaylord_force(PRESSURE, diameter / 2, angle)
+    found = thread_in_situ(np.asarray(diameter), np.asarray(force), PRESSURE, **SPECIMEN)
     assert found.rest_thread_length == pytest.approx(B0, rel=1e-13)
-    np.testing.assert_allclose(found.thread_length, state.thread_length, rtol=1e-13)
-    np.testing.assert_allclose(found.tension, state.tension, rtol=1e-12)
+    np.testing.assert_allclose(found.thread_length, B, rtol=1e-13)
+    tension = thread_tension(force, PRESSURE, diameter / 2, angle, n)
+    np.testing.assert_allclose(found.tension, tension, rtol=1e-12)
     for line in (found.linear, found.proportional, found.high_pressure):
         assert line.modulus == pytest.approx(11.6e6, rel=1e-9)
         assert line.modulus_stderr < 1e-6 * line.modulus
