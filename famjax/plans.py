@@ -9,13 +9,12 @@ from .boundary.toml_file import Form, from_entries, read_toml
 from .continuation import SafeMuscle
 from .plant import (
     AbstractCircuit,
-    AbstractFriction,
     DahlFriction,
     HydraulicCircuit,
     Plant,
     PneumaticCircuit,
-    SlipFriction,
 )
+from .slip import CentredSlip
 
 _TABLES = ("circuit", "load", "friction", "controller", "step")
 _UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "volume"}
@@ -56,11 +55,13 @@ def circuit_of(tables: dict[str, Any], plan: Path) -> AbstractCircuit:
     return _with_numbers(made, entries, f"{plan}: [circuit]: ")
 
 
-def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> AbstractFriction | None:
+def friction_of(
+    tables: dict[str, Any], plan: Path, muscle: SafeMuscle
+) -> DahlFriction | CentredSlip | None:
     """Build the friction from the table [friction], or else from the muscle's hysteresis."""
     if "friction" in tables:
         return _with_numbers(DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
-    return None if muscle.hysteresis is None else SlipFriction(muscle.hysteresis)
+    return muscle.hysteresis
 
 
 def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:

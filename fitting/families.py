@@ -71,7 +71,6 @@ def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
         famjax.materials.OgdenMaterial,
         famjax.materials.MooneyRivlinMaterial,
         famjax.materials.SaturatingMaterial,
-        famjax.materials.MonotoneMaterial,
         famjax.materials.NeoHookeanMaterial,
         famjax.materials.YeohMaterial,
     )
@@ -193,7 +192,7 @@ class EstimatedSource(AbstractGeometrySource):
 
     specimen: Specimen | SpecimenNumbers
     n_threads: float | None = None
-    thread: famjax.braids.AbstractThread | None = None
+    thread: famjax.braids.LinearThread | None = None
 
     def __check_init__(self) -> None:
         if (self.n_threads is None) != (self.thread is None):

@@ -51,7 +51,7 @@ def identify(
 
     Args:
         data: the force map; slack readings are censored.
-        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean",
             "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial` with parameters
             declared by `famjax.parameter`, given as a class, an instance, or "module:Class".
         order: order of the polynomial law, 1 to 8; default 3.
@@ -76,7 +76,7 @@ def identify(
             such as `famjax.MeasuredGeometry`: used as given, except for parameters named in `bounds`
             or `parameters`. A function or class that wraps the estimated geometry: its declared
             parameters are fitted if named.
-        terms: further force terms, such as `famjax.terms.Spring`; their declared parameters are fitted
+        terms: further force terms, such as springs of your own; their declared parameters are fitted
             if named. A term with a `deadband_pressure` replaces Gaylord's.
         ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
             with an identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in

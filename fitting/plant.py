@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from famjax import Real
 from famjax.boundary.errors import InputError
-from famjax.parameters import Declared
+from famjax.parameters import Declared, Parametrised
 from famjax.plant import TICK, Command, HydraulicCircuit, Plant, PlantState, PneumaticCircuit
 
 _JOINED = 30.0  # weight of a pressure jump between pieces, per standard deviation of a reading
@@ -239,7 +239,7 @@ def _numbers(plant: Plant) -> dict[str, tuple[Declared, float]]:
     """Declaration and value of every parameter of circuit, friction and plant, by name."""
     found = {}
     for prefix, part in (("", plant.circuit), ("friction.", plant.friction)):
-        if part is not None:
+        if isinstance(part, Parametrised):
             values = part.parameters()
             found |= {prefix + n: (one, float(values[n])) for n, one in part.declared().items()}
     return found | {"viscosity": (plant.declared()["viscosity"], float(plant.viscosity))}

@@ -11,7 +11,12 @@ from jaxtyping import Array, Float
 from specimen import PRESSURES, elastic_braid
 
 from famjax import units
-from famjax.braids import BraidState, BraidStretch, thread_tension
+from famjax.braids import (
+    braid_angle_from_length,
+    diameter_from_length,
+    gaylord_force,
+    thread_tension,
+)
 from famjax.compile_options import quick_jit
 
 chapter = Chapter(__name__)
@@ -157,13 +162,41 @@ def _at(pressure: float) -> int:
     return SWEPT.tolist().index(pressure)
 
 
+class BraidState(NamedTuple):
+    """A braid at a length and pressure under Gaylord's force, in inches, radians and lbf."""
+
+    thread_length: Array
+    diameter: Array
+    braid_angle: Array
+    gaylord_force: Array
+    tension: Array  # of one thread
+
+
+class BraidStretch(NamedTuple):
+    """The same braid with and without the stretch of its threads."""
+
+    elastic: BraidState
+    inelastic: BraidState
+
+
 @quick_jit
 def _stretched(
     softness: Float[Array, ""],
     length: Float[Array | np.ndarray, "..."],
     pressure: Float[Array | np.ndarray, " n"],
 ) -> BraidStretch:
-    return elastic_braid(softness).stretch(length, pressure)
+    braid = elastic_braid(softness)
+    L, P = jnp.broadcast_arrays(jnp.asarray(length), jnp.asarray(pressure))
+
+    def state(thread_length: Array) -> BraidState:
+        diameter = diameter_from_length(L, thread_length, braid.turns)
+        angle = braid_angle_from_length(L, thread_length)
+        force = gaylord_force(P, diameter / 2, angle)
+        tension = thread_tension(force, P, diameter / 2, angle, braid.n_threads)
+        return BraidState(thread_length, diameter, angle, force, tension)
+
+    rest = jnp.broadcast_to(braid.rest_thread_length, L.shape)
+    return BraidStretch(state(braid.thread_length(L, P)), state(rest))
 
 
 @functools.cache

@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import __version__
 from ..boundary.errors import InputError
-from ..plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, SlipFriction
+from ..plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit
 from ..slip import CentredSlip, MaxwellSlip
 from .table import Subject, tabulated_volume
 
@@ -79,18 +79,17 @@ def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:
         return [], none
     if type(friction) is DahlFriction:
         return _defined("f", friction.parameters()), none | {"MEMORY": 2}
-    elements = getattr(friction, "elements", None)
-    centred = isinstance(elements, CentredSlip)
-    slip: Any = elements.slip if isinstance(elements, CentredSlip) else elements
-    if type(friction) is not SlipFriction or not isinstance(slip, MaxwellSlip):
+    centred = isinstance(friction, CentredSlip)
+    slip: Any = friction.slip if centred else friction
+    if type(slip) is not MaxwellSlip:
         raise InputError(
-            "only DahlFriction, or SlipFriction with Maxwell-slip elements, can be exported; got "
+            "only DahlFriction, MaxwellSlip and CentredSlip can be exported as friction; got "
             f"{type(friction).__name__}"
         )
     numbers: dict[str, Any] = {"rest_length": slip.rest_length, "modulus": slip.modulus}
     whole = {"wall": len(slip.wall.threshold), "cycle": 0, "cycled": 0}
     if centred:
-        cycle = elements.cycle
+        cycle = friction.cycle
         numbers |= {"start": cycle.start, "turn": cycle.turn}
         whole |= {"cycle": 1 + (cycle.kind == "stroke"), "cycled": int(cycle.cycled)}
     both = {

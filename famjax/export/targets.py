@@ -16,7 +16,7 @@ import numpy as np
 
 from ..boundary.errors import InputError
 from ..boundary.files import check_output, write_all
-from ..plant import Plant, PneumaticCircuit, SlipFriction
+from ..plant import Plant, PneumaticCircuit
 from . import plain
 from .circuits import fmu, numbers_in_lines, plant_words
 from .closed_form import ClosedForm, closed_form, matlab_lines, python_lines
@@ -48,8 +48,7 @@ def fmu_files(subject: Subject) -> Files:
     Without a plant, the circuit is a `PneumaticCircuit`.
     """
     if subject.plant is None:
-        slip = subject.muscle.hysteresis
-        friction = None if slip is None else SlipFriction(slip)
+        friction = subject.muscle.hysteresis
         plant = Plant(PneumaticCircuit(), subject.muscle, friction=friction)
         subject = dataclasses.replace(subject, plant=plant)
     return {f"{subject.identifier}.fmu": fmu(subject, c_files(subject))}

@@ -22,7 +22,7 @@ from ..braids import (
     gaylord_force,
 )
 from ..geometries import AbstractGeometry
-from ..materials import MooneyRivlinMaterial, PlainPowerMaterial, PolynomialMaterial
+from ..materials import MooneyRivlinMaterial, PolynomialMaterial, PressurePolynomialMaterial
 from ..muscle import AbstractMuscle, Muscle
 from ..parameters import parameter
 from ..profiles import kothera_length, tondu_lopez_length
@@ -266,7 +266,8 @@ def robinson(
         Robinson, Kothera & Wereley 2015; Pillsbury et al. 2015. General knowledge, not read
         again; the powers are taken as plain ones.
     """
-    return Muscle(geometry, PlainPowerMaterial(pressures, coefficients), deadband_pressure)
+    law = PressurePolynomialMaterial(pressures, coefficients, odd=False)
+    return Muscle(geometry, law, deadband_pressure)
 
 
 def klute_hannaford(

@@ -93,9 +93,8 @@ class Asked:
     ----------
     law
         Name the bladder law. If omitted, several laws are tried and the best predictor is kept.
-        Laws: polynomial, ogden (one term), mooney-rivlin, saturating, monotone (rising between
-        knots), neo-hookean, yeoh. `--law my_rubber:Gent` takes a class of your own from a file in
-        the current folder.
+        Laws: polynomial, ogden (one term), mooney-rivlin, saturating, neo-hookean,
+        yeoh. `--law my_rubber:Gent` takes a class of your own from a file in the current folder.
     order
         Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default 3.
     constraint

@@ -177,7 +177,6 @@ GEOMETRY_HELD = {
     "braid_angle": (math.radians(65),) * 2,
     "deadband_pressure": (3e4, 3e4),
 }
-KNOTS = (0.0, 0.02, 0.15)
 TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, float]]] = {
     "polynomial": (famjax.PolynomialMaterial.template(order=2),
                    famjax.PolynomialMaterial([3e6, -2e6]), {"E_1": 3e6, "E_2": -2e6}),
@@ -187,9 +186,6 @@ TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, flo
                       {"C10": 0.5e6, "C01": 0.2e6}),
     "saturating": ("saturating", famjax.materials.SaturatingMaterial(2e6, 0.2e6, 0.03),
                    {"final_modulus": 2e6, "saturation_stress": 0.2e6, "strain_scale": 0.03}),
-    "monotone": (famjax.materials.MonotoneMaterial.template(knots=KNOTS),
-                 famjax.materials.MonotoneMaterial(KNOTS, [8e6, 3e6, 2e6]),
-                 {"modulus_at_0": 8e6, "modulus_at_0.02": 3e6, "modulus_at_0.15": 2e6}),
     "neo-hookean": (famjax.materials.NeoHookeanMaterial,
                     famjax.materials.NeoHookeanMaterial(0.7e6), {"shear_modulus": 0.7e6}),
     "yeoh": (famjax.materials.YeohMaterial([1e6, 1e6, 1e6]),

@@ -19,7 +19,7 @@ import famjax
 import fitting
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
-from famjax.terms import BladderAxial, BladderHoop, BladderWall
+from famjax.terms import BladderWall, wall_forces
 from famjax.work import WorkBudget
 from fitting.data import COLUMNS, ForceData
 from fitting.shapes import Pictures, ShapeSurface
@@ -102,8 +102,8 @@ def _states(
     parts = {}
     for term in muscle.terms.terms:
         if isinstance(term, BladderWall):
-            parts["bladder, axial stress"] = BladderAxial(term.material).force(at, P)
-            parts["bladder, hoop stress"] = BladderHoop(term.material).force(at, P)
+            pulls = wall_forces(term.material, at, P)
+            parts["bladder, axial stress"], parts["bladder, hoop stress"] = pulls
         else:
             of_braid = hasattr(term, "deadband_pressure")
             parts[PRESSURE if of_braid else type(term).__name__] = term.force(at, P)
