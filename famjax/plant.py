@@ -321,7 +321,7 @@ class SlipFriction(AbstractFriction):
     Neglected: the little volume that they take up.
 
     Attributes:
-        elements: with `start`, `moved` and `added`, see `famjax.control.HasMemory`.
+        elements: an object with `start`, `moved` and `added`, such as `famjax.slip.MaxwellSlip`.
     """
 
     elements: Any

@@ -1,8 +1,4 @@
 from .inverse import (
-    Answer as Answer,
-    CommandedPressure as CommandedPressure,
-    HasForce as HasForce,
-    HasMemory as HasMemory,
     InversePressure as InversePressure,
     Outcome as Outcome,
     pressure_along as pressure_along,
@@ -11,7 +7,6 @@ from .inverse import (
 from .pair import (
     AbstractPath as AbstractPath,
     Antagonist as Antagonist,
-    JointEquilibrium as JointEquilibrium,
     Lever as Lever,
     PairPressures as PairPressures,
     Pulley as Pulley,

@@ -2,13 +2,12 @@
 
 import enum
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .._arrays import Real, RealArray, as_real, at_each, compiled
@@ -23,7 +22,7 @@ class Outcome(enum.IntEnum):
 
     Results contain it as an integer array `code`, so one infeasible point does not affect the rest of a
     batch. `FEASIBLE` is 0. `str(outcome)` is its name, a colon and its message; `Outcome.words`
-    converts one code or an array of codes.
+    names one code or an array of codes.
 
     >>> print(Outcome(2).name, "/", Outcome.FEASIBLE)
     FORCE_HIGH / FEASIBLE: the requested value is attained
@@ -47,75 +46,31 @@ class Outcome(enum.IntEnum):
     FORCE_HIGH = 2, "the force is too high for the allowed pressures: request less, or lengthen it"
     STIFFNESS_LOW = 3, "too soft for this torque: request at least stiffness_range(...).lowest"
     STIFFNESS_HIGH = 4, "too stiff for this torque: request at most stiffness_range(...).highest"
-    TORQUE_LOW = 5, "below all torques of the taut pair at this angle: see torque_range"
-    TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: see torque_range"
+    TORQUE_LOW = 5, "below all torques of the taut pair at this angle: request more"
+    TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: request less"
     SLACK = 7, "a muscle is too short for the least pull at this angle: lengthen its path"
     NO_STATE = 8, "no force at this length, or an input is nan: see muscle.length_range()"
     MOMENT_ARM = 9, "the lever is beyond its dead centre, or the paths are exchanged"
-    NO_EQUILIBRIUM = 10, "no equilibrium within the joint's angles: lower the load, or widen them"
-    BEYOND_ANGLES = 11, "the angle is outside the joint's range: widen Antagonist.angles"
 
     def __str__(self) -> str:
         return f"{self.name}: {self.message}"
 
     @classmethod
-    def words(cls, codes: Any, *, messages: bool = False) -> Any:
-        """Convert codes to names.
-
-        Args:
-            codes: an integer or an array of integers; not traced.
-            messages: append the message to each name.
-
-        Returns:
-            A string for one code, or an array of strings with the shape of the codes.
+    def words(cls, codes: Any) -> np.ndarray:
+        """Convert an integer or an array of integers, not traced, to names of the same shape.
 
         Raises:
             ValueError: a number is not a code.
         """
         given = np.asarray(codes)
-        texts = [str(one) if messages else one.name for one in map(cls, given.ravel().tolist())]
-        return np.array(texts).reshape(given.shape) if given.ndim else texts[0]
-
-
-class Answer(eqx.Module):
-    """A result with status codes; its repr shows the numbers, and the codes as names.
-
-    Attributes:
-        code: `Outcome` of each element.
-    """
-
-    code: eqx.AbstractVar[jax.Array]
-
-    @property
-    def outcome(self) -> Any:
-        """Names of the codes: a string for one code, else an array; not available while tracing."""
-        return Outcome.words(self.code)
-
-    def __repr__(self) -> str:
-        leaves = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        if any(isinstance(one, Tracer) or not hasattr(one, "dtype") for one in leaves.values()):
-            return eqx.tree_pformat(self)
-        del leaves["code"]
-        form: Any = {"threshold": 12, "separator": ", ", "formatter": {"float": "{:.6g}".format}}
-        said = {name: np.array2string(np.asarray(one), **form) for name, one in leaves.items()}
-        said["outcome"] = str(self.outcome)
-        parts = ", ".join(f"{name}={' '.join(text.split())}" for name, text in said.items())
-        return f"{type(self).__name__}({parts})"
-
-
-@runtime_checkable
-class HasForce(Protocol):
-    """Any object with a force: a `Muscle`, a published model, or a muscle from a file."""
-
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa]."""
-        ...
+        names = [cls(code).name for code in given.ravel().tolist()]
+        return np.array(names).reshape(given.shape)
 
 
 # --- first crossing of a value
 
 
-class Crossing(eqx.Module):
+class Crossing(NamedTuple):
     """First position at which a function reaches a value.
 
     Attributes:
@@ -216,7 +171,7 @@ def bracketed(
 # --- pressure at one state
 
 
-class InversePressure(Answer):
+class InversePressure(eqx.Module):
     """Pressure required for a force; every field has the broadcast shape of the arguments.
 
     Attributes:
@@ -230,14 +185,9 @@ class InversePressure(Answer):
     force: RealArray
     code: Int[Array, "..."]
 
-    @property
-    def feasible(self) -> Array:
-        """True where the force is attained, same shape."""
-        return self.code == Outcome.FEASIBLE
-
 
 def pressure_for_force(
-    muscle: HasForce, force: Real, length: Real, pressures: tuple[Real, Real]
+    muscle: Any, force: Real, length: Real, pressures: tuple[Real, Real]
 ) -> InversePressure:
     """Find the lowest pressure at which a muscle pulls with a given force at a given length.
 
@@ -271,7 +221,7 @@ def pressure_for_force(
 
 @compiled
 def _at_each_state(
-    muscle: HasForce, force: RealArray, length: RealArray, low: RealArray, high: RealArray
+    muscle: Any, force: RealArray, length: RealArray, low: RealArray, high: RealArray
 ) -> InversePressure:
     def one(F: RealArray, L: RealArray, low: RealArray, high: RealArray) -> InversePressure:
         return _inverse(lambda P: muscle.force(L, P), F, low, high)
@@ -299,43 +249,13 @@ def _inverse(
 # --- along a trajectory
 
 
-@runtime_checkable
-class HasMemory(Protocol):
-    """Hysteresis along a history, such as `famjax.slip.MaxwellSlip` or `CentredSlip`."""
-
-    def start(self, length: Real, pressure: Real) -> Any:
-        """State at the start of a history, at a length [m] and a gauge pressure [Pa]."""
-        ...
-
-    def moved(self, state: Any, length: Real, pressure: Real) -> Any:
-        """State after a monotone motion to a length and a pressure."""
-        ...
-
-    def added(self, state: Any, length: Real, pressure: Real) -> RealArray:
-        """Force [N] that the history adds to the static force at this length and pressure."""
-        ...
-
-
-class CommandedPressure(Answer):
-    """Pressures for a trajectory; every field has the shape (n,).
-
-    Attributes:
-        pressure: gauge pressure P [Pa] at each point, within the limits. If the force is not attained,
-            the pressure of the nearest pull, from which the history continues.
-        code: an `Outcome` at each point: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
-    """
-
-    pressure: RealArray
-    code: Int[Array, "..."]
-
-
 def pressure_along(
-    muscle: HasForce,
-    memory: HasMemory,
+    muscle: Any,
+    memory: Any,
     length: Real,
     force: Real,
     pressures: tuple[Real, Real],
-) -> CommandedPressure:
+) -> InversePressure:
     """Find the pressures at which a muscle with hysteresis pulls with given forces at given lengths.
 
     Solves F(L, P) + F_h(history, P) = F at every point. The previous points determine the branch, so
@@ -343,15 +263,17 @@ def pressure_along(
     begins at the first length and the lowest pressure.
 
     Args:
-        muscle: static force model.
-        memory: hysteresis, such as `HysteresisFit.centred` from `fitting.fit_hysteresis`.
+        muscle: object with the static `force(length, pressure)`.
+        memory: hysteresis with `start`, `moved` and `added`, such as `famjax.slip.MaxwellSlip`, or
+            `HysteresisFit.centred` from `fitting.fit_hysteresis`.
         length: L [m] in time order, shape (n,); must include every turning point.
         force: F [N] at these lengths, shape (n,) or ().
         pressures: lowest and highest gauge pressure [Pa].
 
     Returns:
-        Pressures and codes, shape (n,), computed by `jax.lax.scan`; differentiable by the implicit
-        function theorem at every point.
+        Pressures, forces and codes, shape (n,), computed by `jax.lax.scan`; differentiable by the
+        implicit function theorem at every point. Where a force is not attained, the history continues
+        from the pressure of the nearest pull.
 
     References:
         Vo-Minh, Tjahjowidodo, Ramon & Van Brussel 2011, IEEE/ASME Transactions on Mechatronics
@@ -364,14 +286,14 @@ def pressure_along(
 
 @compiled
 def _pressure_along(
-    muscle: HasForce,
-    memory: HasMemory,
+    muscle: Any,
+    memory: Any,
     lengths: Float[Array, " n"],
     forces: Float[Array, " n"],
     low: RealArray,
     high: RealArray,
-) -> CommandedPressure:
-    def step(state: Any, wanted: tuple[Array, Array]) -> tuple[Any, CommandedPressure]:
+) -> InversePressure:
+    def step(state: Any, wanted: tuple[Array, Array]) -> tuple[Any, InversePressure]:
         L, F = wanted
 
         def pull(P: RealArray) -> RealArray:
@@ -380,6 +302,6 @@ def _pressure_along(
         found = _inverse(pull, F, low, high)
         # Without a state, the history continues from the lowest pressure.
         P = jnp.where(jnp.isfinite(found.pressure), found.pressure, low)
-        return memory.moved(state, L, P), CommandedPressure(found.pressure, found.code)
+        return memory.moved(state, L, P), found
 
     return jax.lax.scan(step, memory.start(lengths[0], low), (lengths, forces))[1]

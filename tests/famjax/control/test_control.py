@@ -25,7 +25,6 @@ def test_round_trip(festo):
     )
     assert not np.any(np.asarray(found.code)[taut])
     assert (np.asarray(found.code)[~taut] == Outcome.FORCE_LOW).all()
-    np.testing.assert_array_equal(found.feasible, taut)
 
 
 def test_what_is_not_attained_has_the_nearest_and_a_code(festo):
@@ -51,22 +50,19 @@ def test_one_not_attained_leaves_the_derivatives_of_the_others(festo):
 
 
 @pytest.mark.slow
-def test_an_angle_beyond_the_joint_has_an_outcome_of_its_own(festo):
-    pair = Antagonist(
-        festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.275)), (0.0, HIGH), (-0.1, 0.1)
-    )
-    angles = np.array([-0.1, 0.1, 0.3, -0.3])
-    expected = ["FEASIBLE", "FEASIBLE", "BEYOND_ANGLES", "BEYOND_ANGLES"]
-    assert pair.torque_range(angles).outcome.tolist() == expected
-    range_ = pair.stiffness_range(angles)
-    assert range_.outcome.tolist() == expected
-    assert np.isnan(range_.lowest).tolist() == [False, False, True, True]
-    found = pair.pressures_for(angles, float(range_.lowest[0] + range_.highest[0]) / 2)
-    assert found.outcome.tolist() == expected
-    assert np.isnan(found.flexor).tolist() == [False, False, True, True]
+def test_a_pair_without_a_solution_has_the_nearest_and_a_code(festo):
+    pair = Antagonist(festo, festo, (Pulley(0.02, 0.275), Pulley(-0.02, 0.275)), (0.0, HIGH))
+    range_ = pair.stiffness_range(0.1, np.array([0.0, 1e3, -1e3, np.nan]))
+    codes = ["FEASIBLE", "TORQUE_HIGH", "TORQUE_LOW", "NO_STATE"]
+    assert Outcome.words(range_.code).tolist() == codes
+    assert np.isnan(range_.lowest).tolist() == [False, True, True, True]
+    asked = np.array([range_.lowest[0] - 1, range_.highest[0] + 1, np.nan])
+    found = pair.pressures_for(0.1, asked)
+    assert Outcome.words(found.code).tolist() == ["STIFFNESS_LOW", "STIFFNESS_HIGH", "NO_STATE"]
+    bounds = [range_.lowest[0], range_.highest[0], np.nan]
+    np.testing.assert_allclose(found.stiffness, bounds, rtol=1e-9)
 
 
-PRESSURE, ANGLE = 1.0, 1e-6  # Pa, rad: what a round trip may lose; it loses a millionth of that
 GRID = 4001  # pressures of the brute force, whose ends are exact
 STEP = 1e-5  # rad, of its central differences
 
@@ -87,7 +83,7 @@ def _pair(flexor: object, extensor: object, kind: str = "pulley", **more: float)
     paths: tuple[AbstractPath, AbstractPath] = (Pulley(0.02, 0.275), Pulley(-0.018, 0.272))
     if kind == "lever":
         paths = (Lever([-0.03, 0.0], [-0.01, -0.3], 0.025), Lever([0.03, 0.0], [0.01, -0.3], 0.025))
-    return Antagonist(flexor, extensor, paths, (0.0, HIGH), (-0.9, 0.9), **more)
+    return Antagonist(flexor, extensor, paths, (0.0, HIGH), **more)
 
 
 @pytest.fixture
@@ -124,14 +120,11 @@ def test_round_trip_of_a_pair(festo, softer, kind):
     inside = np.asarray(range_.code) == Outcome.FEASIBLE
     assert inside.sum() > 40
     np.testing.assert_array_equal(np.asarray(found.code)[inside], 0)
-    rests = pair.equilibrium(found.flexor, found.extensor, torque)
-    np.testing.assert_allclose(np.asarray(rests.angle)[inside], angle[inside], atol=ANGLE)
-    again = pair.pressures_for(rests.angle, rests.stiffness, torque)
-    for one, other in ((again.flexor, found.flexor), (again.extensor, found.extensor)):
-        apart = np.asarray(one)[inside] - np.asarray(other)[inside]
-        np.testing.assert_allclose(apart, 0, atol=PRESSURE)
     made = pair.torque(angle, found.flexor, found.extensor)
     np.testing.assert_allclose(np.asarray(made)[inside], torque[inside], atol=1e-9)
+    before, after = (pair.torque(angle + d, found.flexor, found.extensor) for d in (-STEP, STEP))
+    slope = np.asarray(before - after)[inside] / (2 * STEP)
+    np.testing.assert_allclose(slope, np.asarray(stiffness)[inside], rtol=1e-6)
 
 
 def _brute(pair: Antagonist, angle: float, torque: float) -> tuple[float, float] | None:
