@@ -111,7 +111,7 @@ def test_a_bundled_muscle_can_be_cut_and_taken_anywhere():
         dmsp_10(length=-0.1)
     with pytest.raises(InputError, match=r"cannot be cut to 0\.001 m"):
         dmsp_20(length=0.001)
-    with pytest.raises(InputError, match="there is no bundled muscle 'DMSP-40'"):
+    with pytest.raises(InputError, match="no such file: DMSP-40"):
         bundled_card("DMSP-40")
 
 
