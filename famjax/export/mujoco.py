@@ -267,15 +267,19 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
         actuator += f'dyntype="user" actdim="{4 + memory}" ctrlrange="-1 1"'
         state = f"{rest.pressure} 0 0 0{' 0' * memory}"
         key = f'ctrl="{resting_signal(subject.plant)!r}" act="{state}"'
-    module = filled("mujoco.py.in", {
-        "HEADING": docstring(subject.about_table),
-        "name": name,
-        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
-        "CALLBACK": "\n\n".join(map(inspect.getsource, _WRITTEN))
-        + f"\n\n_LOADERS = {_LOADERS!r}",
-        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
-    })  # fmt: skip
+    code = [*map(inspect.getsource, _WRITTEN), f"_LOADERS = {_LOADERS!r}"]
+    words = table_words(subject) | {"name": name, "CALLBACK": "\n\n".join(code)}
+    module = filled("mujoco.py.in", words)
     return {f"{name}.xml": _hanging_load(subject, rest, actuator, key), f"{name}_mujoco.py": module}
+
+
+def table_words(subject: Subject) -> dict[str, str]:
+    """Return the substitutions in a Python module with a table."""
+    return {
+        "HEADING": docstring(subject.about_table),
+        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
+        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
+    }
 
 
 _WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, _set_callbacks, uninstall)
