@@ -50,15 +50,6 @@ Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 class _Entry(Struct, forbid_unknown_fields=True):
     """A JSON object with exactly these entries."""
 
-    def _check(self, name: str, shape: tuple[int, ...]) -> None:
-        """Raise unless a table has the shape given by its axes."""
-        try:
-            fits = np.shape(getattr(self, name)) == shape
-        except ValueError:  # rows of unequal lengths
-            fits = False
-        if not fits:
-            raise ValueError(f"{name} must have the shape {shape}")
-
 
 class Member(_Entry):
     """One model of the muscle, its weight in the force and its mounting."""
@@ -94,9 +85,6 @@ class Volume(_Entry):
     pressure_Pa: list[float]
     volume_m3: list[list[float]]
 
-    def __post_init__(self) -> None:
-        self._check("volume_m3", (len(self.length_m), len(self.pressure_Pa)))
-
 
 class Covariance(_Entry):
     """Covariance of the identified parameters, relative to their scales."""
@@ -107,11 +95,6 @@ class Covariance(_Entry):
     scales: list[float]
     matrix: list[list[float]]
 
-    def __post_init__(self) -> None:
-        n = len(self.parameters)
-        for name, shape in (("matrix", (n, n)), ("values", (n,)), ("scales", (n,))):
-            self._check(name, shape)
-
 
 class Sample(_Entry):
     """Parameters of the first member in muscles drawn from the covariance, one row per muscle."""
@@ -119,9 +102,6 @@ class Sample(_Entry):
     seed: int
     numbers: list[str]
     rows: list[list[float]]
-
-    def __post_init__(self) -> None:
-        self._check("rows", (len(self.rows), len(self.numbers)))
 
 
 class Elements(_Entry):
@@ -343,25 +323,19 @@ class MuscleCard:
         Raises:
             InputError: the muscle cannot be cut to this length.
         """
+        fault = f"{self.name} cannot be cut to {rest_length:.4g} m"
         if not 0 < rest_length < np.inf:
-            raise InputError(f"the rest length must be > 0, got {rest_length} m")
+            raise InputError(f"{fault}: the rest length must be > 0")
         try:
             members = tuple(
                 one.with_muscle(cut_to_length(one.muscle, rest_length)) for one in self.members
             )
-        except eqx.EquinoxRuntimeError:
-            raise InputError(
-                f"{self.name} cannot be cut to {rest_length:.4g} m, which is shorter than its rounded "
-                "ends. Give a longer rest length"
-            ) from None
-        except ValueError as error:
-            raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
+        except (eqx.EquinoxRuntimeError, ValueError) as error:
+            why = error if isinstance(error, ValueError) else "it is shorter than its rounded ends"
+            raise InputError(f"{fault}: {why}") from None
         wide = _diameter_at_rest(members[0].muscle)
         if rest_length < wide:
-            raise InputError(
-                f"{self.name} cannot be cut to {rest_length:.4g} m: the rest length must exceed the "
-                f"diameter, {wide:.4g} m. Give a longer rest length"
-            )
+            raise InputError(f"{fault}: the rest length must exceed the diameter, {wide:.4g} m")
         old = float(self.muscle.rest_length)
         ratio, hysteresis = rest_length / old, self.hysteresis
         if hysteresis is not None:
@@ -475,16 +449,18 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
         )
         for one in document.members
     )
-    names, loops = number_names(members[0]), document.hysteresis
-    if document.sample is not None and tuple(document.sample.numbers) != names:
+    names, loops, sample = number_names(members[0]), document.hysteresis, document.sample
+    if sample is not None and (
+        tuple(sample.numbers) != names or any(len(row) != len(names) for row in sample.rows)
+    ):
         raise InputError(
             "the muscle card is damaged: the sample must have the parameters of the first member, "
-            f"{', '.join(names)}; got {', '.join(document.sample.numbers)}"
+            f"{', '.join(names)}; got {', '.join(sample.numbers)}"
         )
     return MuscleCard(
         document.name, members, np.array([one.weight for one in document.members]),
         Region(document.data.length_m, document.data.pressure_Pa), document.covariance,
-        document.sample, None if loops is None else loops.centred(), document.provenance,
+        sample, None if loops is None else loops.centred(), document.provenance,
     )  # fmt: skip
 
 
@@ -504,18 +480,15 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
     """
     file = Path(path) if isinstance(path, str) else path
     try:
-        return card_from_document(
-            msgspec.json.decode(file.read_bytes(), type=CardDocument), own=own
-        )
+        document = msgspec.json.decode(file.read_bytes(), type=CardDocument)
+        return card_from_document(document, own=own)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except msgspec.ValidationError as error:
+    except msgspec.DecodeError as error:
         raise InputError(
             f"{path} is not a muscle card of schema {SCHEMA}, or is damaged: {error}; write one from a fit "
             "by famjax card"
         ) from None
-    except msgspec.DecodeError as error:
-        raise InputError(f"{path} is not a JSON file: {error}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

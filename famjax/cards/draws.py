@@ -43,31 +43,25 @@ def draw(
         count: number of muscles.
 
     Raises:
-        InputError: too few draws are valid, or the directions belong to another muscle.
+        InputError: too few draws are valid.
     """
     first = members[0]
     flat, _ = flatten(first)
-    if directions.ndim != 2 or directions.shape[1] != flat.size:
-        raise InputError(
-            f"the directions must have {flat.size} numbers each, got shape {directions.shape}"
-        )
     rng, kept, tried = np.random.default_rng(seed), [], 0
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
         rows = np.asarray(flat) + z @ directions
         good, rises = map(np.asarray, _looked_at(tuple(members), weights, region, rows))
-        shares = [largest_share(cells) for cells in rises]
         kept += [
             row
-            for row, one, share in zip(rows, good, shares, strict=True)
-            if one and share >= _RISES
+            for row, one, cells in zip(rows, good, rises, strict=True)
+            if one and largest_share(cells) >= _RISES
         ]
         tried += _AT_ONCE
     if len(kept) < count:
         raise InputError(
-            f"only {len(kept)} of {tried} muscles drawn from the fit's errors are valid (parameters in "
-            f"range, force rising where the card's does), and {count} are needed: the fit determines "
-            "too little"
+            f"only {len(kept)} of {tried} muscles drawn from the fit's errors are valid, and {count} are "
+            "needed: the fit determines too little"
         )
     return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
 
