@@ -67,7 +67,7 @@ class Store:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if not self.path.exists():
-                write_whole(self.path, head.encode() + b"\n")
+                write_whole(self.path, head.encode())
             self._read(self.path, json.loads(head))
         except OSError as error:
             raise InputError(f"the {kind} file {self.path} cannot be used: {error}") from None
@@ -93,16 +93,18 @@ class Store:
             OSError: the file cannot be written.
         """
         if self.path is not None:
-            line = json.dumps({"index": index, "part": part}, default=_encoded) + "\n"
+            line = json.dumps({"index": index, "part": part}, default=_encoded)
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(line)
+                file.write(
+                    f"\n{line}"
+                )  # the break comes first: a line that was cut off stays alone
                 file.flush()
                 os.fsync(file.fileno())
             part = json.loads(line, object_hook=_decoded)["part"]
         self._parts[index] = part
 
     def _read(self, path: Path, head: dict[str, Any]) -> None:
-        first, *lines = path.read_bytes().splitlines(keepends=True)
+        first, *lines = path.read_bytes().split(b"\n")
         try:
             there = json.loads(first)
         except ValueError as error:
@@ -114,7 +116,6 @@ class Store:
                 f"{path} holds a {head['kind']} with other data or other settings: "
                 f"{some_of(differing(there, head), '; ')}. Give another file, or remove it"
             )
-        good = [first]
         for number, line in enumerate(lines, 2):
             try:
                 row = json.loads(line.decode(), object_hook=_decoded)
@@ -122,10 +123,6 @@ class Store:
             except (ValueError, KeyError, TypeError):
                 text = f"line {number} of {path} is damaged; its part will be computed again"
                 warnings.warn(text, UserWarning, stacklevel=4)
-            else:
-                good.append(line.rstrip() + b"\n")
-        if good != [first, *lines]:
-            write_whole(path, b"".join(good))
 
 
 def _encoded(value: Any) -> Any:
@@ -180,14 +177,15 @@ def run_tasks(
     waiting = [index for index in range(len(items)) if index not in kept]
     done, tell = len(items) - len(waiting), progress or (lambda _done, _total: None)
     tell(done, len(items))
+    jobs: dict[Any, int] = {}
     with _pool(executor, len(waiting)) as pool:
-        jobs: dict[Any, int] = {}
         try:
             if pool is None:
                 results = ((index, functools.partial(function, items[index])) for index in waiting)
             else:
                 call = functools.partial(_called, _settings(), function)
-                results = _as_done(pool, call, items, waiting, jobs)
+                jobs |= {pool.submit(call, items[index]): index for index in waiting}
+                results = ((jobs[job], job.result) for job in as_completed(jobs))
             for index, result in results:
                 try:
                     part = result()
@@ -220,24 +218,6 @@ def _check_travels(work: Any) -> None:
             f"this work cannot be sent to another process ({error}): define your class or function in a "
             "module and import it, or omit the executor"
         ) from None
-
-
-def _as_done(
-    pool: Any,
-    call: Callable[[Any], Any],
-    items: Sequence[Any],
-    waiting: Sequence[int],
-    jobs: dict[Any, int],
-) -> Iterator[tuple[int, Callable[[], Any]]]:
-    """Submit all items and yield the index and result of each finished one, even during submission."""
-    for index in waiting:
-        job = pool.submit(call, items[index])
-        if job.done():
-            yield index, job.result
-        else:
-            jobs[job] = index
-    for job in as_completed(jobs):
-        yield jobs[job], job.result
 
 
 def _pool(executor: AnyExecutor, count: int) -> contextlib.AbstractContextManager[Any]:

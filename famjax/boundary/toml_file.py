@@ -10,7 +10,7 @@ import math
 import sys
 import tomllib
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from msgspec import Meta, ValidationError, convert
 
 from .errors import InputError
-from .units import UNITS, si_unit
+from .units import UNITS
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -54,17 +54,19 @@ class Form:
 
     def key(self, name: str) -> str:
         """Return the key under which a field is written."""
-        if name in self.kinds:
-            return _spelt(name, si_unit(self.kinds[name]))
-        return self.keys.get(name, name)
+        return next(iter(self.known_keys(name)))
 
-    def keys_of(self, name: str) -> str:
-        """List all keys under which a quantity is read."""
-        return ", ".join(_spelt(name, unit) for unit in UNITS[self.kinds[name]])
+    def known_keys(self, name: str) -> dict[str, float]:
+        """Return all keys under which a field is read, with the multiplier of each unit to SI."""
+        if name not in self.kinds:
+            return {self.keys.get(name, name): 1.0}
+        units = UNITS[self.kinds[name]]
+        return {f"{name}_{unit}" if unit else name: size for unit, size in units.items()}
 
     def pattern(self, name: str) -> str:
-        """Return the key of a field, with `<unit>` for any unit."""
-        return f"{name}_<unit>" if name in self.kinds else self.key(name)
+        """Return the key of a field, with all its units in brackets."""
+        units = [unit for unit in UNITS[self.kinds[name]] if unit] if name in self.kinds else []
+        return f"{name}_<{'|'.join(units)}>" if units else self.key(name)
 
 
 PLAIN = Form()
@@ -182,53 +184,26 @@ def toml_text(entries: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _spelt(name: str, unit: str) -> str:
-    return f"{name}_{unit}" if unit else name
-
-
 def _values(kind: Any, entries: Mapping[str, Any], form: Form) -> dict[str, Any]:
     """Return the fields of a dataclass by name."""
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {field.name: field for field in dataclasses.fields(kind)}
+    known = {key: (name, size) for name in fields for key, size in form.known_keys(name).items()}
     found: dict[str, str] = {}
     values: dict[str, Any] = {}
-    problems = []
-    for key, value in entries.items():
-        name, factor = _field(key, fields, form)
-        if name is None:
-            problems.append(f"unknown key {key!r}")
-        elif name in found:
+    problems = [f"unknown key {key!r}" for key in entries if key not in known]
+    for key in (key for key in entries if key in known):
+        name, size = known[key]
+        if name in found:
             raise InputError(f"{name} is given twice, as {found[name]} and {key}; keep one")
-        else:
-            found[name] = key
-            values[name] = _scaled(_value(key, value, hints[name], form), factor)
+        found[name], values[name] = key, _scaled(_value(key, entries[key], hints[name], form), size)
     for name, field in fields.items():
         if name not in found and field.default is field.default_factory is dataclasses.MISSING:
-            units = f", as {form.keys_of(name)}" if name in form.kinds else ""
-            problems.append(f"{form.pattern(name)} is missing: {_described(hints[name])}{units}")
+            problems.append(f"{form.pattern(name)} is missing: {_described(hints[name])}")
     if problems:
-        known = ", ".join(map(form.pattern, fields))
-        raise InputError(f"{'; '.join(problems)}; valid keys: {known}")
+        valid = ", ".join(map(form.pattern, fields))
+        raise InputError(f"{'; '.join(problems)}; valid keys: {valid}")
     return values
-
-
-def _field(key: str, fields: Iterable[str], form: Form) -> tuple[str | None, float]:
-    """Return the field for a key (None if there is none) and the multiplier of its unit."""
-    quantities = [name for name in fields if name in form.kinds]
-    for name in fields:
-        if name not in quantities and form.key(name) == key:
-            return name, 1.0
-    stems = [name for name in quantities if f"{key}_".startswith(f"{name}_")]
-    if not stems:
-        return None, 1.0
-    name = max(stems, key=len)
-    unit, kind = key[len(name) + 1 :], form.kinds[name]
-    if unit in UNITS[kind]:
-        return name, UNITS[kind][unit]
-    fault = f"has the unknown unit {unit!r}" if unit else "has no unit"
-    raise InputError(
-        f"{key} {fault}: it must end with a unit of {kind}; write one of {form.keys_of(name)}"
-    )
 
 
 def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
