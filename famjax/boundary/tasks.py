@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .errors import InputError
-from .files import differing, some_of, write_whole
+from .files import differing, some_of, write_all
 
 AnyExecutor: TypeAlias = Any
 """Where tasks run: None for this process, a number of spawned processes, or an executor."""
@@ -65,9 +65,8 @@ class Store:
             return
         head = json.dumps({"format": _FORMAT, "kind": kind, "parts": count, "settings": settings})
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             if not self.path.exists():
-                write_whole(self.path, head.encode())
+                write_all(self.path.parent, {self.path.name: head.encode()})
             self._read(self.path, json.loads(head))
         except OSError as error:
             raise InputError(f"the {kind} file {self.path} cannot be used: {error}") from None
