@@ -129,7 +129,6 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "mounted by a power": famjax.MountedMuscle(RUBBER, 1.8e-5, 0.5),
     "gaylord": peers.Gaylord(BRAID_10, 3e4, -5.0, REST),
     "davis": peers.Gaylord(braids.CompliantBraid.of(BRAID_10, 2e-6), resting_length=REST),
-    "chou_hannaford": peers.ChouHannaford(BRAID_10, 1e-3, REST),
     "tondu_lopez": TONDU,
     "ferraresi": peers.ferraresi(CYLINDER_10, 2e6, 3e4),
     "kothera": peers.Kothera(peers.ferraresi(CYLINDER_10, 2e6)),
@@ -139,7 +138,6 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "klute_hannaford": peers.klute_hannaford(CYLINDER_10, 2e5, 1e5, 3e4),
     "sarosi": peers.Sarosi.published("10 mm", rest_length=REST),
     "martens": peers.Martens.published("DMSP-10-250"),
-    "bolen": peers.Bolen.published("10 mm", rest_length=REST, largest_contraction=0.2),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
     "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),
 }

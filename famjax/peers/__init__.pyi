@@ -1,5 +1,4 @@
 from .balance import (
-    ChouHannaford as ChouHannaford,
     Gaylord as Gaylord,
     Kothera as Kothera,
     Martens as Martens,
@@ -10,7 +9,6 @@ from .balance import (
     robinson as robinson,
 )
 from .empirical import (
-    Bolen as Bolen,
     Hildebrandt as Hildebrandt,
     PolynomialSurface as PolynomialSurface,
     Sarosi as Sarosi,

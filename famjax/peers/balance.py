@@ -60,32 +60,13 @@ class PeerModel(AbstractMuscle):
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
-class WithoutRestLength(PeerModel):
-    """A model whose force does not depend on the rest length; blocked force and contraction do."""
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Rest length L0 [m].
-
-        Raises:
-            ValueError: `resting_length` is None.
-        """
-        rest: RealArray | None = self.resting_length  # pyright: ignore -- a field of each of them
-        if rest is None:
-            raise ValueError(
-                f"{type(self).__name__} has no rest length, so blocked force and contraction are "
-                "undefined: set resting_length [m]"
-            )
-        return rest
-
-
 def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
     """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
     thread = braid.rest_thread_length
     return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
 
 
-class Gaylord(WithoutRestLength):
+class Gaylord(PeerModel):
     """The pull of a pressurised braid; the bladder is neglected except for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
@@ -115,6 +96,17 @@ class Gaylord(WithoutRestLength):
         "m", low=0.0, name="rest_length", default=None
     )
 
+    @property
+    def rest_length(self) -> RealArray:
+        """Rest length L0 [m].
+
+        Raises:
+            ValueError: `resting_length` is None.
+        """
+        if self.resting_length is None:
+            raise ValueError("the model has no rest length: set resting_length [m]")
+        return self.resting_length
+
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
         """Pull F [N] at L [m] and P [Pa]."""
         acting = P - self.deadband_pressure
@@ -125,42 +117,6 @@ class Gaylord(WithoutRestLength):
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
-        return braid_range(self.braid)
-
-
-class ChouHannaford(WithoutRestLength):
-    """A braid around a wall with constant thickness and no stiffness.
-
-    F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
-
-    where D = B / (pi N) is the diameter at 90 deg, and a the angle between thread and axis.
-
-    Attributes:
-        braid: inelastic braid.
-        wall_thickness: total thickness t [m] of braid and bladder.
-        resting_length: L0 [m]; required only for blocked force and contraction.
-
-    References:
-        Chou & Hannaford 1996. General knowledge, not read again.
-    """
-
-    braid: Braid
-    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
-    resting_length: Float[Given, "..."] | None = parameter(
-        "m", low=0.0, name="rest_length", default=None
-    )
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        L, B, reached = self.braid.reach(L, P)
-        t = self.wall_thickness
-        D = B / (jnp.pi * self.braid.turns)
-        sine = jnp.sqrt((B - L) * (B + L)) / B
-        wall = jnp.pi * P * (D * t * (2 * sine - 1 / sine) - t**2)
-        return jnp.where(reached, Gaylord(self.braid).force(L, P) + wall, jnp.nan)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral angle to the length of the threads."""
         return braid_range(self.braid)
 
 

@@ -1,14 +1,12 @@
 """Published empirical force surfaces as functions of contraction and pressure."""
 
-import math
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._arrays import Given, RealArray
-from ..parameters import number, parameter
-from ..units import BAR, KILOPASCAL, MEGAPASCAL
+from ..parameters import parameter
+from ..units import BAR, MEGAPASCAL
 from .balance import PeerModel
 
 
@@ -155,70 +153,3 @@ class Sarosi(PeerModel):
         eps = 1 - L / self.rest_length
         softening = (self.a1 * P + self.a2) * jnp.exp(self.a3 * eps)
         return softening + self.a4 * P * eps + self.a5 * P + self.a6
-
-
-# Constants in F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
-_PUBLISHED_BOLEN = {
-    "10 mm": (303.5, 19.03, 0.0075, (0.5682, 4.254, 0.5597)),
-    "20 mm": (922.4, 15.37, 0.013, (0.2579, 6.477, 1.321)),
-}
-
-
-class Bolen(PeerModel):
-    """A normalised surface: an exponential over contraction plus a bell scaled by the pressure.
-
-    F = F_620 (c0 (exp(-c1 e) - 1) + P / P_620 exp(-c2 e^2)), e = eps / eps_620
-
-    Attributes:
-        rest_length: L0 [m], reference of the contraction eps.
-        largest_contraction: eps_620 [-], free contraction at P_620. It only scales c1 and c2 and
-            cannot be fitted together with them.
-        largest_force: F_620 [N], blocked force at P_620.
-        c0, c1, c2: [-].
-        reference_pressure: P_620 [Pa], 620 kPa.
-
-    References:
-        Bolen, Elzein, Pang & Hunt 2026, form and constants. The authors set negative forces to
-        zero; here they are not clipped.
-
-    >>> muscle = Bolen.published("10 mm", rest_length=0.112, largest_contraction=0.17)
-    >>> print(f"{muscle.force(0.112, 620e3):.1f}")  # 335.3 N in the article
-    335.3
-    """
-
-    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
-    largest_contraction: Float[Given, "..."] = number()
-    largest_force: Float[Given, "..."] = parameter("N", linear=True)
-    c0: Float[Given, "..."] = parameter(low=0.0, high=5.0)
-    c1: Float[Given, "..."] = parameter(low=0.1, high=50.0)
-    c2: Float[Given, "..."] = parameter(low=0.0, high=20.0)
-    reference_pressure: Float[Given, "..."] = number("Pa", default=620 * KILOPASCAL)
-
-    @classmethod
-    def published(cls, muscle: str, *, rest_length: float, largest_contraction: float) -> "Bolen":
-        """Create the model from published constants, with the blocked force for the rest length.
-
-        Args:
-            muscle: "10 mm" or "20 mm".
-            rest_length: L0 [m].
-            largest_contraction: eps_620 [-] of your muscle; the authors measure it.
-
-        Returns:
-            The model.
-
-        Raises:
-            ValueError: no constants are available for that muscle.
-        """
-        if muscle not in _PUBLISHED_BOLEN:
-            raise ValueError(
-                f"Bolen's constants are available for {', '.join(_PUBLISHED_BOLEN)}; got {muscle!r}"
-            )
-        b1, b2, offset, (c0, c1, c2) = _PUBLISHED_BOLEN[muscle]
-        force = b1 * math.atan(b2 * (rest_length - offset))
-        return cls(rest_length, largest_contraction, force, c0, c1, c2)
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        e = (1 - L / self.rest_length) / self.largest_contraction
-        bell = P / self.reference_pressure * jnp.exp(-self.c2 * e**2)
-        return self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell)

@@ -17,21 +17,10 @@ from famjax.muscles import bundled_card, dmsp_10, dmsp_20
 from fitting import load_bundled
 
 EXACT = 1e-10  # the same algebra in another order
-DIFFERENCE = 1e-6  # central differences
 PRINTED = 6e-3  # figures known to two decimals
 
 L0, D0, THETA = 0.25, 0.012, 1.12
 L, P = np.meshgrid(np.linspace(0.2, 0.2499, 4), np.array([1e5, 3.5e5, 6e5]))
-
-
-def test_chou_and_hannafords_wall_is_virtual_work_of_the_bore():
-    t, h = 1e-3, 1e-6
-
-    def bore(length: np.ndarray) -> np.ndarray:
-        return np.pi / 4 * (np.asarray(BRAID.diameter(length)) - 2 * t) ** 2 * length
-
-    expected = -P * (bore(L + h) - bore(L - h)) / (2 * h)
-    np.testing.assert_allclose(MODELS["chou_hannaford"].force(L, P), expected, rtol=DIFFERENCE)
 
 
 def test_tondu_lopez_is_its_printed_algebra():
