@@ -15,36 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from ._cells import (
-    DAMAGED,
-    MOST_BYTES,
-    NEAREST,
-    Asked,
-    Sheet,
-    cell_text,
-    check_workbook,
-    decoded_text,
-    looks_number,
-    numbers_of,
-    read_bytes,
-    sheet_of,
-    split_text,
-    trimmed_cells,
-)
-from ._headers import (
-    MODE,
-    SIZES,
-    Column,
-    any_unit,
-    joined_mode,
-    judge,
-    kind_of,
-    remedy_for,
-    shortened,
-    split_unit,
-    tokens_of,
-    unit_size,
-)
+from . import _cells, _headers
+from ._cells import Asked, Sheet, looks_number
+from ._headers import Column, kind_of, remedy_for, shortened, unit_size
 from ._stamps import REPEATED, STAMP, clock_seconds
 from .boundary.errors import InputError, import_extra, meant
 from .boundary.units import UNITS, parse_quantity, si_unit
@@ -145,11 +118,11 @@ def read_table(
         check_size(source)
         where, name = str(source), Path(source).name
     try:
-        data = read_bytes(source)
+        data = _cells.read_bytes(source)
         if data.startswith(b"PK\x03\x04"):
             table = _of_workbook(data, asked)
         else:
-            table = _of_sheet(split_text(decoded_text(data), asked), asked)
+            table = _of_sheet(_cells.split_text(_cells.decoded_text(data), asked), asked)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     return dataclasses.replace(table, source=name or where, sha256=hashlib.sha256(data).hexdigest())
@@ -163,12 +136,12 @@ def text_lines(path: str | Path) -> list[str]:
     """
     check_size(path)
     try:
-        return decoded_text(read_bytes(path)).splitlines()
+        return _cells.decoded_text(_cells.read_bytes(path)).splitlines()
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def check_size(path: str | Path, most: float = MOST_BYTES) -> None:
+def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
     """Refuse a file that is too large, before reading it.
 
     Raises:
@@ -189,23 +162,26 @@ def check_size(path: str | Path, most: float = MOST_BYTES) -> None:
 def _of_workbook(data: bytes, asked: Asked) -> Table:
     """Read the only sheet of a workbook that contains the table."""
     try:
-        check_workbook(data)
+        _cells.check_workbook(data)
         pandas = import_extra("pandas", "tables")
         import_extra("openpyxl", "tables")
         how = {"header": None, "dtype": object, "engine": "openpyxl", "keep_default_na": False}
         sheets = pandas.read_excel(io.BytesIO(data), sheet_name=None, **how)
     except InputError:
         raise
-    except DAMAGED as error:
+    except _cells.DAMAGED as error:
         raise InputError(f"it is not a readable workbook ({error}): save it as CSV") from None
     found, refused = {}, []
     for name, frame in sheets.items():
-        rows = [trimmed_cells(tuple(map(cell_text, row))) for row in frame.itertuples(index=False)]
+        rows = [
+            _cells.trimmed_cells(tuple(map(_cells.cell_text, row)))
+            for row in frame.itertuples(index=False)
+        ]
         numbered = [(k, row) for k, row in enumerate(rows, 1) if row]
         comments = [" ".join(filter(None, row)) for _, row in numbered if row[0].startswith("#")]
         body = [(k, row) for k, row in numbered if not row[0].startswith("#")]
         try:
-            found[str(name)] = _of_sheet(sheet_of(body, tuple(comments), asked), asked)
+            found[str(name)] = _of_sheet(_cells.sheet_of(body, tuple(comments), asked), asked)
         except InputError as error:
             refused.append(f"sheet {str(name)!r}: {error}")
     if len(found) > 1:
@@ -229,9 +205,9 @@ def _find(
         mine = [one for one in held if one.quantity == quantity and one.plain and not one.reason]
         # For load and load rate, the unit decides.
         fitting = [one for one in mine if unit_size(one.unit, kind) is not None]
-        mine = fitting or [one for one in mine if not any_unit(one.unit)] or mine
+        mine = fitting or [one for one in mine if not _headers.any_unit(one.unit)] or mine
         if quantity == "time" and len(mine) > 1:
-            mine = [one for one in mine if len(tokens_of(one.title)) == 1] or mine
+            mine = [one for one in mine if len(_headers.tokens_of(one.title)) == 1] or mine
         if not mine:
             return None
         one = mine[0]
@@ -246,7 +222,7 @@ def _find(
     size = unit_size(one.unit, kind)
     if size is not None:
         return one._replace(size=size[0], absolute=one.absolute if size[1] is None else size[1])
-    every = [unit for unit in SIZES[kind] if unit]
+    every = [unit for unit in _headers.SIZES[kind] if unit]
     lacks = (
         f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit, in its name or below"
     )
@@ -260,9 +236,9 @@ def _find(
 def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
     """Find the column that the user assigned by name or number, and apply the given unit."""
     wanted = wanted.strip()
-    title, unit = split_unit(joined_mode(wanted))
-    said = [bool(match[1]) for match in MODE.finditer(unit)]
-    unit = MODE.sub("", unit).strip(" ,()")
+    title, unit = _headers.split_unit(_headers.joined_mode(wanted))
+    said = [bool(match[1]) for match in _headers.MODE.finditer(unit)]
+    unit = _headers.MODE.sub("", unit).strip(" ,()")
     for match in (
         lambda one: one.name == wanted,
         lambda one: title in (one.name, one.title),
@@ -305,8 +281,8 @@ def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[
     for k, (name, below, beside) in enumerate(
         zip(sheet.names, sheet.below, sheet.beside, strict=True)
     ):
-        one = judge(name, below)
-        held.append(one._replace(place=k, reason=one.reason or judge(beside).reason))
+        one = _headers.judge(name, below)
+        held.append(one._replace(place=k, reason=one.reason or _headers.judge(beside).reason))
     found: dict[str, Column] = {}
     for quantity in (*asked.needed, *asked.optional):
         both = {}
@@ -339,28 +315,33 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
     cells = list(zip(*padded, strict=True))
 
     def clock(place: int) -> bool:
-        return any(":" in cell for cell in cells[place][:NEAREST])
+        return any(":" in cell for cell in cells[place][: _cells.NEAREST])
 
     found = _find_all(sheet, asked, clock)
     values = {
         quantity: clock_seconds(_dated(one.place, names, cells), one)
         if quantity == "time" and clock(one.place)
-        else numbers_of(cells[one.place], sheet)
+        else _cells.numbers_of(cells[one.place], sheet)
         for quantity, one in found.items()
     }
     bad = np.any([np.isnan(column) for column in values.values()], axis=0)
     if asked.strict and bad.any():
         k = int(np.argmax(bad))
         quantity = next(quantity for quantity, column in values.items() if np.isnan(column[k]))
-        _refuse_cell(quantity, cells[found[quantity].place][k], int(lines[k]))
+        cell = cells[found[quantity].place][k]
+        fault = f"{shortened(cell)}, not a number" if cell else "missing"
+        raise InputError(
+            f"row {lines[k]}: {quantity} is {fault}; remove the row, or write the reading with a decimal "
+            "point and no thousands separators"
+        )
     if bad.all():
         raise InputError("no row has numbers in all required columns")
     others = {}
     for k in sorted(set(range(width)) - {one.place for one in found.values()}):
-        if any(map(looks_number, cells[k][:NEAREST])):
+        if any(map(looks_number, cells[k][: _cells.NEAREST])):
             label = f"{names[k]} ({sheet.below[k]})" if sheet.below[k] else names[k]
             label = label if names.count(names[k]) == 1 else f"{label} [{k + 1}]"
-            others[label] = numbers_of(cells[k], sheet)[~bad]
+            others[label] = _cells.numbers_of(cells[k], sheet)[~bad]
     unread = tuple(line for line in lines[bad].tolist() if line < lines[~bad][-1])
     kept = {quantity: column[~bad] for quantity, column in values.items()}
     return _in_si(kept, found, others, lines[~bad], asked, unread=unread, comments=sheet.comments)
@@ -369,20 +350,11 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
 def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> Sequence[str]:
     """Prepend the date from a separate column to times of day."""
     for k, name in enumerate(names):
-        if k != place and {"date", "datum"} & set(tokens_of(name)):
+        if k != place and {"date", "datum"} & set(_headers.tokens_of(name)):
             both = [" ".join(one) for one in zip(cells[k], cells[place], strict=True)]
             if STAMP.fullmatch(both[0]):
                 return both
     return cells[place]
-
-
-def _refuse_cell(quantity: str, cell: str, line: int) -> None:
-    hint = " (write a decimal point, and no thousands separators)" if "," in cell else ""
-    fault = f"is {shortened(cell)}, not a number{hint}"
-    if cell.lstrip("+-").casefold() in {"nan", "inf", "infinity"}:
-        fault = f"is {cell}; every value must be finite"
-    fault = fault if cell else "is missing; remove the row, or write the reading"
-    raise InputError(f"row {line}: {quantity} {fault}")
 
 
 def _in_si(

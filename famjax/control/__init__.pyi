@@ -1,7 +1,6 @@
 from .inverse import (
     InversePressure as InversePressure,
     Outcome as Outcome,
-    pressure_along as pressure_along,
     pressure_for_force as pressure_for_force,
 )
 from .pair import (

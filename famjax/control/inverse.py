@@ -1,4 +1,4 @@
-"""Pressure required for a force: at one state, or along a trajectory with hysteresis."""
+"""Pressure required for a force, and roots of functions that need not be monotone."""
 
 import enum
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from .._arrays import Real, RealArray, as_real, at_each, compiled
 from ..muscle import bisected
@@ -86,13 +86,7 @@ class Crossing(NamedTuple):
     highest: RealArray
 
 
-def first_crossing(
-    function: Callable[[RealArray], RealArray],
-    stations: Float[Array, " n"],
-    target: RealArray,
-    *,
-    falling_only: bool = False,
-) -> Crossing:
+def first_crossing(function: Callable, stations: RealArray, target: RealArray) -> Crossing:
     """Find the first position between stations where a function reaches a target value.
 
     The search bisects the first cell whose end values bracket the target, to machine precision. A
@@ -103,7 +97,6 @@ def first_crossing(
             function theorem, to any order.
         stations: increasing x, shape (n,); not differentiated.
         target: target value, shape ().
-        falling_only: skip cells in which the function rises.
     """
     stations = jax.lax.stop_gradient(stations)
     values = jax.lax.stop_gradient(jax.vmap(function)(stations))
@@ -121,29 +114,20 @@ def first_crossing(
     within = jnp.abs(wanted - inside) <= ROUNDED * jnp.finfo(values.dtype).eps * size
     left = jnp.where(within, inside, wanted) - values
     before, after = left[:-1], left[1:]
-    falls = (before <= 0) & (after >= 0)
-    rises = (before >= 0) & (after <= 0)
-    cells = numbers[:-1] & numbers[1:] & (falls if falling_only else falls | rises)
+    cells = numbers[:-1] & numbers[1:] & (jnp.sign(before) * jnp.sign(after) <= 0)
     found, cell = jnp.any(cells), jnp.argmax(cells)
     change = jnp.abs(values[cell + 1] - values[cell])
     scale = jnp.where(found & (change > 0), change, jnp.maximum(size, 1.0))
-    root = bracketed(
-        lambda x: (function(x) - target) / scale,
-        stations[cell],
-        stations[cell + 1],
-        falls=values[cell] > values[cell + 1],
-    )
+    falls = values[cell] > values[cell + 1]
+    ends = stations[cell], stations[cell + 1]
+    root = bracketed(lambda x: (function(x) - target) / scale, *ends, falls=falls)
     nearest = stations[jnp.where(wanted > highest, most_at, least_at)]
     at = jnp.where(found, root, jnp.where(known, nearest, jnp.nan))
     return Crossing(at, found & jnp.isfinite(wanted), lowest, highest)
 
 
 def bracketed(
-    residual: Callable[[RealArray], RealArray],
-    low: RealArray,
-    high: RealArray,
-    *,
-    falls: Bool[Array, ""] | bool = False,
+    residual: Callable, low: RealArray, high: RealArray, *, falls: Any = False
 ) -> RealArray:
     """Find the root of a residual in a bracket by bisection, differentiable by the implicit theorem.
 
@@ -159,12 +143,9 @@ def bracketed(
     width, fine = jnp.where(high == low, 1.0, high - low), jnp.finfo(jnp.result_type(low))
     sign = jnp.where(falls, -1.0, 1.0)
     share = bisected(
-        lambda share: sign * residual(low + share * width),
-        jnp.zeros_like(width),
-        jnp.ones_like(width),
-        tolerance=float(fine.eps),
-        max_steps=fine.nmant + 2,
-    )
+        lambda share: sign * residual(low + share * width), jnp.zeros_like(width),
+        jnp.ones_like(width), tolerance=float(fine.eps), max_steps=fine.nmant + 2,
+    )  # fmt: skip
     return low + share * width
 
 
@@ -215,93 +196,23 @@ def pressure_for_force(
     >>> [f"{kPa:.1f}" for kPa in found.pressure / 1e3], [Outcome(int(c)).name for c in found.code]
     (['284.0', '600.0'], ['FEASIBLE', 'FORCE_HIGH'])
     """
-    low, high = (as_real(one) for one in pressures)
-    return _at_each_state(muscle, as_real(force), as_real(length), low, high)
+    return _at_each_state(muscle, *map(as_real, (force, length, *pressures)))
 
 
 @compiled
-def _at_each_state(
-    muscle: Any, force: RealArray, length: RealArray, low: RealArray, high: RealArray
-) -> InversePressure:
+def _at_each_state(muscle: Any, *states: RealArray) -> InversePressure:
     def one(F: RealArray, L: RealArray, low: RealArray, high: RealArray) -> InversePressure:
-        return _inverse(lambda P: muscle.force(L, P), F, low, high)
+        stations = jnp.linspace(low, high, _CELLS + 1)
+        wanted = jnp.where(F < 0, jnp.zeros_like(F), F)
+        crossing = first_crossing(lambda P: muscle.force(L, P), stations, wanted)
+        known = jnp.isfinite(crossing.highest) & jnp.isfinite(F)
+        below = (F < 0) | (crossing.lowest > F)
+        beyond = jnp.where(below, Outcome.FORCE_LOW, Outcome.FORCE_HIGH)
+        code = jnp.where(crossing.found & (F >= 0), Outcome.FEASIBLE, beyond)
+        return InversePressure(
+            jnp.where(known, crossing.at, jnp.nan),
+            jnp.where(known, muscle.force(L, crossing.at), jnp.nan),
+            jnp.where(known, code, Outcome.NO_STATE).astype(int),
+        )
 
-    return at_each(one, force, length, low, high)
-
-
-def _inverse(
-    pull: Callable[[RealArray], RealArray], force: RealArray, low: RealArray, high: RealArray
-) -> InversePressure:
-
-    wanted = jnp.where(force < 0, jnp.zeros_like(force), force)
-    crossing = first_crossing(pull, jnp.linspace(low, high, _CELLS + 1), wanted)
-    known = jnp.isfinite(crossing.highest) & jnp.isfinite(force)
-    below = (force < 0) | (force < crossing.lowest)
-    beyond = jnp.where(below, Outcome.FORCE_LOW, Outcome.FORCE_HIGH)
-    code = jnp.where(crossing.found & (force >= 0), Outcome.FEASIBLE, beyond)
-    return InversePressure(
-        jnp.where(known, crossing.at, jnp.nan),
-        jnp.where(known, pull(crossing.at), jnp.nan),
-        jnp.where(known, code, Outcome.NO_STATE).astype(int),
-    )
-
-
-# --- along a trajectory
-
-
-def pressure_along(
-    muscle: Any,
-    memory: Any,
-    length: Real,
-    force: Real,
-    pressures: tuple[Real, Real],
-) -> InversePressure:
-    """Find the pressures at which a muscle with hysteresis pulls with given forces at given lengths.
-
-    Solves F(L, P) + F_h(history, P) = F at every point. The previous points determine the branch, so
-    no sign of the velocity is required, and minor loops follow from the slip elements. The history
-    begins at the first length and the lowest pressure.
-
-    Args:
-        muscle: object with the static `force(length, pressure)`.
-        memory: hysteresis with `start`, `moved` and `added`, such as `famjax.slip.MaxwellSlip`, or
-            `HysteresisFit.centred` from `fitting.fit_hysteresis`.
-        length: L [m] in time order, shape (n,); must include every turning point.
-        force: F [N] at these lengths, shape (n,) or ().
-        pressures: lowest and highest gauge pressure [Pa].
-
-    Returns:
-        Pressures, forces and codes, shape (n,), computed by `jax.lax.scan`; differentiable by the
-        implicit function theorem at every point. Where a force is not attained, the history continues
-        from the pressure of the nearest pull.
-
-    References:
-        Vo-Minh, Tjahjowidodo, Ramon & Van Brussel 2011, IEEE/ASME Transactions on Mechatronics
-        16(1), 177-186: feed-forward of pneumatic muscles with Maxwell-slip elements.
-    """
-    lengths, forces = jnp.broadcast_arrays(as_real(length), as_real(force))
-    low, high = (as_real(one) for one in pressures)
-    return _pressure_along(muscle, memory, lengths, forces, low, high)
-
-
-@compiled
-def _pressure_along(
-    muscle: Any,
-    memory: Any,
-    lengths: Float[Array, " n"],
-    forces: Float[Array, " n"],
-    low: RealArray,
-    high: RealArray,
-) -> InversePressure:
-    def step(state: Any, wanted: tuple[Array, Array]) -> tuple[Any, InversePressure]:
-        L, F = wanted
-
-        def pull(P: RealArray) -> RealArray:
-            return muscle.force(L, P) + memory.added(memory.moved(state, L, P), L, P)
-
-        found = _inverse(pull, F, low, high)
-        # Without a state, the history continues from the lowest pressure.
-        P = jnp.where(jnp.isfinite(found.pressure), found.pressure, low)
-        return memory.moved(state, L, P), found
-
-    return jax.lax.scan(step, memory.start(lengths[0], low), (lengths, forces))[1]
+    return at_each(one, *states)

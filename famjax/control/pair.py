@@ -125,7 +125,7 @@ class Antagonist(eqx.Module):
 
     at constant pressures, with the moment arms r_f > 0 > r_e and the pulls F at the path lengths. A
     muscle that would push is slack, F = 0. Pressures are static; `famjax.plant` describes their
-    dynamics, and `pressure_along` includes friction.
+    dynamics and friction.
 
     A direct call of a method compiles quickly (about 15 s for a pair of bundled muscles) and runs
     slowly. Inside your own `jax.jit` or `equinox.filter_jit(pair.pressures_for)` it is fully optimised:

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 from scipy.optimize import minimize
 
 from ..boundary.errors import InputError
@@ -29,6 +29,7 @@ _GOOD = 0.1 * PSI  # an error that matters as much as one in a hundred of oversh
 _RANGE = np.log([(0.1, 40.0), (0.05, 200.0), (2.0, 200.0)])  # counts/psi, counts/(psi s), psi/s
 _FIRST = 4.0, 8.0, 20.0  # start of the search, in the same units
 _PER_COUNT = np.array([1 / 255 / PSI, 1 / 255 / PSI, PSI])
+_CERTAIN = "supply", "bias", "relief", "critical_ratio", "full_speed", "exponent"
 _SPREAD = {"displacement": 0.05, "needle": 0.05}
 _OTHERS = 0.3
 
@@ -107,9 +108,7 @@ class Expected(NamedTuple):
     force: Any
 
 
-def drawn_circuits(
-    circuit: AbstractCircuit, count: int = 8, seed: int = 0
-) -> list[AbstractCircuit]:
+def drawn_circuits(circuit: Any, count: int = 8, seed: int = 0) -> list[AbstractCircuit]:
     """Return the circuit and random variations that represent an unmeasured rig.
 
     The distribution is log-uniform: pump and needle within 5 %, all other parameters within 30 %,
@@ -120,33 +119,26 @@ def drawn_circuits(
         count: number of circuits, including the nominal one.
         seed: random seed.
     """
-    rng, found = np.random.default_rng(seed), [circuit]
-    free = {
-        name: one for name, one in circuit.declared().items()
-        if name not in ("supply", "bias", "relief", "critical_ratio", "full_speed", "exponent")
-    }  # fmt: skip
+    rng, found, known = np.random.default_rng(seed), [circuit], circuit.declared()
     for _ in range(count - 1):
         values = {}
-        for name, one in free.items():
+        for name in [name for name in known if name not in _CERTAIN]:
             spread = _SPREAD.get(name, _OTHERS)
             value = float(circuit.parameters()[name]) * math.exp(rng.uniform(-spread, spread))
-            values[name] = float(np.clip(value, one.low, one.high))
+            values[name] = float(np.clip(value, known[name].low, known[name].high))
         found.append(circuit.with_parameters(values))
     return found
 
 
 def expect(
-    plants: Sequence[Plant],
-    feed_forwards: Float[np.ndarray, "plants k"],
-    gains: Gains,
-    duty: Duty,
-    seed: int = 0,
+    plants: Sequence[Plant], feed_forwards: np.ndarray, gains: Gains, duty: Duty, seed: int = 0
 ) -> Expected:
     """Simulate a controller with given gains.
 
     Args:
         plants: plants with the same structure, each with one driven muscle.
-        feed_forwards: coefficients of the output that holds a set pressure; see `PressureController`.
+        feed_forwards: coefficients of the output that holds a set pressure, one row for each plant;
+            see `PressureController`.
         gains: gains of the controller.
         duty: task of the controller.
         seed: random seed of the sensor noise.
@@ -158,7 +150,7 @@ def expect(
 
 def tune(
     plants: Sequence[Plant],
-    feed_forwards: Float[np.ndarray, "plants k"],
+    feed_forwards: np.ndarray,
     duty: Duty,
     *,
     seed: int = 0,
@@ -231,17 +223,8 @@ def _course(duty: Duty, seed: int) -> tuple[Array, Array, Array, Array, tuple[in
 
 
 @eqx.filter_jit
-def _figures(
-    arrays: Plant,
-    static: Plant,
-    feed: Float[Array, "plants k"],
-    gains: Float[Array, "3"],
-    before: Float[Array, " n"],
-    after: Float[Array, " n"],
-    rates: Float[Array, " ticks"],
-    noise: Float[Array, "n ticks"],
-    counts: tuple[int, int, int],
-) -> Expected:
+def _figures(arrays: Plant, static: Plant, feed: Array, gains: Array, *course: Any) -> Expected:
+    before, after, rates, noise, counts = course
     proportional, integral, ramp = jnp.exp(gains)
     begin, (ready, leg, whole) = round(_BEFORE / TICK), counts
     time = TICK * (jnp.arange(rates.size) - begin)
@@ -285,16 +268,11 @@ def _figures(
 
 @eqx.filter_jit
 def _cost(
-    arrays: Plant,
-    static: Plant,
-    feed: Float[Array, "plants k"],
-    x: Float[Array, "3"],
-    limit: float,
-    *course: Any,
-) -> tuple[Array, Float[Array, "3"]]:
+    arrays: Plant, static: Plant, feed: Array, x: Array, limit: float, *course: Any
+) -> tuple[Array, Array]:
     """Cost and its gradient in the logarithms of the gains in counts and psi."""
 
-    def cost(x: Float[Array, "3"]) -> tuple[Array, Array]:
+    def cost(x: Array) -> tuple[Array, Array]:
         seen = _figures(arrays, static, feed, x + np.log(_PER_COUNT), *course)
         step = jnp.abs(course[1] - course[0])
         over = jnp.maximum(seen.overshoot / step - _OVERSHOOT, 0.0) / 0.01
