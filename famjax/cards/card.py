@@ -361,11 +361,7 @@ def _diameter_at_rest(mounted: AbstractMuscle) -> float:
 
 
 def varied(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    numbers: Float[Array, " numbers"],
-    *,
-    mounted: Sequence[bool],
+    members: Sequence[MountedMuscle], weights: Any, numbers: Array, *, mounted: Sequence[bool]
 ) -> AbstractMuscle:
     """Return the muscle with new parameters in its first member; the other forces shift equally.
 
@@ -380,10 +376,7 @@ def varied(
 
 
 def joined(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    *,
-    mounted: Sequence[bool],
+    members: Sequence[MountedMuscle], weights: Any, *, mounted: Sequence[bool]
 ) -> AbstractMuscle:
     """Combine all members into one muscle, each with its mounting if that is compliant."""
     own = [one if loose else one.muscle for one, loose in zip(members, mounted, strict=True)]

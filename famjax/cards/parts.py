@@ -6,25 +6,14 @@ part its class in its annotation. There is no table of classes, so user-defined 
 
 import dataclasses
 import functools
+import importlib
 import typing
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 
-from .. import (
-    braids,
-    continuation,
-    equilibrium,
-    geometries,
-    materials,
-    measured,
-    muscle,
-    profiles,
-    slip,
-    surfaces,
-    terms,
-)  # fmt: skip
+from .. import geometries, materials, terms
 from .._arrays import as_number
 from ..boundary.errors import InputError, Own, check_trusted, class_named, class_path
 from ..equilibrium import EquilibriumMuscle
@@ -32,8 +21,8 @@ from ..muscle import AbstractMuscle, Muscle
 from ..parameters import declaration
 
 _ROOMS = (
-    braids, geometries, materials, measured, muscle, equilibrium, continuation, profiles, surfaces,
-    slip, terms,
+    "braids", "geometries", "materials", "measured", "muscle", "equilibrium", "continuation", "profiles",
+    "surfaces", "slip", "terms",
 )  # fmt: skip
 _PLAIN = (bool, int, float, tuple[float, ...])
 
@@ -229,9 +218,9 @@ def _classes() -> dict[str, type]:
     return {
         name: cls
         for room in _ROOMS
-        for name, cls in vars(room).items()
+        for name, cls in vars(importlib.import_module(f"famjax.{room}")).items()
         if isinstance(cls, type)
-        and cls.__module__ == room.__name__
+        and cls.__module__ == f"famjax.{room}"
         and not name.startswith("Abstract")
     }
 
