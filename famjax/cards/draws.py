@@ -64,7 +64,7 @@ def draw(
 
 @quick_jit
 def _looked_at(
-    members: tuple[MountedMuscle, ...], weights: Any, region: Region, rows: np.ndarray
+    members: tuple[MountedMuscle, ...], weights: Any, region: Region, rows: Any
 ) -> tuple[Array, Array]:
     """Return, for each row of numbers, True if the muscle is valid, and where its force rises.
 
