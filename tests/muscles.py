@@ -136,7 +136,7 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
         CYLINDER_10, jnp.array([1e5, 6e5]), jnp.array([[2e6, 0], [3e6, 1e6]])
     ),
     "klute_hannaford": peers.klute_hannaford(CYLINDER_10, 2e5, 1e5, 3e4),
-    "sarosi": peers.Sarosi.published("10 mm", rest_length=REST),
+    "sarosi": peers.Sarosi(REST, -9.22e-5, 203.7, -34.22, -3.226e-3, 1.092e-3, -208.4),
     "martens": peers.Martens.published("DMSP-10-250"),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
     "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),

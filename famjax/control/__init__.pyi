@@ -9,5 +9,4 @@ from .pair import (
     Lever as Lever,
     PairPressures as PairPressures,
     Pulley as Pulley,
-    Range as Range,
 )

@@ -44,8 +44,8 @@ class Outcome(enum.IntEnum):
         "the force is too low for the allowed pressures: request more, or shorten the muscle",
     )
     FORCE_HIGH = 2, "the force is too high for the allowed pressures: request less, or lengthen it"
-    STIFFNESS_LOW = 3, "too soft for this torque: request at least stiffness_range(...).lowest"
-    STIFFNESS_HIGH = 4, "too stiff for this torque: request at most stiffness_range(...).highest"
+    STIFFNESS_LOW = 3, "too soft for this torque: the answer has the least stiffness"
+    STIFFNESS_HIGH = 4, "too stiff for this torque: the answer has the largest stiffness"
     TORQUE_LOW = 5, "below all torques of the taut pair at this angle: request more"
     TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: request less"
     SLACK = 7, "a muscle is too short for the least pull at this angle: lengthen its path"

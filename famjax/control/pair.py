@@ -86,19 +86,6 @@ class Lever(AbstractPath):
 # --- the pair
 
 
-class Range(eqx.Module):
-    """Range of stiffness at an angle; every field has the broadcast shape of the arguments.
-
-    Attributes:
-        lowest, highest: attained bounds; nan where the code is not FEASIBLE.
-        code: an `Outcome`.
-    """
-
-    lowest: RealArray
-    highest: RealArray
-    code: Int[Array, "..."]
-
-
 class PairPressures(eqx.Module):
     """Pressures of an antagonistic pair; every field has the broadcast shape of the arguments.
 
@@ -154,27 +141,14 @@ class Antagonist(eqx.Module):
         """Torque [N m] of the pair at an angle [rad] and two pressures [Pa], broadcast shape."""
         return _each(_torque, self, angle, flexor, extensor)
 
-    def stiffness_range(self, angle: Real, torque: Real = 0.0) -> Range:
-        """Least and largest stiffness K [N m/rad] at an angle and a torque, broadcast shape.
-
-        The pressures with this torque form one curve in the box of pressures, from least pull or
-        pressure of one muscle to the highest pressure of one muscle. K is continuous on the curve, so
-        every stiffness between the bounds is attained. The bounds are the extrema over the curve and
-        its ends, located in 32 cells and refined to machine precision.
-
-        Args:
-            angle: joint angle [rad].
-            torque: torque of the pair [N m]; at rest, the load's torque with the opposite sign.
-
-        Returns:
-            Range and code; nan where the code is not FEASIBLE. Differentiable.
-        """
-        return _each(_stiffness_range, self, angle, torque)
-
     def pressures_for(self, angle: Real, stiffness: Real, torque: Real = 0.0) -> PairPressures:
         """Pressures at which the joint has a given stiffness and torque at an angle.
 
-        If several states qualify, the one with the least co-contraction is returned.
+        The pressures with this torque form one curve in the box of pressures, from least pull or
+        pressure of one muscle to the highest pressure of one muscle. K is continuous on the curve, so
+        every stiffness between its extrema is attained; they are located in 32 cells and refined to
+        machine precision. Ask for an impossible stiffness to obtain the least or the largest. If several
+        states qualify, the one with the least co-contraction is returned.
 
         Args:
             angle: joint angle [rad].
@@ -195,13 +169,6 @@ def _batch(one: Callable[..., Any], pair: Antagonist, *given: RealArray) -> Any:
 
 def _each(one: Callable[..., Any], pair: Antagonist, *given: Real) -> Any:
     return _batch(one, pair, *(as_real(value) for value in given))
-
-
-def _stiffness_range(pair: Antagonist, angle: RealArray, torque: RealArray) -> Range:
-    curve = _curve(pair, angle, torque)
-    bounds = jax.vmap(curve.stiffness)(curve.extremes())
-    lowest, highest = jnp.where(curve.code == Outcome.FEASIBLE, bounds, jnp.nan)
-    return Range(lowest, highest, curve.code)
 
 
 def _pressures_for(

@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from .._arrays import Given, RealArray
 from ..parameters import parameter
-from ..units import BAR, MEGAPASCAL
+from ..units import MEGAPASCAL
 from .balance import PeerModel
 
 
@@ -87,14 +87,6 @@ class PolynomialSurface(PeerModel):
         return f"c_{i}{j}"
 
 
-# Contraction in per cent and pressure in bar.
-_PUBLISHED = {
-    "10 mm": (-9.2194029, 203.7012413, -0.34221042, -3.2255991, 109.2038216, -208.372034),
-    "20-200": (-4.00180705, 292.4620246, -0.32930845, -9.33564098, 294.0538256, -280.498151),
-    "20-400": (-4.35573, 281.22370, -0.32866, -9.27035, 302.20107, -263.69185),
-}
-
-
 class Sarosi(PeerModel):
     """An exponential softening over contraction plus terms linear in pressure; no physics.
 
@@ -113,10 +105,6 @@ class Sarosi(PeerModel):
         Sarosi 2012; Sarosi et al. 2017. Form and constants as transcribed in the published code
         and in the article of Bolen, Elzein, Pang & Hunt 2026; the shorter forms are general
         knowledge.
-
-    >>> muscle = Sarosi.published("20-400", rest_length=0.4)
-    >>> print(f"{muscle.force(0.4, 5e5):.0f} {muscle.force(0.3, 5e5):.0f}")
-    1507 89
     """
 
     rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
@@ -126,27 +114,6 @@ class Sarosi(PeerModel):
     a4: Float[Given, "..."] = parameter("m2", linear=True)
     a5: Float[Given, "..."] = parameter("m2", linear=True)
     a6: Float[Given, "..."] = parameter("N", linear=True)
-
-    @classmethod
-    def published(cls, muscle: str, *, rest_length: float) -> "Sarosi":
-        """Create the model of a Festo muscle from published constants, converted from per cent and bar.
-
-        Args:
-            muscle: "10 mm", "20-200" (20 mm by 200 mm) or "20-400".
-            rest_length: L0 [m] of your muscle.
-
-        Returns:
-            The model.
-
-        Raises:
-            ValueError: no constants are available for that muscle.
-        """
-        if muscle not in _PUBLISHED:
-            raise ValueError(
-                f"Sarosi's constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}"
-            )
-        a1, a2, a3, a4, a5, a6 = _PUBLISHED[muscle]
-        return cls(rest_length, a1 / BAR, a2, 100 * a3, 100 * a4 / BAR, a5 / BAR, a6)
 
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
         """Pull F [N] at L [m] and P [Pa]."""

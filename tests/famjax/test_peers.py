@@ -57,9 +57,6 @@ def test_kothera_shortens_by_the_bulge_of_the_ends():
 PUBLISHED = [
     ("DMSP-20-300", peers.Martens.published("DMSP-20-300"), 14.59, 2.37),
     ("DMSP-10-250", peers.Martens.published("DMSP-10-250"), 10.67, 4.26),
-    ("DMSP-20-300", peers.Sarosi.published("20-200", rest_length=0.3), 104.35, 12.02),
-    ("DMSP-20-300", peers.Sarosi.published("20-400", rest_length=0.3), 150.92, 16.42),
-    ("DMSP-10-250", peers.Sarosi.published("10 mm", rest_length=0.25), 73.41, 18.94),
 ]  # fmt: skip
 
 

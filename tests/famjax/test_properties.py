@@ -210,9 +210,9 @@ def together(_: None, part: jax.Array) -> jax.Array:
 
 def in_joint(pair: Antagonist, angle: jax.Array, torque: jax.Array) -> jax.Array:
     """Bounds of the stiffness, and the pressures for the middle of it."""
-    can = pair.stiffness_range(angle, torque)
-    found = pair.pressures_for(angle, 0.5 * (can.lowest + can.highest), torque)
-    every = jnp.broadcast_arrays(can.lowest, can.highest, found.flexor, found.extensor)
+    low, high = (pair.pressures_for(angle, far, torque).stiffness for far in (-1e9, 1e9))
+    found = pair.pressures_for(angle, 0.5 * (low + high), torque)
+    every = jnp.broadcast_arrays(low, high, found.flexor, found.extensor)
     return jnp.stack(every, -1) / jnp.array([1e2, 1e2, 1e5, 1e5])
 
 
