@@ -242,16 +242,9 @@ def _without_braid(rest: float) -> list[tuple]:
         count = len(names) + 1
         label = f"Sarosi 2012, {count} parameters"
         rows.append((f"sarosi_{count}", label, model, ("a3", *names), translate))
-    surfaces: list[tuple] = [
-        ("hildebrandt", "Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
-    ]
-    for degree in (3, 4, 5):
-        ones = np.ones(len(peers.PolynomialSurface.terms(degree)))
-        model, label = peers.PolynomialSurface(rest, ones, degree), f"polynomial of degree {degree}"
-        surfaces.append((f"polynomial_{degree}", label, model, "pressure in MPa"))
-    for name, label, model, note in surfaces:
-        free = [one for one, d in model.declared().items() if d.linear]
-        rows.append((name, label, model, free, None, note))
+    model = peers.Hildebrandt(rest, np.ones(3), np.ones(5))
+    free = [name for name, d in model.declared().items() if d.linear]
+    rows.append(("hildebrandt", "Hildebrandt 2002", model, free))
     return rows
 
 

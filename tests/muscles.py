@@ -139,5 +139,4 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "sarosi": peers.Sarosi(REST, -9.22e-5, 203.7, -34.22, -3.226e-3, 1.092e-3, -208.4),
     "martens": peers.Martens.published("DMSP-10-250"),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
-    "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),
 }

@@ -29,11 +29,9 @@ AnyExecutor: TypeAlias = Any
 
 _FORMAT = "famjax parts 2"
 _TAKEN_OVER = (
-    "jax_enable_x64",
-    "jax_compilation_cache_dir",
-    "jax_persistent_cache_min_compile_time_secs",
+    "jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs",
     "jax_persistent_cache_min_entry_size_bytes",
-)
+)  # fmt: skip
 """JAX settings that a worker copies from its parent process."""
 _one_at_a_time = threading.RLock()
 
@@ -55,11 +53,8 @@ class Store:
         InputError: the file belongs to other work, or cannot be read or written.
     """
 
-    def __init__(
-        self, path: Path | str | None, kind: str, settings: dict[str, Any], count: int
-    ) -> None:
+    def __init__(self, path: Any, kind: str, settings: dict[str, Any], count: int) -> None:
         self.path = None if path is None else Path(path)
-        self._count = count
         self._parts: dict[int, Any] = {}
         if self.path is None:
             return
@@ -73,12 +68,6 @@ class Store:
 
     def __contains__(self, index: int) -> bool:
         return index in self._parts
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, index: int) -> Any:
-        return self._parts[index]
 
     def __iter__(self) -> Iterator[Any]:
         """Iterate over the finished parts in order of their index."""

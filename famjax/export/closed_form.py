@@ -7,15 +7,9 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from .. import materials
 from ..braids import Braid, CompliantBraid
 from ..geometries import EndEffectGeometry, EstimatedGeometry
-from ..materials import (
-    MooneyRivlinMaterial,
-    NeoHookeanMaterial,
-    OgdenMaterial,
-    PolynomialMaterial,
-    SaturatingMaterial,
-)
 from ..muscle import AbstractMuscle, Muscle
 from ..terms import BladderWall, PressurisedBraid
 
@@ -36,13 +30,13 @@ Stress = tuple[dict[str, tuple[float, str]], str]
 """Parameters of a law, and the stress as an expression of the strains e and o."""
 
 
-def _polynomial(law: PolynomialMaterial) -> Stress:
+def _polynomial(law: materials.PolynomialMaterial) -> Stress:
     E = {f"E_{k}": (float(one), "Pa, bladder") for k, one in enumerate(law.coefficients, 1)}
     terms = " + ".join(f"E_{k} * abs(e)**{k}" for k in range(1, len(E) + 1))
     return E, f"sign(e) * ({terms})"
 
 
-def _saturating(law: SaturatingMaterial) -> Stress:
+def _saturating(law: materials.SaturatingMaterial) -> Stress:
     numbers = {
         "E_inf": (float(law.final_modulus), "Pa, bladder"),
         "S": (float(law.saturation_stress), "Pa, bladder"),
@@ -62,11 +56,11 @@ def _ogden(pairs: Iterable[tuple[Any, Any]]) -> Stress:
 
 
 _STRESSES: Mapping[type, Callable[[Any], Stress]] = {
-    PolynomialMaterial: _polynomial,
-    SaturatingMaterial: _saturating,
-    OgdenMaterial: lambda law: _ogden(zip(law.moduli, law.exponents, strict=True)),
-    MooneyRivlinMaterial: lambda law: _ogden([(2 * law.c10, 2.0), (-2 * law.c01, -2.0)]),
-    NeoHookeanMaterial: lambda law: _ogden([(law.shear_modulus, 2.0)]),
+    materials.PolynomialMaterial: _polynomial,
+    materials.SaturatingMaterial: _saturating,
+    materials.OgdenMaterial: lambda law: _ogden(zip(law.moduli, law.exponents, strict=True)),
+    materials.MooneyRivlinMaterial: lambda law: _ogden([(2 * law.c10, 2.0), (-2 * law.c01, -2.0)]),
+    materials.NeoHookeanMaterial: lambda law: _ogden([(law.shear_modulus, 2.0)]),
 }
 """Laws with a closed form: stress for the strain e in its own direction and o in the other."""
 

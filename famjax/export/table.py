@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import hashlib
-import importlib.metadata
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +34,20 @@ _STATES = 4000
 _LIMIT = 2.0  # highest pressure of the inverse, relative to the region's highest
 
 Numbers = Float[np.ndarray, "..."]
+
+
+class TableErrors(NamedTuple):
+    """Errors of a table relative to its model at random states.
+
+    Attributes:
+        largest_force: largest force in the region [N], the reference of the errors.
+        force: largest force error in the region [-].
+        force_beyond: largest force error for lengths and pressures from 0 to twice their maximum [-].
+    """
+
+    largest_force: float
+    force: float
+    force_beyond: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,17 +94,24 @@ class Subject:
         return TabulatedPull(self.table)
 
     @functools.cached_property
-    def errors(self) -> "TableErrors":
-        """Errors of the table relative to the model."""
-        return table_errors(self.muscle, self.pull)
+    def errors(self) -> TableErrors:
+        """Errors of the table relative to the model at random states."""
+        rng, half, region = np.random.default_rng(0), _STATES // 2, self.muscle.region
+        L, P = (
+            np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])
+            for low, high in (map(float, region.length), map(float, region.pressure))
+        )
+        force = np.asarray(self.muscle.force(L, P))
+        off = np.abs([*map(self.pull.force, L.tolist(), P.tolist())] - force)
+        scale = float(force[:half].max())
+        return TableErrors(scale, float(off[:half].max()) / scale, float(off[half:].max()) / scale)
 
     @property
     def about(self) -> list[str]:
         """Header lines of every file: muscle, origin, region."""
-        L, P = (np.asarray(getattr(self.muscle.region, of)) for of in ("length", "pressure"))
+        L, P = self.muscle.region.length, self.muscle.region.pressure
         lines = [
-            f"{self.name}, exported by famjax {__version__} with jax "
-            f"{importlib.metadata.version('jax')}",
+            f"{self.name}, exported by famjax {__version__} with jax {jax.__version__}",
             *self.origin,
             f"the model's own from {L[0]:.6g} to {L[1]:.6g} m and {P[0]:.6g} to {P[1]:.6g} Pa, "
             "continued beyond",
@@ -119,11 +139,7 @@ class Subject:
 
 
 def read_subject(
-    source: str | Path,
-    *,
-    length: float | None = None,
-    origin: Origin | None = None,
-    own: Own = (),
+    source: str | Path, *, length: float | None = None, origin: Origin | None = None, own: Own = ()
 ) -> Subject:
     """Read the muscle from a card's file, or a bundled one by name.
 
@@ -266,38 +282,3 @@ def _slopes_of_chunk(
     muscle: Any, of: str, length: RealArray | Numbers, pressure: RealArray | Numbers
 ) -> Slopes:
     return slopes(getattr(muscle, of), jnp.asarray(length), jnp.asarray(pressure))
-
-
-# --- errors of the table
-
-
-class TableErrors(NamedTuple):
-    """Errors of a table relative to its model at random states.
-
-    Attributes:
-        largest_force: largest force in the region [N], the reference of the errors.
-        force: largest force error in the region [-].
-        force_beyond: largest force error for lengths and pressures from 0 to twice their maximum [-].
-    """
-
-    largest_force: float
-    force: float
-    force_beyond: float
-
-
-def table_errors(muscle: SafeMuscle, pull: TabulatedPull) -> TableErrors:
-    """Measure the errors of a safe muscle's table, see `TableErrors`."""
-    rng, half = np.random.default_rng(0), _STATES // 2
-    L, P = (
-        np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])
-        for low, high in (map(float, muscle.region.length), map(float, muscle.region.pressure))
-    )
-    force = np.asarray(_force(muscle, jnp.asarray(L), jnp.asarray(P)))
-    off = np.abs([*map(pull.force, L.tolist(), P.tolist())] - force)
-    largest = float(force[:half].max())
-    return TableErrors(largest, *(float(one.max()) / largest for one in (off[:half], off[half:])))
-
-
-@quick_jit
-def _force(muscle: SafeMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    return muscle.force(length, pressure)

@@ -10,6 +10,5 @@ from .balance import (
 )
 from .empirical import (
     Hildebrandt as Hildebrandt,
-    PolynomialSurface as PolynomialSurface,
     Sarosi as Sarosi,
 )

@@ -1,12 +1,10 @@
 """Published empirical force surfaces as functions of contraction and pressure."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._arrays import Given, RealArray
 from ..parameters import parameter
-from ..units import MEGAPASCAL
 from .balance import PeerModel
 
 
@@ -41,50 +39,6 @@ class Hildebrandt(PeerModel):
         restoring = jnp.polyval(self.force_coefficients[3::-1], eps)
         root = self.force_coefficients[4] * jnp.cbrt(eps) ** 2
         return P * area + restoring + root
-
-
-class PolynomialSurface(PeerModel):
-    """A polynomial of contraction and pressure up to a total degree; no physics.
-
-    F = sum over i + j <= degree of c_ij eps^i (P / MPa)^j
-
-    Attributes:
-        rest_length: L0 [m], reference of the contraction eps.
-        coefficients: c_ij [N] in the order of `terms`, shape ((degree + 1) (degree + 2) / 2,).
-        degree: total degree.
-
-    References:
-        Sarosi et al. 2017 quote one of degree five, 21 coefficients. General knowledge.
-    """
-
-    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
-    coefficients: Float[Given, " terms"] = parameter("N", linear=True)
-    degree: int = eqx.field(static=True)
-
-    def __check_init__(self) -> None:
-        if self.coefficients.shape != (len(self.terms(self.degree)),):
-            raise ValueError(
-                f"a polynomial of degree {self.degree} in two variables has "
-                f"{len(self.terms(self.degree))} coefficients, got {self.coefficients.shape}"
-            )
-
-    @staticmethod
-    def terms(degree: int) -> tuple[tuple[int, int], ...]:
-        """The exponents (i, j) of contraction and pressure, in the order of the coefficients."""
-        return tuple((i, k - i) for k in range(degree + 1) for i in range(k + 1))
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        eps, MPa = 1 - L / self.rest_length, P / MEGAPASCAL
-        powers = [eps**i * MPa**j for i, j in self.terms(self.degree)]
-        return jnp.stack(powers, axis=-1) @ self.coefficients
-
-    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """Name of a coefficient with its exponents, c_ij."""
-        if field != "coefficients":
-            return super().parameter_name(field, index)
-        i, j = self.terms(self.degree)[index[0]]
-        return f"c_{i}{j}"
 
 
 class Sarosi(PeerModel):

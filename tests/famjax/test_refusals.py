@@ -144,8 +144,6 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
     (ValueError, "the model has no rest length",
      lambda: peers.Gaylord(known.INELASTIC).blocked_force(60.0)),
     (ValueError, "constants are available for", lambda: peers.Martens.published("DMSP-40-400")),
-    (ValueError, "degree 2 in two variables has 6 coefficients",
-     lambda: peers.PolynomialSurface(0.25, jnp.ones(5), 2)),
 ]  # fmt: skip
 
 
