@@ -13,15 +13,12 @@ import typing
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from msgspec import Meta, ValidationError, convert
 
 from .errors import InputError
 from .units import UNITS
-
-if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
 
 T = TypeVar("T")
 Refusal = Callable[[str], InputError]
@@ -48,9 +45,7 @@ class Form:
 
     kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
     keys: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    codecs: Mapping[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = dataclasses.field(
-        default_factory=dict
-    )
+    codecs: Mapping[type, tuple[Callable, Callable]] = dataclasses.field(default_factory=dict)
 
     def key(self, name: str) -> str:
         """Return the key under which a field is written."""
@@ -74,11 +69,7 @@ PLAIN = Form()
 
 
 def read_toml(
-    path: "str | Path | Traversable",
-    what: str,
-    error: Refusal = InputError,
-    *,
-    where: str | None = None,
+    path: Any, what: str, error: Refusal = InputError, *, where: str | None = None
 ) -> dict[str, Any]:
     """Read the entries of a TOML file.
 
@@ -102,13 +93,9 @@ def read_toml(
 
 
 def from_entries(
-    kind: type[T],
-    entries: Mapping[str, Any],
-    form: Form = PLAIN,
-    *,
-    where: str = "",
-    error: Refusal = InputError,
-) -> T:
+    kind: type[T], entries: Mapping[str, Any], form: Form = PLAIN,
+    *, where: str = "", error: Refusal = InputError,
+) -> T:  # fmt: skip
     """Build a dataclass from the entries of a table, in SI.
 
     A single number is read as a list with one element, and "none" as None.
@@ -209,18 +196,15 @@ def _values(kind: Any, entries: Mapping[str, Any], form: Form) -> dict[str, Any]
 def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
     """Convert a value to the type of its field."""
     kinds = typing.get_args(hint)
-    coded = next((one for one in (hint, *kinds) if one in form.codecs), None)
-    if coded is not None and not (value == "none" and NoneType in kinds):
+    if value == "none" and NoneType in kinds and str not in kinds:
+        return None
+    for coded in (one for one in (hint, *kinds) if one in form.codecs):
         try:
             return form.codecs[coded][1](value)
         except (ValueError, TypeError) as problem:
             raise InputError(f"{key}: {problem}") from None
-    if dataclasses.is_dataclass(hint):
-        if not isinstance(value, dict):
-            raise InputError(f"{key} must be a table, got {value!r}")
+    if dataclasses.is_dataclass(hint) and isinstance(value, dict):
         return from_entries(typing.cast("Any", hint), value, form, where=f"[{key}]: ")
-    if value == "none" and NoneType in kinds and str not in kinds:
-        return None
     listed = kinds[0] if typing.get_origin(hint) is Annotated else hint
     single = Ellipsis in typing.get_args(listed) and isinstance(value, int | float)
     try:
@@ -231,18 +215,16 @@ def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
 
 def _described(hint: Any) -> str:
     """Describe the allowed values in words."""
-    kinds = typing.get_args(hint)
-    if typing.get_origin(hint) is Annotated:
+    kinds, origin = typing.get_args(hint), typing.get_origin(hint)
+    if origin is Annotated:
         words = [one.description for one in kinds if isinstance(one, Meta) and one.description]
         return words[0] if words else _described(kinds[0])
-    if typing.get_origin(hint) is Literal:
+    if origin is Literal:
         return " or ".join(map(str, kinds))
-    if typing.get_origin(hint) is tuple:
+    if origin is tuple:
         count = "" if Ellipsis in kinds else f"{ {2: 'two', 3: 'three'}[len(kinds)] } "
         return f"{count}numbers in brackets"
-    if NoneType in kinds:
-        return _described(kinds[0])
-    return _WORDS.get(hint, "a table")
+    return _described(kinds[0]) if NoneType in kinds else _WORDS.get(hint, "a table")
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -39,13 +39,8 @@ UNITS = _Kinds({
     "energy": {"J": 1.0, "in lbf": INCH * LBF},
     "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9, "in3": INCH**3},
     "scale": {"px/m": 1.0, "px/cm": 1e2, "px/mm": 1e3, "px/in": 1 / INCH},
-    "rate": {
-        "m_per_s": 1.0,
-        "mm_per_s": MILLIMETRE,
-        "in_per_s": INCH,
-        "mm_per_min": MILLIMETRE / 60,
-        "in_per_min": INCH / 60,
-    },
+    "rate": {"m_per_s": 1.0, "mm_per_s": MILLIMETRE, "in_per_s": INCH,
+             "mm_per_min": MILLIMETRE / 60, "in_per_min": INCH / 60},
 })  # fmt: skip
 """Multipliers to SI for each kind of quantity; the first unit of each is the SI unit."""
 
@@ -93,11 +88,10 @@ def factor(unit: str, kind: str) -> float:
     >>> round(factor("psi", "pressure"), 3), factor("in", "length")
     (6894.757, 0.0254)
     """
-    if unit not in UNITS[kind]:
-        raise InputError(
-            f"{unit!r} is not a known unit of {kind}; use one of: {', '.join(UNITS[kind])}"
-        )
-    return UNITS[kind][unit]
+    known = UNITS[kind]
+    if unit not in known:
+        raise InputError(f"{unit!r} is not a known unit of {kind}; use one of: {', '.join(known)}")
+    return known[unit]
 
 
 def to_si(value: float, unit: str, kind: str) -> float:
