@@ -159,7 +159,6 @@ class Output:
     def __init__(self, folder: Path) -> None:
         check_output(folder)
         self.folder = folder
-        self._there = set(folder.iterdir()) if folder.is_dir() else set()
 
     def write(self, files: Mapping[str, Any]) -> list[Path]:
         """Write files by name, all or none: bytes unchanged, everything else as JSON.
@@ -175,13 +174,8 @@ class Output:
         return write_all(self.folder, contents)
 
     def tell(self, paths: Iterable[Path]) -> None:
-        """Print the names of the written files, and which earlier files they replaced."""
-        written = list(paths)
-        print("written:", ", ".join(map(str, written)))
-        if replaced := [path.name for path in written if path in self._there]:
-            print(
-                f"note: replaced earlier files: {', '.join(replaced)}; use --output for another folder"
-            )
+        """Print the names of the written files."""
+        print("written:", ", ".join(map(str, paths)))
 
 
 def print_json(document: object) -> None:

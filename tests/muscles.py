@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -140,3 +141,17 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "martens": peers.Martens.published("DMSP-10-250"),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
 }
+
+
+class Lever(famjax.control.AbstractPath):
+    """A user's own path: a muscle between a pin on the link and a pin on the base, L = |R a - b| - l."""
+
+    link_pin: jnp.ndarray = eqx.field(converter=jnp.asarray)
+    base_pin: jnp.ndarray = eqx.field(converter=jnp.asarray)
+    dead_length: float = 0.0
+
+    def length(self, angle):
+        x, y = self.link_pin
+        cos, sin = jnp.cos(angle), jnp.sin(angle)
+        across, along = cos * x - sin * y, sin * x + cos * y
+        return jnp.hypot(across - self.base_pin[0], along - self.base_pin[1]) - self.dead_length

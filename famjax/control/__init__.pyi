@@ -6,7 +6,6 @@ from .inverse import (
 from .pair import (
     AbstractPath as AbstractPath,
     Antagonist as Antagonist,
-    Lever as Lever,
     PairPressures as PairPressures,
     Pulley as Pulley,
 )

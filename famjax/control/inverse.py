@@ -50,7 +50,10 @@ class Outcome(enum.IntEnum):
     TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: request less"
     SLACK = 7, "a muscle is too short for the least pull at this angle: lengthen its path"
     NO_STATE = 8, "no force at this length, or an input is nan: see muscle.length_range()"
-    MOMENT_ARM = 9, "the lever is beyond its dead centre, or the paths are exchanged"
+    MOMENT_ARM = (
+        9,
+        "a moment arm has the wrong sign: at a dead centre, or the paths are exchanged",
+    )
 
     def __str__(self) -> str:
         return f"{self.name}: {self.message}"

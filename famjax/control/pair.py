@@ -57,32 +57,6 @@ class Pulley(AbstractPath):
         return self.middle_length - self.radius * as_real(angle)
 
 
-class Lever(AbstractPath):
-    """A muscle between two pins, one on the base and one on a link that turns about the joint.
-
-    L = |R(angle) a - b| - l. The moment arm is the distance between the joint and the line through the
-    pins. It vanishes at the dead centres, where pins and joint lie on one line.
-
-    Attributes:
-        link_pin: position a [m] on the link relative to the joint at angle 0, shape (2,).
-        base_pin: position b [m] on the base relative to the joint, shape (2,).
-        dead_length: total length l [m] of end-fittings, rods and cable, >= 0.
-    """
-
-    link_pin: Float[Given, "2"] = eqx.field(converter=as_number)
-    base_pin: Float[Given, "2"] = eqx.field(converter=as_number)
-    dead_length: Float[Given, ""] = eqx.field(converter=as_number, default=0.0)
-
-    def length(self, angle: Real) -> RealArray:
-        """Distance between the pins minus the dead length [m], with the angle's shape."""
-        turned = as_real(angle)
-        x, y = self.link_pin
-        cos, sin = jnp.cos(turned), jnp.sin(turned)
-        across = cos * x - sin * y - self.base_pin[0]
-        along = sin * x + cos * y - self.base_pin[1]
-        return jnp.hypot(across, along) - self.dead_length
-
-
 # --- the pair
 
 
@@ -122,7 +96,7 @@ class Antagonist(eqx.Module):
     Attributes:
         flexor: muscle that raises the angle, with `force(length, pressure)`.
         extensor: its antagonist.
-        paths: paths of flexor and extensor; see `Pulley` and `Lever`.
+        paths: paths of flexor and extensor, such as `Pulley`.
         pressures: lowest and highest gauge pressure [Pa], shape (2,).
         least_pull: least pull [N] of both muscles in the inverse maps, >= 0.
 

@@ -5,7 +5,7 @@ import inspect
 import math
 import pprint
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,7 +51,12 @@ class CompiledPull:
 
 
 class CompiledPlant:
-    """A muscle and its circuit from the exported C in a shared library."""
+    """A muscle and its circuit from the exported C in a shared library.
+
+    Attributes:
+        state: pressure [Pa], openings of valve or pump and of the dump valve, length [m] at the end of the
+            last step, friction; as in the C code.
+    """
 
     def __init__(self, library: str | Path, name: str) -> None:
         """Load a library, for example from `gcc -O2 -shared -fPIC NAME.c -o NAME.so -lm`.
@@ -68,33 +73,19 @@ class CompiledPlant:
         self._start.argtypes, self._step.argtypes = [state, *[number] * 2], [state, *[number] * 5]
         self._pull.restype, self._pull.argtypes = number, [state, number, number]
         size = ctypes.c_size_t.in_dll(loaded, f"{name}_state_size").value
-        self._state = (number * (size // ctypes.sizeof(number)))()
-
-    @property
-    def pressure(self) -> float:
-        """Gauge pressure [Pa]."""
-        return self._state[0]
-
-    @property
-    def state(self) -> list[float]:
-        """Pressure [Pa], openings, length [m] at the end of the last step, friction; as in the C code."""
-        return list(self._state)
-
-    @state.setter
-    def state(self, state: Sequence[float]) -> None:
-        self._state[:] = state
+        self.state = (number * (size // ctypes.sizeof(number)))()
 
     def start(self, length: float, pressure: float = 0.0) -> None:
         """Set the plant at rest at a length [m] and a gauge pressure [Pa]."""
-        self._start(self._state, length, pressure)
+        self._start(self.state, length, pressure)
 
     def step(self, signal: float, dump: float, length: float, velocity: float, dt: float) -> None:
         """Advance by dt [s] from a length [m] at a constant velocity [m/s]."""
-        self._step(self._state, signal, dump, length, velocity, dt)
+        self._step(self.state, signal, dump, length, velocity, dt)
 
     def pull(self, length: float, velocity: float) -> float:
         """Force [N], including friction and viscous loss."""
-        return self._pull(self._state, length, velocity)
+        return self._pull(self.state, length, velocity)
 
 
 def _check_actuators(
@@ -157,9 +148,9 @@ def install(
 
     def placed(data: Any, number: int, length: float) -> CompiledPlant:
         plant, at = wanted[number], data.act[states[number] :][: model.actuator_actnum[number]]
-        plant.state = at.tolist()
+        plant.state[:] = at.tolist()
         if not at[3]:  # reset
-            plant.start(length, plant.pressure)
+            plant.start(length, at[0])
         return plant
 
     def rates(asked: Any, data: Any, number: int) -> float:

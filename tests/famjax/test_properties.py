@@ -17,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 
 import famjax
 from famjax import braids, geometries, profiles, surfaces, terms
-from famjax.control import Antagonist, Lever, pressure_for_force
+from famjax.control import Antagonist, pressure_for_force
 from famjax.design import Combination
 from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian
 from famjax.muscle import give_way
@@ -266,7 +266,10 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
     yield "equilibrium", Case(force, shaped, BY_STATE, 2e-4)
     load = lambda m, P: famjax.work_budget(m, P, known.L0, 0.7 * known.L0).load  # noqa: E731
     yield "load of a stroke", Case(load, known.CHAMBERS, (PRESSURES,), 2e-4)
-    paths = Lever([-0.03, 0.0], [-0.01, -0.3], 0.025), Lever([0.03, 0.0], [0.01, -0.3], 0.025)
+    paths = (
+        known.Lever([-0.03, 0.0], [-0.01, -0.3], 0.025),
+        known.Lever([0.03, 0.0], [0.01, -0.3], 0.025),
+    )
     pair = Antagonist(known.FESTO, known.FESTO, paths, (0.0, 6e5))
     angles = np.array([0.2, -0.1, 0.3])
     for name, call, states in (

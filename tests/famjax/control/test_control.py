@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
+from muscles import Lever
 
 import famjax
-from famjax.control import AbstractPath, Antagonist, Lever, Outcome, Pulley, pressure_for_force
+from famjax.control import AbstractPath, Antagonist, Outcome, Pulley, pressure_for_force
 
 HIGH = 6e5
 ROUND_TRIP = 1e-6  # Pa
