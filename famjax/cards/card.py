@@ -15,7 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import msgspec
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from .._arrays import Real, RealArray, as_real, in_trace
@@ -74,8 +74,7 @@ class Ranges(_Entry):
     @classmethod
     def of(cls, region: Region) -> "Ranges":
         """Convert a region to plain numbers."""
-        ends = (np.asarray(one, float).tolist() for one in (region.length, region.pressure))
-        return cls(*ends)
+        return cls(*(np.asarray(one, float).tolist() for one in (region.length, region.pressure)))
 
 
 class Volume(_Entry):
@@ -270,14 +269,13 @@ class MuscleCard:
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
         """The identified model with the test rig's compliance. Simulators need `safe` instead."""
-        return joined(self.members, self.weights, mounted=giving_way(self.members))
+        return combined(self.members, self.weights)
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         if in_trace():
             raise InputError(
-                "a card's region cannot be computed while JAX traces: call muscle = card.safe() before "
-                "jit, grad or vmap, and use the muscle inside"
+                "call muscle = card.safe() before jit, grad or vmap, and use it inside"
             )
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
@@ -308,11 +306,9 @@ class MuscleCard:
         """
         if self.draws is None:
             return None
-        mounted = giving_way(self.members)
-        return eqx.filter_vmap(
-            lambda row: varied(self.members, self.weights, row, mounted=mounted),
-            out_axes=eqx.if_array(0),
-        )(as_real(np.array(self.draws.rows)))
+        rows = as_real(np.array(self.draws.rows))
+        vary = functools.partial(combined, self.members, self.weights)
+        return eqx.filter_vmap(vary, out_axes=eqx.if_array(0))(rows)
 
     def cut(self, rest_length: float) -> "MuscleCard":
         """Return the card of this muscle at another rest length; see `famjax.cut_to_length`.
@@ -360,32 +356,21 @@ def _diameter_at_rest(mounted: AbstractMuscle) -> float:
     return 2 * float(mounted.geometry.dimensions(mounted.rest_length, 0.0).radius)
 
 
-def varied(
-    members: Sequence[MountedMuscle], weights: Any, numbers: Array, *, mounted: Sequence[bool]
+def combined(
+    members: Sequence[MountedMuscle], weights: Any, numbers: Any = None, *, rigid: bool = False
 ) -> AbstractMuscle:
-    """Return the muscle with new parameters in its first member; the other forces shift equally.
+    """Combine all members into one muscle, each with its mounting if that is compliant and not `rigid`.
 
-    The spread of the force is therefore the first member's, whatever its weight. The errors of the
-    other members' parameters are not included.
+    With `numbers`, the parameters of the first member are new, and the other forces shift equally: the
+    spread of the force is the first member's, whatever its weight.
     """
-    first = flatten(members[0])[1](numbers)
-    if len(members) == 1:
-        return joined([first], weights, mounted=mounted)
-    shifted = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
-    return joined([first, *members], shifted, mounted=(mounted[0], *mounted))
-
-
-def joined(
-    members: Sequence[MountedMuscle], weights: Any, *, mounted: Sequence[bool]
-) -> AbstractMuscle:
-    """Combine all members into one muscle, each with its mounting if that is compliant."""
-    own = [one if loose else one.muscle for one, loose in zip(members, mounted, strict=True)]
+    loose = [not rigid and bool(np.any(np.asarray(one.compliance))) for one in members]
+    own = [one if kept else one.muscle for one, kept in zip(members, loose, strict=True)]
+    if numbers is not None:
+        first = flatten(members[0])[1](numbers)
+        own = [first if loose[0] else first.muscle, *(own if len(own) > 1 else [])]
+        weights = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
     return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
-
-
-def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
-    """Return, for each member, True if its mounting is compliant."""
-    return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
 
 
 # --- conversion
@@ -417,10 +402,8 @@ def card_as_document(card: MuscleCard) -> CardDocument:
 
 def _volume(card: MuscleCard) -> Volume | None:
     """Tabulate the volume over the region for readers without a geometry; None if the model has none."""
-    L, P = (
-        np.linspace(float(ends[0]), float(ends[1]), count)
-        for ends, count in zip((card.region.length, card.region.pressure), _TABLE, strict=True)
-    )
+    region = card.region
+    L, P = np.linspace(*region.length, _TABLE[0]), np.linspace(*region.pressure, _TABLE[1])
     try:
         table = card.volume(L[:, None], P)
     except InputError:

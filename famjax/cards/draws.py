@@ -12,7 +12,7 @@ from ..boundary.errors import InputError
 from ..compile_options import quick_jit
 from ..continuation import Region, grid_slopes, largest_share, rising
 from ..muscle import MountedMuscle, flatten, number_names
-from .card import Sample, varied
+from .card import Sample, combined
 
 _AT_ONCE = 32
 _RISES = 0.9  # fraction of the region
@@ -70,10 +70,9 @@ def _looked_at(
 
     Mountings are omitted to save time: a compliance in series does not change the sign of the slopes.
     """
-    rigid = (False,) * len(members)
 
     def one(row: Array) -> tuple[Array, Array]:
-        at = grid_slopes(varied(members, weights, row, mounted=rigid), region)
+        at = grid_slopes(combined(members, weights, row, rigid=True), region)
         possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
         return possible, jnp.asarray(rising(at))
 
