@@ -8,7 +8,6 @@ import dataclasses
 import hashlib
 import io
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -223,9 +222,7 @@ def _find(
     if size is not None:
         return one._replace(size=size[0], absolute=one.absolute if size[1] is None else size[1])
     every = [unit for unit in _headers.SIZES[kind] if unit]
-    lacks = (
-        f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit, in its name or below"
-    )
+    lacks = f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit, in name or below"
     hint = ": a contraction is (L0 - L)/L0, a fraction or in %" if kind == "contraction" else ""
     raise InputError(
         f"{one} has {lacks}{hint}; known units of {kind} are: {', '.join(every)}"
@@ -239,13 +236,12 @@ def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
     title, unit = _headers.split_unit(_headers.joined_mode(wanted))
     said = [bool(match[1]) for match in _headers.MODE.finditer(unit)]
     unit = _headers.MODE.sub("", unit).strip(" ,()")
-    for match in (
-        lambda one: one.name == wanted,
-        lambda one: title in (one.name, one.title),
-        lambda one: title.casefold() in (one.name.casefold(), one.title.casefold()),
-        lambda one: title == str(one.place + 1),
+    for found in (
+        [one for one in held if one.name == wanted],
+        [one for one in held if title in (one.name, one.title)],
+        [one for one in held if title.casefold() in (one.name.casefold(), one.title.casefold())],
+        [one for one in held if title == str(one.place + 1)],
     ):
-        found = [one for one in held if match(one)]
         if len(found) == 1:
             one = found[0]
             absolute = said[0] if said else None if unit and unit != one.unit else one.absolute
@@ -265,12 +261,10 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
         if one.quantity == quantity or (one.reason and unit_size(one.unit, kind) is not None)
     ]
     known = [f"{quantity}_{unit}" for unit in UNITS.get(kind, {})]
-    spelt = ("_".join(re.findall(r"[^\W_]+", one.name)) for one in held)
-    hint = next(filter(None, (meant(name, known) for name in spelt)), "")
     example = "1 [N]" if held[0].name == "column 1" else "NAME [unit]"
     return InputError(
         f"no column for {quantity}{': ' * bool(near)}{'; '.join(near)}; the table has "
-        f"{', '.join(shortened(one.name)[1:-1] for one in held)}{hint}: name it with its unit, such as "
+        f"{', '.join(shortened(one.name)[1:-1] for one in held)}: name it with its unit, such as "
         f"{known[-1]}, or assign a column, {remedy_for(quantity, example)}"
     )
 
@@ -278,9 +272,8 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
 def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[str, Column]:
     """Find the columns of all quantities by name."""
     held = []
-    for k, (name, below, beside) in enumerate(
-        zip(sheet.names, sheet.below, sheet.beside, strict=True)
-    ):
+    named = zip(sheet.names, sheet.below, sheet.beside, strict=True)
+    for k, (name, below, beside) in enumerate(named):
         one = _headers.judge(name, below)
         held.append(one._replace(place=k, reason=one.reason or _headers.judge(beside).reason))
     found: dict[str, Column] = {}
@@ -303,12 +296,11 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
     if asked.strict:  # up to the last row with a number, to exclude a footer
         last = max(k for k, (_, row) in enumerate(body) if any(map(looks_number, row)))
         body = body[: last + 1]
-        for line, row in body:
-            if len(row) > width:
-                raise InputError(
-                    f"row {line} has {len(row)} cells, the header has {width}: write decimal points, or "
-                    "name every column"
-                )
+        for line, row in ((line, row) for line, row in body if len(row) > width):
+            raise InputError(
+                f"row {line} has {len(row)} cells, the header has {width}: write decimal points, or name "
+                "every column"
+            )
     lines = np.array([line for line, _ in body])
     blank = ("",) * width
     padded = [(*row, *blank[len(row) :]) if len(row) <= width else blank for _, row in body]
@@ -344,7 +336,10 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
             others[label] = _cells.numbers_of(cells[k], sheet)[~bad]
     unread = tuple(line for line in lines[bad].tolist() if line < lines[~bad][-1])
     kept = {quantity: column[~bad] for quantity, column in values.items()}
-    return _in_si(kept, found, others, lines[~bad], asked, unread=unread, comments=sheet.comments)
+    taken = {name: one._replace(first=float(kept[name][0])) for name, one in found.items()}
+    return Table(
+        _in_si(kept, found, asked), taken, others, lines[~bad], unread, comments=sheet.comments
+    )
 
 
 def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> Sequence[str]:
@@ -358,17 +353,12 @@ def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> 
 
 
 def _in_si(
-    values: Mapping[str, np.ndarray],
-    found: Mapping[str, Column],
-    others: dict[str, np.ndarray],
-    lines: np.ndarray,
-    asked: Asked,
-    **rest: Any,
-) -> Table:
+    values: dict[str, np.ndarray], found: dict[str, Column], asked: Asked
+) -> dict[str, np.ndarray]:
     """Convert columns to SI, and absolute pressures to gauge."""
     columns = {quantity: one.size * values[quantity] for quantity, one in found.items()}
     for quantity, one in found.items():
-        if not one.named and len(lines) > 2:
+        if not one.named and columns[quantity].size > 2:
             _check_values(quantity, columns[quantity], one, asked)
     one = found.get("pressure")
     if one is not None and one.absolute and not asked.absolute:
@@ -378,8 +368,7 @@ def _in_si(
                 "pressure, --column atmosphere=101.3kPa, or a column of gauge pressure"
             )
         columns["pressure"] -= parse_quantity(asked.columns["atmosphere"], "pressure")
-    taken = {key: one._replace(first=float(values[key][0])) for key, one in found.items()}
-    return Table(columns, taken, others, lines, **rest)
+    return columns
 
 
 def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) -> None:
@@ -394,9 +383,7 @@ def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) 
     at_one = _ATMOSPHERE[0] < low < _ATMOSPHERE[1]
     stands = low == high and at_one
     stands |= _BAROMETER[0] < low < high < _BAROMETER[1] and high - low < 0.01 * high
-    plain = math.isclose(
-        float(f"{raw.min():.2g}"), raw.min()
-    )  # 30 inHg is a setting, not a reading
+    plain = math.isclose(float(f"{raw.min():.2g}"), raw.min())  # 30 inHg is a setting
     if stands or (at_one and high > 1.3 * low and not plain):
         remedy = f'--column pressure="{one.title} [{one.unit}'
         raise InputError(
