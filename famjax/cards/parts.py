@@ -78,17 +78,6 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
     return _read(card, EquilibriumMuscle if of_mechanics else Muscle, "muscle", own)
 
 
-def own_modules(card: Any) -> list[str]:
-    """List the modules of classes in a card that are not part of famjax, sorted."""
-    found = set()
-    for key, value in card.items() if isinstance(card, dict) else enumerate(card):
-        if isinstance(value, dict | list):
-            found.update(own_modules(value))
-        elif key == "type" and ":" in value:
-            found.add(value.partition(":")[0])
-    return sorted(found)
-
-
 @functools.cache
 def forms_of(cls: type) -> Forms:
     """Return the forms of the entries of a class.

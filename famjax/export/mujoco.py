@@ -4,6 +4,7 @@ import ctypes
 import inspect
 import math
 import pprint
+import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
@@ -13,13 +14,11 @@ from xml.sax.saxutils import quoteattr
 
 import jax
 import jax.numpy as jnp
-import msgspec
 
 from .._arrays import Real
 from ..boundary.errors import InputError
 from ..cards import card_as_document
 from ..cards.card import as_text
-from ..cards.parts import own_modules
 from ..muscle import AbstractMuscle
 from . import plain
 from .circuits import filled, plant_words, resting_signal
@@ -288,16 +287,17 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
             "an MJX model needs a muscle from a card, and this muscle has none: call "
             "famjax.export.mjx_step with the muscle itself"
         )
-    name, rest, document = subject.identifier, _at_rest(subject), card_as_document(subject.card)
-    words = {
-        "HEADING": docstring(subject.about),
-        "name": name,
-        "OWN": own_modules(msgspec.to_builtins(document.members)),
-    }
+    name, rest, text = (
+        subject.identifier,
+        _at_rest(subject),
+        as_text(card_as_document(subject.card)),
+    )
+    own = sorted(set(re.findall(r'"type": "([\w.]+):', text)))
+    words = {"HEADING": docstring(subject.about), "name": name, "OWN": own}
     motor = 'gainprm="1" biastype="none" ctrllimited="false"'
     return {
         f"{name}_mjx.xml": _hanging_load(subject, rest, motor, f'ctrl="{-rest.load}"'),
-        f"{name}_card.json": as_text(document).encode(),
+        f"{name}_card.json": text.encode(),
         f"{name}_mjx.py": filled("mjx.py.in", words),
     }
 
