@@ -32,11 +32,9 @@ def check_output(folder: Path) -> None:
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
-    if not nearest.is_dir():
-        raise InputError(f"the output folder {folder} cannot be created: {nearest} is not a folder")
-    if not os.access(nearest, os.W_OK | os.X_OK):
+    if not (nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)):
         raise InputError(
-            f"the output folder {folder} cannot be written: no permission in {nearest}"
+            f"the output folder {folder} cannot be written: {nearest} must be a folder with permission"
         )
 
 

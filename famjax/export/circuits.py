@@ -134,15 +134,12 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
     name, plant = subject.identifier, subject.plant
     assert plant is not None
     words: dict[str, Any] = {
-        "name": name,
-        "MODEL": quoteattr(subject.name),
-        "TOOL": quoteattr(f"famjax {__version__}"),
+        "name": name, "MODEL": quoteattr(subject.name), "TOOL": quoteattr(f"famjax {__version__}"),
         "ABOUT": quoteattr("; ".join(line.strip() for line in subject.about_table)),
         "HEADING": f" * {name}, exported by famjax {__version__}",
-        "LENGTH": repr(float(subject.muscle.rest_length)),
-        "SIGNAL": resting_signal(plant),
+        "LENGTH": repr(float(subject.muscle.rest_length)), "SIGNAL": resting_signal(plant),
         "GUID": hashlib.sha256(b"".join(sources.values())).hexdigest()[:32],
-    }
+    }  # fmt: skip
     files = {f"sources/{one}": content for one, content in sources.items()}
     files[f"sources/{name}_fmu.c"] = filled("fmu.c", words)
     files["modelDescription.xml"] = filled("fmu.xml", words)

@@ -158,10 +158,8 @@ def install(
             plant, control = placed(data, number, length), float(data.ctrl[number])
             velocity, dt = float(data.actuator_velocity[number]), float(asked.opt.timestep)
             plant.step(max(control, 0.0), float(control < 0), length, velocity, dt)
-            for k, value in enumerate(
-                plant.state, states[number]
-            ):  # reached by MuJoCo's Euler step
-                data.act_dot[k] = (value - data.act[k]) / dt
+            for k, value in enumerate(plant.state, states[number]):
+                data.act_dot[k] = (value - data.act[k]) / dt  # reached by MuJoCo's Euler step
         return 0.0
 
     def loading(load: Callable[..., Any]) -> Callable[..., Any]:
@@ -207,11 +205,9 @@ def uninstall() -> None:
 
 
 def mjx_step(
-    model: "mjx.Model",
-    data: "mjx.Data",
-    muscles: Mapping[int, tuple[AbstractMuscle, Real]],
+    model: "mjx.Model", data: "mjx.Data", muscles: Mapping[int, tuple[AbstractMuscle, Real]],
     offsets: Mapping[int, Real] | None = None,
-) -> "mjx.Data":
+) -> "mjx.Data":  # fmt: skip
     """Advance MJX by one step with muscles, with forces from the tendon lengths at its start.
 
     Can be jitted, scanned, vmapped, and differentiated with respect to every parameter of the muscles.
@@ -283,10 +279,7 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
         InputError: the muscle has no card.
     """
     if subject.card is None:
-        raise InputError(
-            "an MJX model needs a muscle from a card, and this muscle has none: call "
-            "famjax.export.mjx_step with the muscle itself"
-        )
+        raise InputError("an MJX model needs a card: call famjax.export.mjx_step with your muscle")
     name, rest, text = (
         subject.identifier,
         _at_rest(subject),
@@ -320,15 +313,11 @@ def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> byt
     """Build a model of a load with attributes of the actuator and of the keyframe at rest."""
     stiffness = subject.pull.stiffness(rest.length, rest.pressure)
     return filled("hanging_load.xml", {
-        "MODEL": quoteattr(subject.name),
+        "MODEL": quoteattr(subject.name), "name": subject.identifier,
         "ABOUT": quoteattr("; ".join(line.strip() for line in subject.about_table)),
-        "GRAVITY": _GRAVITY,
-        "LENGTH": rest.length,
-        "MASS": rest.load / _GRAVITY,
+        "GRAVITY": _GRAVITY, "LENGTH": rest.length, "MASS": rest.load / _GRAVITY,
         "DAMPING": 2 * math.sqrt(rest.load / _GRAVITY * stiffness),  # critical
-        "name": subject.identifier,
-        "ACTUATOR": actuator,
-        "KEY": key,
+        "ACTUATOR": actuator, "KEY": key,
     })  # fmt: skip
 
 

@@ -181,21 +181,16 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
     """
     check_float64()
     inside = muscle.continued
-    nodes, (force, *slopes) = _nodes(inside.muscle, "force", inside.region)
-    names = ("stiffness_N_per_m", "area_m2", "mixed_m")
-    return {
-        "length_m": nodes["length"].tolist(),
-        "pressure_Pa": nodes["pressure"].tolist(),
-        "force_N": force.tolist(),
-        **{name: value.tolist() for name, value in zip(names, slopes, strict=True)},
-        "stops_m": np.asarray(inside.stops, float).tolist(),
-        "stop_stiffness_N_per_m": float(inside.stop_stiffness),
-        "stop_onset_m": float(inside.stop_onset),
-        "length_ends_per_m": np.asarray(inside.length_ends, float).tolist(),
-        "pressure_ends_per_Pa": np.asarray(inside.pressure_ends, float).tolist(),
-        "slack_width_N": float(muscle.slack_width),
-        "pressure_limit_Pa": _LIMIT * float(inside.region.pressure[1]),
-    }
+    nodes, values = _nodes(inside.muscle, "force", inside.region)
+    names = ("force_N", "stiffness_N_per_m", "area_m2", "mixed_m")
+    numbers: dict[str, Any] = {
+        "length_m": nodes["length"], "pressure_Pa": nodes["pressure"],
+        **dict(zip(names, values, strict=True)), "stops_m": inside.stops,
+        "stop_stiffness_N_per_m": inside.stop_stiffness, "stop_onset_m": inside.stop_onset,
+        "length_ends_per_m": inside.length_ends, "pressure_ends_per_Pa": inside.pressure_ends,
+        "slack_width_N": muscle.slack_width, "pressure_limit_Pa": _LIMIT * inside.region.pressure[1],
+    }  # fmt: skip
+    return {name: np.asarray(one, float).tolist() for name, one in numbers.items()}
 
 
 def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:

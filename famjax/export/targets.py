@@ -152,16 +152,9 @@ def jax_files(subject: Subject) -> Files:
 
 
 TARGETS: dict[str, Callable[[Subject], Files]] = {
-    "c": c_files,
-    "fmu": fmu_files,
-    "csv": csv_files,
-    "mat": mat_files,
-    "matlab": matlab_files,
-    "python": python_files,
-    "mujoco": mujoco_files,
-    "mjx": mjx_files,
-    "jax": jax_files,
-}
+    "c": c_files, "fmu": fmu_files, "csv": csv_files, "mat": mat_files, "matlab": matlab_files,
+    "python": python_files, "mujoco": mujoco_files, "mjx": mjx_files, "jax": jax_files,
+}  # fmt: skip
 """Functions that create the files, by the name for `famjax export --to`."""
 
 
