@@ -191,7 +191,8 @@ def _peers(
     stretching = famjax.braids.CompliantBraid.of(threads, 0.0)
     gaylord, tondu = peers.Gaylord(threads), peers.TonduLopez(threads, rest)
     cylinder = source.geometry({"braid_diameter": held, "braid_angle": angle.low})
-    elastic = peers.ferraresi(cylinder, 1e6)
+    elastic = famjax.Muscle(cylinder, famjax.PolynomialMaterial([1e6]))
+    mooney = famjax.Muscle(cylinder, famjax.materials.MooneyRivlinMaterial(1e5, 1e5))
     strain = Declared("", "thread_strain", low=0.0, high=0.5)
     late = (*both, _DEADBAND)
     rows: list[tuple] = [
@@ -206,8 +207,8 @@ def _peers(
         ("ferraresi", "Ferraresi 2001", elastic, (*both, "E_1"), of_cylinder),
         ("ferraresi_deadband", "Ferraresi, deadband", elastic, (*late, "E_1"), of_cylinder),
         ("kothera", "Kothera 2009, deadband", peers.Kothera(elastic), (*late, "E_1"), of_cylinder),
-        ("klute_hannaford", "Klute & Hannaford 2000, deadband", peers.klute_hannaford(cylinder, 1e5, 1e5),
-         (*late, "C10", "C01"), of_cylinder),
+        ("klute_hannaford", "Klute & Hannaford 2000, deadband", mooney, (*late, "C10", "C01"),
+         of_cylinder),
     ]  # fmt: skip
     if pressures[0] < pressures[1]:
         ends = " and ".join(f"{one / 1e3:.4g}" for one in pressures)
@@ -216,7 +217,8 @@ def _peers(
             ("robinson_2", "Robinson 2015, order 2", 2, -math.inf),
             ("pillsbury_2", "Pillsbury 2015, order 2, positive", 2, 0.0),
         ):
-            model = peers.robinson(cylinder, np.array(pressures), np.ones((2, order)))
+            powers = famjax.materials.PlainPowerMaterial(pressures, np.ones((2, order)))
+            model = famjax.Muscle(cylinder, powers)
             laws = [bounded(d, low, math.inf) for d in model.declared().values() if d.linear]
             note = f"nodes 1 and 2 are {ends} kPa"
             rows.append((name, label, model, (*late, *laws), of_cylinder, note))

@@ -131,12 +131,12 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "gaylord": peers.Gaylord(BRAID_10, 3e4, -5.0, REST),
     "davis": peers.Gaylord(braids.CompliantBraid.of(BRAID_10, 2e-6), resting_length=REST),
     "tondu_lopez": TONDU,
-    "ferraresi": peers.ferraresi(CYLINDER_10, 2e6, 3e4),
-    "kothera": peers.Kothera(peers.ferraresi(CYLINDER_10, 2e6)),
-    "robinson": peers.robinson(
-        CYLINDER_10, jnp.array([1e5, 6e5]), jnp.array([[2e6, 0], [3e6, 1e6]])
+    "ferraresi": famjax.Muscle(CYLINDER_10, famjax.PolynomialMaterial([2e6]), 3e4),
+    "kothera": peers.Kothera(famjax.Muscle(CYLINDER_10, famjax.PolynomialMaterial([2e6]))),
+    "robinson": famjax.Muscle(
+        CYLINDER_10, materials.PlainPowerMaterial([1e5, 6e5], [[2e6, 0], [3e6, 1e6]])
     ),
-    "klute_hannaford": peers.klute_hannaford(CYLINDER_10, 2e5, 1e5, 3e4),
+    "klute_hannaford": famjax.Muscle(CYLINDER_10, materials.MooneyRivlinMaterial(2e5, 1e5), 3e4),
     "sarosi": peers.Sarosi(REST, -9.22e-5, 203.7, -34.22, -3.226e-3, 1.092e-3, -208.4),
     "martens": peers.Martens.published("DMSP-10-250"),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),

@@ -313,8 +313,8 @@ class MuscleCard:
     def cut(self, rest_length: float) -> "MuscleCard":
         """Return the card of this muscle at another rest length; see `famjax.cut_to_length`.
 
-        The region covers the same contractions and pressures. Errors and sample are omitted, because one
-        specimen does not show how specimens differ.
+        The region covers the same contractions and pressures. Errors, sample and hysteresis are omitted,
+        because one specimen does not show how specimens differ.
 
         Raises:
             InputError: the muscle cannot be cut to this length.
@@ -333,19 +333,11 @@ class MuscleCard:
         if rest_length < wide:
             raise InputError(f"{fault}: the rest length must exceed the diameter, {wide:.4g} m")
         old = float(self.muscle.rest_length)
-        ratio, hysteresis = rest_length / old, self.hysteresis
-        if hysteresis is not None:
-            cycle, slip = hysteresis.cycle, hysteresis.slip
-            if cycle.kind == "stroke":
-                ends = {"start": ratio * cycle.start, "turn": ratio * cycle.turn}
-                cycle = dataclasses.replace(cycle, **ends)
-            slip = dataclasses.replace(slip, rest_length=as_real(rest_length))
-            hysteresis = CentredSlip(slip, cycle)
-        notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m"]
-        return MuscleCard(
-            self.name, members, self.weights, Region(ratio * self.data.length, self.data.pressure),
-            hysteresis=hysteresis, provenance=msgspec.structs.replace(self.provenance, notes=notes),
-        )  # fmt: skip
+        lost = "" if self.hysteresis is None else ", without hysteresis"
+        notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m{lost}"]
+        data = Region(rest_length / old * self.data.length, self.data.pressure)
+        provenance = msgspec.structs.replace(self.provenance, notes=notes)
+        return MuscleCard(self.name, members, self.weights, data, provenance=provenance)
 
 
 def _diameter_at_rest(mounted: AbstractMuscle) -> float:

@@ -4,9 +4,6 @@ from .balance import (
     Martens as Martens,
     PeerModel as PeerModel,
     TonduLopez as TonduLopez,
-    ferraresi as ferraresi,
-    klute_hannaford as klute_hannaford,
-    robinson as robinson,
 )
 from .empirical import (
     Hildebrandt as Hildebrandt,

@@ -1,4 +1,7 @@
-"""Published force balance models: the braid with corrections, walls and bladder laws.
+"""Published force balance models: the braid with corrections and walls.
+
+Published models that are a `famjax.Muscle` need no class here: Ferraresi 2001 is a `PolynomialMaterial` of
+one coefficient, Klute & Hannaford 2000 a `MooneyRivlinMaterial`, Robinson 2015 a `PlainPowerMaterial`.
 
 A new model has its parameters as fields and a method `formula(L, P)`. It overrides `length_range()` if
 it is not valid from 0.5 to 1.1 times the rest length.
@@ -9,7 +12,6 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from .._arrays import Given, Real, RealArray, as_real
@@ -21,8 +23,6 @@ from ..braids import (
     diameter_from_length,
     gaylord_force,
 )
-from ..geometries import AbstractGeometry
-from ..materials import MooneyRivlinMaterial, PlainPowerMaterial, PolynomialMaterial
 from ..muscle import AbstractMuscle, Muscle
 from ..parameters import parameter
 from ..profiles import kothera_length, tondu_lopez_length
@@ -151,23 +151,6 @@ class TonduLopez(PeerModel):
         return Gaylord(self.braid, self.deadband_pressure).force(shortened, P)
 
 
-def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:
-    """Return the force balance with a linear elastic bladder, sigma = E eps in both directions.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        modulus: E [Pa].
-        deadband_pressure: P_d [Pa], zero in the original.
-
-    Returns:
-        The muscle.
-
-    References:
-        Ferraresi, Franco & Manuello Bertetto 2001. General knowledge, not read again.
-    """
-    return Muscle(geometry, PolynomialMaterial(as_real(modulus)[None]), deadband_pressure)
-
-
 class Kothera(PeerModel):
     """A force balance evaluated at the length between two quarter-circle ends.
 
@@ -199,52 +182,6 @@ class Kothera(PeerModel):
     def rest_length(self) -> RealArray:
         """Rest length L0 [m], taken from the cylindrical muscle."""
         return self.muscle.rest_length
-
-
-def robinson(
-    geometry: AbstractGeometry,
-    pressures: ArrayLike,
-    coefficients: ArrayLike,
-    deadband_pressure: Real = 0.0,
-) -> Muscle:
-    """Return the force balance with polynomial coefficients linear in pressure.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        pressures: two increasing pressures [Pa] at which the coefficients are given.
-        coefficients: E_n [Pa] at these pressures, shape (2, order); positive in the originals.
-        deadband_pressure: P_d [Pa], zero in the originals.
-
-    Returns:
-        The muscle.
-
-    References:
-        Robinson, Kothera & Wereley 2015; Pillsbury et al. 2015. General knowledge, not read
-        again; the powers are taken as plain ones.
-    """
-    return Muscle(geometry, PlainPowerMaterial(pressures, coefficients), deadband_pressure)
-
-
-def klute_hannaford(
-    geometry: AbstractGeometry, c10: Real, c01: Real, deadband_pressure: Real = 0.0
-) -> Muscle:
-    """Return virtual work of the pressure plus a Mooney-Rivlin bladder, -(P - P_d) dV/dL + V_b dW/dL.
-
-    The force balance equals this model exactly if the threads are embedded in the wall.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        c10: C10 [Pa].
-        c01: C01 [Pa].
-        deadband_pressure: P_d [Pa], zero in the originals.
-
-    Returns:
-        The muscle.
-
-    References:
-        Klute & Hannaford 2000; Meller, Chipka, Volkov, Bryant & Garcia 2014. General knowledge.
-    """
-    return Muscle(geometry, MooneyRivlinMaterial(c10, c01), deadband_pressure)
 
 
 _NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis
