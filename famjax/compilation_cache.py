@@ -46,8 +46,7 @@ def start_jax() -> str:
         jax.devices()
     except (AssertionError, RuntimeError):  # JAX raises either for a platform without a device
         raise InputError(
-            f"JAX finds no device: JAX_PLATFORMS is {asked!r}, and this machine has none of that kind. Set "
-            "JAX_PLATFORMS=cpu, or unset it"
+            f"JAX finds no device: JAX_PLATFORMS is {asked!r}. Set JAX_PLATFORMS=cpu, or unset it"
         ) from None
     return switch_on()
 

@@ -154,7 +154,7 @@ def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if size > most:
         raise InputError(
-            f"{path} has {size / 1e6:.0f} MB, and the limit is {most / 1e6:.0f} MB: export less data"
+            f"{path} has {size / 1e6:.0f} MB, the limit is {most / 1e6:.0f} MB: export less data"
         )
 
 
@@ -296,10 +296,9 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
     if asked.strict:  # up to the last row with a number, to exclude a footer
         last = max(k for k, (_, row) in enumerate(body) if any(map(looks_number, row)))
         body = body[: last + 1]
-        for line, row in ((line, row) for line, row in body if len(row) > width):
+        for line in (line for line, row in body if len(row) > width):
             raise InputError(
-                f"row {line} has {len(row)} cells, the header has {width}: write decimal points, or name "
-                "every column"
+                f"row {line} has more cells than the header: write decimal points, or name every column"
             )
     lines = np.array([line for line, _ in body])
     blank = ("",) * width
@@ -411,7 +410,6 @@ def check_time(table: Table, most: float = REPEATED) -> np.ndarray:
         )
     if step.size and np.mean(step == 0) > most:
         raise InputError(
-            f"the time does not advance in {np.sum(step == 0)} of {time.size} rows: export it with "
-            "fractions of a second"
+            f"the time does not advance in {np.sum(step == 0)} rows: export it with fractions of a second"
         )
     return np.concatenate([[True], step > 0])

@@ -96,9 +96,7 @@ class Store:
         try:
             there = json.loads(first)
         except ValueError as error:
-            raise InputError(
-                f"{path} is damaged ({error}): give another file, or remove it"
-            ) from None
+            raise InputError(f"{path} is damaged ({error}): remove it, or give another") from None
         if there != head:
             raise InputError(
                 f"{path} holds a {head['kind']} with other data or other settings: "
@@ -203,8 +201,8 @@ def _check_travels(work: Any) -> None:
         pickle.dumps(work)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InputError(
-            f"this work cannot be sent to another process ({error}): define your class or function in a "
-            "module and import it, or omit the executor"
+            f"this work cannot be sent to another process ({error}): define your code in a module, or omit "
+            "the executor"
         ) from None
 
 

@@ -218,7 +218,7 @@ def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
         return msgspec.convert(known, Hysteresis).centred()
     except msgspec.ValidationError as error:
         raise InputError(
-            f"the hysteresis cannot be read ({error}): write the file again with famjax assess --hysteresis"
+            f"the hysteresis cannot be read ({error}): write it by famjax assess --hysteresis"
         ) from None
 
 
@@ -274,9 +274,7 @@ class MuscleCard:
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         if in_trace():
-            raise InputError(
-                "call muscle = card.safe() before jit, grad or vmap, and use it inside"
-            )
+            raise InputError("call card.safe() before jit, grad or vmap, and use the muscle inside")
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
@@ -454,8 +452,7 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except msgspec.DecodeError as error:
         raise InputError(
-            f"{path} is not a muscle card of schema {SCHEMA}, or is damaged: {error}; write one from a fit "
-            "by famjax card"
+            f"{path} is no muscle card of schema {SCHEMA}, or damaged: {error}; write one by famjax card"
         ) from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

@@ -146,9 +146,7 @@ def _type_written(cls: type) -> str:
     if _classes().get(cls.__name__) is cls:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
-        raise InputError(
-            f"{cls.__name__} is defined in a function: define it in a module for a card"
-        )
+        raise InputError(f"{cls.__name__} is defined in a function: define it in a module")
     return class_path(cls)
 
 
@@ -165,9 +163,7 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
     unknown = [key for key in card if key not in forms and key != "type"]
     if missing or unknown:
         wrong = f"no entry {missing[0]!r}" if missing else f"the unknown entry {unknown[0]!r}"
-        raise InputError(
-            f"the muscle card has {wrong} in {where}; its entries are {', '.join(forms)}"
-        )
+        raise InputError(f"the muscle card has {wrong} in {where}; entries: {', '.join(forms)}")
     values = {}
     for key, form in forms.items():
         value, at = card[key], f"{where}.{form.field}"
@@ -181,22 +177,20 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
     try:
         return cls(*values.values()) if cls is Muscle else cls(**values)
     except (ValueError, RuntimeError) as error:  # RuntimeError from checks of traced values
-        raise InputError(
-            f"{where} of the muscle card is not a valid {cls.__name__}: {error}"
-        ) from None
+        raise InputError(f"{where} of the card is not a valid {cls.__name__}: {error}") from None
 
 
 def _type_read(name: Any, base: type, where: str, own: Own) -> type:
     """Return the class that a card names, if it is allowed there."""
     if isinstance(name, str) and ":" in name:
-        what = f"type of {where} of the muscle card"
+        what = f"type of {where} of the card"
         check_trusted(name, own, what)
         return class_named(name, base, what)
     known = {one: cls for one, cls in _classes().items() if issubclass(cls, base)}
     if name not in [*known]:
         raise InputError(
-            f"{where} of the muscle card has the unknown type {name!r}; use one of "
-            f"{', '.join(sorted(known))}, or module:Class for your own class"
+            f"{where} of the card has the unknown type {name!r}; use one of "
+            f"{', '.join(sorted(known))}, or module:Class"
         )
     return known[name]
 
@@ -220,20 +214,20 @@ def _number(value: Any, annotation: Any, where: str, _own: Own) -> Any:
         if type(value) is annotation:
             return value
         raise InputError(
-            f"{where} of the muscle card must be of type {annotation.__name__}, got {value!r}"
+            f"{where} of the card must be of type {annotation.__name__}, got {value!r}"
         )
     try:
         numbers = np.asarray(value, float)
     except (ValueError, TypeError):  # text, or lists of unequal lengths
         numbers = np.full((), np.nan)
     if not np.isfinite(numbers).all():
-        raise InputError(f"{where} of the muscle card must hold finite numbers, got {value!r}")
+        raise InputError(f"{where} of the card must hold finite numbers, got {value!r}")
     if annotation in _PLAIN:
         return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
     axes, shape = annotation.dim_str.split(), numbers.shape
     digits = [one for one in zip(axes, map(str, shape), strict=False) if one[0].isdigit()]
     if "..." not in axes and (len(axes) != len(shape) or any(a != b for a, b in digits)):
         raise InputError(
-            f"{where} of the muscle card must be numbers of shape ({' '.join(axes)}), got shape {shape}"
+            f"{where} of the card must be numbers of shape ({' '.join(axes)}), got shape {shape}"
         )
     return as_number(numbers)

@@ -192,8 +192,7 @@ def tune(
     )  # fmt: skip
     if found.fun >= 1e9:
         raise InputError(
-            "no gains were found that hold the pressures: the pressures cannot be reached by the pump or "
-            "supply, or the circuit's numbers are wrong"
+            "no gains hold the pressures: pump or supply cannot reach them, or the circuit is wrong"
         )
     return Gains.per_psi(*np.exp(found.x).tolist())
 

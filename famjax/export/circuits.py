@@ -47,8 +47,7 @@ def plant_words(subject: Subject) -> dict[str, Any]:
     plant: Any = subject.plant
     if type(plant.circuit) not in (PneumaticCircuit, HydraulicCircuit):
         raise InputError(
-            "only plants with a PneumaticCircuit or a HydraulicCircuit can be exported; got "
-            f"{type(plant.circuit).__name__}"
+            f"a plant with a {type(plant.circuit).__name__} cannot be exported: use air or water of famjax"
         )
     circuit = {name: getattr(plant.circuit, name) for name in plant.circuit.__dataclass_fields__}
     if circuit.get("relief", 0.0) is None:  # no valve: zero conductance
@@ -84,8 +83,7 @@ def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:
     slip: Any = elements.slip if isinstance(elements, CentredSlip) else elements
     if type(friction) is not SlipFriction or not isinstance(slip, MaxwellSlip):
         raise InputError(
-            "only DahlFriction, or SlipFriction with Maxwell-slip elements, can be exported; got "
-            f"{type(friction).__name__}"
+            f"a {type(friction).__name__} cannot be exported: use DahlFriction or Maxwell-slip elements"
         )
     numbers: dict[str, Any] = {"rest_length": slip.rest_length, "modulus": slip.modulus}
     whole = {"wall": len(slip.wall.threshold), "cycle": 0, "cycled": 0}

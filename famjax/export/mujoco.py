@@ -93,9 +93,7 @@ def _check_actuators(
     """Refuse actuators through which a muscle would exert no force."""
     for number, name in named.items():
         if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
-            raise ValueError(
-                f'the actuator {name} must have biastype="user"; it would exert no force'
-            )
+            raise ValueError(f'the actuator {name} must have biastype="user" to exert a force')
         of_tendon = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_TENDON
         first = model.tendon_adr[model.actuator_trnid[number][0]] if of_tendon else 0
         fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT

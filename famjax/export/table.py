@@ -230,8 +230,7 @@ def check_float64() -> None:
     """
     if not jax.config.read("jax_enable_x64"):
         raise InputError(
-            "export needs float64: call jax.config.update('jax_enable_x64', True) before any other use of "
-            "JAX"
+            "export needs float64: call jax.config.update('jax_enable_x64', True) first"
         )
 
 
@@ -254,9 +253,7 @@ def _cubic_errors(muscle: Any, of: str, nodes: dict[str, Numbers], name: str) ->
     cubic = force[:-1, None] + u * (p + u * (3 * rise - 2 * p - q + u * (p + q - 2 * rise)))
     off = np.abs(cubic - between.reshape(cubic.shape)).max(axis=(1, 2))
     if not np.isfinite(off).all():
-        raise InputError(
-            "the force is not finite somewhere in the model's region: it cannot be exported"
-        )
+        raise InputError("the force is not finite in the whole region: it cannot be exported")
     return off
 
 

@@ -175,7 +175,7 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
     unknown = [name for name in to if name not in TARGETS]
     if unknown or not to:
         raise InputError(
-            f"the target must be one of {', '.join(TARGETS)}; got {unknown[0] if unknown else 'none'}"
+            f"targets must be of {', '.join(TARGETS)}; got {', '.join(unknown) or 'none'}"
         )
     check_output(Path(folder))
     files: Files = {}

@@ -240,9 +240,7 @@ class Martens(PeerModel):
             ValueError: no constants are published for this muscle.
         """
         if muscle not in _PUBLISHED:
-            raise ValueError(
-                f"Martens' constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}"
-            )
+            raise ValueError(f"constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}")
         bore, rest_length, correction, coefficients = _PUBLISHED[muscle]
         angle = math.pi / 2 - (_NOMINAL_ANGLE + correction)
         braid = Braid.from_rest(diameter=bore, braid_angle=angle, length=rest_length)

@@ -91,11 +91,11 @@ MEMBER = "members.0.muscle"
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("schema", "famjax-card/99", "not a muscle card of schema famjax-card/1, .*'famjax-card/99'"),
-        ("schema", ..., "required field `schema`; write one from a fit by famjax card"),
+        ("schema", "famjax-card/99", "no muscle card of schema famjax-card/1, .*'famjax-card/99'"),
+        ("schema", ..., "required field `schema`; write one by famjax card"),
         ("members", [], "length >= 1"),
         ("members.0.weight", "half", r"Expected `float`.*\$.members\[0\].weight"),
-        ("members.0.weight", float("nan"), "or is damaged: JSON is malformed"),
+        ("members.0.weight", float("nan"), "or damaged: JSON is malformed"),
         (f"{MEMBER}.geometry.type", "Balloon",
          "muscle.geometry .* unknown type 'Balloon'; use one of .*EstimatedGeometry"),
         (f"{MEMBER}.geometry.type", "Braid", "unknown type 'Braid'"),
