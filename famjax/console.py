@@ -208,11 +208,7 @@ def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def print_table(
-    title: str,
-    header: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    *,
-    numbers: Literal["left", "right"] = "right",
+    title: str, header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Any = "right"
 ) -> None:
     """Print a text table; all columns but the first are right-aligned by default."""
     table = Table(box=None, pad_edge=False)

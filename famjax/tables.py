@@ -62,11 +62,9 @@ class Table:
     def said(self) -> str:
         """Describe the source of each quantity: one line, or a table if columns were named or ignored."""
         if not self.others and not any(one.named for one in self.taken.values()):
-            each = (
-                f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}"
-                for q, one in self.taken.items()
-            )
-            return f"columns: {'; '.join(each)}"
+            each = self.taken.items()
+            told = [f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}" for q, one in each]
+            return f"columns: {'; '.join(told)}"
         rows = [
             f"{quantity:<12} {one.name!r:<28} first {one.first:.6g} {one.unit}{', as given' * one.named}"
             for quantity, one in self.taken.items()
@@ -76,15 +74,9 @@ class Table:
 
 
 def read_table(
-    source: Any,
-    needed: Sequence[str],
-    *,
-    optional: Iterable[str] = (),
-    columns: Mapping[str, str] | None = None,
-    strict: bool = False,
-    absolute: bool = False,
-    fewest: int = 1,
-) -> Table:
+    source: Any, needed: Sequence[str], *, optional: Iterable[str] = (),
+    columns: Mapping[str, str] | None = None, strict: bool = False, absolute: bool = False, fewest: int = 1,
+) -> Table:  # fmt: skip
     """Read a table in any usual format; nothing is interpolated and no unit is guessed.
 
     Reads text in UTF-8, UTF-16 or cp1252, separated by tabs, semicolons, commas, bars or blanks, with

@@ -126,14 +126,9 @@ def _decoded(entries: dict[str, Any]) -> Any:
 
 
 def run_tasks(
-    function: Callable[[Any], Any],
-    items: Sequence[Any],
-    *,
-    executor: AnyExecutor = None,
-    store: Store | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    names: Sequence[str] | None = None,
-) -> Store:
+    function: Callable[[Any], Any], items: Sequence[Any], *, executor: AnyExecutor = None,
+    store: Store | None = None, progress: Callable | None = None, names: Sequence[str] | None = None,
+) -> Store:  # fmt: skip
     """Apply a function to every unfinished item; each result is stored as soon as it is ready.
 
     Stored results survive an interrupt or an error in the function. An error carries the name of its

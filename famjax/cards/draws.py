@@ -56,7 +56,7 @@ def draw(
         tried += _AT_ONCE
     if len(kept) < count:
         raise InputError(
-            f"only {len(kept)} of {tried} draws are valid, {count} are needed: the fit determines too little"
+            f"only {len(kept)} of {tried} draws are valid, {count} are needed: the fit tells too little"
         )
     return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
 

@@ -110,17 +110,11 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
     along = re.sub(r"\be\b", "e_z", re.sub(r"\bo\b", "e_c", stress))
     around = re.sub(r"\be\b", "e_c", re.sub(r"\bo\b", "e_z", stress))
     statements = [
-        ("l", cut),
-        ("B", B),
-        ("R", "sqrt(B**2 - l**2) / (2 * pi * N)"),
-        ("t", wall),
-        ("e_z", "l / L0 - 1"),
-        ("e_c", middle),
-        ("s_z", along),
-        ("s_c", around),
+        ("l", cut), ("B", B), ("R", "sqrt(B**2 - l**2) / (2 * pi * N)"), ("t", wall),
+        ("e_z", "l / L0 - 1"), ("e_c", middle), ("s_z", along), ("s_c", around),
         ("braid", "(P - P_d) * (3 * l**2 - B**2) / (4 * pi * N**2)"),
         ("G", "braid + s_z * V / l - s_c * t * l**2 / (2 * pi * R * N**2)"),
-    ]
+    ]  # fmt: skip
     return ClosedForm({**known, **law}, statements)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import importlib.util
 import io
 import itertools
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..boundary.errors import InputError
+from ..boundary.errors import InputError, import_extra
 from ..boundary.files import check_output, write_all
 from ..plant import Plant, PneumaticCircuit, SlipFriction
 from .circuits import filled, fmu, numbers_in_lines, plant_words
@@ -135,8 +134,7 @@ def jax_files(subject: Subject) -> Files:
     Raises:
         InputError: the package flatbuffers is missing, or JAX uses float32.
     """
-    if importlib.util.find_spec("flatbuffers") is None:
-        raise InputError("exporting to JAX needs flatbuffers: pip install 'famjax[simulators]'")
+    import_extra("flatbuffers", "simulators")
     check_float64()
     from jax import export as jax_export  # noqa: PLC0415 -- needs flatbuffers
 
