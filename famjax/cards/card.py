@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import msgspec
 import numpy as np
 from jaxtyping import Float
-from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec import Meta, Struct
 
 from .._arrays import Real, RealArray, as_real, in_trace
 from ..boundary.errors import InputError, Own
@@ -51,7 +51,7 @@ class _Entry(Struct, forbid_unknown_fields=True):
     """A JSON object with exactly these entries."""
 
 
-class Member(_Entry):
+class Member(_Entry, omit_defaults=True):
     """One model of the muscle, its weight in the force and its mounting."""
 
     muscle: Annotated[
@@ -60,9 +60,9 @@ class Member(_Entry):
     series_compliance_m_per_N: float
     weight: float
     series_exponent: Annotated[
-        float | UnsetType,
+        float | None,
         Meta(description="n in the series deflection compliance 100 N (F/100 N)^n; 1 if omitted"),
-    ] = UNSET
+    ] = None
 
 
 class Ranges(_Entry):
@@ -376,7 +376,7 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
         if not isinstance(one.muscle, Muscle | EquilibriumMuscle):
             raise InputError(f"a {type(one.muscle).__name__} has no card format")
-        exponent = UNSET if one.exponent is None else float(one.exponent)
+        exponent = None if one.exponent is None else float(one.exponent)
         members.append(
             Member(muscle_as_dict(one.muscle), float(one.compliance), float(weight), exponent)
         )
@@ -407,14 +407,10 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
     Raises:
         InputError: a muscle is invalid, or the sample belongs to other parameters.
     """
-    members = tuple(
-        MountedMuscle(
-            muscle_from_dict(one.muscle, own=own),
-            one.series_compliance_m_per_N,
-            None if one.series_exponent is UNSET else one.series_exponent,
-        )
-        for one in document.members
-    )
+    members = []
+    for one in document.members:
+        muscle = muscle_from_dict(one.muscle, own=own)
+        members.append(MountedMuscle(muscle, one.series_compliance_m_per_N, one.series_exponent))
     names, loops, sample = number_names(members[0]), document.hysteresis, document.sample
     if sample is not None and (
         tuple(sample.numbers) != names or any(len(row) != len(names) for row in sample.rows)
@@ -424,7 +420,7 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
             f"{', '.join(names)}; got {', '.join(sample.numbers)}"
         )
     return MuscleCard(
-        document.name, members, np.array([one.weight for one in document.members]),
+        document.name, tuple(members), np.array([one.weight for one in document.members]),
         Region(document.data.length_m, document.data.pressure_Pa), document.covariance,
         sample, None if loops is None else loops.centred(), document.provenance,
     )  # fmt: skip

@@ -168,16 +168,14 @@ def _arms(pair: Antagonist, angle: RealArray) -> Float[Array, "2"]:
     return jnp.stack([path.moment_arm(angle) for path in pair.paths])
 
 
-def _force(muscle: Any, length: RealArray, pressure: RealArray) -> RealArray:
-    return muscle.force(length, pressure)
-
-
 def _forces(
     pair: Antagonist, angle: RealArray, flexor: RealArray, extensor: RealArray
 ) -> Float[Array, "2 ..."]:
     """Unclipped forces [N] at two pressures [Pa]: negative if slack, nan at impossible states."""
     lengths = [path.length(angle) for path in pair.paths]
-    return of_each(_force, (pair.flexor, pair.extensor), lengths, [flexor, extensor])
+    return of_each(
+        lambda one, *at: one.force(*at), (pair.flexor, pair.extensor), lengths, [flexor, extensor]
+    )
 
 
 def _torque(
