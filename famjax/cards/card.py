@@ -392,8 +392,9 @@ def card_as_document(card: MuscleCard) -> CardDocument:
 
 def _volume(card: MuscleCard) -> Volume | None:
     """Tabulate the volume over the region for readers without a geometry; None if the model has none."""
-    region = card.region
-    L, P = np.linspace(*region.length, _TABLE[0]), np.linspace(*region.pressure, _TABLE[1])
+    ranges = Ranges.of(card.region)
+    (short, long), (low, high) = ranges.length_m, ranges.pressure_Pa
+    L, P = np.linspace(short, long, _TABLE[0]), np.linspace(low, high, _TABLE[1])
     try:
         table = card.volume(L[:, None], P)
     except InputError:

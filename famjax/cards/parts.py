@@ -112,7 +112,8 @@ def _key(name: str, unit: str) -> str:
 
 def _muscle_forms(*, usual: bool) -> Forms:
     """Return a muscle's forms: material and deadband, or else its terms."""
-    return _GEOMETRY | (_MATERIAL | forms_of(terms.PressurisedBraid) if usual else _TERMS)
+    usual_term: Any = terms.PressurisedBraid
+    return _GEOMETRY | (_MATERIAL | forms_of(usual_term) if usual else _TERMS)
 
 
 # --- to plain data

@@ -155,9 +155,11 @@ def _pressures_for(
     beyond = jnp.where(stiffness < crossing.lowest, Outcome.STIFFNESS_LOW, Outcome.STIFFNESS_HIGH)
     code = jnp.where(crossing.found | (curve.code != Outcome.FEASIBLE), curve.code, beyond)
     code = jnp.where(jnp.isfinite(stiffness), code, Outcome.NO_STATE)
-    found = *curve.pressures(crossing.at), curve.stiffness(crossing.at), curve.torque
+    flexor, extensor = curve.pressures(crossing.at)
+    found = flexor, extensor, curve.stiffness(crossing.at), curve.torque
     # Up to TORQUE_HIGH, the curve exists at the requested or the nearest torque.
-    return PairPressures(*(jnp.where(code <= Outcome.TORQUE_HIGH, x, jnp.nan) for x in found), code)
+    a, b, K, T = (jnp.where(code <= Outcome.TORQUE_HIGH, x, jnp.nan) for x in found)
+    return PairPressures(a, b, K, T, code)
 
 
 # --- the pair at one angle: scalars of shape (), flexor first

@@ -203,7 +203,7 @@ def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *(one[0] for one in parts)), parts[0][1]
 
 
-def _course(duty: Duty, seed: int) -> tuple[Array, Array, Array, Array, tuple[int, int, int]]:
+def _course(duty: Duty, seed: int) -> tuple[Any, ...]:
     """Set pressures before and after each step [Pa], rates [m/s], noise [Pa], and the ticks.
 
     The ticks are those before the strokes, of a simulated leg and of a whole leg.

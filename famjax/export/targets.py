@@ -92,7 +92,7 @@ def _closed(
     module: dict[str, Any] = {}
     exec(compile(filled("closed.py.in", words | _code(form, python_lines)), "", "exec"), module)
     rng = np.random.default_rng(0)
-    L, P = (rng.uniform(*of, _ASKED) for of in (ends[:2], ends[2:]))
+    L, P = (rng.uniform(low, high, _ASKED) for low, high in (ends[:2], ends[2:]))
     force = np.asarray(muscle.force(L, P))
     off = float(np.abs(module["force"](L, P) - force).max() / force.max())
     own = [line.replace("continued beyond", "NaN beyond") for line in subject.about]
