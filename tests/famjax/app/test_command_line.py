@@ -311,7 +311,7 @@ FIT_MAP: list[tuple[tuple[str, ...], str]] = [
     (("--prior", "rest_length_mm=300"), "must read name_unit=mean+-std"),
     (("--law", "ogden", "--prior", "rest_length_mm=300+-1"), "weighted against the force noise"),
     (("--free", "colour"), "unknown parameter"),
-    (("--output", "MAP/below"), "is not a folder"),
+    (("--output", "MAP/below"), "must be a folder"),
 ]
 OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("fit", "DMSP-20-30"), "did you mean DMSP-20-300?"),
