@@ -1,6 +1,6 @@
 """Safe continuation of a force model beyond its data: C1, monotone and never negative."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -129,22 +129,22 @@ class Slopes(NamedTuple):
     stiffening: Any
 
 
-def slopes(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> Slopes:
-    """Return force and derivatives at lengths [m] and pressures [Pa] with the same shape."""
+def slopes(force: Callable, length: RealArray, pressure: RealArray) -> Slopes:
+    """Return a force and its derivatives at lengths [m] and pressures [Pa] with the same shape."""
     along = jnp.ones_like(length), jnp.ones_like(pressure)
 
     def in_length(pressure: RealArray) -> tuple[RealArray, RealArray]:
-        return jax.jvp(lambda L: muscle.force(L, pressure), (length,), along[:1])
+        return jax.jvp(lambda L: force(L, pressure), (length,), along[:1])
 
-    (force, stiffness), (area, stiffening) = jax.jvp(in_length, (pressure,), along[1:])
-    return Slopes(force, stiffness, area, stiffening)
+    (value, stiffness), (area, stiffening) = jax.jvp(in_length, (pressure,), along[1:])
+    return Slopes(value, stiffness, area, stiffening)
 
 
 def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
     """Return force and derivatives on the grid over a region, each with shape (LENGTHS, PRESSURES)."""
     L = jnp.linspace(region.length[0], region.length[1], LENGTHS)
     P = jnp.linspace(region.pressure[0], region.pressure[1], PRESSURES)
-    return slopes(muscle, *jnp.meshgrid(L, P, indexing="ij"))
+    return slopes(muscle.force, *jnp.meshgrid(L, P, indexing="ij"))
 
 
 def rising(at: Slopes) -> Bool[Array | np.ndarray, "lengths pressures"]:

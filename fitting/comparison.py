@@ -278,12 +278,6 @@ def _published(data: ForceData) -> dict[str, ModelFamily]:
     found: dict[str, tuple[str, Any]] = {
         "gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(braid))
     }
-    for muscle, size in {"10 mm": 10e-3, "20-200": 20e-3, "20-400": 20e-3}.items():
-        if math.isclose(bore, size, rel_tol=1e-6):
-            found[f"sarosi_published_{muscle.replace(' ', '_')}"] = (
-                f"Sarosi 2012, constants of {muscle}",
-                peers.Sarosi.published(muscle, rest_length=rest),
-            )
     if data.specimen.name in {"DMSP-10-250", "DMSP-20-300"}:
         model = peers.Martens.published(data.specimen.name)
         found["martens_published"] = "Martens & Boblan 2017, their constants", model

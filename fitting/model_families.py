@@ -26,8 +26,6 @@ from .response import AbstractFamily, Values
 _LONGEST = 1.002  # minimum ratio of thread length to longest reading
 _DEADBAND = Declared("Pa", "deadband_pressure", low=-200e3, high=200e3)
 """Negative values allow for an overestimated rest length, which has almost the same effect."""
-_CONTRACTION = 0.25  # contraction scale for models in which it is redundant
-_OF_SCALE = f"the contraction scale is held at {_CONTRACTION}; other constants absorb it"
 
 Translate = Callable[[Any, dict[str, Any]], Mapping[str, Any]]
 """Function that converts a family's parameter values to those of the model."""
@@ -136,7 +134,7 @@ def peer_families(data: ForceData) -> dict[str, ModelFamily]:
     """
     pressure, length = data.pressure[data.loaded], data.length[data.loaded]
     ends = float(pressure.min()), float(pressure.max())
-    return _peers(data.specimen, ends, float(length.max()), data.max_force)
+    return _peers(data.specimen, ends, float(length.max()))
 
 
 def _braid_at_rest(specimen: Specimen, longest: float) -> tuple[Declared, Declared]:
@@ -159,7 +157,7 @@ def _braid_at_rest(specimen: Specimen, longest: float) -> tuple[Declared, Declar
 
 @functools.lru_cache(maxsize=32)
 def _peers(
-    specimen: Specimen, pressures: tuple[float, float], longest: float, force: float
+    specimen: Specimen, pressures: tuple[float, float], longest: float
 ) -> dict[str, ModelFamily]:
     rest, P = specimen.rest_length, pressures[1]
     D, angle = both = _braid_at_rest(specimen, longest)
@@ -193,8 +191,8 @@ def _peers(
     stretching = famjax.braids.CompliantBraid.of(threads, 0.0)
     gaylord, tondu = peers.Gaylord(threads), peers.TonduLopez(threads, rest)
     cylinder = source.geometry({"braid_diameter": held, "braid_angle": angle.low})
-    elastic = peers.ferraresi(cylinder, 1e6)
-    wall = Declared("m", "wall_thickness", low=0.0, high=2 * specimen.wall_thickness)
+    elastic = famjax.Muscle(cylinder, famjax.PolynomialMaterial([1e6]))
+    mooney = famjax.Muscle(cylinder, famjax.materials.MooneyRivlinMaterial(1e5, 1e5))
     strain = Declared("", "thread_strain", low=0.0, high=0.5)
     late = (*both, _DEADBAND)
     rows: list[tuple] = [
@@ -203,16 +201,14 @@ def _peers(
         ("gaylord_offset", "Gaylord, force offset", gaylord, (*both, "force_offset"), of_braid),
         ("davis", "Davis 2003, stretching braid", peers.Gaylord(stretching), (*both, strain), of_stretching,
          "thread_strain is that at rest and the highest pressure, of unstretched geometry"),
-        ("chou_hannaford", "Chou & Hannaford 1996, wall", peers.ChouHannaford(threads, 1e-3),
-         (*both, wall), of_braid),
         ("tondu_lopez", "Tondu & Lopez 2000, k", tondu, (*both, "k_far"), of_braid),
         ("tondu_lopez_deadband", "Tondu & Lopez, k, deadband", tondu, (*late, "k_far"), of_braid),
         ("tondu_lopez_pressure", "Tondu & Lopez, k(P)", tondu, (*both, "k_far", "k_rise"), of_braid),
         ("ferraresi", "Ferraresi 2001", elastic, (*both, "E_1"), of_cylinder),
         ("ferraresi_deadband", "Ferraresi, deadband", elastic, (*late, "E_1"), of_cylinder),
         ("kothera", "Kothera 2009, deadband", peers.Kothera(elastic), (*late, "E_1"), of_cylinder),
-        ("klute_hannaford", "Klute & Hannaford 2000, deadband", peers.klute_hannaford(cylinder, 1e5, 1e5),
-         (*late, "C10", "C01"), of_cylinder),
+        ("klute_hannaford", "Klute & Hannaford 2000, deadband", mooney, (*late, "C10", "C01"),
+         of_cylinder),
     ]  # fmt: skip
     if pressures[0] < pressures[1]:
         ends = " and ".join(f"{one / 1e3:.4g}" for one in pressures)
@@ -221,7 +217,8 @@ def _peers(
             ("robinson_2", "Robinson 2015, order 2", 2, -math.inf),
             ("pillsbury_2", "Pillsbury 2015, order 2, positive", 2, 0.0),
         ):
-            model = peers.robinson(cylinder, np.array(pressures), np.ones((2, order)))
+            powers = famjax.materials.PlainPowerMaterial(pressures, np.ones((2, order)))
+            model = famjax.Muscle(cylinder, powers)
             laws = [bounded(d, low, math.inf) for d in model.declared().values() if d.linear]
             note = f"nodes 1 and 2 are {ends} kPa"
             rows.append((name, label, model, (*late, *laws), of_cylinder, note))
@@ -230,11 +227,11 @@ def _peers(
     if specimen.nominal_diameter is not None:
         rows.append(("martens", label, martens, (angle, *moduli), of_braid))
     rows.append(("martens_diameter", f"{label}, diameter", martens, (*both, *moduli), of_braid))
-    rows += _without_braid(rest, force)
+    rows += _without_braid(rest)
     return {name: _family(*row) for name, *row in rows}
 
 
-def _without_braid(rest: float, force: float) -> list[tuple]:
+def _without_braid(rest: float) -> list[tuple]:
     """Models that depend only on length and pressure."""
     rows: list[tuple] = []
     numbers = dict.fromkeys(("a1", "a2", "a4", "a5", "a6"), 0.0)
@@ -247,19 +244,9 @@ def _without_braid(rest: float, force: float) -> list[tuple]:
         count = len(names) + 1
         label = f"Sarosi 2012, {count} parameters"
         rows.append((f"sarosi_{count}", label, model, ("a3", *names), translate))
-    model = peers.Bolen(rest, _CONTRACTION, force, 1.0, 1.0, 1.0)
-    constants = ("largest_force", "c0", "c1", "c2")
-    rows.append(("bolen", "Bolen 2026", model, constants, None, _OF_SCALE))
-    surfaces: list[tuple] = [
-        ("hildebrandt", "Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), "")
-    ]
-    for degree in (3, 4, 5):
-        ones = np.ones(len(peers.PolynomialSurface.terms(degree)))
-        model, label = peers.PolynomialSurface(rest, ones, degree), f"polynomial of degree {degree}"
-        surfaces.append((f"polynomial_{degree}", label, model, "pressure in MPa"))
-    for name, label, model, note in surfaces:
-        free = [one for one, d in model.declared().items() if d.linear]
-        rows.append((name, label, model, free, None, note))
+    model = peers.Hildebrandt(rest, np.ones(3), np.ones(5))
+    free = [name for name, d in model.declared().items() if d.linear]
+    rows.append(("hildebrandt", "Hildebrandt 2002", model, free))
     return rows
 
 

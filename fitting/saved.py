@@ -19,8 +19,6 @@ import famjax
 from famjax.boundary.errors import InputError, NotTrustedError, Own, check_trusted, class_path
 from famjax.boundary.files import Origin
 from famjax.boundary.units import (
-    Quantity,
-    Sentence,
     finite_or_none,
     from_si,
     sentence_in_units,
@@ -162,7 +160,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
         residuals=_array(document["residuals_N"]),
         errors=Errors(**_figures(document, _ERRORS)),
         certificate=Certificate(**_figures(document, _CERTIFICATE)),
-        active_constraints=tuple(_sentence(one) for one in document["active_constraints"]),
+        active_constraints=tuple(document["active_constraints"]),
         law=law,
         weights=_array(document["weights"]),
         names=tuple(document["covariance"]["parameters"])[: -coefficients.size or None],
@@ -275,23 +273,8 @@ def _data(saved: Mapping[str, Any]) -> ForceData:
     said = {name: _array(one) if isinstance(one, list) else one for name, one in said.items()}
     return ForceData(
         **columns, **said, specimen=Specimen(**specimen),
-        notes=tuple(map(_sentence, saved["notes"])), assumed=tuple(saved["assumed"]),
+        notes=tuple(saved["notes"]), assumed=tuple(saved["assumed"]),
     )  # fmt: skip
-
-
-def _parts(sentence: str) -> Any:
-    """Convert a sentence to JSON; its quantities are kept."""
-    if isinstance(sentence, Sentence):
-        return [_parts(one) if isinstance(one, str) else one._asdict() for one in sentence.parts]
-    return sentence
-
-
-def _sentence(parts: Any) -> str:
-    if isinstance(parts, str):
-        return parts
-    return Sentence(
-        *(Quantity(**one) if isinstance(one, dict) else _sentence(one) for one in parts)
-    )
 
 
 def _mounted(entry: Mapping[str, Any], own: Own) -> famjax.MountedMuscle:
@@ -461,7 +444,7 @@ def fit_as_dict(
             "sha256": data.sha256,
             "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
             "readings": {name: values.tolist() for name, values in data.columns().items()},
-            "notes": [_parts(one) for one in data.notes],
+            "notes": list(data.notes),
             "assumed": list(data.assumed),
             **{n: v.tolist() if isinstance(v := getattr(data, n), np.ndarray) else v for n in _SAID},
         },
@@ -487,7 +470,7 @@ def fit_as_dict(
             "matrix": [_finite(row) for row in result.covariance],
         },
         "degrees_of_freedom": result.degrees_of_freedom,
-        "active_constraints": [_parts(one) for one in result.active_constraints],
+        "active_constraints": list(result.active_constraints),
         "residuals_N": result.residuals.tolist(),
         "weights": result.weights.tolist(),
         "muscle": muscle_as_dict(result.muscle),

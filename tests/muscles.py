@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -117,17 +118,28 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "mounted by a power": famjax.MountedMuscle(RUBBER, 1.8e-5, 0.5),
     "gaylord": peers.Gaylord(BRAID_10, 3e4, -5.0, REST),
     "davis": peers.Gaylord(braids.CompliantBraid.of(BRAID_10, 2e-6), resting_length=REST),
-    "chou_hannaford": peers.ChouHannaford(BRAID_10, 1e-3, REST),
     "tondu_lopez": TONDU,
-    "ferraresi": peers.ferraresi(CYLINDER_10, 2e6, 3e4),
-    "kothera": peers.Kothera(peers.ferraresi(CYLINDER_10, 2e6)),
-    "robinson": peers.robinson(
-        CYLINDER_10, jnp.array([1e5, 6e5]), jnp.array([[2e6, 0], [3e6, 1e6]])
+    "ferraresi": famjax.Muscle(CYLINDER_10, famjax.PolynomialMaterial([2e6]), 3e4),
+    "kothera": peers.Kothera(famjax.Muscle(CYLINDER_10, famjax.PolynomialMaterial([2e6]))),
+    "robinson": famjax.Muscle(
+        CYLINDER_10, materials.PlainPowerMaterial([1e5, 6e5], [[2e6, 0], [3e6, 1e6]])
     ),
-    "klute_hannaford": peers.klute_hannaford(CYLINDER_10, 2e5, 1e5, 3e4),
-    "sarosi": peers.Sarosi.published("10 mm", rest_length=REST),
+    "klute_hannaford": famjax.Muscle(CYLINDER_10, materials.MooneyRivlinMaterial(2e5, 1e5), 3e4),
+    "sarosi": peers.Sarosi(REST, -9.22e-5, 203.7, -34.22, -3.226e-3, 1.092e-3, -208.4),
     "martens": peers.Martens.published("DMSP-10-250"),
-    "bolen": peers.Bolen.published("10 mm", rest_length=REST, largest_contraction=0.2),
     "hildebrandt": peers.Hildebrandt(REST, [1e-3, -4e-3, 3e-3], [-30.0, -500, 300, 10, -9]),
-    "polynomial": peers.PolynomialSurface(REST, jnp.arange(1.0, 7.0), 2),
 }
+
+
+class Lever(famjax.control.AbstractPath):
+    """A user's own path: a muscle between a pin on the link and a pin on the base, L = |R a - b| - l."""
+
+    link_pin: jnp.ndarray = eqx.field(converter=jnp.asarray)
+    base_pin: jnp.ndarray = eqx.field(converter=jnp.asarray)
+    dead_length: float = 0.0
+
+    def length(self, angle):
+        x, y = self.link_pin
+        cos, sin = jnp.cos(angle), jnp.sin(angle)
+        across, along = cos * x - sin * y, sin * x + cos * y
+        return jnp.hypot(across - self.base_pin[0], along - self.base_pin[1]) - self.dead_length

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import text_in_units
+from famjax.boundary.units import sentence_in_units
 from fitting.data import Specimen
 from fitting.report import PageTable
 from rig.journal import Record
@@ -139,7 +139,12 @@ def warnings_of(place: Path) -> list[str]:
 def checks_table(places: Sequence[Path], system: str = "metric") -> list[PageTable]:
     """Build a report table of the checks in a unit system; an empty list without checks."""
     rows = [
-        (one.what, text_in_units(one.range, system), text_in_units(one.value, system), one.verdict)
+        (
+            one.what,
+            sentence_in_units(one.range, system),
+            sentence_in_units(one.value, system),
+            one.verdict,
+        )
         for one in read_checks(*places)
     ]
     title = "Cross-checks of quantities from two sources. Standard errors set the expected ranges."

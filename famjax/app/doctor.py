@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from famjax import __version__
-from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
+from famjax.compilation_cache import VARIABLE, cache_root, start_jax, switch_on
 from famjax.console import print_json, print_rows, progress
 
 from .cli import clashes
@@ -59,8 +59,7 @@ def doctor() -> int:
 
 def _cache_sentence() -> str:
     if folder := switch_on():
-        number, size = contents(folder)
-        return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
+        return folder
     root = cache_root()
     why = f"{VARIABLE} disables it, or there is no home directory" if root is None else (
         f"cannot write a private folder in {root}; set {VARIABLE} to another folder"

@@ -330,7 +330,7 @@ def series(
 
 
 def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system: str) -> None:
-    from famjax.boundary.units import Quantity, text_in_units, unit_system
+    from famjax.boundary.units import Quantity, sentence_in_units, unit_system
 
     units, found = unit_system(system), document["series"]
     errors = found["leave_one_specimen_out_N"]
@@ -347,8 +347,8 @@ def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system
     print_rows("Shared parameters", shared)
     told = [document["unchecked"], *document["reasons"][1:], *document["warnings"]]
     for note in filter(None, told):
-        print(f"note: {text_in_units(note, system)}")
-    reason = text_in_units(" ".join(document["reasons"][:1]), system)
+        print(f"note: {sentence_in_units(note, system)}")
+    reason = sentence_in_units(" ".join(document["reasons"][:1]), system)
     predicted = Quantity(found["predicted_rmse_N"], "force", 3).in_units(system)
     print_lines([
         ("verdict", f"{document['verdict'].capitalize()}. {reason}".strip()),

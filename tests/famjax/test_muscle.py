@@ -365,7 +365,7 @@ OWN = famjax.Muscle(Tapered(CYLINDER_10, 0.1), PLAIN.material, 3e4)
 PULL = famjax.terms.PressurisedBraid(3.0) + famjax.terms.BladderWall(LATEX)
 WHOLE = {
     "a geometry of one's own": OWN,
-    **{name: MUSCLES[name] for name in ("sarosi", "bolen", "gaylord", "tondu_lopez")},
+    **{name: MUSCLES[name] for name in ("sarosi", "gaylord", "tondu_lopez")},
     "one's own in a rig": famjax.MountedMuscle(OWN, 1e-5),
 }
 PARTS = jnp.array([0.99, -0.9, 0.8, 3.6, jnp.nan, 0.96])  # of the length at rest

@@ -101,7 +101,7 @@ def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path
 
 def test_bad_input_ends_in_a_sentence(simulated, tmp_path, command, refused):
     journal, no_limit = simulated / "test.fam", write_plan(tmp_path, limit="")
-    missing = "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as"
+    missing = "[rig]: pressure_limit_<Pa|kPa|MPa|bar|psi> is missing: a number >= 0 and finite"
     for typed, sentence in (
         (("check", tmp_path / "none.fam"), "cannot read"),
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),

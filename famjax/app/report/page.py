@@ -13,7 +13,7 @@ import pandas as pd
 import xarray
 
 from famjax.boundary.files import Origin, as_svg, write_all
-from famjax.boundary.units import text_in_units
+from famjax.boundary.units import sentence_in_units
 from fitting.prediction import static_rows
 from fitting.report import PageTable, inline_svg, page
 from fitting.saved import versions
@@ -193,14 +193,14 @@ def _write(source: Source, origin: Origin, place: Path) -> None:
     text = page(
         "characterisation.html", "famjax.app",
         name=source.sheet.specimen.name,
-        verdict=text_in_units(_verdict(source), system),
+        verdict=sentence_in_units(_verdict(source), system),
         good=source.best.saved.document.get("verdict") != "not identified",
         summary=_summary(source),
         numbers=five_numbers(source).html(1),
-        next=[text_in_units(one, system) for one in (*lacking, *doubts(*source.steps))],
+        next=[sentence_in_units(one, system) for one in (*lacking, *doubts(*source.steps))],
         first=shown[0], figures=shown[1:],
         tables=[one.html(k) for k, one in enumerate(_tables(source), start=2)],
-        notes=[*dict.fromkeys(text_in_units(one, system) for one in _notes(source))],
+        notes=[*dict.fromkeys(sentence_in_units(one, system) for one in _notes(source))],
         files=[f"{TABLE_FILES}/{name}" for name in found],
         origin=origin, inputs=inputs,
         versions=versions() | {name: importlib.metadata.version(name) for name in _FURTHER},

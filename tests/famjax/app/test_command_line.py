@@ -311,7 +311,7 @@ FIT_MAP: list[tuple[tuple[str, ...], str]] = [
     (("--prior", "rest_length_mm=300"), "must read name_unit=mean+-std"),
     (("--law", "ogden", "--prior", "rest_length_mm=300+-1"), "weighted against the force noise"),
     (("--free", "colour"), "unknown parameter"),
-    (("--output", "MAP/below"), "is not a folder"),
+    (("--output", "MAP/below"), "must be a folder"),
 ]
 OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("fit", "DMSP-20-30"), "did you mean DMSP-20-300?"),
@@ -331,7 +331,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
     (("export", "dmsp-10", "--to", "c", "--length", "0mm"), "must be > 0"),
     (("export", "dmsp-10"), "--to"),
     (("measure", "--scale", "90+-0.1 px/in"), "famjax: there are no pictures to measure"),
-    ((*DESIGN, "--require", "force_dyn=3"), "force_dyn has the unknown unit 'dyn'"),
+    ((*DESIGN, "--require", "force_dyn=3"), "unknown key 'force_dyn'"),
     ((*DESIGN, "--require", "contraction=30"), "a fraction in [0, 1)"),
     ((*DESIGN, "--search", "0.5"), "--search must be >= 1"),
     ((*ASKED, "--objective", "width"), "one or more of outer_diameter"),

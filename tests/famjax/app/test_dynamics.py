@@ -115,16 +115,10 @@ def test_tuned_gains_hold_unseen_plants_better(circuit):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"pressures": ()}, "one or more"),
-        ({"pressures": (90 * PSI,)}, "below the limit"),
-        ({"rate": 0.0}, "must be > 0"),
-        ({"settle": 0.5}, "settle above 1 s"),
-    ],
-)  # fmt: skip
-def test_a_duty_that_cannot_be_done_is_refused(change, said):
-    with pytest.raises(InputError, match=said):
+    "change", [{"pressures": ()}, {"pressures": (90 * PSI,)}, {"rate": 0.0}, {"settle": 0.5}]
+)
+def test_a_duty_that_cannot_be_done_is_refused(change):
+    with pytest.raises(InputError, match="below the limit, stroke and rate above 0"):
         dataclasses.replace(DUTY, **change)
 
 

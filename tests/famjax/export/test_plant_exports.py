@@ -91,7 +91,7 @@ def test_a_law_of_ones_own_is_refused(subject, tmp_path):
         Plant(Own(), subject.muscle),
         Plant(PneumaticCircuit(), subject.muscle, friction=1),
     ):
-        with pytest.raises(InputError, match="can be exported"):
+        with pytest.raises(InputError, match="cannot be exported"):
             export(dataclasses.replace(subject, plant=plant), ["c"], tmp_path)
 
 

@@ -97,7 +97,7 @@ def test_parts_take_part_are_saved_and_predict(here, run):
     [
         (("--term", "spy:Capped"), "derived from famjax.terms.AbstractForceTerm"),
         (("--term", "spy:Needy"), "cannot be identified by its class"),
-        (("--geometry", "spy:Cone"), "was not found"),
+        (("--geometry", "spy:Cone"), "cannot be imported"),
         (("--term", "spy:Spring", "--free", "spring"), "unknown parameter; available"),
     ],
 )
