@@ -2,6 +2,7 @@
 
 import functools
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import imaging.cli
 from famjax.boundary.errors import InputError
-from famjax.boundary.files import Origin, check_output
+from famjax.boundary.files import check_output
 from famjax.boundary.units import parse_quantity, unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import (
@@ -61,14 +62,14 @@ def new(folder: Path) -> int:
     folder
         Folder, created if missing. It must not contain a sheet yet.
     """
-    from .folder import SHEET, skeleton
+    from .folder import SHEET
 
     check_output(folder)
     path = folder / SHEET
     if path.exists():
         raise InputError(f"{path} is there already: edit it, or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(skeleton(), encoding="utf-8")
+    shutil.copyfile(Path(__file__).parent / "templates" / SHEET, path)
     print(
         f"written: {path}; fill it in, copy the files there, then run: famjax characterise {folder}"
     )
@@ -78,8 +79,6 @@ def new(folder: Path) -> int:
 def characterise(
     folder: Path,
     *,
-    only: tuple[str, ...] = (),
-    force: tuple[str, ...] = (),
     jobs: Jobs = None,
     units: Units | None = None,
 ) -> int:
@@ -97,11 +96,6 @@ def characterise(
     ----------
     folder
         Folder with a `characterisation.toml`.
-    only
-        Run only this step, repeatable: records, pictures, shape, cylinder, elastic-cylinder,
-        average-diameter, measured, virtual-work, report.
-    force
-        Run this step again, repeatable.
     jobs
         Set the number of processes that measure pictures; default: one per core.
     units
@@ -110,25 +104,16 @@ def characterise(
     """
     start_jax()
 
-    from .evaluation import evaluation_steps
-    from .folder import read_sheet, run_steps
-    from .report.page import first_run, report_step
+    from .evaluation import evaluate
+    from .folder import read_sheet
 
     sheet = read_sheet(folder)
-    results, system = sheet.results, units or sheet.units
-    results.mkdir(exist_ok=True)
-    origin = first_run(results, Origin.of_this_command())
-    steps = evaluation_steps(
-        sheet, executor="auto" if jobs is None else jobs, origin=origin, system=system
-    )
-    steps.append(report_step(sheet, steps, origin=origin, system=system))
-    run_steps(
-        steps, results, only=only, force=force,
+    said = evaluate(
+        sheet, executor="auto" if jobs is None else jobs, system=units or sheet.units,
         tell=lambda text: print(text, file=sys.stderr, flush=True),
     )  # fmt: skip
-    report = results / "report" / "report.html"
-    if report.exists():
-        print("written:", report)
+    print(*said, sep="\n", file=sys.stderr)
+    print("written:", sheet.results / "report" / "report.html")
     return 0
 
 
