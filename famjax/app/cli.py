@@ -77,26 +77,20 @@ def clashes() -> list[str]:
     Other distributions use two of these names, and any script's folder can hold a `fitting.py`. The
     packages of famjax contain `__famjax__`.
     """
-    places = {name: _foreign(name) for name in ("fitting", "imaging", "rig")}
-    return [
-        f"{name!r} resolved to {where}, which is not famjax's own {name!r} package. A file or folder of "
-        "that name shadows it, or another distribution has overwritten it: rename the file, or uninstall "
-        "the other distribution and install famjax again."
-        for name, where in places.items()
-        if where
-    ]
-
-
-def _foreign(name: str) -> str:
-    """Return the location of a package if it is not famjax's own; foreign code is not executed."""
-    spec = importlib.util.find_spec(name)
-    if spec is None:
-        return ""
-    if spec.origin is None:  # a folder without __init__.py
-        return str(list(spec.submodule_search_locations or ["?"]))
-    read = getattr(spec.loader, "get_source", None)
-    source = read(name) if read is not None else None
-    return "" if source is not None and "__famjax__" in source else spec.origin
+    found = []
+    for name in ("fitting", "imaging", "rig"):
+        spec = importlib.util.find_spec(name)
+        if spec is None:
+            continue
+        # A folder without __init__.py has no origin.
+        where = spec.origin or str(list(spec.submodule_search_locations or ()))
+        text = Path(where).read_text(errors="replace") if Path(where).is_file() else ""
+        if "__famjax__" not in text:
+            found.append(
+                f"{name!r} resolved to {where}, which is not famjax's own {name!r} package: rename "
+                "the file or folder of that name, or uninstall the other distribution and install famjax again."
+            )
+    return found
 
 
 def _run(arguments: list[str]) -> int:

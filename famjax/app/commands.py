@@ -4,9 +4,8 @@ import functools
 import json
 import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import imaging.cli
 from famjax.boundary.errors import InputError
@@ -19,7 +18,6 @@ from famjax.console import (
     Seed,
     Signed,
     Units,
-    add_cwd_to_path,
     in_units,
     parse_columns,
     parse_entries,
@@ -121,8 +119,6 @@ def rig_simulate(
     plan: Path,
     *,
     fit: Path | None = None,
-    own: tuple[str, ...] = (),
-    baud: Literal[115200, 500000] = 115200,
     seed: Seed = 0,
     output: Path = Path("famjax-rig"),
     units: Units = "metric",
@@ -140,11 +136,6 @@ def rig_simulate(
         TOML file with the tables [plan] and [rig], including a pressure limit.
     fit
         Simulate the muscle of this `fit.json`; default: the 7/8 in muscle of the reference work.
-    own
-        Trust this module of your own that defines classes in the fit, repeatable, `--own my_rubber`.
-        Modules named only in the file are never imported.
-    baud
-        Set the baud rate of the firmware.
     seed
         Seed all noise; the same seed gives the same files.
     output
@@ -161,10 +152,10 @@ def rig_simulate(
 
     with ended_in_words():
         test = read_plan(plan)
-        muscle, specimen = _simulated_muscle(fit, own)
+        muscle, specimen = _simulated_muscle(fit)
         with progress("simulating") as show:
             done = simulate(
-                test, output, muscle=muscle, specimen=specimen, baud=baud, seed=seed, progress=show
+                test, output, muscle=muscle, specimen=specimen, seed=seed, progress=show
             )
         return _report_test(done.analysis, [*done.paths], output, units, json_)
 
@@ -177,7 +168,6 @@ def rig_characterise(
     column: Columns = (),
     sync_column: str | None = None,
     near: Annotated[str | None, Signed] = None,
-    near_within: str = "5s",
     skip_cycles: int = 0,
     shortening_positive: bool = False,
     pushing_positive: bool = False,
@@ -207,10 +197,8 @@ def rig_characterise(
         Align the clocks by this column of the log, the rig's sync pulses (`run` raises pin D7 at the
         first stroke at each pressure); default: align by the load.
     near
-        Approximate offset from machine time to journal time with its unit; needed if equal strokes make
+        Offset from machine time to journal time with its unit, within 5 s; needed if equal strokes make
         the alignment ambiguous.
-    near_within
-        Largest error of that offset.
     skip_cycles
         Skip this number of strokes at the start of each pressure.
     shortening_positive
@@ -236,12 +224,11 @@ def rig_characterise(
     with ended_in_words():
         entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
         rest, zero = (parse_quantity(one, "length") for one in (rest_length, zero_displacement))
-        roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
         machine = read_machine_log(log, columns=parse_columns(column))
         tell_columns(machine.taken)
         found = analyse(
             read_journal(journal), machine, rest_length=rest, zero_displacement=zero,
-            sync_column=sync_column, near=roughly or None, skip_cycles=skip_cycles,
+            sync_column=sync_column, near=near and parse_quantity(near, "time"), skip_cycles=skip_cycles,
             shortening_positive=shortening_positive, pushing_positive=pushing_positive,
         )  # fmt: skip
         output.mkdir(parents=True, exist_ok=True)
@@ -288,31 +275,24 @@ def _report_test(
     return 0
 
 
-def _simulated_muscle(
-    fit_json: Path | None, own: Sequence[str]
-) -> tuple["AbstractMuscle", dict[str, Any]]:
+def _simulated_muscle(fit: Path | None) -> tuple["AbstractMuscle", dict[str, Any]]:
     """Return a fit's muscle, or the reference work's, with its dataset entries."""
-    from famjax import Muscle
-    from famjax.muscle import MeanMuscle
-
     from .simulation import reference_muscle
 
-    if fit_json is None:
-        muscle, others = reference_muscle(), ()
-        known = {"name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
-                 "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875}  # fmt: skip
-    else:
-        from fitting import load_fit
-
-        if own:
-            add_cwd_to_path()
-        saved = load_fit(fit_json, own=own)
-        muscle = saved.muscle
-        others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
-        specimen = saved.document["data"]["specimen"]
-        known = {
-            key: value for key, value in specimen.items()
-            if value is not None and not key.startswith("rest_length")
+    if fit is None:
+        return reference_muscle(), {
+            "name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
+            "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875,
         }  # fmt: skip
+    from famjax import Muscle
+    from famjax.muscle import MeanMuscle
+    from fitting import load_fit
+
+    saved = load_fit(fit)
+    specimen = saved.document["data"]["specimen"]
     # The fitted model may be the mean of several.
-    return MeanMuscle((muscle, *others)) if others else muscle, known
+    others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
+    return MeanMuscle((saved.muscle, *others)) if others else saved.muscle, {
+        key: value for key, value in specimen.items()
+        if value is not None and not key.startswith("rest_length")
+    }  # fmt: skip

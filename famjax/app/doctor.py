@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from famjax import __version__
-from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
+from famjax.compilation_cache import VARIABLE, start_jax, switch_on
 from famjax.console import print_json, print_rows, progress
 
 from .cli import clashes
@@ -49,23 +49,10 @@ def doctor() -> int:
         "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
         "- famjax commands that fit switch it on themselves",
     )
-    print("compilation cache:", _cache_sentence())
-    for problem in found:
-        print("problem:", problem)
-    if not found:
-        print("no problems found")
+    off = f"off; every command compiles again. Set {VARIABLE} to a folder that only you can write"
+    print("compilation cache:", switch_on() or off)
+    print("\n".join(f"problem: {problem}" for problem in found) or "no problems found")
     return 1 if found else 0
-
-
-def _cache_sentence() -> str:
-    if folder := switch_on():
-        number, size = contents(folder)
-        return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
-    root = cache_root()
-    why = f"{VARIABLE} disables it, or there is no home directory" if root is None else (
-        f"cannot write a private folder in {root}; set {VARIABLE} to another folder"
-    )  # fmt: skip
-    return f"off ({why}); every command compiles again"
 
 
 def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -> int:

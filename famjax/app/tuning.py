@@ -3,16 +3,16 @@
 import dataclasses
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import write_all
-from famjax.boundary.units import parse_quantity, unit_system
+from famjax.boundary.units import unit_system
 from famjax.compilation_cache import start_jax
-from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows, progress
+from famjax.console import Units, in_units, print_json, print_rows, progress
 from famjax.units import PSI
 from rig.cli import ended_in_words
 
@@ -106,8 +106,6 @@ def rig_tune(
     plan: Path,
     simulate: bool = False,
     card: str | None = None,
-    own: tuple[str, ...] = (),
-    length: str | None = None,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("tuned.toml"),
     seed: int = 0,
     units: Units = "metric",
@@ -130,10 +128,6 @@ def rig_tune(
     card
         Card written by `famjax card`, or a bundled muscle; default: the 7/8 in muscle of the reference
         work.
-    own
-        Trust this module of your own that defines classes in the card, repeatable, `--own my_rubber`.
-    length
-        Active length in the step test with its unit; default: the muscle's rest length.
     output
         Write the plan with the new gains to this file; it must not exist.
     seed
@@ -145,6 +139,8 @@ def rig_tune(
     """
     start_jax()
     from famjax.control.tuning import Duty, Gains, expect, tune
+    from famjax.muscles import open_card
+    from famjax.plant import LinearMcKibben
     from rig.plan import read_plan
 
     if (journal is None) != simulate:
@@ -153,34 +149,35 @@ def rig_tune(
         )
     if output.exists():
         raise InputError(f"{output} exists: choose another file with --output")
-    if own:
-        add_cwd_to_path()
     with ended_in_words():
         test = read_plan(plan)
-        muscle = _muscle(card, own)
-        told: list[str] = []
+        muscle = LinearMcKibben() if card is None else open_card(card).safe()
         if journal is None:
-            plants, forwards = _assumed(test, muscle, seed)
+            plants, forwards, told = _assumed(test, muscle, seed)
         else:
-            plants, forwards, told = _identified(journal, test, muscle, length, seed)
-    given = test.plan
+            plants, forwards, told = _identified(journal, test, muscle, seed)
+    given, control = test.plan, test.control
     duty = Duty(given.pressures, given.stroke, given.rate, given.settle, test.pressure_limit)
-    control = test.control
-    largest = float(np.max(np.abs(np.diff([0.0, *given.pressures]))))
-    now = Gains(
-        control.proportional / 255, control.integral / 255,
-        largest / given.rise if given.rise else 1e3 * PSI,
-    )  # fmt: skip
+    steps = np.abs(np.diff([0.0, *given.pressures]))
+    largest = float(steps.max())
+    ramp = largest / given.rise if given.rise else 1e3 * PSI
+    now = Gains(control.proportional / 255, control.integral / 255, ramp)
     with progress("optimising the gains") as show:
         found = tune(plants, forwards, duty, seed=seed, progress=show)
     proportional, integral, _ = found.in_counts()
     rise = largest / found.ramp
     text = tuned_text(plan.read_text(encoding="utf-8"), proportional, integral, rise)
     write_all(output.parent, {output.name: text.encode()})
-    rows = [
-        {"gains": name, **_figures(expect(plants, forwards, one, duty, seed + 1), duty)}
-        for name, one in (("the plan's", now), ("tuned", found))
-    ]
+    rows = []
+    for name, one in (("the plan's", now), ("tuned", found)):
+        seen = expect(plants, forwards, one, duty, seed + 1)
+        overshoot = 100 * (seen.overshoot / np.where(steps, steps, np.inf)).max()
+        rows.append({
+            "gains": name, "rms_pressure_Pa": float(seen.rms.mean()),
+            "worst_rms_pressure_Pa": float(seen.rms.max()), "overshoot_percent": float(overshoot),
+            "settled_rms_pressure_Pa": float(seen.late.mean()),
+            "highest_pressure_Pa": float(seen.highest.max()),
+        })  # fmt: skip
     gains = {
         "proportional_counts_per_psi": proportional, "integral_counts_per_psi_s": integral,
         "rise_s": rise,
@@ -204,31 +201,17 @@ def rig_tune(
     return 0
 
 
-def _figures(seen: Any, duty: Any) -> dict[str, float]:
-    steps = np.abs(np.diff([0.0, *duty.pressures]))
-    return {
-        "rms_pressure_Pa": float(seen.rms.mean()),
-        "worst_rms_pressure_Pa": float(seen.rms.max()),
-        "overshoot_percent": float(100 * (seen.overshoot / np.where(steps, steps, np.inf)).max()),
-        "settled_rms_pressure_Pa": float(seen.late.mean()),
-        "highest_pressure_Pa": float(seen.highest.max()),
-    }
-
-
-def _muscle(card: str | None, own: tuple[str, ...]) -> Any:
-    from famjax.muscles import open_card
-    from famjax.plant import LinearMcKibben
-
-    return LinearMcKibben() if card is None else open_card(card, own=own).safe()
-
-
 def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
     from famjax.plant import DahlFriction, DrivenLength, Plant
 
     return Plant(circuit, muscle, DrivenLength(), DahlFriction())
 
 
-def _assumed(test: "PlanFile", muscle: Any, seed: int) -> tuple[list["Plant"], np.ndarray]:
+_Drawn: TypeAlias = tuple[list["Plant"], np.ndarray, list[str]]
+"""Plants, the feed-forward of each, and notes."""
+
+
+def _assumed(test: "PlanFile", muscle: Any, seed: int) -> _Drawn:
     """Draw plants of an unmeasured rig, each with the feed-forward of its calibration."""
     from famjax.control.tuning import drawn_circuits
     from rig.simulation import CIRCUITS
@@ -236,12 +219,11 @@ def _assumed(test: "PlanFile", muscle: Any, seed: int) -> tuple[list["Plant"], n
     from .dynamics import feed_forward
 
     drawn = drawn_circuits(CIRCUITS[test.circuit](), _DRAWS, seed)
-    return [_plant(one, muscle) for one in drawn], np.array([feed_forward(one) for one in drawn])
+    forwards = np.array([feed_forward(one) for one in drawn])
+    return [_plant(one, muscle) for one in drawn], forwards, []
 
 
-def _identified(
-    journal: Path, test: "PlanFile", muscle: Any, length: str | None, seed: int
-) -> tuple[list["Plant"], np.ndarray, list[str]]:
+def _identified(journal: Path, test: "PlanFile", muscle: Any, seed: int) -> _Drawn:
     """Draw plants consistent with the journal of a step test, with the feed-forward of its rig."""
     from fitting.plant import FREE, identify_plant
     from rig.journal import read_journal, stored_calibration
@@ -259,8 +241,7 @@ def _identified(
             f"{journal} is from the {circuit} circuit, but the plan describes the {test.circuit} "
             "circuit: use the plan of the step test"
         )
-    rest = float(muscle.rest_length) if length is None else parse_quantity(length, "length")
-    assumed = CIRCUITS[test.circuit]()
+    rest, assumed = float(muscle.rest_length), CIRCUITS[test.circuit]()
     held, spread = _HELD[test.circuit]
     free = [name for name in FREE[type(assumed)] if name != held]
     rows = plant_record(record, rest)
@@ -302,10 +283,8 @@ def _identified(
         f"{one.name} {one.value:.4g} +- {one.stderr:.2g} {one.unit}".rstrip()
         for one in fit.estimates
     ]
-    return (
-        [_plant(one, muscle) for one in circuits], np.tile(found, (len(circuits), 1)),
-        [*told, *fit.warnings],
-    )  # fmt: skip
+    plants = [_plant(one, muscle) for one in circuits]
+    return plants, np.tile(found, (len(plants), 1)), [*told, *fit.warnings]
 
 
 def plant_record(record: "Record", length: float) -> "PlantRecord":

@@ -259,7 +259,7 @@ def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(tmp_path):
     clock = MachineClock(31.0, -2e-4)
     done = whole_test(
         tmp_path, "air", (30, 50, 70, 45), stroke=INCH, rate=0.06 * INCH, seed=22,
-        clock=clock, clock_rate=2e-3, baud=500000,
+        clock=clock, clock_rate=2e-3,
     )  # fmt: skip
     journal, log = read_journal(done.paths[0]), read_machine_log(done.paths[1])
     assert audit(journal).sound
