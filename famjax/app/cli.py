@@ -88,7 +88,8 @@ def clashes() -> list[str]:
         if "__famjax__" not in text:
             found.append(
                 f"{name!r} resolved to {where}, which is not famjax's own {name!r} package: rename "
-                "the file or folder of that name, or uninstall the other distribution and install famjax again."
+                "the file or folder of that name, or uninstall the other distribution and install famjax "
+                "again."
             )
     return found
 

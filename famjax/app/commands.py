@@ -5,7 +5,7 @@ import json
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import imaging.cli
 from famjax.boundary.errors import InputError
@@ -16,7 +16,6 @@ from famjax.console import (
     Columns,
     Jobs,
     Seed,
-    Signed,
     Units,
     in_units,
     parse_columns,
@@ -166,12 +165,8 @@ def rig_characterise(
     *,
     rest_length: str,
     column: Columns = (),
-    sync_column: str | None = None,
-    near: Annotated[str | None, Signed] = None,
-    skip_cycles: int = 0,
     shortening_positive: bool = False,
     pushing_positive: bool = False,
-    zero_displacement: Annotated[str, Signed] = "0mm",
     specimen: tuple[str, ...] = (),
     output: Path = Path("famjax-rig"),
     units: Units = "metric",
@@ -179,7 +174,8 @@ def rig_characterise(
 ) -> int:
     """Turn a rig journal and the log of the test machine into curves, figures and a dataset to fit.
 
-    Writes `dataset.csv`, `characterisation.json` and `characterisation.png`.
+    Writes `dataset.csv`, `characterisation.json` and `characterisation.png`. A characterisation folder
+    (`famjax new`) has more options: first strokes to skip, a displacement at rest, clocks far apart.
 
     Parameters
     ----------
@@ -193,20 +189,10 @@ def rig_characterise(
         Assign a column of the log to a quantity if its name does not identify it, repeatable:
         `force="Kraft [N]"`, by name or number, with the unit. `pressure=-` ignores the pressure. Also
         `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
-    sync_column
-        Align the clocks by this column of the log, the rig's sync pulses (`run` raises pin D7 at the
-        first stroke at each pressure); default: align by the load.
-    near
-        Offset from machine time to journal time with its unit, within 5 s; needed if equal strokes make
-        the alignment ambiguous.
-    skip_cycles
-        Skip this number of strokes at the start of each pressure.
     shortening_positive
         Declare that the machine's displacement increases as the muscle shortens.
     pushing_positive
         Declare that the machine's force is positive in compression.
-    zero_displacement
-        Displacement reading of the machine at the rest length.
     specimen
         Describe the muscle for the fit, key_unit=value, repeatable.
     output
@@ -223,12 +209,10 @@ def rig_characterise(
 
     with ended_in_words():
         entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
-        rest, zero = (parse_quantity(one, "length") for one in (rest_length, zero_displacement))
         machine = read_machine_log(log, columns=parse_columns(column))
         tell_columns(machine.taken)
         found = analyse(
-            read_journal(journal), machine, rest_length=rest, zero_displacement=zero,
-            sync_column=sync_column, near=near and parse_quantity(near, "time"), skip_cycles=skip_cycles,
+            read_journal(journal), machine, rest_length=parse_quantity(rest_length, "length"),
             shortening_positive=shortening_positive, pushing_positive=pushing_positive,
         )  # fmt: skip
         output.mkdir(parents=True, exist_ok=True)

@@ -15,25 +15,15 @@ from famjax.console import print_json, print_rows, progress
 from .cli import clashes
 
 
-def versions() -> dict[str, str]:
-    """Return the version of Python and of each required package, or "not installed"."""
-    found = {"python": platform.python_version()}
-    for needed in ("jaxlib", *(importlib.metadata.requires("famjax") or ())):
-        name = re.split(r"[^\w.-]", needed)[0]
-        if name == "famjax":
-            continue
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
-
-
 def doctor() -> int:
     """Print versions, devices, precision and name clashes. Exits with 1 if it finds a problem."""
-    print(f"famjax {__version__}")
-    for name, version in versions().items():
-        print(f"  {name} {version}")
+    print(f"famjax {__version__}\n  python {platform.python_version()}")
+    needed = [re.split(r"[^\w.-]", one)[0] for one in importlib.metadata.requires("famjax") or ()]
+    for name in dict.fromkeys(["jaxlib", *(one for one in needed if one != "famjax")]):
+        try:
+            print(f"  {name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            print(f"  {name} not installed")
     import jax
 
     found = clashes()
@@ -88,15 +78,15 @@ def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -
     if json_:
         print_json(rows)
         return 0
-    outside, misprints, inside, new = (
-        [row for row in rows if row["verdict"] == verdict]
+    by = {
+        verdict: [row for row in rows if row["verdict"] == verdict]
         for verdict in ("outside", "misprint", "within", "not published")
-    )
-    print_rows("Out of tolerance", outside)
-    print_rows("Misprints of the reference work", misprints)
+    }
+    print_rows("Out of tolerance", by["outside"])
+    print_rows("Misprints of the reference work", by["misprint"])
     print(
-        f"{len(inside)} of {len(inside) + len(outside)} printed figures are within tolerance; the work "
-        f"misprints {len(misprints)} more. {len(new)} computed values have no printed figure"
+        f"{len(by['within'])} of {len(by['within'] + by['outside'])} printed figures are within tolerance; "
+        f"the work misprints {len(by['misprint'])} more. {len(by['not published'])} computed values have "
+        f"no printed figure\nwritten: {output / benchmark.PAGE}"
     )
-    print(f"written: {output / benchmark.PAGE}")
     return 0

@@ -163,6 +163,12 @@ def _system(
 
     circuit = circuit_of(tables, plan)
     load = from_entries(_Load, tables.get("load", {}), _LOAD_FORM, where=f"{plan}: [load]: ")
+    control = None
+    if controlled:
+        entries = tables.get("controller", {})
+        gains = from_entries(_Controller, entries, where=f"{plan}: [controller]: ")
+        scaled = (one / _COUNTS / PSI for one in dataclasses.astuple(gains))
+        control = PressureController(*scaled, feed_forward(circuit))
     if own:
         add_cwd_to_path()
     opened = open_card(card, own=own)
@@ -175,13 +181,7 @@ def _system(
         load.mass, stiffness=load.stiffness, relaxed=relaxed, damping=load.damping
     )  # fmt: skip
     plant = Plant(circuit, muscle, moved, friction_of(tables, plan, muscle))
-    if not controlled:
-        return plant, length
-    gains = from_entries(_Controller, tables.get("controller", {}), where=f"{plan}: [controller]: ")
-    proportional, integral = (one / _COUNTS / PSI for one in dataclasses.astuple(gains))
-    return Regulated(
-        plant, PressureController(proportional, integral, feed_forward(circuit))
-    ), length
+    return (plant if control is None else Regulated(plant, control)), length
 
 
 def feed_forward(circuit: "AbstractCircuit") -> Any:

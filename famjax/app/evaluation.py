@@ -1,9 +1,7 @@
 """The steps from a folder to fitted muscles: force, pictures, shape, fits."""
 
 import dataclasses
-import functools
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +13,7 @@ import fitting
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import Origin, as_svg
 from famjax.boundary.tasks import AnyExecutor
+from famjax.boundary.units import finite_or_none
 from famjax.console import parse_columns
 from famjax.geometries import AbstractGeometry
 from fitting.evidence import Move, drawn_moves, moves_of
@@ -42,11 +41,8 @@ GEOMETRIES = {
 }
 """Fitted geometries and their descriptions."""
 FORCE_MAP, FIGURES = "dataset.csv", "figures.json"
-_OF_TEST = (
-    "sync_column", "near", "skip_cycles", "shortening_positive", "zero_displacement", "pushing_positive",
-)  # fmt: skip
 _COVERED = 0.3  # least part of the readings within the lengths of the pictures
-_CLOCK_MAP, _SENSORS, _PRESSURES = "dataset-clock.csv", "sensors.json", "pressures.csv"
+TEST, _CLOCK_MAP, _PRESSURES = "characterisation.json", "dataset-clock.csv", "pressures.csv"
 
 
 def evaluate(
@@ -110,46 +106,39 @@ def read_map(sheet: Sheet) -> fitting.ForceData:
 
 def _force(sheet: Sheet, place: Path, system: str) -> None:
     """Convert journal and log, or a map, to a force map with the specimen in its header."""
-    records = sheet.records
-    if records.force_map is not None:
-        data = fitting.read_csv(
-            sheet.path(records.force_map), dataclasses.asdict(sheet.specimen),
-            parse_columns(records.columns),
-        )  # fmt: skip
+    options = dataclasses.asdict(sheet.records)
+    journal_file, log_file, map_file = (
+        options.pop(name) for name in ("journal", "machine_log", "force_map")
+    )
+    columns = parse_columns(options.pop("columns"))
+    if map_file is not None:
+        given = dataclasses.asdict(sheet.specimen)
+        data = fitting.read_csv(sheet.path(map_file), given, columns)
         fitting.write_csv(data, place / FORCE_MAP)
         settle(specimen_checks(data.specimen), place)
         return
-    assert records.journal is not None
-    assert records.machine_log is not None
-    journal = read_journal(sheet.path(records.journal))
-    named = parse_columns(records.columns)
-    named.pop("pressure", None)  # from the journal
-    log = read_machine_log(sheet.path(records.machine_log), columns=named)
-    options = {name: getattr(records, name) for name in _OF_TEST}
-    analysed = functools.partial(
-        analyse, journal, log, rest_length=sheet.specimen.rest_length, **options
-    )
-    found = analysed()
-    apart = dataclasses.replace(
-        found.alignment, offset=found.alignment.offset + found.alignment.offset_error
-    )
-    write_dataset(analysed(alignment=apart).characterisation, place / _CLOCK_MAP)
-    sensor = stored_calibration(journal).pressure
-    errors = {
-        "pressure_reading": sensor.gain_std / sensor.gain,
-        "pressure_zero": sensor.zero_std * sensor.gain,
-    }
-    errors = {name: std for name, std in errors.items() if math.isfinite(std)}
-    (place / _SENSORS).write_text(json.dumps(errors) + "\n", encoding="utf-8")
-    machine_time = np.interp(found.record.time, found.alignment.journal_time(log.time), log.time)
-    np.savetxt(
-        place / _PRESSURES, np.stack([machine_time, found.record.pressure], axis=1),
-        fmt="%.10g", delimiter=",", header="time_s,pressure_Pa", comments="",
-    )  # fmt: skip
+    journal = read_journal(sheet.path(journal_file))
+    columns.pop("pressure", None)  # from the journal
+    log = read_machine_log(sheet.path(log_file), columns=columns)
+    rest_length, sensor = sheet.specimen.rest_length, stored_calibration(journal).pressure
+    found = analyse(journal, log, rest_length=rest_length, **options)
     entries = {k: v for k, v in sheet.entries.items() if not k.startswith("rest_length_")}
     write_dataset(found.characterisation, place / FORCE_MAP, specimen=entries)
-    numbers = json.dumps(figures(found), indent=1, allow_nan=False)
-    (place / "characterisation.json").write_text(numbers + "\n", encoding="utf-8")
+    apart = found.alignment.offset + found.alignment.offset_error
+    alignment = dataclasses.replace(found.alignment, offset=apart)
+    moved = analyse(journal, log, rest_length=rest_length, alignment=alignment, **options)
+    write_dataset(moved.characterisation, place / _CLOCK_MAP)
+    time = np.interp(found.record.time, found.alignment.journal_time(log.time), log.time)
+    np.savetxt(
+        place / _PRESSURES, np.stack([time, found.record.pressure], axis=1),
+        fmt="%.10g", delimiter=",", header="time_s,pressure_Pa", comments="",
+    )  # fmt: skip
+    errors = {
+        "pressure_reading": finite_or_none(sensor.gain_std / sensor.gain),
+        "pressure_zero": finite_or_none(sensor.zero_std * sensor.gain),
+    }
+    numbers = json.dumps(figures(found) | {"errors": errors}, indent=1, allow_nan=False)
+    (place / TEST).write_text(numbers + "\n", encoding="utf-8")
     drawn = as_svg(plot_characterisation(found, system))
     (place / "characterisation.svg").write_text(drawn, encoding="utf-8")
     settle(record_checks(sheet, journal, found), place)
@@ -161,15 +150,14 @@ def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]
     from imaging.pictures import picture_recipe
 
     ruler = None if photographs.ruler is None else sheet.path(photographs.ruler)
-    given = {
-        "pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement,
-        "distance": photographs.distance, "k1": photographs.k1,
-        "tone": None if photographs.tone is None else Tone.srgb(),
-    }  # fmt: skip
-    given = {name: one for name, one in given.items() if one is not None}
-    reading = {name: given.pop(name) for name in ("pitch", "placement_stderr") if name in given}
+    reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
+    tone = None if photographs.tone is None else Tone.srgb()
+    choices = {"distance": photographs.distance, "k1": photographs.k1, "tone": tone}
+    reading, choices = (
+        {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
+    )
     return picture_recipe(
-        ruler=ruler, recipe=None, scale=photographs.scale, reading=reading, choices=given
+        ruler=ruler, recipe=None, scale=photographs.scale, reading=reading, choices=choices
     )
 
 
@@ -216,7 +204,7 @@ def _measure(
             f"no picture of {photographs.pictures} could be measured: see {place / 'measurements.csv'}, or "
             "leave [photographs] out"
         )
-    settle(picture_checks(sheet, photographs, table, log), place)
+    settle(picture_checks(sheet, photographs.log_offset, table, log), place)
 
 
 def pressure_at(path: Path, at: np.ndarray) -> np.ndarray:
@@ -299,9 +287,10 @@ def _shared(
     sheet: Sheet, data: fitting.ForceData, name: str, surface: ShapeSurface | None
 ) -> dict[str, list[Move]]:
     """Collect the errors of the sheet, of the pressure's calibration, of the clock and of the shape."""
-    sensors, clock = (sheet.results / RECORDS / one for one in (_SENSORS, _CLOCK_MAP))
-    known = json.loads(sensors.read_text(encoding="utf-8")) if sensors.exists() else {}
-    errors = dataclasses.replace(sheet.errors, **(known | sheet.errors.stated()))
+    test, clock = (sheet.results / RECORDS / one for one in (TEST, _CLOCK_MAP))
+    known = json.loads(test.read_text(encoding="utf-8"))["errors"] if test.exists() else {}
+    known = {name: std for name, std in known.items() if std is not None} | sheet.errors.stated()
+    errors = dataclasses.replace(sheet.errors, **known)
 
     def geometry(specimen: fitting.Specimen, draw: int | None = None) -> Any:
         return None if surface is None else _geometry(sheet, name, surface, specimen, draw)

@@ -31,7 +31,6 @@ class Records:
     journal: Text | None = None
     machine_log: Text | None = None
     force_map: Text | None = None
-    sync_column: Text | None = None
     near: float | None = None
     skip_cycles: Annotated[int, Meta(ge=0, description="a whole number >= 0")] = 0
     zero_displacement: float = 0.0

@@ -1,6 +1,5 @@
 """Tests at constant pressure: from journal and machine log to curves, figures and a picture."""
 
-import contextlib
 import dataclasses
 import math
 from collections import defaultdict
@@ -22,7 +21,6 @@ from fitting.records import (
     IsobaricRecord,
     MachineLog,
     align_by_load,
-    align_by_pulses,
     characterise,
     combine,
     fit_clock,
@@ -147,7 +145,6 @@ def analyse(
     log: MachineLog,
     *,
     rest_length: float,
-    sync_column: str | None = None,
     near: float | None = None,
     skip_cycles: int = 0,
     shortening_positive: bool = False,
@@ -164,7 +161,6 @@ def analyse(
         journal: journal of the rig.
         log: log of the test machine.
         rest_length: L0 [m].
-        sync_column: column of the log with the rig's sync pulses; None aligns the clocks by load.
         near: approximate offset of the clocks [s], within 5 s; None if unknown.
         skip_cycles: number of strokes to skip at the start of each pressure.
         shortening_positive: True if the machine's displacement grows as the muscle shortens.
@@ -189,12 +185,20 @@ def analyse(
     latest = columns.time_s.cummax().shift(fill_value=-math.inf)
     columns = columns[columns.time_s > latest]
     time, force = columns.time_s.to_numpy(), columns.force_N.to_numpy()
-    if alignment is None and sync_column is not None:
-        alignment = _by_pulses(time, columns.sync.to_numpy(), log, sync_column)
-    elif alignment is None:
-        errors = [clock.error for clock in clocks(journal).values()]
+    if alignment is None:
+        errors = (clock.error for clock in clocks(journal).values())
         error = max((one for one in errors if math.isfinite(one)), default=0.0)
-        alignment = _by_load(time, force, log, near, error, pushing_positive=pushing_positive)
+        load = -log.force if pushing_positive else log.force
+        window = None if near is None else (near, _NEAR)
+        try:
+            alignment = align_by_load(time, force, log.time, load, near=window, time_error=error)
+        except InputError as problem:
+            covered = " and ".join(f"{np.ptp(one):.4g} s" for one in (time, log.time))
+            raise InputError(
+                f"{log.source}: {problem}. Check the force column of the log, its sign "
+                f"(pushing_positive is {str(pushing_positive).lower()}), and the unit of its time: journal "
+                f"and log cover {covered}"
+            ) from None
     record = combine(
         log, alignment, time, columns.pressure_Pa.to_numpy(), _set_pressures(journal),
         rest_length=rest_length,
@@ -213,34 +217,6 @@ def analyse(
     return Analysis(alignment, record, curves, _loads(time, force, record))
 
 
-def _by_load(
-    time: np.ndarray,
-    force: np.ndarray,
-    log: MachineLog,
-    near: float | None,
-    time_error: float,
-    *,
-    pushing_positive: bool,
-) -> Alignment:
-    """Align the clocks by load; if the loads disagree, say whether the opposite sign agrees."""
-    load = -log.channel("force") if pushing_positive else log.channel("force")
-    window = None if near is None else (near, _NEAR)
-    try:
-        return align_by_load(time, force, log.time, load, near=window, time_error=time_error)
-    except InputError as error:
-        remedy = str(error)
-        with contextlib.suppress(InputError):
-            align_by_load(time, force, log.time, -load, near=window)
-            remedy = (
-                "the load of the journal agrees with the log's force with the opposite sign: "
-                f"pushing_positive must be {str(not pushing_positive).lower()}"
-            )
-        ours, theirs = (float(t[-1] - t[0]) for t in (time, log.time))
-        raise InputError(
-            f"{log.source}: {remedy}. The journal covers {ours:.4g} s and the log {theirs:.4g} s"
-        ) from None
-
-
 def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> tuple[float, float]:
     """Fit the journal's load to the log's; return the gain and the relative scatter."""
     ours = np.interp(record.time, time, force)
@@ -249,33 +225,12 @@ def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> tuple
     return float(gain), float(np.sqrt(np.mean(left**2)) / np.ptp(ours))
 
 
-def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str) -> Alignment:
-    """Align the clocks by the edges of the rig's pulses in a column of the log."""
-    if column not in log.others:
-        raise RigError(f"the log has no column {column!r}; it has {', '.join(log.others)}")
-    # Uniform over an interval; both edges of a pulse may have the same error between two rows.
-    resolution = log.interval / math.sqrt(12) * math.sqrt(2)
-    ours, theirs = _edges(time, sync), _edges(log.time, log.others[column])
-    return align_by_pulses(ours, theirs, resolution=resolution)
-
-
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
     """Return times [s] and the set pressure from then on [Pa]; nan after an end."""
     return sorted(
         (float(note["at"]), float(note["pressure_Pa"]) if note["note"] == "set" else math.nan)
         for note in journal.notes if note["note"] in {"set", "end"}
     )  # fmt: skip
-
-
-def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return the times [s] at which a level crosses its middle, halfway between two readings.
-
-    Crossings in a gap of the readings are left out.
-    """
-    high = level > (np.nanmin(level) + np.nanmax(level)) / 2
-    step = np.diff(time)
-    edges = np.flatnonzero((high[1:] != high[:-1]) & (step < 1.5 * np.median(step)))
-    return (time[edges] + time[edges + 1]) / 2
 
 
 def figures(found: Analysis) -> dict[str, Any]:
@@ -292,7 +247,7 @@ def figures(found: Analysis) -> dict[str, Any]:
         "offset_error_s": aligned.offset_error,
         "rate": aligned.rate,
         "rate_error": finite_or_none(aligned.rate_error),
-        "residual_N" if aligned.method == "load" else "residual_s": aligned.residual,
+        "residual_N": aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
 

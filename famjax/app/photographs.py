@@ -20,7 +20,7 @@ from imaging import Table
 from imaging.cli import AddLog
 
 from .checks import CONTRADICTS, NOT_KNOWN, Check
-from .folder import ASSUMED, Photographs, Sheet
+from .folder import ASSUMED, Sheet
 
 _NEAR = 10.0  # s, largest error of a given clock offset
 _CLOCKS = "clocks of camera and machine"
@@ -113,20 +113,14 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     )
 
 
-_FEWEST = 6  # pictures that determine the diameter at rest
-
-
 def picture_checks(
-    sheet: Sheet,
-    photographs: Photographs,
-    table: Table,
-    machine: MachineLog | None,
+    sheet: Sheet, log_offset: float | None, table: Table, machine: MachineLog | None
 ) -> list[Check]:
     """Check the table of the pictures against the other records.
 
     Args:
         sheet: sheet of the folder.
-        photographs: its section on photographs.
+        log_offset: lead of the machine's clock over the first picture [s], if known.
         table: table of the pictures.
         machine: log of the same test; None if the force is given as a map.
     """
@@ -139,7 +133,7 @@ def picture_checks(
     if machine is None:
         return found
     try:
-        clock = camera_clock(table, machine, photographs.log_offset)
+        clock = camera_clock(table, machine, log_offset)
     except SyncError as error:
         other = isinstance(error, OtherMotion)
         verdict = CONTRADICTS if other else NOT_KNOWN
@@ -155,16 +149,10 @@ def picture_checks(
     aligned = Check.of(
         "fraction of pictures outside the log", float(outside.mean()), (0.0, 0.1), say=note
     )
-    return [*found, aligned, *_scale(sheet, photographs, table, machine, clock)]
+    return [*found, aligned, *_scale(sheet, table, machine, clock)]
 
 
-def _scale(
-    sheet: Sheet,
-    photographs: Photographs,
-    table: Table,
-    machine: MachineLog,
-    clock: Synchronisation,
-) -> list[Check]:
+def _scale(sheet: Sheet, table: Table, machine: MachineLog, clock: Synchronisation) -> list[Check]:
     """Check scale, ruler and rest length by the slope and offset of length against displacement."""
     x = clock.sense * machine.at("displacement", clock.log_time(table["time"]))[0]
     y = table["length"]
@@ -180,17 +168,13 @@ def _scale(
         sheet.errors.rest_length or ASSUMED.rest_length, zero_std, scale_std * rest
     )
     std = math.hypot(sheet.errors.shortening or ASSUMED.shortening, slope_std, scale_std)
-    away = "" if photographs.distance is None else (
-        f", here by {photographs.distance * abs(1 - slope) * 1e3:.3g} mm "
-        f"{'nearer to' if slope < 1 else 'farther from'} the camera"
-    )  # fmt: skip
     return [
         Check.about(
             "ratio of photographed length to machine displacement", slope, 1.0, std,
             say="If the rest length has the same relative error, the ruler was outside the plane of the "
-            f"muscle's axis{away}. Otherwise the machine's frame deflects under load, its displacement is "
-            "out of calibration, or a unit is wrong: check the unit of the displacement, the ruler's pitch "
-            "and the scale.",
+            "muscle's axis. Otherwise the machine's frame deflects under load, its displacement is out of "
+            "calibration, or a unit is wrong: check the unit of the displacement, the ruler's pitch and "
+            "the scale.",
         ),
         Check.about(
             "photographed length at machine zero against the rest length",
@@ -202,21 +186,16 @@ def _scale(
 
 
 def _diameter(sheet: Sheet, table: Table) -> list[Check]:
-    """Compare the average diameter at the rest length with the bladder and its braid.
-
-    For inextensible threads, D^2 is linear in L^2.
-    """
+    """Compare the average diameter of the longest muscle with the bladder and its braid."""
     specimen = sheet.specimen
     nominal = specimen.bladder_diameter or specimen.nominal_diameter
-    if nominal is None or table.ok.sum() < _FEWEST:
+    if nominal is None:
         return []
-    L, D = table["length"][table.ok], table["mean_diameter"][table.ok]
-    near = np.quantile(L, 0.5) <= L
-    square = np.polyval(np.polyfit(L[near] ** 2, D[near] ** 2, 1), specimen.rest_length**2)
+    seen = float(table["mean_diameter"][table.ok][np.argmax(table["length"][table.ok])])
     least = nominal + 2 * specimen.braid_thickness if specimen.bladder_diameter else 0.8 * nominal
     return [
-        Check.of("ratio of photographed diameter at rest to the diameter of bladder and braid",
-              math.sqrt(max(float(square), 0.0)) / least, (0.97, 1.3), (0.85, 2.0),
+        Check.of("ratio of photographed diameter near rest to the diameter of bladder and braid",
+              seen / least, (0.97, 1.5), (0.85, 2.2),
               say="A braid is never narrower than its bladder and rarely much wider: check "
               "bladder_diameter, its unit, and that the pictures show this specimen. The strain of the "
               "bladder depends on it.")

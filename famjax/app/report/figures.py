@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from fitting.report import plot_law
 
 from ..evaluation import CYLINDER, GEOMETRIES, PICTURES
-from .source import COLOURS, DASHES, MINUS, Source
+from .source import PARTS, Source
 
 Drawn = tuple[Figure, str] | None
 """A figure and its caption; None if the folder lacks the data."""
@@ -23,6 +23,10 @@ STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.1, "axes.spines.top": False, "axes.spines.right": False,
     "legend.frameon": False, "svg.fonttype": "path",
 }  # fmt: skip
+LINES = dict(zip(GEOMETRIES, (
+    ("0.35", "--"), ("0.65", "--"), ("#e69f00", "-."), ("#0072b2", "-"), ("#009e73", ":"),
+), strict=True))  # fmt: skip
+"""Colours and dashes of the geometries; distinguishable with red-green blindness."""
 _PROFILES = 5
 _SHOWN = (900, 900)  # px, largest size of a photograph
 _CONTRACTION = "contraction $(L_0 - L)/L_0$"
@@ -43,7 +47,7 @@ def actuation(source: Source) -> Drawn:
     right.axhline(0, color="0.6", lw=0.6)
     unit = source.unit("force")
     left.set(xlabel=_CONTRACTION, ylabel=f"force $F$ [{unit}]", ylim=(0, None))
-    right.set(xlabel=_CONTRACTION, ylabel=f"model {MINUS} measured [{unit}]")
+    right.set(xlabel=_CONTRACTION, ylabel=f"model \N{MINUS SIGN} measured [{unit}]")
     return figure, (
         f"Left: force against contraction; labels give the gauge pressure [{source.unit('pressure')}]. "
         "Circles are measurements (mean of both branches), lines the model with the "
@@ -111,7 +115,9 @@ def shape(source: Source) -> Drawn:
         _points(right, 1 - pictures.length / rest, source.scaled(seen, "length"), colour)
     states = source.middle()
     states = states[states.geometry == CYLINDER]
-    right.plot(states.contraction, states.diameter, "--", color=COLOURS[CYLINDER], label="cylinder")
+    right.plot(
+        states.contraction, states.diameter, "--", color=LINES[CYLINDER][0], label="cylinder"
+    )
     diameter = f"diameter $D$ [{source.unit('length')}]"
     left.set(xlabel=f"position $z$ [{source.unit('length')}]", ylabel=diameter)
     right.set(xlabel=_CONTRACTION, ylabel=diameter)
@@ -167,7 +173,7 @@ def parts(source: Source) -> Drawn:
     for axes, (name, rows) in zip(
         many, source.middle().groupby("geometry", sort=False), strict=True
     ):
-        for term in source.parts:
+        for term in PARTS:
             axes.plot(rows.contraction, rows[term], label=term)
         axes.plot(rows.contraction, rows.force, "k--", label="model force")
         _points(axes, seen, source.scaled(data.force[near], "force"), "0.3")
@@ -230,8 +236,8 @@ def _lines(
     """Plot one column per axes against x: a line for each geometry, circles for the test."""
     for axes, (column, label) in zip(many, labels.items(), strict=True):
         for name, of in rows.groupby("geometry", sort=False):
-            if name in COLOURS:
-                axes.plot(of[x], of[column], color=COLOURS[name], ls=DASHES[name], label=name)
+            if name in LINES:
+                axes.plot(of[x], of[column], color=LINES[name][0], ls=LINES[name][1], label=name)
             else:
                 _points(axes, of[x], of[column], "black")
         axes.set(xlabel=x_label, ylabel=label)

@@ -99,13 +99,16 @@ def five_numbers(source: Source) -> PageTable:
     of, rest = source.figures[source.best], float(source.sheet.specimen.rest_length)
     ends = source.tables["pressures"]
     at_end = ends[ends.geometry == source.best].iloc[-1]
-    free, slope = at_end.free_contraction, at_end.free_slope * source.force
+    free = at_end.free_contraction
     lengths = np.array([rest, rest * (1 - free)])[: 1 + np.isfinite(free)]
     said = static_rows(fit, lengths, np.full(lengths.size, pressure))
-    std = [row["force_std_N"] or np.nan for row in said] + [np.nan]
+    std, scale = (
+        [row["force_std_N"] or np.nan for row in said] + [np.nan],
+        source.scaled(1.0, "force"),
+    )
     rows = [
-        ("blocked force", at_end.blocked_force * source.force, std[0], "force"),
-        ("free contraction", free, std[1] / abs(slope), "number"),
+        ("blocked force", at_end.blocked_force / scale, std[0], "force"),
+        ("free contraction", free, std[1] * scale / abs(at_end.free_slope), "number"),
         ("RMSE, left out", of.get("left_out_pressure_N", np.nan), None, "force"),
     ]
     geometric = [name for name in _GEOMETRIC if np.isfinite(of["std"].get(name, np.nan))]

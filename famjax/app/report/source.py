@@ -26,18 +26,18 @@ from fitting.shapes import Pictures, ShapeSurface
 from .. import evaluation
 from ..folder import Sheet
 
-PRESSURE = "pressure on the braid"
-"""Name of the braid's part of the force."""
+PARTS = ("pressure on the braid", "bladder, axial stress", "bladder, hoop stress")
+"""Names of the parts of the force."""
 KINDS = {
     **dict.fromkeys(("diameter", "thickness", "length"), "length"), "braid_angle": "angle",
     **dict.fromkeys(("axial_stress", "hoop_stress"), "stress"), "volume": "volume",
     **dict.fromkeys(("pressure", "level"), "pressure"),
     **dict.fromkeys((
         "force", "blocked_force", "free_slope", "rmse", "largest", "rmse_left_out", "model", "low_95",
-        "high_95", "model_less_measured",
+        "high_95", "model_less_measured", *PARTS,
     ), "force"),
 }  # fmt: skip
-"""Kinds of the columns that have a unit; those of the force's parts are added."""
+"""Kinds of the columns that have a unit."""
 _RANGE = 129
 """Lengths over the range of a geometry: a cubic spline through them reproduces a force to 1e-7."""
 
@@ -45,26 +45,20 @@ _RANGE = 129
 @quick_jit
 def _states(
     muscle: famjax.Muscle, lengths: famjax.Real, pressures: famjax.Real
-) -> tuple[dict[str, Float[Array, "..."]], dict[str, Float[Array, "..."]]]:
+) -> dict[str, Float[Array, "..."]]:
     """Return states and parts of the force; strains and stresses are axial means, nan if unknown."""
     L, P = jnp.broadcast_arrays(jnp.asarray(lengths), jnp.asarray(pressures))
-    rated = any(term.uses_rates for term in muscle.terms.terms)
-    geometry = muscle.geometry
+    geometry, terms = muscle.geometry, muscle.terms.terms
+    rated = any(term.uses_rates for term in terms)
     at = (geometry.dimensions_with_rates if rated else geometry.dimensions)(L, P)
     weights, hoop = at.station_weights, at.hoop_strain
     axial_stress, hoop_stress = muscle.material.stresses(
         at.axial_strain[..., None], hoop, P[..., None]
     )
-    parts = {}
-    for term in muscle.terms.terms:
-        if isinstance(term, BladderWall):
-            parts["bladder, axial stress"] = BladderAxial(term.material).force(at, P)
-            parts["bladder, hoop stress"] = BladderHoop(term.material).force(at, P)
-        else:
-            of_braid = hasattr(term, "deadband_pressure")
-            parts[PRESSURE if of_braid else type(term).__name__] = term.force(at, P)
+    forces = [sum(term.force(at, P) for term in terms if not isinstance(term, BladderWall))]
+    forces += [part(muscle.material).force(at, P) for part in (BladderAxial, BladderHoop)]
     states = {
-        "force": jnp.asarray(sum(parts.values())),
+        "force": sum(forces),
         "diameter": 2 * at.radius,
         "braid_angle": at.braid_angle,
         "thickness": at.thickness,
@@ -73,8 +67,9 @@ def _states(
         "mean_hoop_strain": jnp.sum(weights * hoop, axis=-1),
         "axial_stress": jnp.sum(weights * axial_stress, axis=-1),
         "hoop_stress": jnp.sum(weights * hoop_stress, axis=-1),
+        **dict(zip(PARTS, forces, strict=True)),
     }
-    return jax.tree.map(lambda values: jnp.where(at.reached, values, jnp.nan), (states, parts))
+    return jax.tree.map(lambda values: jnp.where(at.reached, values, jnp.nan), states)
 
 
 def _free(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
@@ -90,14 +85,6 @@ def _free(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     return (float(falling[0]), float(spline(falling[0], 1))) if falling.size else (np.nan, np.nan)
 
 
-COLOURS = dict(
-    zip(evaluation.GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True)
-)
-"""Colours of the geometries in every chart; distinguishable with red-green blindness."""
-DASHES = dict(zip(evaluation.GEOMETRIES, ("--", "--", "-.", "-", ":"), strict=True))
-MINUS = "\N{MINUS SIGN}"
-
-
 @dataclasses.dataclass(frozen=True)
 class Source:
     """Contents of the folder and its results.
@@ -111,7 +98,6 @@ class Source:
         pressures: gauge pressures [Pa] held in the test, ascending.
         surface: surface through the photographs, or None.
         pictures: measured pictures, or None.
-        parts: names of the parts of the force.
         tables: states, readings, parameters, pressures and checks, in the units of the report.
     """
 
@@ -123,7 +109,6 @@ class Source:
     pressures: np.ndarray
     surface: ShapeSurface | None
     pictures: Pictures | None
-    parts: list[str] = dataclasses.field(default_factory=list)
     tables: dict[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
 
     @property
@@ -145,16 +130,11 @@ class Source:
         """Convert an SI value or array to the report's unit."""
         return value / factor(self.unit(kind), kind)
 
-    def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
+    def number(self, value: float | None, kind: str, digits: int = 4) -> str:
         """Format a number for the page; a dash if it is unknown."""
-        if value is None or not np.isfinite(value):
-            return "\N{EN DASH}"
-        return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
-
-    @property
-    def force(self) -> float:
-        """The report's unit of force [N]."""
-        return factor(self.unit("force"), "force")
+        known = value is not None and np.isfinite(value)
+        text = f"{self.scaled(float(value), kind):.{digits}g}" if known else "\N{EN DASH}"
+        return text.replace("-", "\N{MINUS SIGN}")
 
     def pressure(self, value: float) -> str:
         """Format a pressure with its unit."""
@@ -163,23 +143,21 @@ class Source:
     def table(self, columns: Mapping[str, Any]) -> pd.DataFrame:
         """Build a table in the report's units from columns in SI."""
         found = pd.DataFrame(columns)
-        for name in found.columns.intersection([*KINDS, *self.parts]):
-            found[name] = self.scaled(found[name].astype(float), KINDS.get(name, "force"))
+        for name in found.columns.intersection([*KINDS]):
+            found[name] = self.scaled(found[name].astype(float), KINDS[name])
         return found
 
     def csv(self, name: str) -> str:
         """Return a table as CSV, with the unit at the end of each name; unknown values are empty."""
-        kinds = KINDS | dict.fromkeys(self.parts, "force")
-        found = self.tables[name].rename(
-            columns={one: f"{one}_{self.unit(kind)}" for one, kind in kinds.items()}
-        )
-        found.columns = [one.replace(", ", "_").replace(" ", "_") for one in found.columns]
+        names = {one: f"{one}_{self.unit(kind)}" for one, kind in KINDS.items()}
+        found = self.tables[name].rename(columns=names)
+        found.columns = found.columns.str.replace(", ", "_").str.replace(" ", "_")
         return found.to_csv(index=False, float_format="%.8g", lineterminator="\n")
 
 
 def read_source(sheet: Sheet, names: list[str], system: str) -> Source:
     """Read all data of the report and evaluate each model once."""
-    record = sheet.results / evaluation.RECORDS / "characterisation.json"
+    record = sheet.results / evaluation.RECORDS / evaluation.TEST
     test = _read(record) if record.exists() else {}
     data, shown = evaluation.read_map(sheet), sheet.photographs is not None
     held = [bar["pressure_Pa"] for bar in test.get("isobars", [])]
@@ -211,10 +189,9 @@ def _of_geometry(source: Source, name: str, shortest: float) -> tuple[pd.DataFra
     rest = float(muscle.rest_length)
     lengths = np.linspace(rest, float(muscle.length_range()[0]), _RANGE)
     contraction = 1 - lengths / rest
-    states, parts = jax.tree.map(np.asarray, _states(muscle, lengths, P[:, None]))
-    source.parts.extend(part for part in parts if part not in source.parts)
+    states = jax.tree.map(np.asarray, _states(muscle, lengths, P[:, None]))
     columns = {"pressure": np.repeat(P, _RANGE), "contraction": np.tile(contraction, P.size)}
-    columns |= {key: values.ravel() for key, values in (states | parts).items()}
+    columns |= {key: values.ravel() for key, values in states.items()}
     table = source.table({"geometry": name, **columns})
     free, slope = np.array([_free(contraction, row) for row in states["force"]]).T
     last = np.clip(np.nan_to_num(free, nan=np.inf), 1e-3, 1 - shortest / rest)
@@ -250,24 +227,20 @@ def _readings(source: Source) -> pd.DataFrame:
 
 
 def _parameters(source: Source) -> pd.DataFrame:
-    """Tabulate the identified parameters of each geometry, with standard errors by source."""
-    rows = []
-    for geometry, fit in source.fits.items():
-        of, entries = source.figures[geometry], fit.document["parameters"]
-        errors = {"std": of["std"], "std_of_scatter": of["std_of_scatter"]}
-        errors |= {f"std_of_{one}": shared for one, shared in of["std_by_source"].items()}
-        for name, value in of["values"].items():
-            entry = entries.get(name, {})
-            if entry.get("fixed"):
-                continue
-            kind = parameter_kind(source, name)
-            row = {"value": value, **{key: one.get(name, np.nan) for key, one in errors.items()}}
-            rows.append(
-                {"geometry": geometry, "parameter": name, "unit": source.unit(kind),
-                 "at_bound": bool(entry.get("at_bound")),
-                 **{key: source.scaled(float(one), kind) for key, one in row.items()}}
-            )  # fmt: skip
-    return pd.DataFrame(rows)
+    """Tabulate the parameters of each geometry, with standard errors by source."""
+    frames = []
+    for geometry, of in source.figures.items():
+        columns = {"value": of["values"], "std": of["std"], "std_of_scatter": of["std_of_scatter"]}
+        found = pd.DataFrame(
+            columns | {f"std_of_{one}": v for one, v in of["std_by_source"].items()}
+        )
+        kinds = [parameter_kind(source, name) for name in found.index]
+        units = [source.unit(kind) for kind in kinds]
+        found = found.mul([source.scaled(1.0, kind) for kind in kinds], axis=0)
+        entries = source.fits[geometry].document["parameters"]
+        bound = [bool(entries.get(name, {}).get("at_bound")) for name in found.index]
+        frames.append(found.assign(geometry=geometry, unit=units, at_bound=bound))
+    return pd.concat(frames).rename_axis("parameter").reset_index()
 
 
 def parameter_kind(source: Source, name: str) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from famjax.app.dynamics import feed_forward
-from famjax.app.isobaric import analyse
 from famjax.app.simulation import SimulatedTest, simulate
 from famjax.app.tuning import step_test, tuned_text
 from famjax.boundary.errors import InputError
@@ -17,12 +16,11 @@ from famjax.control.tuning import Duty, Gains, drawn_circuits, expect, tune
 from famjax.plant import DahlFriction, HydraulicCircuit, LinearMcKibben, Plant, PneumaticCircuit
 from famjax.units import INCH, LBF, PSI
 from fitting import load_fit, read_csv
-from fitting.records import read_machine_log
 from rig import audit, read_journal
 from rig.control import Control
 from rig.plan import Isobaric, PlanFile, read_plan
 from rig.protocol import Sample, Splitter, parse
-from rig.simulation import ByteChannel, MachineClock, SimulatedRig
+from rig.simulation import ByteChannel, SimulatedRig
 
 LIFT = """
 [circuit]
@@ -251,34 +249,6 @@ def test_published_gains_hold_the_published_pressure(fluid, tmp_path):
     for bar in done.analysis.characterisation.isobars:
         assert abs(bar.pressure - bar.set_pressure) < 0.1 * PSI
         assert 0.15 * PSI < bar.pressure_std < 0.45 * PSI
-
-
-@pytest.mark.slow
-def test_the_pulses_of_a_plan_align_a_log_as_its_load_does(tmp_path):
-    """From plan to analysis; also where the log begins late, or has 25 rows a second."""
-    clock = MachineClock(31.0, -2e-4)
-    done = whole_test(
-        tmp_path, "air", (30, 50, 70, 45), stroke=INCH, rate=0.06 * INCH, seed=22,
-        clock=clock, clock_rate=2e-3,
-    )  # fmt: skip
-    journal, log = read_journal(done.paths[0]), read_machine_log(done.paths[1])
-    assert audit(journal).sound
-    assert len(journal.notes_of("sync")) == 4
-    rows = log.time.size
-    for first, step, edges in ((0, 1, 8), (rows // 3, 1, 4), (0, 2, 8)):
-        kept = slice(first, None, step)
-        part = dataclasses.replace(
-            log, time=log.time[kept], displacement=log.displacement[kept], force=log.force[kept],
-            others={name: v[kept] for name, v in log.others.items()}, interval=step * log.interval,
-        )  # fmt: skip
-        rest = float(LinearMcKibben().rest_length)
-        found = analyse(journal, part, rest_length=rest, sync_column="Digital input (-)").alignment
-        assert found.n == edges
-        at = np.array(found.reference)
-        true = (found.reference - clock.offset) / (1 + clock.rate)
-        # Three standard errors; the host hears of a record up to 2 ms late.
-        assert abs(float(found.journal_time(at)) - true) < 3 * found.offset_error + 2e-3
-        assert found.offset_error < 0.006 * step
 
 
 STAIRS = """[plan]
