@@ -111,25 +111,9 @@ def record_checks(sheet: Sheet, journal: Record, found: Analysis) -> list[Check]
         journal: journal of the test.
         found: analysis of journal and log.
     """
-    return [
-        *_loads(found, max(sheet.errors.force_reading, ASSUMED.force_reading)),
-        *_forces(found, sheet.specimen),
-        *_plan(journal, found, sheet.records.skip_cycles),
-        *specimen_checks(sheet.specimen),
-    ]
-
-
-def specimen_checks(specimen: Specimen) -> list[Check]:
-    """Check for unusual sizes, often a wrong unit, which nothing else in a folder reveals."""
-    diameter = specimen.bladder_diameter or specimen.nominal_diameter
-    if diameter is None:
-        return []
-    return [
-        Check.of(f"{name} over bladder_diameter", getattr(specimen, name) / diameter, expected,
-                 say="Check both values in [specimen], and their units: they determine the moduli of the "
-                 "bladder.")
-        for name, expected in (("wall_thickness", (0.01, 0.2)), ("rest_length", (2.0, 100.0)))
-    ]  # fmt: skip
+    std = max(sheet.errors.force_reading, ASSUMED.force_reading)
+    plan = _plan(journal, found, sheet.records.skip_cycles)
+    return [*_loads(found, std), *_angle(found, sheet.specimen), *plan]
 
 
 def _loads(found: Analysis, std: float) -> list[Check]:
@@ -151,29 +135,23 @@ def _loads(found: Analysis, std: float) -> list[Check]:
     ]  # fmt: skip
 
 
-def _forces(found: Analysis, specimen: Specimen) -> list[Check]:
-    """Check that the force pulls, and that it rises with pressure as a braid's does."""
+def _angle(found: Analysis, specimen: Specimen) -> list[Check]:
+    """Check that the force rises with pressure as a braid's does."""
     bars = found.characterisation.isobars
     pressure, force = np.array([(bar.pressure, bar.force[0]) for bar in bars]).T
-    pulls = Check.of(
-        "force near the rest length at the highest pressure", float(force[-1]), (0.0, math.inf),
-        (0.0, math.inf), "N",
-        say="A pressurised muscle pulls. If the machine reports compression as positive, set "
-        "pushing_positive = true in [records].",
-    )  # fmt: skip
     diameter = specimen.bladder_diameter or specimen.nominal_diameter
     if len(bars) < 2 or diameter is None:
-        return [pulls]
+        return []
     slope = float(np.polyfit(pressure, force, 1)[0])
     area = math.pi / 4 * (diameter + 2 * specimen.braid_thickness) ** 2
     angle = math.degrees(math.atan(math.sqrt(max((slope / area + 1) / 2, 0.0))))
     return [
-        pulls,
         Check.of(
             "braid angle from the rise of force with pressure, P pi R^2 (2 tan^2 - 1)", angle,
             (50.0, 80.0), (35.3, 88.0), "deg",
-            say="Pressure, force and bladder diameter are inconsistent: check their units, the pressure "
-            "calibration, bladder_diameter, and that journal and log belong to one test.",
+            say="Pressure, force and bladder diameter are inconsistent: check their units, the sign of the "
+            "force, the pressure calibration, bladder_diameter, and that journal and log belong to one "
+            "test.",
         ),
     ]  # fmt: skip
 

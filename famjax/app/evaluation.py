@@ -24,7 +24,7 @@ from fitting.shapes import ShapeSurface
 from imaging.campaign import Table
 from rig.journal import read_journal, stored_calibration
 
-from .checks import AGREES, Check, read_checks, record_checks, settle, specimen_checks
+from .checks import AGREES, Check, read_checks, record_checks, settle
 from .folder import Photographs, Sheet, Steps
 from .isobaric import analyse, figures, plot_characterisation
 from .photographs import add_log, picture_checks, read_log_of_pictures
@@ -77,13 +77,7 @@ def evaluate(
     steps.run(RECORDS, lambda place: _force(sheet, place, system), files=inputs, options=about)
     names = [CYLINDER, ELASTIC]
     if photographs is not None:
-        recipe, provenance = _recipe(sheet, photographs)
-        steps.run(
-            PICTURES,
-            lambda place: _measure(sheet, photographs, recipe, provenance, executor, place, system),
-            files=shown_pictures(sheet, photographs),
-            options=[repr(recipe), provenance.get("ruler_sha256"), dataclasses.asdict(photographs)],
-        )
+        _pictures(sheet, photographs, steps, executor, system)
         names += [AVERAGE, MEASURED, WORK]
     for name in names:
         options = [dataclasses.asdict(sheet.fit), sheet.turns]
@@ -115,7 +109,6 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
         given = dataclasses.asdict(sheet.specimen)
         data = fitting.read_csv(sheet.path(map_file), given, columns)
         fitting.write_csv(data, place / FORCE_MAP)
-        settle(specimen_checks(data.specimen), place)
         return
     journal = read_journal(sheet.path(journal_file))
     columns.pop("pressure", None)  # from the journal
@@ -144,10 +137,12 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     settle(record_checks(sheet, journal, found), place)
 
 
-def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]]:
-    """Return the recipe that measures the pictures of a folder, and its provenance."""
+def _pictures(
+    sheet: Sheet, photographs: Photographs, steps: Steps, executor: Any, system: str
+) -> None:
+    """Measure the pictures; add the log and the journal's pressure, nan during its gaps."""
     from imaging import Tone
-    from imaging.pictures import picture_recipe
+    from imaging.pictures import expand, measure_pictures, picture_recipe
 
     ruler = None if photographs.ruler is None else sheet.path(photographs.ruler)
     reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
@@ -156,55 +151,34 @@ def _recipe(sheet: Sheet, photographs: Photographs) -> tuple[Any, dict[str, str]
     reading, choices = (
         {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
     )
-    return picture_recipe(
+    recipe, provenance = picture_recipe(
         ruler=ruler, recipe=None, scale=photographs.scale, reading=reading, choices=choices
     )
+    shown = [str(sheet.folder / photographs.pictures)]
 
+    def measure(place: Path) -> None:
+        log, added = None, None
+        if (path := sheet.records.machine_log) is not None:
+            columns = parse_columns(sheet.records.columns)
+            log = read_log_of_pictures(sheet.path(path), columns=columns)
+            merge = add_log(log, photographs.log_offset)
 
-def shown_pictures(sheet: Sheet, photographs: Photographs) -> list[Path]:
-    """Return the photographs of a folder, without its ruler."""
-    from imaging.pictures import expand
+            def added(table: Table) -> Table:
+                table = merge(table)
+                if "log_time" not in table.columns or "pressure" in table.columns:
+                    return table
+                pressure = pressure_at(sheet.results / RECORDS / _PRESSURES, table["log_time"])
+                return dataclasses.replace(table, columns={**table.columns, "pressure": pressure})
 
-    given = sheet.folder / photographs.pictures
-    without = None if photographs.ruler is None else str(sheet.folder / photographs.ruler)
-    return [Path(path) for path in expand([str(given)], without=without)]
+        table = measure_pictures(
+            shown, recipe=recipe, provenance=provenance, add_log=added, executor=executor,
+            rest_length=sheet.specimen.rest_length, system=system, output=place,
+        ).table  # fmt: skip
+        settle(picture_checks(sheet, photographs.log_offset, table, log), place)
 
-
-def _measure(
-    sheet: Sheet,
-    photographs: Photographs,
-    recipe: Any,
-    provenance: dict[str, str],
-    executor: AnyExecutor | Literal["auto"],
-    place: Path,
-    system: str,
-) -> None:
-    """Measure the pictures; add the log and the journal's pressure, nan during its gaps."""
-    from imaging.pictures import measure_pictures
-
-    log, added = None, None
-    if (path := sheet.records.machine_log) is not None:
-        log = read_log_of_pictures(sheet.path(path), columns=parse_columns(sheet.records.columns))
-        merge = add_log(log, photographs.log_offset)
-
-        def added(table: Table) -> Table:
-            table = merge(table)
-            if "log_time" not in table.columns or "pressure" in table.columns:
-                return table
-            pressure = pressure_at(sheet.results / RECORDS / _PRESSURES, table["log_time"])
-            return dataclasses.replace(table, columns={**table.columns, "pressure": pressure})
-
-    table = measure_pictures(
-        [str(sheet.folder / photographs.pictures)], recipe=recipe, provenance=provenance,
-        add_log=added, rest_length=sheet.specimen.rest_length, executor=executor, system=system,
-        output=place,
-    ).table  # fmt: skip
-    if not table.ok.any():
-        raise InputError(
-            f"no picture of {photographs.pictures} could be measured: see {place / 'measurements.csv'}, or "
-            "leave [photographs] out"
-        )
-    settle(picture_checks(sheet, photographs.log_offset, table, log), place)
+    files = [Path(path) for path in expand(shown, without=None if ruler is None else str(ruler))]
+    options = [repr(recipe), provenance.get("ruler_sha256"), dataclasses.asdict(photographs)]
+    steps.run(PICTURES, measure, files=files, options=options)
 
 
 def pressure_at(path: Path, at: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from famjax.boundary.errors import InputError
 from fitting.records import (
     MachineLog,
     OtherMotion,
@@ -79,12 +78,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         table: table of the pictures.
         log: log of the test machine.
         clock: alignment of the camera's clock with the machine's, see `synchronise`.
-
-    Raises:
-        InputError: no picture has a time.
     """
-    if not len(table) or "time" not in table.columns:
-        raise InputError(f"{log.source}: the table has no pictures with a time")
     time = table["time"]
     at = clock.log_time(time)
     step = 0.0 if math.isnan(table.stamp_resolution) else table.stamp_resolution / math.sqrt(12)
@@ -189,7 +183,7 @@ def _diameter(sheet: Sheet, table: Table) -> list[Check]:
     """Compare the average diameter of the longest muscle with the bladder and its braid."""
     specimen = sheet.specimen
     nominal = specimen.bladder_diameter or specimen.nominal_diameter
-    if nominal is None:
+    if nominal is None or not table.ok.any():
         return []
     seen = float(table["mean_diameter"][table.ok][np.argmax(table["length"][table.ok])])
     least = nominal + 2 * specimen.braid_thickness if specimen.bladder_diameter else 0.8 * nominal

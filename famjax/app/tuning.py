@@ -2,8 +2,9 @@
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
@@ -138,10 +139,13 @@ def rig_tune(
         Print one JSON object in SI units on standard output, and nothing else.
     """
     start_jax()
-    from famjax.control.tuning import Duty, Gains, expect, tune
+    from famjax.control.tuning import Duty, Gains, drawn_circuits, expect, tune
     from famjax.muscles import open_card
     from famjax.plant import LinearMcKibben
     from rig.plan import read_plan
+    from rig.simulation import CIRCUITS
+
+    from .dynamics import feed_forward
 
     if (journal is None) != simulate:
         raise InputError(
@@ -153,9 +157,11 @@ def rig_tune(
         test = read_plan(plan)
         muscle = LinearMcKibben() if card is None else open_card(card).safe()
         if journal is None:
-            plants, forwards, told = _assumed(test, muscle, seed)
+            circuits, told = drawn_circuits(CIRCUITS[test.circuit](), _DRAWS, seed), []
+            forwards = np.array([feed_forward(one) for one in circuits])
         else:
-            plants, forwards, told = _identified(journal, test, muscle, seed)
+            circuits, forwards, told = _identified(journal, test, muscle, seed)
+    plants = [_plant(one, muscle) for one in circuits]
     given, control = test.plan, test.control
     duty = Duty(given.pressures, given.stroke, given.rate, given.settle, test.pressure_limit)
     steps = np.abs(np.diff([0.0, *given.pressures]))
@@ -165,8 +171,11 @@ def rig_tune(
     with progress("optimising the gains") as show:
         found = tune(plants, forwards, duty, seed=seed, progress=show)
     proportional, integral, _ = found.in_counts()
-    rise = largest / found.ramp
-    text = tuned_text(plan.read_text(encoding="utf-8"), proportional, integral, rise)
+    gains = {
+        "proportional_counts_per_psi": proportional, "integral_counts_per_psi_s": integral,
+        "rise_s": largest / found.ramp,
+    }  # fmt: skip
+    text = tuned_text(plan.read_text(encoding="utf-8"), gains)
     write_all(output.parent, {output.name: text.encode()})
     rows = []
     for name, one in (("the plan's", now), ("tuned", found)):
@@ -178,19 +187,12 @@ def rig_tune(
             "settled_rms_pressure_Pa": float(seen.late.mean()),
             "highest_pressure_Pa": float(seen.highest.max()),
         })  # fmt: skip
-    gains = {
-        "proportional_counts_per_psi": proportional, "integral_counts_per_psi_s": integral,
-        "rise_s": rise,
-    }  # fmt: skip
     if json_:
         print_json({"gains": gains, "expected": rows, "notes": told, "file": str(output)})
         return 0
     for one in told:
         print(f"note: {one}")
-    print(
-        f"proportional {proportional:.3g} counts/psi, integral {integral:.3g} counts/(psi s), "
-        f"rise {rise:.2g} s"
-    )
+    print_rows("Gains", [gains])
     print_rows("Expected in simulation, true pressures", in_units(rows, unit_system(units)))
     if rows[1]["highest_pressure_Pa"] > test.pressure_limit:
         print(
@@ -207,24 +209,10 @@ def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
     return Plant(circuit, muscle, DrivenLength(), DahlFriction())
 
 
-_Drawn: TypeAlias = tuple[list["Plant"], np.ndarray, list[str]]
-"""Plants, the feed-forward of each, and notes."""
-
-
-def _assumed(test: "PlanFile", muscle: Any, seed: int) -> _Drawn:
-    """Draw plants of an unmeasured rig, each with the feed-forward of its calibration."""
-    from famjax.control.tuning import drawn_circuits
-    from rig.simulation import CIRCUITS
-
-    from .dynamics import feed_forward
-
-    drawn = drawn_circuits(CIRCUITS[test.circuit](), _DRAWS, seed)
-    forwards = np.array([feed_forward(one) for one in drawn])
-    return [_plant(one, muscle) for one in drawn], forwards, []
-
-
-def _identified(journal: Path, test: "PlanFile", muscle: Any, seed: int) -> _Drawn:
-    """Draw plants consistent with the journal of a step test, with the feed-forward of its rig."""
+def _identified(
+    journal: Path, test: "PlanFile", muscle: Any, seed: int
+) -> tuple[list[Any], np.ndarray, list[str]]:
+    """Draw circuits consistent with the journal of a step test; return their feed-forward and notes."""
     from fitting.plant import FREE, identify_plant
     from rig.journal import read_journal, stored_calibration
     from rig.simulation import CIRCUITS
@@ -252,9 +240,8 @@ def _identified(journal: Path, test: "PlanFile", muscle: Any, seed: int) -> _Dra
             f"{fit.pressure_rms / PSI:.2g} psi RMS: check that the journal is from this circuit, check the "
             "supply, and check for leaks"
         )
-    volume = float(muscle.volume(rest, rows.pressure.mean())) + float(
-        assumed.parameters().get("dead_volume", 0.0)
-    )
+    known = {name: float(value) for name, value in assumed.parameters().items()}
+    volume = float(muscle.volume(rest, rows.pressure.mean())) + known.get("dead_volume", 0.0)
     declared, rng, circuits = assumed.declared(), np.random.default_rng(seed), []
     size = np.sqrt(np.diag(np.nan_to_num(fit.covariance)))
     scale = np.where(size, size, 1.0)
@@ -266,25 +253,19 @@ def _identified(journal: Path, test: "PlanFile", muscle: Any, seed: int) -> _Dra
     draws[0], factors[0] = 0.0, 1.0
     for draw, factor in zip(draws, factors, strict=True):
         values = {e.name: e.value + off for e, off in zip(fit.estimates, draw, strict=True)}
-        values[held] = float(assumed.parameters()[held]) * factor
+        values[held] = known[held] * factor
         if held == "displacement":  # same pressures with other flows
             values["needle"] *= factor
             values["bulk_modulus"] /= factor
         else:
             values["conductance"] *= 1 + (values[held] - values[held] / factor) / volume
-        circuits.append(
-            assumed.with_parameters(
-                {n: float(np.clip(v, declared[n].low, declared[n].high)) for n, v in values.items()}
-            )
-        )
+        for name, value in values.items():
+            values[name] = float(np.clip(value, declared[name].low, declared[name].high))
+        circuits.append(assumed.with_parameters(values))
     powers = forward.scale ** np.arange(len(forward.coefficients))
-    found = np.array(forward.coefficients) / 255 / powers
-    told = [
-        f"{one.name} {one.value:.4g} +- {one.stderr:.2g} {one.unit}".rstrip()
-        for one in fit.estimates
-    ]
-    plants = [_plant(one, muscle) for one in circuits]
-    return plants, np.tile(found, (len(plants), 1)), [*told, *fit.warnings]
+    found = np.tile(np.array(forward.coefficients) / 255 / powers, (len(circuits), 1))
+    told = [f"{e.name} {e.value:.4g} +- {e.stderr:.2g} {e.unit}".rstrip() for e in fit.estimates]
+    return circuits, found, [*told, *fit.warnings]
 
 
 def plant_record(record: "Record", length: float) -> "PlantRecord":
@@ -316,13 +297,11 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
     )  # fmt: skip
 
 
-def tuned_text(text: str, proportional: float, integral: float, rise: float) -> str:
-    """Replace gains and rise time in the text of a plan; every other character is unchanged."""
-    for key, value in (
-        ("proportional_counts_per_psi", proportional), ("integral_counts_per_psi_s", integral),
-    ):  # fmt: skip
-        text = re.sub(rf"^(\s*{key}\s*=\s*)[^\s#]+", rf"\g<1>{value:.4g}", text, flags=re.MULTILINE)
-    if re.search(r"^\s*rise_s\s*=", text, re.MULTILINE):
-        return re.sub(r"^(\s*rise_s\s*=\s*)[^\s#]+", rf"\g<1>{rise:.3g}", text, flags=re.MULTILINE)
-    return re.sub(r"^(\s*\[plan\][^\n]*\n)", rf"\g<1>rise_s = {rise:.3g}\n", text, count=1,
-                  flags=re.MULTILINE)  # fmt: skip
+def tuned_text(text: str, gains: Mapping[str, float]) -> str:
+    """Replace gains and `rise_s` in the text of a plan; every other character is unchanged."""
+    if not re.search(r"^\s*rise_s\s*=", text, re.MULTILINE):
+        text = re.sub(r"^(\s*\[plan\].*\n)", r"\1rise_s = 0\n", text, count=1, flags=re.MULTILINE)
+    for key, value in gains.items():
+        new = rf"\g<1>{value:.4g}"
+        text = re.sub(rf"^(\s*{key}\s*=\s*)[^\s#]+", new, text, flags=re.MULTILINE)
+    return text

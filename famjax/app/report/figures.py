@@ -185,42 +185,28 @@ def parts(source: Source) -> Drawn:
 
 
 def by_pressure(source: Source) -> Drawn:
-    """Plot blocked force, free contraction and errors by pressure and geometry."""
-    rows, force = source.tables["pressures"], source.unit("force")
+    """Plot blocked force, free contraction, errors and the work budget by pressure and geometry."""
+    force = source.unit("force")
     labels = {
         "blocked_force": f"blocked force [{force}]", "free_contraction": "free contraction",
-        "rmse": f"RMSE [{force}]", "rmse_left_out": f"RMSE, held out [{force}]",
+        "rmse": f"RMSE [{force}]", "left_over_share": r"left over / $\int P\,dV$",
+        "efficiency": "efficiency", "work_per_volume_J_m3": "work per volume [J/m$^3$]",
     }  # fmt: skip
-    figure, axes = _axes(4)
-    _lines(axes, rows, "pressure", labels, f"pressure [{source.unit('pressure')}]")
+    figure = Figure(figsize=(9, 5.2), layout="constrained")
+    axes = list(figure.subplots(2, 3).ravel())
+    axes[3].axhline(0, color="0.6", lw=0.6)
+    x_label = f"gauge pressure $P$ [{source.unit('pressure')}]"
+    _lines(axes, source.tables["pressures"], "pressure", labels, x_label)
     return figure, (
-        "Blocked force, free contraction and RMSE of the force by pressure and geometry; the last at "
-        "held-out pressures. Circles are measurements, where the test reached them."
+        "Top: blocked force, free contraction and RMSE of the force by pressure and geometry; circles are "
+        "measurements, where the test reached them. Bottom: work from rest to the end of each stroke. Left "
+        "over is the fluid's work that neither the load nor the bladder receives; a negative value means "
+        "that the force model creates work. Efficiency is the work on the load divided by the work of the "
+        "fluid."
     )
 
 
-def work(source: Source) -> Drawn:
-    """Plot the work budget of each stroke by pressure and geometry."""
-    rows = source.tables["pressures"]
-    rows = rows.assign(
-        left_over=100 * rows.left_over_J / rows.fluid_J, efficiency=100 * rows.efficiency,
-        density=rows.work_per_volume_J_m3 / 1e3,
-    )  # fmt: skip
-    labels = {
-        "left_over": r"left over [% of $\int P\,dV$]", "efficiency": "efficiency [%]",
-        "density": "work per volume [kJ/m$^3$]",
-    }  # fmt: skip
-    figure, axes = _axes(3)
-    axes[0].axhline(0, color="0.6", lw=0.6)
-    _lines(axes, rows, "pressure", labels, f"pressure [{source.unit('pressure')}]")
-    return figure, (
-        "Work from rest to the end of each stroke. Left over is the fluid's work that neither the load "
-        "nor the bladder receives; a negative value means that the force model creates work. Efficiency "
-        "is the work on the load divided by the work of the fluid."
-    )
-
-
-FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure, work)
+FIGURES = (actuation, photographs, shape, strains, law, parts, by_pressure)
 """All figures in page order; the first is part of the summary."""
 
 

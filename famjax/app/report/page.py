@@ -20,6 +20,8 @@ from ..folder import SHEET, Sheet
 from .figures import FIGURES, STYLE
 from .source import Source, parameter_kind, read_source
 
+_CHECKS = "Cross-checks of quantities from two sources. Standard errors set the expected ranges."
+_HEADER = ("what", "expected", "found", "verdict")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
 """Parameters of the geometry; the summary shows the first that was identified."""
 
@@ -38,6 +40,8 @@ def write_report(sheet: Sheet, names: Sequence[str], system: str, place: Path) -
     drawn = _drawn(source)
     checks = evaluation.checks_of(sheet)
     doubts = [one.sentence() for one in checks if one.verdict != AGREES]
+    rows = [[text_in_units(one, system) for one in (check.what, check.range, check.value, check.verdict)]
+            for check in checks]  # fmt: skip
     document = source.fits[source.best].document
     reasons = "".join(f": {one}" for one in document["reasons"][:1])
     agreeing = (
@@ -53,7 +57,7 @@ def write_report(sheet: Sheet, names: Sequence[str], system: str, place: Path) -
         numbers=five_numbers(source).html(1),
         next=[text_in_units(one, system) for one in (*unknown(sheet), *doubts)],
         figures=[(inline_svg(svg, name, said), said) for name, (svg, said) in drawn.items()],
-        tables=[_errors(source).html(2), _checks(source).html(3)],
+        tables=[_errors(source).html(2), PageTable(_CHECKS, _HEADER, rows, text=True).html(3)],
         notes=[*dict.fromkeys(text_in_units(one, system) for one in _notes(source))],
         files=[*files], origin=Origin.of_this_command(), versions=versions(),
     )  # fmt: skip
@@ -137,20 +141,6 @@ def _errors(source: Source) -> PageTable:
     ]
     header = ("geometry", "RMSE", "largest", "each pressure left out", "each length left out")
     return PageTable(f"Errors of the force by geometry [{source.unit('force')}].", header, rows)
-
-
-def _checks(source: Source) -> PageTable:
-    checks = evaluation.checks_of(source.sheet)
-    rows = [
-        (
-            one.what,
-            *(text_in_units(said, source.system) for said in (one.range, one.value)),
-            one.verdict,
-        )
-        for one in checks
-    ]
-    title = "Cross-checks of quantities from two sources. Standard errors set the expected ranges."
-    return PageTable(title, ("what", "expected", "found", "verdict"), rows, text=True)
 
 
 def _notes(source: Source) -> list[str]:

@@ -209,7 +209,8 @@ def _of_geometry(source: Source, name: str, shortest: float) -> tuple[pd.DataFra
         "largest": np.sqrt(squares.max()).reindex(range(P.size)),
         "rmse_left_out": pd.Series(out["group_rmse_N"], dtype=float).groupby(near_out).mean(),
         **{f"{one}_J": getattr(work, one) for one in ("load", "fluid", "stored", "left_over")},
-        "efficiency": work.efficiency, "work_per_volume_J_m3": work.density,
+        "left_over_share": work.left_over / work.fluid, "efficiency": work.efficiency,
+        "work_per_volume_J_m3": work.density,
     }  # fmt: skip
     return table[table.contraction <= 1 - shortest / rest], source.table(ends)
 
