@@ -58,8 +58,6 @@ class Check:
         """Compare a value with its expected range, and with the range outside which it is impossible."""
         (low, high), end = expected, f" {unit}".rstrip()
         told = f"{low:.4g} to {high:.4g}{end}" if math.isfinite(high) else f"{low:.4g}{end} or more"
-        if math.isnan(found):
-            return cls(what, told, NOT_KNOWN, NOT_KNOWN, say)
         verdict = AGREES if low <= found <= high else DOUBTFUL
         if not possible[0] <= found <= possible[1]:
             verdict = CONTRADICTS
@@ -75,10 +73,7 @@ class Check:
 
     def sentence(self) -> str:
         """Describe the check in one or more sentences."""
-        known = f"expected {self.range}, found {self.value}"
-        return (
-            f"{self.what}: {self.value if self.value == NOT_KNOWN else known}. {self.say}".strip()
-        )
+        return f"{self.what}: expected {self.range}, found {self.value}. {self.say}".strip()
 
 
 def settle(checks: Sequence[Check], place: Path) -> None:
@@ -162,14 +157,14 @@ def _plan(journal: Record, found: Analysis, skipped: int) -> list[Check]:
     for note in journal.notes_of("strokes"):
         blocks[int(note["block"])] += int(note["cycles"])
         rates.append(float(note["rate_m_per_s"]))
+    if not rates:
+        return []
     planned = float(sum(max(cycles - skipped, 0) for cycles in blocks.values()))
-    curves, ratio = found.characterisation, math.nan
-    complete = sum(bar.cycles for bar in curves.isobars)
-    held = np.isfinite(found.record.set_pressure)
-    if rates:
-        length, time = found.record.length[held], found.record.time[held]
-        speed = np.abs(np.diff(length) / np.diff(time))
-        ratio = float(np.median(speed[speed > 0.2 * np.quantile(speed, 0.95)]) / np.median(rates))
+    curves, record = found.characterisation, found.record
+    complete = float(sum(bar.cycles for bar in curves.isobars))
+    held = np.isfinite(record.set_pressure)
+    speed = np.abs(np.diff(record.length[held]) / np.diff(record.time[held]))
+    ratio = float(np.median(speed[speed > 0.2 * np.quantile(speed, 0.95)]) / np.median(rates))
     return [
         Check.of(
             "ratio of machine speed to planned rate", ratio, (1 - 2 * _RATE, 1 + 2 * _RATE),
@@ -178,8 +173,7 @@ def _plan(journal: Record, found: Analysis, skipped: int) -> list[Check]:
             "wrong: check both. A factor of 25.4 is inches for mm, 1000 m for mm or mm for um.",
         ),
         Check.of(
-            "complete strokes in journal and log", float(complete) if blocks else math.nan,
-            (planned, math.inf),
+            "complete strokes in journal and log", complete, (planned, math.inf),
             say="Strokes are missing, so some pressures have fewer strokes or none. "
             + (" ".join(curves.notes[:4]) or "Export the whole log, if it was cut short."),
         ),

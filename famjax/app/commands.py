@@ -1,5 +1,6 @@
 """Commands that combine packages: photographs with a log, rig tests, a characterisation folder."""
 
+import dataclasses
 import functools
 import json
 import shutil
@@ -10,16 +11,13 @@ from typing import TYPE_CHECKING, Any
 import imaging.cli
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import check_output
-from famjax.boundary.units import parse_quantity, unit_system
+from famjax.boundary.units import unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import (
-    Columns,
     Jobs,
     Seed,
     Units,
     in_units,
-    parse_columns,
-    parse_entries,
     print_json,
     print_rows,
     progress,
@@ -30,8 +28,6 @@ from rig.cli import ended_in_words
 if TYPE_CHECKING:
     from famjax import AbstractMuscle
     from imaging.cli import AddLog
-
-    from .isobaric import Analysis
 
 
 @functools.wraps(imaging.cli.measure)
@@ -105,11 +101,10 @@ def characterise(
     from .folder import read_sheet
 
     sheet = read_sheet(folder)
-    said = evaluate(
-        sheet, executor="auto" if jobs is None else jobs, system=units or sheet.units,
-        tell=lambda text: print(text, file=sys.stderr, flush=True),
-    )  # fmt: skip
-    print(*said, sep="\n", file=sys.stderr)
+    sheet = dataclasses.replace(sheet, units=units or sheet.units)
+    tell = functools.partial(print, file=sys.stderr, flush=True)
+    for said in evaluate(sheet, executor="auto" if jobs is None else jobs, tell=tell):
+        tell(said)
     print("written:", sheet.results / "report" / "report.html")
     return 0
 
@@ -147,6 +142,7 @@ def rig_simulate(
     start_jax()
     from rig import read_plan
 
+    from .isobaric import figures, plot_characterisation
     from .simulation import simulate
 
     with ended_in_words():
@@ -156,68 +152,20 @@ def rig_simulate(
             done = simulate(
                 test, output, muscle=muscle, specimen=specimen, seed=seed, progress=show
             )
-        return _report_test(done.analysis, [*done.paths], output, units, json_)
-
-
-def rig_characterise(
-    journal: Path,
-    log: Path,
-    *,
-    rest_length: str,
-    column: Columns = (),
-    shortening_positive: bool = False,
-    pushing_positive: bool = False,
-    specimen: tuple[str, ...] = (),
-    output: Path = Path("famjax-rig"),
-    units: Units = "metric",
-    json_: bool = False,
-) -> int:
-    """Turn a rig journal and the log of the test machine into curves, figures and a dataset to fit.
-
-    Writes `dataset.csv`, `characterisation.json` and `characterisation.png`. A characterisation folder
-    (`famjax new`) has more options: first strokes to skip, a displacement at rest, clocks far apart.
-
-    Parameters
-    ----------
-    journal
-        Journal of the rig.
-    log
-        Log of the test machine: delimited text with time, displacement and force, with units.
-    rest_length
-        Active length at zero contraction with its unit, `9.28125in`.
-    column
-        Assign a column of the log to a quantity if its name does not identify it, repeatable:
-        `force="Kraft [N]"`, by name or number, with the unit. `pressure=-` ignores the pressure. Also
-        `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
-    shortening_positive
-        Declare that the machine's displacement increases as the muscle shortens.
-    pushing_positive
-        Declare that the machine's force is positive in compression.
-    specimen
-        Describe the muscle for the fit, key_unit=value, repeatable.
-    output
-        Write the files to this folder; it is created if missing.
-    units
-        Choose the units of the picture and the table: si, metric or us.
-    json_
-        Print one JSON object on standard output, and nothing else.
-    """
-    from fitting.records import read_machine_log, write_dataset
-    from rig import read_journal
-
-    from .isobaric import analyse
-
-    with ended_in_words():
-        entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
-        machine = read_machine_log(log, columns=parse_columns(column))
-        tell_columns(machine.taken)
-        found = analyse(
-            read_journal(journal), machine, rest_length=parse_quantity(rest_length, "length"),
-            shortening_positive=shortening_positive, pushing_positive=pushing_positive,
-        )  # fmt: skip
-        output.mkdir(parents=True, exist_ok=True)
-        path = write_dataset(found.characterisation, output / "dataset.csv", specimen=entries)
-        return _report_test(found, [path], output, units, json_)
+    found, picture = done.analysis, output / "characterisation.png"
+    document, numbers = figures(found), output / "characterisation.json"
+    plot_characterisation(found, units).savefig(picture, dpi=150)
+    numbers.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    paths = [str(path) for path in (*done.paths, numbers, picture)]
+    if json_:
+        print_json(document | {"files": paths})
+        return 0
+    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
+    print(found.alignment)
+    for note in found.characterisation.notes:
+        print("note:", note)
+    print("written:", ", ".join(paths))
+    return 0
 
 
 def rig_convert(journal: Path, target: Path) -> int:
@@ -234,28 +182,6 @@ def rig_convert(journal: Path, target: Path) -> int:
 
     with ended_in_words():
         print("written:", convert(journal, target))
-    return 0
-
-
-def _report_test(
-    found: "Analysis", paths: list[Path], output: Path, units: str, json_: bool
-) -> int:
-    """Write the figures and the picture of a test, and print its table."""
-    from .isobaric import figures, plot_characterisation
-
-    document = figures(found)
-    picture, numbers = output / "characterisation.png", output / "characterisation.json"
-    plot_characterisation(found, units).savefig(picture, dpi=150)
-    numbers.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    paths = [*paths, numbers, picture]
-    if json_:
-        print_json(document | {"files": [str(p) for p in paths]})
-        return 0
-    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
-    print(found.alignment)
-    for note in found.characterisation.notes:
-        print("note:", note)
-    print("written:", ", ".join(map(str, paths)))
     return 0
 
 

@@ -1,12 +1,14 @@
 """The steps from a folder to fitted muscles: force, pictures, shape, fits."""
 
 import dataclasses
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 
 import famjax
 import fitting
@@ -30,34 +32,28 @@ from .isobaric import analyse, figures, plot_characterisation
 from .photographs import add_log, picture_checks, read_log_of_pictures
 
 RECORDS, PICTURES, REPORT = "records", "pictures", "report"
-CYLINDER, ELASTIC = "cylinder", "elastic-cylinder"
-AVERAGE, MEASURED, WORK = "average-diameter", "measured", "virtual-work"
 GEOMETRIES = {
-    CYLINDER: "cylinder from the braid triangle",
-    ELASTIC: "cylinder with elastic threads",
-    AVERAGE: "cylinder with the measured average diameter",
-    MEASURED: "measured shape",
-    WORK: "measured shape, braid force by virtual work",
+    "cylinder": "cylinder from the braid triangle",
+    "elastic-cylinder": "cylinder with elastic threads",
+    "average-diameter": "cylinder with the measured average diameter",
+    "measured": "measured shape",
+    "virtual-work": "measured shape, braid force by virtual work",
 }
 """Fitted geometries and their descriptions."""
+CYLINDER, ELASTIC, AVERAGE, MEASURED, WORK = GEOMETRIES
 FORCE_MAP, FIGURES = "dataset.csv", "figures.json"
 _COVERED = 0.3  # least part of the readings within the lengths of the pictures
 TEST, _CLOCK_MAP, _PRESSURES = "characterisation.json", "dataset-clock.csv", "pressures.csv"
 
 
 def evaluate(
-    sheet: Sheet,
-    *,
-    executor: AnyExecutor | Literal["auto"] = "auto",
-    system: str,
-    tell: Callable[[str], None],
+    sheet: Sheet, *, executor: AnyExecutor | Literal["auto"], tell: Callable[[str], None]
 ) -> list[str]:
     """Evaluate a folder, from its files to its report. Steps already done are skipped, see `Steps`.
 
     Args:
         sheet: sheet of the folder.
         executor: executor for the pictures, see `imaging.process`.
-        system: unit system of pictures, tables and report.
         tell: called with one line per step.
 
     Returns:
@@ -72,17 +68,17 @@ def evaluate(
     given = (records.journal, records.machine_log, records.force_map)
     inputs = [sheet.path(name) for name in given if name is not None]
     steps = Steps(sheet.results, tell)
-    about = {name: dataclasses.asdict(getattr(sheet, name)) for name in ("errors", "records")}
-    about |= {"specimen": dict(sheet.entries), "system": system}
-    steps.run(RECORDS, lambda place: _force(sheet, place, system), files=inputs, options=about)
+    options: list[Any] = [dataclasses.asdict(records), dataclasses.asdict(sheet.errors)]
+    options += [dict(sheet.entries), sheet.units]
+    steps.run(RECORDS, lambda place: _force(sheet, place), files=inputs, options=options)
     names = [CYLINDER, ELASTIC]
     if photographs is not None:
-        _pictures(sheet, photographs, steps, executor, system)
+        _pictures(sheet, photographs, steps, executor)
         names += [AVERAGE, MEASURED, WORK]
     for name in names:
         options = [dataclasses.asdict(sheet.fit), sheet.turns]
-        steps.run(name, lambda place, name=name: _fit(sheet, name, place, system), options=options)
-    steps.run(REPORT, lambda place: write_report(sheet, names, system, place))
+        steps.run(name, lambda place, name=name: _fit(sheet, name, place), options=options)
+    steps.run(REPORT, lambda place: write_report(sheet, names, place))
     doubts = [f"warning: {one.sentence()}" for one in checks_of(sheet) if one.verdict != AGREES]
     return [*doubts, *unknown(sheet)]
 
@@ -98,12 +94,11 @@ def read_map(sheet: Sheet) -> fitting.ForceData:
     return fitting.read_csv(sheet.results / RECORDS / FORCE_MAP, {})
 
 
-def _force(sheet: Sheet, place: Path, system: str) -> None:
+def _force(sheet: Sheet, place: Path) -> None:
     """Convert journal and log, or a map, to a force map with the specimen in its header."""
     options = dataclasses.asdict(sheet.records)
-    journal_file, log_file, map_file = (
-        options.pop(name) for name in ("journal", "machine_log", "force_map")
-    )
+    names = ("journal", "machine_log", "force_map")
+    journal_file, log_file, map_file = (options.pop(name) for name in names)
     columns = parse_columns(options.pop("columns"))
     if map_file is not None:
         given = dataclasses.asdict(sheet.specimen)
@@ -122,24 +117,20 @@ def _force(sheet: Sheet, place: Path, system: str) -> None:
     moved = analyse(journal, log, rest_length=rest_length, alignment=alignment, **options)
     write_dataset(moved.characterisation, place / _CLOCK_MAP)
     time = np.interp(found.record.time, found.alignment.journal_time(log.time), log.time)
-    np.savetxt(
-        place / _PRESSURES, np.stack([time, found.record.pressure], axis=1),
-        fmt="%.10g", delimiter=",", header="time_s,pressure_Pa", comments="",
-    )  # fmt: skip
+    pressures = pd.DataFrame({"time_s": time, "pressure_Pa": found.record.pressure})
+    pressures.to_csv(place / _PRESSURES, index=False, float_format="%.10g")
     errors = {
         "pressure_reading": finite_or_none(sensor.gain_std / sensor.gain),
         "pressure_zero": finite_or_none(sensor.zero_std * sensor.gain),
     }
     numbers = json.dumps(figures(found) | {"errors": errors}, indent=1, allow_nan=False)
     (place / TEST).write_text(numbers + "\n", encoding="utf-8")
-    drawn = as_svg(plot_characterisation(found, system))
+    drawn = as_svg(plot_characterisation(found, sheet.units))
     (place / "characterisation.svg").write_text(drawn, encoding="utf-8")
     settle(record_checks(sheet, journal, found), place)
 
 
-def _pictures(
-    sheet: Sheet, photographs: Photographs, steps: Steps, executor: Any, system: str
-) -> None:
+def _pictures(sheet: Sheet, photographs: Photographs, steps: Steps, executor: Any) -> None:
     """Measure the pictures; add the log and the journal's pressure, nan during its gaps."""
     from imaging import Tone
     from imaging.pictures import expand, measure_pictures, picture_recipe
@@ -157,7 +148,7 @@ def _pictures(
     shown = [str(sheet.folder / photographs.pictures)]
 
     def measure(place: Path) -> None:
-        log, added = None, None
+        added = None
         if (path := sheet.records.machine_log) is not None:
             columns = parse_columns(sheet.records.columns)
             log = read_log_of_pictures(sheet.path(path), columns=columns)
@@ -172,9 +163,9 @@ def _pictures(
 
         table = measure_pictures(
             shown, recipe=recipe, provenance=provenance, add_log=added, executor=executor,
-            rest_length=sheet.specimen.rest_length, system=system, output=place,
+            rest_length=sheet.specimen.rest_length, system=sheet.units, output=place,
         ).table  # fmt: skip
-        settle(picture_checks(sheet, photographs.log_offset, table, log), place)
+        settle(picture_checks(sheet, table), place)
 
     files = [Path(path) for path in expand(shown, without=None if ruler is None else str(ruler))]
     options = [repr(recipe), provenance.get("ruler_sha256"), dataclasses.asdict(photographs)]
@@ -195,7 +186,7 @@ def measured_surface(sheet: Sheet) -> ShapeSurface:
     return fitting.shape_surface(sheet.results / PICTURES / "measurements.nc")
 
 
-def _fit(sheet: Sheet, name: str, place: Path, system: str) -> None:
+def _fit(sheet: Sheet, name: str, place: Path) -> None:
     """Fit with one of the geometries; write the fit and the figures that the report compares."""
     surface = None if name in (CYLINDER, ELASTIC) else measured_surface(sheet)
     result = fit_with(sheet, read_map(sheet), name, surface)
@@ -203,7 +194,7 @@ def _fit(sheet: Sheet, name: str, place: Path, system: str) -> None:
         result, validation=True, seed=sheet.fit.seed, progress=lambda *_: None,
         shared=_shared(sheet, result.data, name, surface),
     )  # fmt: skip
-    write_fit(result, place, system, evidence, Origin.of_this_command())
+    write_fit(result, place, sheet.units, evidence, Origin.of_this_command())
     errors, shared = result.errors, evidence.shared
     values = {one.name: float(one.value) for one in result.estimates}
     scatter = {one.name: float(one.stderr) for one in result.estimates}
@@ -222,12 +213,9 @@ def fit_with(
     sheet: Sheet, data: fitting.ForceData, name: str, surface: ShapeSurface | None
 ) -> fitting.Identification:
     """Identify the law with one of the geometries."""
-    fit = sheet.fit
-    options: dict[str, Any] = {
-        "law": fit.law, "constraint": fit.constraint, "starts": fit.starts, "seed": fit.seed,
-    }  # fmt: skip
-    if fit.law == "polynomial":
-        options["order"] = fit.order
+    options = dataclasses.asdict(sheet.fit)
+    if sheet.fit.law != "polynomial":
+        del options["order"]
     if name == ELASTIC:
         options["parameters"] = {"braid_compliance": Parameter()}
     if surface is None:
@@ -242,13 +230,11 @@ def fit_with(
 
 
 def _geometry(
-    sheet: Sheet,
-    name: str,
-    surface: ShapeSurface,
-    specimen: fitting.Specimen,
-    draw: int | None = None,
-) -> AbstractGeometry:
-    """Build a geometry from the measured shape, or from one of its draws."""
+    sheet: Sheet, name: str, surface: ShapeSurface | None, specimen: Any, draw: int | None = None
+) -> Any:
+    """Build a geometry from the measured shape, or from one of its draws; None without a shape."""
+    if surface is None:
+        return None
     turns = surface.threads.turns if sheet.turns is None else sheet.turns
     braid = famjax.Braid(surface.threads.length, turns, specimen.braid_thickness)
     geometry = surface.geometry(specimen, braid=braid, draw=draw)
@@ -265,10 +251,7 @@ def _shared(
     known = json.loads(test.read_text(encoding="utf-8"))["errors"] if test.exists() else {}
     known = {name: std for name, std in known.items() if std is not None} | sheet.errors.stated()
     errors = dataclasses.replace(sheet.errors, **known)
-
-    def geometry(specimen: fitting.Specimen, draw: int | None = None) -> Any:
-        return None if surface is None else _geometry(sheet, name, surface, specimen, draw)
-
+    geometry = functools.partial(_geometry, sheet, name, surface)
     moves = moves_of(data, errors, geometry)
     if clock.exists():
         moves["clock"] = [Move(_clock_moved(data, clock), geometry(sheet.specimen))]

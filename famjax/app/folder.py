@@ -72,8 +72,8 @@ class Fit:
     def __post_init__(self) -> None:
         if ":" in self.law:
             raise InputError(
-                f"the law must be one of famjax's own, got {self.law!r}: files never import modules by "
-                "themselves. Fit your own law by famjax fit DATASET --law module:Class"
+                f"the law must be one of famjax's own, got {self.law!r}: a file never imports a module. "
+                "Fit your own law by famjax fit DATASET --law module:Class"
             )
 
 
@@ -149,12 +149,9 @@ def read_sheet(folder: Path) -> Sheet:
     if not path.exists():
         raise InputError(f"{folder} has no {SHEET}: `famjax new {folder}` writes one to fill in")
     content = read_toml(path, "sheet")
-    unknown = content.keys() - {"specimen", *_TABLES}
-    if (
-        unknown
-        or not {"specimen", "records"} <= content.keys()
-        or not all(isinstance(table, dict) for table in content.values())
-    ):
+    plain = [table for table in content.values() if not isinstance(table, dict)]
+    missing = {"specimen", "records"} - content.keys()
+    if plain or missing or content.keys() - {"specimen", *_TABLES}:
         raise InputError(
             f"{path}: a sheet must have the tables [specimen] and [records], and may have "
             f"[photographs], [fit], [errors] and [units]; got {', '.join(content) or 'none'}"

@@ -272,26 +272,19 @@ def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
     muscle, record = found.characterisation, found.record
     for shade, bar in zip(np.linspace(0.15, 0.9, len(muscle.isobars)), muscle.isobars, strict=True):
         contraction = 1 - bar.length / muscle.rest_length
-        colour = (0.1, 0.25, float(shade))
-        left.plot(contraction, bar.shortening / N, color=colour)
-        left.plot(contraction, bar.lengthening / N, "--", color=colour)
-        label = f"{bar.set_pressure / Pa:.4g}"
-        left.annotate(label, (contraction[0], bar.lengthening[0] / N), fontsize=7)
-    left.set(
-        xlabel="contraction (L0 - L)/L0",
-        ylabel=f"force [{units['force']}]",
-        title=f"shortening (solid), lengthening (dashed); set pressure [{units['pressure']}]",
-    )
+        left.plot(contraction, bar.shortening / N, color=(0.1, 0.25, shade))
+        left.plot(contraction, bar.lengthening / N, "--", color=(0.1, 0.25, shade))
+        at = (contraction[0], bar.lengthening[0] / N)
+        left.annotate(f"{bar.set_pressure / Pa:.4g}", at, fontsize=7)
+    title = f"shortening (solid), lengthening (dashed); set pressure [{units['pressure']}]"
+    left.set(xlabel="contraction (L0 - L)/L0", ylabel=f"force [{units['force']}]", title=title)
     held = np.flatnonzero(np.isfinite(record.set_pressure))
     held = held[:: max(1, held.size // _MOST_POINTS)]
     error = (record.pressure - record.set_pressure)[held] / Pa
     largest = 1.5 * max(bar.largest_pressure_error for bar in muscle.isobars) / Pa
     right.axhline(0, color="k", lw=0.5)
     right.plot(record.time[held], error, lw=0.5, color=(0.1, 0.25, 0.5))
-    right.set(
-        xlabel="time [s]",
-        ylabel=f"pressure - set pressure [{units['pressure']}]",
-        ylim=(-largest, largest),
-        title="pressure error (steps of the set pressure exceed the axis)",
-    )
+    title = "pressure error (steps of the set pressure exceed the axis)"
+    label = f"pressure - set pressure [{units['pressure']}]"
+    right.set(xlabel="time [s]", ylabel=label, ylim=(-largest, largest), title=title)
     return figure

@@ -22,7 +22,6 @@ from .checks import CONTRADICTS, NOT_KNOWN, Check
 from .folder import ASSUMED, Sheet
 
 _NEAR = 10.0  # s, largest error of a given clock offset
-_CLOCKS = "clocks of camera and machine"
 
 
 def read_log_of_pictures(path: str | Path, **how: Any) -> MachineLog:
@@ -44,7 +43,7 @@ def add_log(machine: MachineLog, guess: float | None) -> AddLog:
         try:
             return with_log(table, machine, camera_clock(table, machine, guess))
         except SyncError as error:
-            note = f"No force is available: SyncError: {error}"
+            note = f"No force is available: {type(error).__name__}: {error}"
             return dataclasses.replace(table, notes=(*table.notes, note))
 
     return added
@@ -107,16 +106,12 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
     )
 
 
-def picture_checks(
-    sheet: Sheet, log_offset: float | None, table: Table, machine: MachineLog | None
-) -> list[Check]:
+def picture_checks(sheet: Sheet, table: Table) -> list[Check]:
     """Check the table of the pictures against the other records.
 
     Args:
         sheet: sheet of the folder.
-        log_offset: lead of the machine's clock over the first picture [s], if known.
-        table: table of the pictures.
-        machine: log of the same test; None if the force is given as a map.
+        table: table of the pictures, with the log if the folder has one.
     """
     reasons = sorted({text.partition(":")[0] for text in table.error if text})
     measured = Check.of(
@@ -124,39 +119,33 @@ def picture_checks(
         say=f"measurements.csv gives the reasons ({', '.join(reasons)}); repeat those pictures.",
     )  # fmt: skip
     found = [measured, *_diameter(sheet, table)]
-    if machine is None:
+    if sheet.records.machine_log is None:
         return found
-    try:
-        clock = camera_clock(table, machine, log_offset)
-    except SyncError as error:
-        other = isinstance(error, OtherMotion)
-        verdict = CONTRADICTS if other else NOT_KNOWN
+    if "log_time" not in table.columns:
+        verdict = CONTRADICTS if OtherMotion.__name__ in table.notes[-1] else NOT_KNOWN
         say = (
-            f"{error}. The force and pressure at each picture are not known. Copy the pictures from the "
-            "camera unchanged, with their times; check the unit of the displacement, the ruler's pitch and "
-            "that pictures and log belong to one test. If strokes repeat, set log_offset_s in "
-            "[photographs] to the lead of the log over the first picture."
+            f"{table.notes[-1]}. Copy the pictures from the camera unchanged, with their times. Check the "
+            "unit of the displacement, the ruler's pitch, and that pictures and log belong to one test. If "
+            "strokes repeat, set log_offset_s in [photographs]."
         )
-        return [*found, Check(_CLOCKS, "one motion", verdict, verdict, say)]
-    outside = np.isnan(machine.at("displacement", clock.log_time(table["time"][table.ok]))[0])
-    note = f"{int(outside.sum())} pictures lie outside the log and have no force: export the whole log."
-    aligned = Check.of(
-        "fraction of pictures outside the log", float(outside.mean()), (0.0, 0.1), say=note
-    )
-    return [*found, aligned, *_scale(sheet, table, machine, clock)]
+        return [*found, Check("clocks of camera and machine", "one motion", verdict, verdict, say)]
+    outside = np.isnan(table["displacement"][table.ok])
+    inside = Check.of(
+        "fraction of pictures outside the log", float(outside.mean()), (0.0, 0.1),
+        say=f"{outside.sum()} pictures lie outside the log and have no force: export the whole log.",
+    )  # fmt: skip
+    return [*found, inside, *_scale(sheet, table)]
 
 
-def _scale(sheet: Sheet, table: Table, machine: MachineLog, clock: Synchronisation) -> list[Check]:
+def _scale(sheet: Sheet, table: Table) -> list[Check]:
     """Check scale, ruler and rest length by the slope and offset of length against displacement."""
-    x = clock.sense * machine.at("displacement", clock.log_time(table["time"]))[0]
-    y = table["length"]
+    rest, records = sheet.specimen.rest_length, sheet.records
+    towards = -1.0 if records.shortening_positive else 1.0
+    x, y = towards * (table["displacement"] - records.zero_displacement), table["length"]
     use = np.isfinite(x) & np.isfinite(y)
     (slope, zero), covariance = np.polyfit(x[use], y[use], 1, cov="unscaled")
     scatter = np.std(y[use] - slope * x[use] - zero, ddof=2)
     slope_std, zero_std = scatter * np.sqrt(np.diag(covariance))
-    rest, records = sheet.specimen.rest_length, sheet.records
-    towards = -1.0 if records.shortening_positive else 1.0
-    expected = rest - towards * slope * records.zero_displacement
     scale_std = float(table.provenance.get("scale_relative_stderr", 0.0))
     rest_std = math.hypot(
         sheet.errors.rest_length or ASSUMED.rest_length, zero_std, scale_std * rest
@@ -167,12 +156,12 @@ def _scale(sheet: Sheet, table: Table, machine: MachineLog, clock: Synchronisati
             "ratio of photographed length to machine displacement", slope, 1.0, std,
             say="If the rest length has the same relative error, the ruler was outside the plane of the "
             "muscle's axis. Otherwise the machine's frame deflects under load, its displacement is out of "
-            "calibration, or a unit is wrong: check the unit of the displacement, the ruler's pitch and "
-            "the scale.",
+            "calibration, or a unit or a sign is wrong: check the unit of the displacement, "
+            "shortening_positive, the ruler's pitch and the scale.",
         ),
         Check.about(
-            "photographed length at machine zero against the rest length",
-            zero * 1e3, expected * 1e3, rest_std * 1e3, unit="mm",
+            "photographed length at the rest position of the machine against the rest length",
+            zero * 1e3, rest * 1e3, rest_std * 1e3, unit="mm",
             say="Measure the rest length again between the edges that the pictures show. State "
             "zero_displacement if the machine was not at zero there. Or the pictures show another muscle.",
         ),

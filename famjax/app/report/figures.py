@@ -1,5 +1,6 @@
 """Figures of the report: each function draws one with its caption, or returns None."""
 
+import glob
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -63,23 +64,20 @@ def photographs(source: Source) -> Drawn:
         return None
     from PIL import Image
 
-    lengths = {Path(name).stem: L for name, L in zip(pictures.names, pictures.length, strict=True)}
-    drawn = {
-        path: path.stem.partition("_")[2]
-        for path in (source.sheet.results / PICTURES / "overlays").iterdir()
-    }
-    ordered = sorted((-lengths[stem], path) for path, stem in drawn.items() if stem in lengths)
-    shown = []
-    for k in sorted({0, len(ordered) // 2, len(ordered) - 1}):
-        image = Image.open(ordered[k][1])
-        image.thumbnail(_SHOWN)
-        shown.append((1 + ordered[k][0] / source.sheet.specimen.rest_length, np.asarray(image)))
+    drawn = source.sheet.results / PICTURES / "overlays"
+    ordered = sorted(
+        (-length, path)
+        for name, length in zip(pictures.names, pictures.length, strict=True)
+        for path in drawn.glob(f"*_{glob.escape(Path(name).stem)}.jpg")
+    )
     figure = Figure(figsize=(9, 4.5), layout="constrained")
-    axes = figure.subplots(1, len(shown), width_ratios=[one.shape[1] for _, one in shown])
-    for one, (contraction, pixels) in zip(axes, shown, strict=True):
-        one.imshow(pixels, interpolation="none")
-        one.set_title(f"{abs(contraction):.3f}")
-        one.set_axis_off()
+    for axes, k in zip(figure.subplots(1, 3), (0, len(ordered) // 2, -1), strict=True):
+        length, path = ordered[k]
+        image = Image.open(path)
+        image.thumbnail(_SHOWN)
+        axes.imshow(image, interpolation="none")
+        axes.set_title(f"{abs(1 + length / source.sheet.specimen.rest_length):.3f}")
+        axes.set_axis_off()
     return figure, (
         "Photographs; titles give the contraction. The measured outline is red, the edges of the end "
         "tapes are yellow, the midline is cyan."
@@ -98,10 +96,8 @@ def shape(source: Source) -> Drawn:
     every = np.concatenate([surface.diameters[:1], surface.draws[:, 0]])
     at_length = CubicSpline(surface.lengths[::-1], every[:, ::-1], axis=1)
     figure, (left, right) = _axes(2)
-    for colour, at in zip(
-        _shades(_PROFILES),
-        np.linspace(pictures.length.max(), pictures.length.min(), _PROFILES), strict=True,
-    ):  # fmt: skip
+    wanted = np.linspace(pictures.length.max(), pictures.length.min(), _PROFILES)
+    for colour, at in zip(_shades(_PROFILES), wanted, strict=True):
         k = int(np.argmin(np.abs(pictures.length - at)))
         L = float(pictures.length[k])
         z = source.scaled(x * L, "length")
@@ -109,15 +105,12 @@ def shape(source: Source) -> Drawn:
         _points(left, z[::8], source.scaled(pictures.diameter[k, ::8], "length"), colour)
     for label, colour, seen, drawn in (
         ("mean", "#0072b2", pictures.diameter.mean(axis=1), every.mean(axis=2)),
-        ("middle", "#d55e00", pictures.diameter[:, pictures.diameter.shape[1] // 2], every[..., middle]),
+        ("middle", "#d55e00", pictures.diameter[:, middle], every[..., middle]),
     ):  # fmt: skip
         _band(right, 1 - surface.lengths / rest, source.scaled(drawn, "length"), colour, label)
         _points(right, 1 - pictures.length / rest, source.scaled(seen, "length"), colour)
-    states = source.middle()
-    states = states[states.geometry == CYLINDER]
-    right.plot(
-        states.contraction, states.diameter, "--", color=LINES[CYLINDER][0], label="cylinder"
-    )
+    cylinder = source.middle(CYLINDER)
+    right.plot(cylinder.contraction, cylinder.diameter, "--", color="0.35", label="cylinder")
     diameter = f"diameter $D$ [{source.unit('length')}]"
     left.set(xlabel=f"position $z$ [{source.unit('length')}]", ylabel=diameter)
     right.set(xlabel=_CONTRACTION, ylabel=diameter)
@@ -138,7 +131,8 @@ def strains(source: Source) -> Drawn:
         "thickness": f"wall $t$ [{source.unit('length')}]",
     }
     figure, axes = _axes(3)
-    _lines(axes, source.middle(), "contraction", labels, _CONTRACTION)
+    rows = pd.concat([source.middle(name) for name in source.fits])
+    _lines(axes, rows, "contraction", labels, _CONTRACTION)
     named = "; ".join(f"{name} = {GEOMETRIES[name]}" for name in source.fits)
     return figure, (
         f"Bladder strains and wall thickness at {_middle(source)}. The axial strain uses the arc length of "
@@ -149,9 +143,8 @@ def strains(source: Source) -> Drawn:
 def law(source: Source) -> Drawn:
     """Plot the bladder law with the strains reached, and the stresses in the wall."""
     figure, (left, right) = _axes(2)
-    plot_law(source.fits[source.best], left, source.system)
-    rows = source.middle()
-    rows = rows[rows.geometry == source.best]
+    plot_law(source.fits[source.best], left, source.sheet.units)
+    rows = source.middle(source.best)
     for name, colour in (("axial_stress", "#d55e00"), ("hoop_stress", "#009e73")):
         right.plot(rows.contraction, rows[name], color=colour, label=name.replace("_", " "))
     right.set(xlabel=_CONTRACTION, ylabel=rf"mean stress $\sigma$ [{source.unit('stress')}]")
@@ -170,9 +163,8 @@ def parts(source: Source) -> Drawn:
     near = np.abs(data.pressures.level - source.pressures[:, None]).argmin(axis=0)
     near = (near == len(source.pressures) // 2) & data.loaded
     seen = 1 - data.length[near] / source.sheet.specimen.rest_length
-    for axes, (name, rows) in zip(
-        many, source.middle().groupby("geometry", sort=False), strict=True
-    ):
+    for axes, name in zip(many, source.fits, strict=True):
+        rows = source.middle(name)
         for term in PARTS:
             axes.plot(rows.contraction, rows[term], label=term)
         axes.plot(rows.contraction, rows.force, "k--", label="model force")

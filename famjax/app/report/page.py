@@ -21,43 +21,43 @@ from .figures import FIGURES, STYLE
 from .source import Source, parameter_kind, read_source
 
 _CHECKS = "Cross-checks of quantities from two sources. Standard errors set the expected ranges."
-_HEADER = ("what", "expected", "found", "verdict")
+_TEST = (
+    "The test. Left: force against contraction at each set pressure; shortening is solid, lengthening "
+    "dashed. Right: held pressure minus set pressure."
+)
+_SHOWN = ("what", "range", "value", "verdict")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
 """Parameters of the geometry; the summary shows the first that was identified."""
 
 
-def write_report(sheet: Sheet, names: Sequence[str], system: str, place: Path) -> None:
+def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     """Write `report.html`, its figures as SVG and its tables as CSV.
 
     Args:
         sheet: sheet of the folder.
         names: fitted geometries.
-        system: unit system.
         place: folder of the report.
     """
-    source = read_source(sheet, names, system)
+    source, system = read_source(sheet, names), sheet.units
     files = {f"tables/{name}.csv": source.csv(name) for name in source.tables}
     drawn = _drawn(source)
     checks = evaluation.checks_of(sheet)
     doubts = [one.sentence() for one in checks if one.verdict != AGREES]
-    rows = [[text_in_units(one, system) for one in (check.what, check.range, check.value, check.verdict)]
-            for check in checks]  # fmt: skip
+    rows = [[text_in_units(getattr(one, name), system) for name in _SHOWN] for one in checks]
     document = source.fits[source.best].document
     reasons = "".join(f": {one}" for one in document["reasons"][:1])
-    agreeing = (
-        f" {len(checks) - len(doubts)} of {len(checks)} cross-checks agree." if checks else ""
-    )
+    agreeing = f" {len(checks) - len(doubts)} of {len(checks)} cross-checks agree."
     text = page(
         "characterisation.html", "famjax.app",
         name=sheet.specimen.name,
         verdict=text_in_units(f"{document['verdict'].capitalize()}{reasons or '.'}", system)
-        + f" This report shows the {source.best} fit.{agreeing}",
+        + f" This report shows the {source.best} fit.{agreeing if checks else ''}",
         good=document["verdict"] != "not identified",
         summary=_summary(source),
         numbers=five_numbers(source).html(1),
         next=[text_in_units(one, system) for one in (*unknown(sheet), *doubts)],
         figures=[(inline_svg(svg, name, said), said) for name, (svg, said) in drawn.items()],
-        tables=[_errors(source).html(2), PageTable(_CHECKS, _HEADER, rows, text=True).html(3)],
+        tables=[_errors(source).html(2), PageTable(_CHECKS, _SHOWN, rows, text=True).html(3)],
         notes=[*dict.fromkeys(text_in_units(one, system) for one in _notes(source))],
         files=[*files], origin=Origin.of_this_command(), versions=versions(),
     )  # fmt: skip
@@ -76,13 +76,7 @@ def _drawn(source: Source) -> dict[str, tuple[str, str]]:
                 found[draw.__name__.replace("_", "-")] = as_svg(drawn[0]), drawn[1]
     test = source.sheet.results / evaluation.RECORDS / "characterisation.svg"
     if test.exists():
-        found["test"] = (
-            test.read_text(encoding="utf-8"),
-            (
-                "The test. Left: force against contraction at each set pressure; shortening is solid, "
-                "lengthening dashed. Right: held pressure minus set pressure."
-            ),
-        )
+        found["test"] = test.read_text(encoding="utf-8"), _TEST
     return found
 
 
@@ -101,15 +95,12 @@ def five_numbers(source: Source) -> PageTable:
     """Tabulate the five main figures of the muscle, each with its standard error."""
     fit, pressure = source.fits[source.best], float(source.pressures[-1])
     of, rest = source.figures[source.best], float(source.sheet.specimen.rest_length)
-    ends = source.tables["pressures"]
-    at_end = ends[ends.geometry == source.best].iloc[-1]
+    at_end = source.tables["pressures"].query(f"geometry == '{source.best}'").iloc[-1]
     free = at_end.free_contraction
     lengths = np.array([rest, rest * (1 - free)])[: 1 + np.isfinite(free)]
     said = static_rows(fit, lengths, np.full(lengths.size, pressure))
-    std, scale = (
-        [row["force_std_N"] or np.nan for row in said] + [np.nan],
-        source.scaled(1.0, "force"),
-    )
+    std = [row["force_std_N"] or np.nan for row in said] + [np.nan]
+    scale = source.scaled(1.0, "force")
     rows = [
         ("blocked force", at_end.blocked_force / scale, std[0], "force"),
         ("free contraction", free, std[1] * scale / abs(at_end.free_slope), "number"),
@@ -158,8 +149,8 @@ def unknown(sheet: Sheet) -> list[str]:
     failed: list[Any] = []
     if pictured:
         rows = pd.read_csv(sheet.results / evaluation.PICTURES / "measurements.csv")
-        for row in rows[rows.error.notna()].itertuples():
-            failed.append(f"{Path(row.path).name}, {row.error.partition(':')[0]}")
+        failed = [f"{Path(row.path).name}, {row.error.partition(':')[0]}"
+                  for row in rows[rows.error.notna()].itertuples()]  # fmt: skip
     sentences = {
         "There are no photographs. The model is a cylinder whose diameter and angle are identified from "
         "the force, and no strain was measured.": not pictured,

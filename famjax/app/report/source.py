@@ -5,7 +5,7 @@ No equilibrium is solved. The free contraction is where a spline through the for
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +91,6 @@ class Source:
 
     Attributes:
         sheet: sheet of the folder.
-        system: unit system.
         fits: fits by geometry.
         figures: contents of `figures.json` by geometry: errors, parameter values and their errors.
         test: contents of `characterisation.json`, or {}.
@@ -102,7 +101,6 @@ class Source:
     """
 
     sheet: Sheet
-    system: str
     fits: dict[str, fitting.Identification]
     figures: dict[str, dict[str, Any]]
     test: dict[str, Any]
@@ -116,14 +114,15 @@ class Source:
         """Geometry of the fit shown in the report: the measured shape if there is one."""
         return evaluation.MEASURED if evaluation.MEASURED in self.fits else evaluation.CYLINDER
 
-    def middle(self) -> pd.DataFrame:
-        """States at the middle pressure."""
+    def middle(self, geometry: str) -> pd.DataFrame:
+        """States of a geometry at the middle pressure."""
         states, middle = self.tables["states"], self.pressures[len(self.pressures) // 2]
-        return states[states.pressure == self.scaled(middle, "pressure")]
+        of = states.geometry == geometry
+        return states[of & (states.pressure == self.scaled(middle, "pressure"))]
 
     def unit(self, kind: str) -> str:
         """Return the report's unit for a kind of quantity; volumes use cm3, not mm3."""
-        unit = unit_system(self.system)[kind]
+        unit = unit_system(self.sheet.units)[kind]
         return "cm3" if unit == "mm3" else unit
 
     def scaled(self, value: Any, kind: str) -> Any:
@@ -155,14 +154,14 @@ class Source:
         return found.to_csv(index=False, float_format="%.8g", lineterminator="\n")
 
 
-def read_source(sheet: Sheet, names: list[str], system: str) -> Source:
+def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
     """Read all data of the report and evaluate each model once."""
     record = sheet.results / evaluation.RECORDS / evaluation.TEST
     test = _read(record) if record.exists() else {}
     data, shown = evaluation.read_map(sheet), sheet.photographs is not None
     held = [bar["pressure_Pa"] for bar in test.get("isobars", [])]
     source = Source(
-        sheet, system, {name: fitting.load_fit(sheet.results / name / "fit.json") for name in names},
+        sheet, {name: fitting.load_fit(sheet.results / name / "fit.json") for name in names},
         {name: _read(sheet.results / name / evaluation.FIGURES) for name in names}, test,
         np.array(held or np.unique(data.pressures.level[data.loaded])),
         evaluation.measured_surface(sheet) if shown else None,

@@ -232,9 +232,9 @@ def test_a_contradiction_stops_and_all_checks_are_written(tmp_path):
     with pytest.raises(InputError, match=r"that: expected 0.98 to 1.02 mm, found 2 mm"):
         settle([fine, wrong], tmp_path)
     assert read_checks(tmp_path) == [fine, wrong]
-    open_ = Check.of("what", math.nan, (0.0, math.inf), say="Say so.")
+    open_ = Check.of("what", -1.0, (0.0, math.inf), say="Say so.")
     settle([fine, open_], tmp_path)
-    assert read_checks(tmp_path)[1].sentence() == "what: not known. Say so."
+    assert read_checks(tmp_path)[1].sentence() == "what: expected 0 or more, found -1. Say so."
     assert read_checks(tmp_path / "none") == []
 
 
