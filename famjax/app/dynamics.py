@@ -122,7 +122,7 @@ def simulate(
             f"{found[bad][0, 2]:.4g} m; shorten the stroke, or increase stiffness or damping"
         )
     names = ("time_s", "pressure_Pa", "length_m", "force_N")
-    rows = [dict(zip(names, row, strict=True)) for row in found.tolist()]
+    rows: Any = [dict(zip(names, row, strict=True)) for row in found.tolist()]
     table = in_units(rows[each - 1 :: each], unit_system(units))
     table = [{name: float(f"{value:.9g}") for name, value in row.items()} for row in table]
     summary = [rows[k - 1] for k in np.cumsum(counts)]
@@ -167,8 +167,8 @@ def _system(
     if controlled:
         entries = tables.get("controller", {})
         gains = from_entries(_Controller, entries, where=f"{plan}: [controller]: ")
-        scaled = (one / _COUNTS / PSI for one in dataclasses.astuple(gains))
-        control = PressureController(*scaled, feed_forward(circuit))
+        proportional, integral = (one / _COUNTS / PSI for one in dataclasses.astuple(gains))
+        control = PressureController(proportional, integral, feed_forward(circuit))
     if own:
         add_cwd_to_path()
     opened = open_card(card, own=own)

@@ -24,6 +24,7 @@ from fitting.records import read_machine_log, write_dataset
 from fitting.report import write_fit
 from fitting.shapes import ShapeSurface
 from imaging.campaign import Table
+from imaging.cli import AddLog
 from rig.journal import read_journal, stored_calibration
 
 from .checks import AGREES, Check, read_checks, record_checks, settle
@@ -148,21 +149,13 @@ def _pictures(sheet: Sheet, photographs: Photographs, steps: Steps, executor: An
     shown = [str(sheet.folder / photographs.pictures)]
 
     def measure(place: Path) -> None:
-        added = None
-        if (path := sheet.records.machine_log) is not None:
+        merge, path = None, sheet.records.machine_log
+        if path is not None:
             columns = parse_columns(sheet.records.columns)
             log = read_log_of_pictures(sheet.path(path), columns=columns)
-            merge = add_log(log, photographs.log_offset)
-
-            def added(table: Table) -> Table:
-                table = merge(table)
-                if "log_time" not in table.columns or "pressure" in table.columns:
-                    return table
-                pressure = pressure_at(sheet.results / RECORDS / _PRESSURES, table["log_time"])
-                return dataclasses.replace(table, columns={**table.columns, "pressure": pressure})
-
+            merge = functools.partial(_with_log, add_log(log, photographs.log_offset), sheet)
         table = measure_pictures(
-            shown, recipe=recipe, provenance=provenance, add_log=added, executor=executor,
+            shown, recipe=recipe, provenance=provenance, add_log=merge, executor=executor,
             rest_length=sheet.specimen.rest_length, system=sheet.units, output=place,
         ).table  # fmt: skip
         settle(picture_checks(sheet, table), place)
@@ -170,6 +163,15 @@ def _pictures(sheet: Sheet, photographs: Photographs, steps: Steps, executor: An
     files = [Path(path) for path in expand(shown, without=None if ruler is None else str(ruler))]
     options = [repr(recipe), provenance.get("ruler_sha256"), dataclasses.asdict(photographs)]
     steps.run(PICTURES, measure, files=files, options=options)
+
+
+def _with_log(merge: AddLog, sheet: Sheet, table: Table) -> Table:
+    """Add the log and the journal's pressure to a table of pictures."""
+    table = merge(table)
+    if "log_time" not in table.columns or "pressure" in table.columns:
+        return table
+    pressure = pressure_at(sheet.results / RECORDS / _PRESSURES, table["log_time"])
+    return dataclasses.replace(table, columns={**table.columns, "pressure": pressure})
 
 
 def pressure_at(path: Path, at: np.ndarray) -> np.ndarray:

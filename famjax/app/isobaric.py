@@ -176,7 +176,7 @@ def analyse(
     """
     if log.force is None:
         raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
-    columns = pd.DataFrame(table(journal))
+    columns: Any = pd.DataFrame(table(journal))
     columns = columns[np.isfinite(columns.time_s)].copy()
     if len(columns) < 2:
         raise RigError(f"{journal.path} has no clock notes: its records have no time of the host")

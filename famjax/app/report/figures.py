@@ -214,8 +214,8 @@ def _lines(
     """Plot one column per axes against x: a line for each geometry, circles for the test."""
     for axes, (column, label) in zip(many, labels.items(), strict=True):
         for name, of in rows.groupby("geometry", sort=False):
-            if name in LINES:
-                axes.plot(of[x], of[column], color=LINES[name][0], ls=LINES[name][1], label=name)
+            if (line := LINES.get(str(name))) is not None:
+                axes.plot(of[x], of[column], color=line[0], ls=line[1], label=name)
             else:
                 _points(axes, of[x], of[column], "black")
         axes.set(xlabel=x_label, ylabel=label)

@@ -44,6 +44,7 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     checks = evaluation.checks_of(sheet)
     doubts = [one.sentence() for one in checks if one.verdict != AGREES]
     rows = [[text_in_units(getattr(one, name), system) for name in _SHOWN] for one in checks]
+    shown = [_errors(source), *([PageTable(_CHECKS, _SHOWN, rows, text=True)] if rows else [])]
     document = source.fits[source.best].document
     reasons = "".join(f": {one}" for one in document["reasons"][:1])
     agreeing = f" {len(checks) - len(doubts)} of {len(checks)} cross-checks agree."
@@ -57,7 +58,7 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
         numbers=five_numbers(source).html(1),
         next=[text_in_units(one, system) for one in (*unknown(sheet), *doubts)],
         figures=[(inline_svg(svg, name, said), said) for name, (svg, said) in drawn.items()],
-        tables=[_errors(source).html(2), PageTable(_CHECKS, _SHOWN, rows, text=True).html(3)],
+        tables=[one.html(k) for k, one in enumerate(shown, start=2)],
         notes=[*dict.fromkeys(text_in_units(one, system) for one in _notes(source))],
         files=[*files], origin=Origin.of_this_command(), versions=versions(),
     )  # fmt: skip
@@ -148,7 +149,7 @@ def unknown(sheet: Sheet) -> list[str]:
     pictured, map_alone = sheet.photographs is not None, sheet.records.force_map is not None
     failed: list[Any] = []
     if pictured:
-        rows = pd.read_csv(sheet.results / evaluation.PICTURES / "measurements.csv")
+        rows: Any = pd.read_csv(sheet.results / evaluation.PICTURES / "measurements.csv")
         failed = [f"{Path(row.path).name}, {row.error.partition(':')[0]}"
                   for row in rows[rows.error.notna()].itertuples()]  # fmt: skip
     sentences = {

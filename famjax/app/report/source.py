@@ -5,6 +5,7 @@ No equilibrium is solved. The free contraction is where a spline through the for
 
 import dataclasses
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,11 @@ KINDS = {
     ), "force"),
 }  # fmt: skip
 """Kinds of the columns that have a unit."""
+_WORK = {
+    "load": "load_J", "fluid": "fluid_J", "stored": "stored_J", "left_over": "left_over_J",
+    "efficiency": "efficiency", "density": "work_per_volume_J_m3",
+}  # fmt: skip
+"""Columns of the work budget."""
 _RANGE = 129
 """Lengths over the range of a geometry: a cubic spline through them reproduces a force to 1e-7."""
 
@@ -107,14 +113,14 @@ class Source:
     pressures: np.ndarray
     surface: ShapeSurface | None
     pictures: Pictures | None
-    tables: dict[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
+    tables: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def best(self) -> str:
         """Geometry of the fit shown in the report: the measured shape if there is one."""
         return evaluation.MEASURED if evaluation.MEASURED in self.fits else evaluation.CYLINDER
 
-    def middle(self, geometry: str) -> pd.DataFrame:
+    def middle(self, geometry: str) -> Any:
         """States of a geometry at the middle pressure."""
         states, middle = self.tables["states"], self.pressures[len(self.pressures) // 2]
         of = states.geometry == geometry
@@ -131,15 +137,15 @@ class Source:
 
     def number(self, value: float | None, kind: str, digits: int = 4) -> str:
         """Format a number for the page; a dash if it is unknown."""
-        known = value is not None and np.isfinite(value)
-        text = f"{self.scaled(float(value), kind):.{digits}g}" if known else "\N{EN DASH}"
-        return text.replace("-", "\N{MINUS SIGN}")
+        if value is None or not np.isfinite(value):
+            return "\N{EN DASH}"
+        return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", "\N{MINUS SIGN}")
 
     def pressure(self, value: float) -> str:
         """Format a pressure with its unit."""
         return f"{self.number(value, 'pressure', 3)} {self.unit('pressure')}"
 
-    def table(self, columns: Mapping[str, Any]) -> pd.DataFrame:
+    def table(self, columns: Mapping[str, Any]) -> Any:
         """Build a table in the report's units from columns in SI."""
         found = pd.DataFrame(columns)
         for name in found.columns.intersection([*KINDS]):
@@ -148,10 +154,13 @@ class Source:
 
     def csv(self, name: str) -> str:
         """Return a table as CSV, with the unit at the end of each name; unknown values are empty."""
-        names = {one: f"{one}_{self.unit(kind)}" for one, kind in KINDS.items()}
-        found = self.tables[name].rename(columns=names)
-        found.columns = found.columns.str.replace(", ", "_").str.replace(" ", "_")
-        return found.to_csv(index=False, float_format="%.8g", lineterminator="\n")
+        units = {one: f"_{self.unit(kind)}" for one, kind in KINDS.items()}
+        names = {one: re.sub(",? ", "_", one) + units.get(one, "") for one in self.tables[name]}
+        return (
+            self.tables[name]
+            .rename(columns=names)
+            .to_csv(index=False, float_format="%.8g", lineterminator="\n")
+        )
 
 
 def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
@@ -176,12 +185,12 @@ def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
     source.tables.update({
         "states": pd.concat(states), "pressures": pd.concat(ends), "readings": _readings(source),
         "parameters": _parameters(source),
-        "checks": pd.DataFrame([dataclasses.asdict(one) for one in evaluation.checks_of(sheet)]),
+        "checks": pd.DataFrame(evaluation.checks_of(sheet)),
     })  # fmt: skip
     return source
 
 
-def _of_geometry(source: Source, name: str, shortest: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _of_geometry(source: Source, name: str, shortest: float) -> tuple[Any, Any]:
     """Tabulate the states of a model over the stroke, and by pressure its ends, errors and work."""
     fit, P = source.fits[name], source.pressures
     muscle: Any = fit.muscle
@@ -194,22 +203,21 @@ def _of_geometry(source: Source, name: str, shortest: float) -> tuple[pd.DataFra
     table = source.table({"geometry": name, **columns})
     free, slope = np.array([_free(contraction, row) for row in states["force"]]).T
     last = np.clip(np.nan_to_num(free, nan=np.inf), 1e-3, 1 - shortest / rest)
-    work = jax.tree.map(np.asarray, famjax.work_budget(muscle, P, rest, rest * (1 - last)))
+    budget = famjax.work_budget(muscle, P, rest, rest * (1 - last))
+    work = {column: np.asarray(getattr(budget, name)) for name, column in _WORK.items()}
     out = fit.document.get("leave_one_pressure_out") or {"left_out": [], "group_rmse_N": []}
     near, near_out = (
         np.abs(np.array(levels, float) - P[:, None]).argmin(axis=0)
         for levels in (fit.data.pressures.level[fit.data.loaded], out["left_out"])
     )
-    squares = pd.Series(fit.residuals**2).groupby(near)
+    squares: Any = pd.Series(fit.residuals**2).groupby(near)
     ends = {
         "geometry": name, "pressure": P, "free_contraction": free, "free_slope": slope,
         "blocked_force": np.maximum(states["force"][:, 0], 0.0),
         "rmse": np.sqrt(squares.mean()).reindex(range(P.size)),
         "largest": np.sqrt(squares.max()).reindex(range(P.size)),
         "rmse_left_out": pd.Series(out["group_rmse_N"], dtype=float).groupby(near_out).mean(),
-        **{f"{one}_J": getattr(work, one) for one in ("load", "fluid", "stored", "left_over")},
-        "left_over_share": work.left_over / work.fluid, "efficiency": work.efficiency,
-        "work_per_volume_J_m3": work.density,
+        **work, "left_over_share": work["left_over_J"] / work["fluid_J"],
     }  # fmt: skip
     return table[table.contraction <= 1 - shortest / rest], source.table(ends)
 
