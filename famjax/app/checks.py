@@ -61,7 +61,7 @@ class Check:
         verdict = AGREES if low <= found <= high else DOUBTFUL
         if not possible[0] <= found <= possible[1]:
             verdict = CONTRADICTS
-        return cls(what, told, f"{found:.4g}{end}", verdict, say)
+        return cls(what, told, f"{found:.4g}{end}", verdict, "" if verdict == AGREES else say)
 
     @classmethod
     def about(

@@ -63,9 +63,7 @@ def new(folder: Path) -> int:
         raise InputError(f"{path} is there already: edit it, or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(Path(__file__).parent / "templates" / SHEET, path)
-    print(
-        f"written: {path}; fill it in, copy the files there, then run: famjax characterise {folder}"
-    )
+    print(f"written: {path}; fill it in, add the files, and run: famjax characterise {folder}")
     return 0
 
 

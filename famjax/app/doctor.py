@@ -34,11 +34,7 @@ def doctor() -> int:
             f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. "
             "Set JAX_PLATFORMS=cpu, or unset it"
         )
-    print(
-        "float64:",
-        "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
-        "- famjax commands that fit switch it on themselves",
-    )
+    print("float64: off by default in JAX; famjax commands that fit switch it on")
     off = f"off; every command compiles again. Set {VARIABLE} to a folder that only you can write"
     print("compilation cache:", switch_on() or off)
     print("\n".join(f"problem: {problem}" for problem in found) or "no problems found")

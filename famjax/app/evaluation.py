@@ -272,10 +272,7 @@ def _within(data: fitting.ForceData, geometry: AbstractGeometry) -> fitting.Forc
             f"pictures, {low * 1e3:.4g} to {high * 1e3:.4g} mm: photograph the whole stroke, and check "
             "rest_length and the scale"
         )
-    note = (
-        f"{int((~inside).sum())} readings outside the lengths of the pictures, {low * 1e3:.4g} to "
-        f"{high * 1e3:.4g} mm, are left out."
-    )
+    note = f"{(~inside).sum()} readings outside the lengths of the pictures are left out."
     kept = data.part(inside)
     return data if inside.all() else dataclasses.replace(kept, notes=(*kept.notes, note))
 

@@ -82,8 +82,8 @@ def rig_step(
             output.mkdir(parents=True, exist_ok=True)
             with cli.opened(port, baud) as link:
                 record_test(test, link, calibration, output / JOURNAL)
-    print("written:", output / JOURNAL)
-    print(f"next: famjax rig tune {output / JOURNAL} --plan {plan}")
+    journal = output / JOURNAL
+    print(f"written: {journal}\nnext: famjax rig tune {journal} --plan {plan}")
     return 0
 
 
@@ -236,9 +236,8 @@ def _identified(
     fit = identify_plant(rows, _plant(assumed, muscle), free=free)
     if not fit.pressure_rms < _MISSED:
         raise InputError(
-            f"the {test.circuit} circuit of the plan misses the recorded pressure by "
-            f"{fit.pressure_rms / PSI:.2g} psi RMS: check that the journal is from this circuit, check the "
-            "supply, and check for leaks"
+            f"the plan's {test.circuit} circuit misses the recorded pressure by "
+            f"{fit.pressure_rms / PSI:.2g} psi RMS: check the journal, the supply, and for leaks"
         )
     known = {name: float(value) for name, value in assumed.parameters().items()}
     volume = float(muscle.volume(rest, rows.pressure.mean())) + known.get("dead_volume", 0.0)

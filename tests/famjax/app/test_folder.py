@@ -110,7 +110,7 @@ def test_the_report_is_whole(twin):
     page = (report / "report.html").read_text()
     assert re.search(r'(src|href)="(?!data:|#)', page) is None  # nothing is fetched
     names = {path.stem for path in (report / "figures").iterdir()}
-    assert page.count("<figure") == len(names) == 9
+    assert page.count("<figure") == len(names) == 8
     assert {"photographs", "shape", "test"} < names
     for words in (
         "identified from the force",
