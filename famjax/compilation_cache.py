@@ -137,9 +137,3 @@ def _bound(root: Path, largest: int = LARGEST) -> None:
                 break
             path.unlink(missing_ok=True)
             total -= one.st_size
-
-
-def contents(folder: str) -> tuple[int, int]:
-    """Number of programs in a folder, and their size in bytes."""
-    sizes = [path.stat().st_size for path in Path(folder).glob(_PROGRAMS)]
-    return len(sizes), sum(sizes)

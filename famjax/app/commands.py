@@ -75,8 +75,8 @@ def characterise(
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits with four geometries, report.
 
-    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. Steps whose files
-    and options have not changed are skipped, so an interrupted run resumes.
+    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. The first steps are
+    skipped if their files and options have not changed, so an interrupted run resumes.
 
     Writes one folder per step to `FOLDER/results`, and `report/report.html` with its figures as SVG in
     `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare quantities that two
@@ -145,11 +145,9 @@ def rig_simulate(
 
     with ended_in_words():
         test = read_plan(plan)
-        muscle, specimen = _simulated_muscle(fit)
+        muscle, known = _simulated_muscle(fit)
         with progress("simulating") as show:
-            done = simulate(
-                test, output, muscle=muscle, specimen=specimen, seed=seed, progress=show
-            )
+            done = simulate(test, output, muscle=muscle, specimen=known, seed=seed, progress=show)
     found, picture = done.analysis, output / "characterisation.png"
     document, numbers = figures(found), output / "characterisation.json"
     plot_characterisation(found, units).savefig(picture, dpi=150)

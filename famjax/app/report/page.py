@@ -21,11 +21,8 @@ from .figures import FIGURES, STYLE
 from .source import Source, parameter_kind, read_source
 
 _CHECKS = "Cross-checks of quantities from two sources. Standard errors set the expected ranges."
-_TEST = (
-    "The test. Left: force against contraction at each set pressure; shortening is solid, lengthening "
-    "dashed. Right: held pressure minus set pressure."
-)
-_SHOWN = ("what", "range", "value", "verdict")
+_TEST = "The test. Left: force against contraction at each set pressure. Right: pressure error."
+_HEADER = ("what", "expected", "found", "verdict")
 _GEOMETRIC = ("turns", "braid_angle", "braid_diameter")
 """Parameters of the geometry; the summary shows the first that was identified."""
 
@@ -43,8 +40,9 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     drawn = _drawn(source)
     checks = evaluation.checks_of(sheet)
     doubts = [one.sentence() for one in checks if one.verdict != AGREES]
-    rows = [[text_in_units(getattr(one, name), system) for name in _SHOWN] for one in checks]
-    shown = [_errors(source), *([PageTable(_CHECKS, _SHOWN, rows, text=True)] if rows else [])]
+    texts = [(one.what, one.range, one.value, one.verdict) for one in checks]
+    rows = [[text_in_units(text, system) for text in row] for row in texts]
+    shown = [_errors(source), *([PageTable(_CHECKS, _HEADER, rows, text=True)] if rows else [])]
     document = source.fits[source.best].document
     reasons = "".join(f": {one}" for one in document["reasons"][:1])
     agreeing = f" {len(checks) - len(doubts)} of {len(checks)} cross-checks agree."
@@ -128,11 +126,13 @@ def _errors(source: Source) -> PageTable:
     """Tabulate the errors of the force by geometry."""
     keys = ("rmse_N", "largest_N", "left_out_pressure_N", "left_out_length_N")
     rows = [
-        (name, *(source.number(of.get(key), "force", 3) for key in keys))
+        (name.replace("-", " "), *(source.number(of.get(key), "force", 3) for key in keys))
         for name, of in source.figures.items()
     ]
-    header = ("geometry", "RMSE", "largest", "each pressure left out", "each length left out")
-    return PageTable(f"Errors of the force by geometry [{source.unit('force')}].", header, rows)
+    title = (
+        f"Errors of the force [{source.unit('force')}]; the last two are RMSE of held-out readings."
+    )
+    return PageTable(title, ("geometry", "RMSE", "largest", "each pressure", "each length"), rows)
 
 
 def _notes(source: Source) -> list[str]:
