@@ -440,7 +440,7 @@ def _check_ranges(records: Iterable[RampRecord]) -> None:
             raise InputError(
                 f"{record.source}: the pressure must sweep a range at constant length, got only "
                 f"{low / 1e3:.4g} to {high / 1e3:.4g} kPa: check the column (--column pressure=). For "
-                "strokes at constant pressure, use famjax rig characterise"
+                "strokes at constant pressure, use famjax characterise"
             )
 
 

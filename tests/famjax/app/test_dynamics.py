@@ -123,13 +123,18 @@ def test_a_duty_that_cannot_be_done_is_refused(change):
 
 
 def test_the_text_of_a_plan_keeps_all_but_its_gains(tmp_path):
-    found = tuned_text(PLAN, 12.345678, 40.0, 1.25)
+    gains = {
+        "proportional_counts_per_psi": 12.345678,
+        "integral_counts_per_psi_s": 40.0,
+        "rise_s": 1.25,
+    }
+    found = tuned_text(PLAN, gains)
     before, after = tomllib.loads(PLAN), tomllib.loads(found)
     before["plan"]["rise_s"] = 1.25
     before["rig"] |= {"proportional_counts_per_psi": 12.35, "integral_counts_per_psi_s": 40.0}
     assert after == before
     assert "# of a colleague" in found
-    assert tuned_text(found, 12.345678, 40.0, 1.25) == found
+    assert tuned_text(found, gains) == found
     path = tmp_path / "plan.toml"
     path.write_text(found)
     assert read_plan(path).plan.rise == 1.25
