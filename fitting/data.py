@@ -12,13 +12,13 @@ import io
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, import_extra
-from famjax.boundary.units import Quantity, Sentence, factor, to_si, unit_system
+from famjax.boundary.units import Quantity, factor, to_si, unit_system
 from famjax.tables import Table, read_table
 
 from .arguments import check_mapping, check_numbers, check_path, is_number, shown
@@ -45,6 +45,7 @@ COLUMNS = {
 }
 """The columns of a force map and the kind of unit of each."""
 
+_NEEDED = ("force", "pressure", "length")
 _STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
 
 MOST_APART = 40
@@ -124,24 +125,24 @@ def levels_of(
     low = distinct[np.searchsorted(group, numbers)]
     high = distinct[np.searchsorted(group, numbers, "right") - 1]
     width = high - low
+
+    def said(value: float) -> str:
+        return Quantity(value, what).in_units("metric")
+
     if given and tolerance > 0 and width.max() >= (low[1:] - high[:-1]).min(initial=np.inf):
         worst = int(np.argmax(width))
-        ends = (tolerance, low[worst], high[worst])
-        said, first, last = (Quantity(value, what).in_units("metric") for value in ends)
         raise InputError(
-            f"a tolerance of {said} joins all readings between {first} and {last} into one {what}, "
-            "which is wider than the gap to its neighbour: give a smaller tolerance"
+            f"a tolerance of {said(tolerance)} joins all readings between {said(low[worst])} and "
+            f"{said(high[worst])} into one {what}, which is wider than the gap to its neighbour: give a "
+            "smaller tolerance"
         )
-    label = group[place]
-    count = np.bincount(label)
+    label, count, note = group[place], np.bincount(group[place]), ""
     mean = np.where(high > low, np.bincount(label, values) / count, low)
-    note = ""
     if tolerance > 0 and count.size < distinct.size:
-        note = Sentence(
-            f"Readings whose {what}s differ by less than ",
-            Quantity(tolerance, what),
-            f" share one {what} (tolerance {'given' if given else 'derived from the gaps'}): "
-            f"{distinct.size} values form {count.size} levels.",
+        note = (
+            f"Readings whose {what}s differ by less than {said(tolerance)} share one {what} (tolerance "
+            f"{'given' if given else 'derived from the gaps'}): {distinct.size} values form {count.size} "
+            "levels."
         )
     elif count.size > max(2, _FRACTION * values.size):
         note = (
@@ -253,21 +254,17 @@ class ForceData:
 
     def __post_init__(self) -> None:
         self._check_arguments()
-        for name in COLUMNS:
-            if getattr(self, name) is not None or not name.endswith("_std"):
+        for name in (*COLUMNS, "count"):
+            if getattr(self, name) is not None or name in _NEEDED:
                 object.__setattr__(self, name, self._checked_column(name))
         if self.slack_below is None:
             self._find_slack()
         self._check_pulls()
-        for name in ("force", "pressure", "length"):
+        for name in _NEEDED:
             largest = float(getattr(self, name).max())
             check_plausible(f"the largest {name}", largest, name, self.units.get(name, ""))
         if self.count is None:
             self._average_copies()
-        elif np.shape(self.count) != np.shape(self.force):
-            raise InputError(
-                "count must have the same length as force; omit it to let it be computed"
-            )
 
     def _check_arguments(self) -> None:
         if not isinstance(self.specimen, Specimen):
@@ -314,10 +311,11 @@ class ForceData:
         object.__setattr__(self, "slack_below", found)
         count = int(((self.force > 0) & (self.force <= found)).sum())
         if count:
-            note = Sentence(
-                f"{count} reading{'s' * (count > 1)} of at most ", Quantity(found, "force", 2),
-                " count as slack: readings below zero show noise of this size.",
-            )  # fmt: skip
+            size = Quantity(found, "force", 2).in_units("metric")
+            note = (
+                f"{count} reading{'s' * (count > 1)} of at most {size} count as slack: readings below "
+                "zero show noise of this size."
+            )
             object.__setattr__(self, "notes", (*self.notes, note))
 
     def _check_pulls(self) -> None:
@@ -340,24 +338,21 @@ class ForceData:
         starts = np.flatnonzero(np.append(True, (np.diff(rows[order], axis=0) != 0).any(axis=1)))
         if starts.size == n:
             return
-        first = order[starts]
-        in_order = np.argsort(first)
-        count = np.diff(starts, append=n)[in_order]
-        first = first[in_order]
+        first, count = order[starts], np.diff(starts, append=n)
+        kept, count = np.sort(first), count[np.argsort(first)]
+        k = int(np.argmax(count))
+        such = ", ".join(
+            Quantity(getattr(self, name)[kept[k]], name).in_units("metric") for name in _NEEDED
+        )
+        note = (
+            f"{n - kept.size} of {n} readings repeat another to the last digit, such as {such} ({count[k]} "
+            "times). They are averaged and weighted by their number. If they are copies, remove them."
+        )
         for name in COLUMNS:
             if (values := getattr(self, name)) is not None:
-                object.__setattr__(self, name, values[first])
-        if self.force_std is not None:
-            object.__setattr__(self, "force_std", self.force_std / np.sqrt(count))
+                values = values[kept] / (np.sqrt(count) if name == "force_std" else 1.0)
+                object.__setattr__(self, name, values)
         object.__setattr__(self, "count", count.astype(float))
-        k = int(np.argmax(count))
-        note = Sentence(
-            f"{n - count.size} of {n} readings repeat another to the last digit, such as ",
-            Quantity(self.force[k], "force"), " at ", Quantity(self.pressure[k], "pressure"), " and ",
-            Quantity(self.length[k], "length"),
-            f" ({count[k]} times). They are averaged and weighted by their number. If they are copies, "
-            "remove them.",
-        )  # fmt: skip
         object.__setattr__(self, "notes", (*self.notes, note))
 
     def __repr__(self) -> str:
@@ -383,14 +378,13 @@ class ForceData:
         Raises:
             InputError: xarray is not installed.
         """
-        held = self._repeated({**self.columns(), "loaded": self.loaded})
+        import_extra("xarray", "tables")
         known = {
             key: int(one) if isinstance(one, bool) else one
             for key, one in dataclasses.asdict(self.specimen).items()
             if one is not None
         }
-        variables = {name: ("reading", values) for name, values in held.items()}
-        return import_extra("xarray", "tables").Dataset(variables, attrs=known)
+        return self.to_pandas().rename_axis("reading").to_xarray().assign_attrs(known)
 
     @classmethod
     def from_pandas(
@@ -440,11 +434,10 @@ class ForceData:
         """
         if not hasattr(dataset, "data_vars") or not hasattr(dataset, "to_dataframe"):
             raise InputError(f"dataset must be an xarray.Dataset, got {shown(dataset)}")
-        frame = (
-            dataset.to_dataframe().dropna().reset_index().drop(columns="reading", errors="ignore")
-        )
-        fields = {field.name for field in dataclasses.fields(Specimen)}
-        known = {key: one for key, one in dataset.attrs.items() if key in fields}
+        frame = dataset.to_dataframe().dropna().reset_index()
+        frame = frame.drop(columns="reading", errors="ignore")
+        fields = [one.name for one in dataclasses.fields(Specimen)]
+        known = {name: dataset.attrs[name] for name in fields if name in dataset.attrs}
         known |= {"embedded": bool(known["embedded"])} if "embedded" in known else {}
         return cls.from_pandas(frame, known if specimen is None else specimen, columns)
 
@@ -536,19 +529,9 @@ class ForceData:
 
     @property
     def sha256(self) -> str:
-        """Hash of the SI values and the specimen, independent of the file format."""
-        digest = hashlib.sha256()
-        for name in COLUMNS:
-            values = getattr(self, name)
-            digest.update(name.encode())
-            if values is not None:
-                digest.update(np.ascontiguousarray(values, "<f8").tobytes())
-        digest.update(repr(dataclasses.astuple(self.specimen)).encode())
-        if self.count is not None:
-            digest.update(self.count.tobytes())
-        if self.force_limit is not None:
-            digest.update(f"force_limit {self.force_limit!r}".encode())
-        return digest.hexdigest()
+        """Hash of the SI values and the known specimen, independent of the file format."""
+        lines = [one for one in csv_text(self).splitlines() if not one.startswith("# note")]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 _NOT_ASSUMED = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedded"}
@@ -598,12 +581,10 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     known = bundled_map_name(name) if isinstance(name, str) else None
     if known is None:
         raise InputError(f"unknown bundled map {name!r}; available: {', '.join(bundled_names())}")
-    with importlib.resources.as_file(
-        importlib.resources.files("fitting") / "maps" / f"{known.lower()}.csv"
-    ) as path:
-        return dataclasses.replace(
-            read_csv(path, specimen), source=f"bundled map {known}", taken=""
-        )
+    folder = importlib.resources.files("fitting") / "maps"
+    with importlib.resources.as_file(folder / f"{known.lower()}.csv") as path:
+        found = read_csv(path, specimen)
+    return dataclasses.replace(found, source=f"bundled map {known}", taken="")
 
 
 def read_csv(
@@ -650,7 +631,6 @@ def read_csv(
         raise InputError(f"{where}: {error}") from None
 
 
-_NEEDED = ("force", "pressure", "length")
 _LEAST_CONTRACTION = 0.006  # smallest plausible maximum of a contraction column
 
 
@@ -695,8 +675,8 @@ def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
     below = pressure < 0
     if below.any() and pressure.min() >= -_NEAR_ZERO * pressure.max():
         arrays["pressure"] = np.where(below, 0.0, pressure)
-        least = Quantity(float(pressure.min()), "pressure", 3)
-        yield Sentence(f"{below.sum()} pressures below zero, down to ", least, ", are set to 0.")
+        least = Quantity(float(pressure.min()), "pressure", 3).in_units("metric")
+        yield f"{below.sum()} pressures below zero, down to {least}, are set to 0."
 
 
 def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None:
@@ -773,11 +753,8 @@ def csv_text(data: ForceData, system: str = "si") -> str:
             lines.append(f"# specimen: {key} = {value if key == 'name' else str(value).lower()}")
     if data.force_limit is not None:
         add("specimen", "force_limit", data.force_limit, "force")
-    for kind, tolerance in (
-        ("pressure", data.pressure_tolerance),
-        ("length", data.length_tolerance),
-    ):
-        if tolerance is not None:
+    for kind in ("pressure", "length"):
+        if (tolerance := getattr(data, f"{kind}_tolerance")) is not None:
             add("level", f"{kind}_tolerance", tolerance, kind)
     columns = data._repeated(data.columns(system))
     lines.append(",".join(columns))
@@ -833,9 +810,8 @@ def several_maps(data: object) -> tuple[ForceData, ...]:
         raise InputError(
             "force maps must be given in a list, got a single one: use fitting.identify for one map"
         )
-    if isinstance(data, str | Path) or not isinstance(data, Iterable):
-        check_maps(data)
-    maps: tuple[Any, ...] = tuple(cast("Iterable[Any]", data))
+    several = isinstance(data, Iterable) and not isinstance(data, str)
+    maps: tuple[Any, ...] = tuple(data) if several else (data,)
     check_maps(*maps)
     return maps
 

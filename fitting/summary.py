@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import famjax
-from famjax.boundary.units import Quantity, Sentence
 
 from .convex import Status
 from .covariance import Covariance, covariance
@@ -17,11 +16,11 @@ from .data import ForceData
 from .engine import Point, numbers_of, partial, predict, report_of, solve
 from .parameters import Entry
 from .pictured import PictureFit
-from .posing import Posed, own_names
+from .posing import Posed
 from .problem import Problem
-from .response import Report, unflat
+from .response import Constraint, Report, unflat
 from .result import Certificate, Errors, Estimate, Identification, Solved
-from .search import End, Margin, Weights, constraint_margin, pseudo_residual, rounding_of
+from .search import End, Weights, constraint_margin, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # finite-difference step on a path, for the curvature of the modulus
 
@@ -48,11 +47,6 @@ class Optimal:
     def point(self) -> Point:
         """The fit at the optimum."""
         return self.end.point
-
-    @property
-    def coefficients(self) -> Float[np.ndarray, "nodes order"]:
-        """Coefficients [Pa] of every node; one empty node if no parameter is linear."""
-        return self.point.x.reshape(-1 if self.order else 1, self.order)
 
 
 def joint_derivatives(
@@ -182,55 +176,35 @@ def _bent(
 _DERIVED_KINDS = {"thread_length": "length"}  # anything else is a number
 
 
-def coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
-    """Standard errors [Pa] of the coefficients."""
-    return found.spread.stderr[len(found.problem.names) :].reshape(found.coefficients.shape)
-
-
-def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
-    """Return estimates of all nonlinear parameters, then of the coefficients of every node."""
-    names = found.problem.names + found.problem.linear
-    values = np.concatenate([found.point.parameters, found.coefficients.ravel()])
+def estimates(found: Optimal, table: Mapping[str, Entry], place: int) -> tuple[Estimate, ...]:
+    """Return the estimates for one specimen: its nonlinear parameters, then its coefficients."""
+    problem, part = found.problem, found.problem.parts[place]
+    names, x = problem.names + problem.linear, found.point.x
+    values = np.concatenate([found.point.parameters, x])
     ends = np.array([(table[name].min, table[name].max) for name in names])
-    rounding = 1e-9 * np.abs(found.coefficients).max(initial=0.0)
-    stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= rounding
+    stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= 1e-9 * np.abs(x).max(initial=0.0)
     stopped[: len(found.at_bound)] = found.at_bound
+    told = list(names)
+    if (nodes := getattr(part.family, "nodes", None)) is not None:
+        pressures = np.repeat(nodes, found.order)
+        told[-x.size :] = [
+            f"{name}_at_{at / 1e3:.6g}kPa"
+            for name, at in zip(problem.linear, pressures, strict=True)
+        ]
     return tuple(
         Estimate(
-            name=name,
-            value=float(value),
-            stderr=float(stderr),
-            sandwich_stderr=float(sandwich),
-            min=table[name].min,
-            max=table[name].max,
-            at_bound=bool(at_bound) and not table[name].fixed,
-            fixed=table[name].fixed,
-            kind=table[name].kind,
-            prior=table[name].prior,
+            name=told[k],
+            value=float(values[k]),
+            stderr=float(found.spread.stderr[k]),
+            min=table[names[k]].min,
+            max=table[names[k]].max,
+            at_bound=bool(stopped[k]) and not table[names[k]].fixed,
+            fixed=table[names[k]].fixed,
+            kind=table[names[k]].kind,
+            prior=table[names[k]].prior,
         )
-        for name, value, stderr, sandwich, at_bound in zip(
-            names, values, found.spread.stderr, found.spread.sandwich_stderr, stopped, strict=True
-        )
+        for k in (*part.at, *(len(problem.names) + part.coefficients))
     )
-
-
-def concerning(
-    estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, found: Optimal
-) -> tuple[Estimate, ...]:
-    """Return the estimates for one specimen, without the coefficients of a law with several nodes."""
-    count = len(found.problem.names)
-    mine = own_names(found.problem.names, data.specimen.name)
-    geometry = tuple(e for e in estimates[:count] if e.name in mine)
-    laws = of_nodes(estimates, found)[nodes]
-    return geometry + (laws[0] if len(laws) == 1 else ())
-
-
-def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Estimate, ...], ...]:
-    """Return the coefficient estimates of every node."""
-    first, order = len(found.problem.names), found.order
-    if not order:
-        return ((),)
-    return tuple(estimates[k : k + order] for k in range(first, len(estimates), order))
 
 
 def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...]:
@@ -242,9 +216,10 @@ def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...
     both = np.where(np.isfinite(both), both, 0.0)
     variance = np.einsum("id,kij,jd->kd", slopes, both, slopes).max(axis=0)
     stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)
+    kinds = {"thread_length": "length"}  # anything else is a number
     return tuple(
         Estimate(name, float(value), float(error), 0.0, math.inf, False, False,
-                 _DERIVED_KINDS.get(name, "number"))
+                 kinds.get(name, "number"))
         for name, value, error in zip(names, values, stderr, strict=True)
     )  # fmt: skip
 
@@ -263,18 +238,16 @@ def summarise(
 ) -> tuple[Identification, ...]:
     """Return the identifications at an optimum, one per force map."""
     problem, point = found.problem, found.point
-    margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
-    certificate = _certificate(found, ends, margins)
+    certificate = _certificate(found, ends)
     feasible = problem.constraint == "none" or certificate.constraint_margin >= -rounding_of(point)
     certified = point.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
     # The gradient of a perfect fit is only rounding.
     perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
     stationary = certificate.gradient_residual <= _STATIONARY or perfect
-    estimated = estimates(found, posed.table)
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
-        nodes, muscle = _nodes_of(found, k), cast(Any, unflat(part.family, reported.numbers))
+        muscle = cast(Any, unflat(part.family, reported.numbers))
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors = _errors(one, force)
         strain_range, own = float(np.max(reported.largest_strain)), certificate
@@ -286,17 +259,17 @@ def summarise(
             Identification(
                 data=one,
                 mounted=part.mounted(muscle, point.parameters),
-                estimates=concerning(estimated, one, nodes, found),
-                node_estimates=() if pressures is None else of_nodes(estimated, found),
+                estimates=estimates(found, posed.table, k),
                 derived=derived(found, k, reported),
-                coefficients=found.coefficients[nodes],
-                coefficients_stderr=coefficient_stderr(found)[nodes],
+                coefficients=point.x[part.coefficients].reshape(
+                    -1 if found.order else 1, found.order
+                ),
                 node_pressures=None if pressures is None else np.asarray(pressures),
                 strain_range=strain_range,
                 residuals=force[one.loaded] - one.force[one.loaded],
                 errors=errors,
                 certificate=own,
-                active_constraints=_active_sentences(found),
+                active_constraints=_active(found),
                 law=posed.law,
                 constraint=posed.constraint,
                 dependence=posed.dependence,
@@ -332,22 +305,17 @@ def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.
     return weights.factor[problem.readings[k]] ** 2
 
 
-def _nodes_of(found: Optimal, place: int) -> slice:
-    """Return the rows of the coefficients that belong to a part: its own, or all."""
-    part = found.problem.parts[place]
-    if not found.order:
-        return slice(0, 1)
-    first = int(part.coefficients[0]) // found.order
-    return slice(first, first + part.coefficients.size // found.order)
-
-
-def _certificate(
-    found: Optimal, ends: Sequence[End], margins: Mapping[str, list[Margin]]
-) -> Certificate:
+def _certificate(found: Optimal, ends: Sequence[End]) -> Certificate:
     problem, point = found.problem, found.point
-    lowest = {
-        kind: min(float(one.value.min()) for one in of_parts) for kind, of_parts in margins.items()
-    }
+
+    def margin(kind: Constraint) -> float:
+        return min(float(one.value.min()) for one in constraint_margin(problem, point, kind))
+
+    stability, own = margin("drucker"), math.nan
+    if problem.constraint == "positive":
+        own = float(point.x.min(initial=math.inf))
+    elif problem.constraint != "none":
+        own = stability if problem.constraint == "drucker" else margin("slope")
     costs = np.array([end.cost for end in ends])
     rounding = _PERFECT * float(problem.force @ problem.force)
     return Certificate(
@@ -355,14 +323,8 @@ def _certificate(
         duality_gap=point.duality_gap,
         gradient_residual=found.end.gradient_residual,
         condition=found.spread.condition,
-        stability_margin=lowest["drucker"],
-        slope_margin=lowest["slope"],
-        constraint_margin={
-            "none": math.nan,
-            "positive": float(found.coefficients.min(initial=math.inf)),
-            **lowest,
-        }[problem.constraint],
-        between_stations=max(one.bound for one in margins["drucker"]),
+        stability_margin=stability,
+        constraint_margin=own,
         n_starts=len(ends),
         n_agreeing=int(np.sum(costs <= np.nanmin(costs) * (1 + 1e-6) + rounding)),
     )
@@ -392,45 +354,12 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
     )
 
 
-def _active_sentences(found: Optimal) -> tuple[str, ...]:
-    """Describe each active constraint of the convex fit in one sentence."""
-    problem, first, sentences = found.problem, 0, []
-    active = np.sort(found.point.rows)
-    for place, count in enumerate(problem.path_rows):
-        here = active[(active >= first) & (active < first + count)]
-        sentences += [_path_sentence(found, place, int(row) - first) for row in here]
-        first += count
-    positive = problem.constraint == "positive"
-    for limits, side in ((problem.lowest, "lower"), (problem.coefficient_max, "upper")):
-        for row in active[(active >= first) & (active < first + limits.size)]:
-            place = int(row - first)
-            if positive and side == "lower" and limits[place] == 0:
-                sentences.append(Sentence(f"{problem.linear[place]} = 0", _at_node(found, place)))
-            else:
-                sentences.append(f"{problem.linear[place]} at its {side} bound")
-        first += limits.size
-    return tuple(dict.fromkeys(sentences))
-
-
-def _path_sentence(found: Optimal, place: int, row: int) -> str:
-    problem = found.problem
-    part = problem.parts[place]
-    path, station = divmod(row, part.inputs.stations.shape[1])
-    at = ""
-    if part.coefficients.size > found.order:
-        at = Sentence(" at ", Quantity(part.inputs.path_pressure[path], "pressure"))
-    share = float(part.inputs.stations[path, station])
-    if problem.constraint == "slope":
-        return Sentence(f"tangent modulus is 0 at {share:.1%} of the strain range", at)
-    reported = report_of(part, found.point, place)
-    contraction = share * (1 - float(reported.path_end[path] / reported.rest))
-    return Sentence(f"Drucker modulus is 0 at contraction {contraction:.4f}", at)
-
-
-def _at_node(found: Optimal, place: int) -> str:
-    part = found.problem.parts[0]
-    if part.coefficients.size == found.order:
-        return ""
-    return Sentence(
-        " at ", Quantity(cast(Any, part.family).nodes[place // found.order], "pressure")
-    )
+def _active(found: Optimal) -> tuple[str, ...]:
+    """Describe each active constraint of the convex fit in one phrase."""
+    problem, rows, told = found.problem, np.sort(found.point.rows), []
+    stations = [part.inputs.stations.ravel() for part in problem.parts]
+    first = sum(problem.path_rows)
+    for share in np.concatenate(stations)[rows[rows < first]]:
+        told.append(f"{problem.constraint} modulus is 0 at {share:.1%} of the actuation path")
+    bounds = [f"{name} at its {end} bound" for end in ("lower", "upper") for name in problem.linear]
+    return tuple(dict.fromkeys([*told, *(bounds[row - first] for row in rows[rows >= first])]))

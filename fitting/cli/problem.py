@@ -1,7 +1,7 @@
 """The problem that the options of `famjax fit` or a `fit.json` describe: solve, assess, judge."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import fitting
 from famjax.boundary.errors import InputError, Own, check_trusted
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.toml_file import from_entries
-from famjax.boundary.units import UNITS, si_unit, to_si
+from famjax.boundary.units import si_unit, to_si
 from famjax.console import parse_entries
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
@@ -43,30 +43,11 @@ _TURNS = "turns"
 
 def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
     """Return the kind of unit of every possible parameter, for all known and the given laws."""
-    kinds = dict(KINDS)
+    kinds = KINDS | {f"E_{n}": "stress" for n in range(1, 9)}
     for one in (*known_laws(), *laws):
         made = law_named(one, None)
         kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
     return kinds
-
-
-def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, str, str]:
-    """Split a key such as `braid_diameter_mm`, or `end_factor` without a unit, into name, unit and kind."""
-    if kinds.get(key) == "number":
-        return key, "", "number"
-    if key in kinds:
-        known = list(UNITS[kinds[key]])
-        raise InputError(
-            f"{what} {entry!r}: {key} needs a unit ({', '.join(known)}), as in {key}_{known[-1]}=..."
-        )
-    # The longest known name wins, since one name may be a prefix of another.
-    names = [name for name in kinds if key.startswith(f"{name}_")]
-    name = max(names, key=len, default=key.rpartition("_")[0])
-    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
-    if kind is None:
-        listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in kinds.items())
-        raise InputError(f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)")
-    return name, key[len(name) + 1 :], kind
 
 
 def _parsed(
@@ -77,19 +58,22 @@ def _parsed(
     known = parameter_kinds() if kinds is None else kinds
     for entry in entries:
         key, _, text = (part.strip() for part in entry.partition("="))
-        if not text or not key:
-            raise InputError(f"{what} {entry!r} must read {form}")
-        name, unit, kind = _name_and_unit(key, entry, what, known)
-        if name in found:
-            raise InputError(f"{what} of {name} given twice: give it once")
         try:
             numbers = [float(one) for one in text.split(split)]
         except ValueError:
             numbers = []
-        if not 1 <= len(numbers) <= 2:
-            wanted = form.partition("=")[2].partition(",")[0]
-            raise InputError(f"{what} {entry!r}: {text!r} is not {wanted}")
-        found[name] = numbers, unit, kind
+        if not (key and 1 <= len(numbers) <= 2):
+            raise InputError(f"{what} {entry!r} must read {form}")
+        # The longest known name wins, since one name may be a prefix of another.
+        name = max((one for one in known if f"{key}_".startswith(f"{one}_")), key=len, default=None)
+        if name is None:
+            listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in known.items())
+            raise InputError(
+                f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)"
+            )
+        if name in found:
+            raise InputError(f"{what} of {name} given twice: give it once")
+        found[name] = numbers, key[len(name) + 1 :], known[name]
     return found
 
 
@@ -131,18 +115,6 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
     return found
 
 
-def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
-    """Return named parameters, to be identified within their standard bounds.
-
-    Raises:
-        InputError: a name is unknown.
-    """
-    for name in names:
-        if name not in kinds:
-            raise InputError(f"--free {name}: unknown parameter; available: {', '.join(kinds)}")
-    return {name: Parameter() for name in names}
-
-
 def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     """Parse standard errors: calibration errors shared by all readings, and the force noise [N] or None.
 
@@ -166,7 +138,36 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     if len(names) > 1:
         raise InputError(f"error: the noise of a reading is given twice, {' and '.join(names)}")
     noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in names]
-    return from_entries(SharedErrors, numbers, FORM, where="error: "), next(iter(noise), None)
+    return from_entries(SharedErrors, numbers, FORM, where="error: "), (*noise, None)[0]
+
+
+def identify_options(
+    maps: Sequence[fitting.ForceData],
+    laws: Iterable[LawGiven],
+    *,
+    geometry: str | None,
+    term: Sequence[str],
+    free: Sequence[str],
+    bounds: Sequence[str],
+    prior: Sequence[str] = (),
+    shape: bool = False,
+) -> tuple[dict[str, Any], Kinds]:
+    """Convert options as typed to arguments of `fitting.identify`, and return the kinds of parameters.
+
+    Raises:
+        InputError: an option is invalid.
+    """
+    parts, declared = own_parts(maps, geometry, term)
+    kinds = parameter_kinds(*laws) if bounds or free or prior else {}
+    kinds |= {name: one.kind for name, one in declared.items()}
+    kinds |= {_TURNS: "number"} if shape else {}
+    limits = parse_bounds(bounds, kinds)
+    for name in free:
+        if name not in kinds:
+            raise InputError(f"--free {name}: unknown parameter; available: {', '.join(kinds)}")
+    named = {name: Parameter() for name in free} | parse_priors(prior, kinds)
+    parameters = named | taking_part(declared, {**limits, **named})
+    return {**parts, "bounds": limits, "parameters": parameters}, kinds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,18 +200,12 @@ class Problem:
                 "--shape also sets the geometry: give either --shape or --geometry, got both"
             )
         errors, noise = parse_errors(asked.shared_error)
-        parts, declared = own_parts([data], asked.geometry, asked.term)
-        kinds = {}
-        if asked.bounds or asked.free or asked.prior:
-            kinds = parameter_kinds(*filter(None, [asked.law]))
-        kinds |= {name: one.kind for name, one in declared.items()}
-        kinds |= {} if asked.shape is None else {_TURNS: "number"}
-        bounds = parse_bounds(asked.bounds, kinds)
-        named = parse_free(asked.free, kinds) | parse_priors(asked.prior, kinds)
+        parts, _ = identify_options(
+            [data], [asked.law] if asked.law else [], geometry=asked.geometry, term=asked.term,
+            free=asked.free, bounds=asked.bounds, prior=asked.prior, shape=asked.shape is not None,
+        )  # fmt: skip
         options = parts | {
             "constraint": asked.constraint,
-            "bounds": bounds,
-            "parameters": named | taking_part(declared, {**bounds, **named}),
             "noise": noise,
             "objective": asked.objective,
             "ends": asked.ends,

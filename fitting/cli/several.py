@@ -44,9 +44,6 @@ _SWEPT = {
 def sweep(
     data: str = "DMSP-20-300",
     *,
-    braid_diameter: str | None = None,
-    braid_angle: str | None = None,
-    deadband: str | None = None,
     order: SweptOrders = (1, 2, 3, 4),
     dependence: tuple[Literal["fixed", "linear", "free"], ...] = ("fixed", "linear", "free"),
     constraint: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker"),
@@ -59,19 +56,13 @@ def sweep(
 ) -> int:
     """Fit all combinations of order, pressure dependence and constraint at one geometry.
 
-    Writes `sweep.json` with all fits in SI, and figures of errors and force curves. By default, the
-    geometry is identified as in `famjax fit --law polynomial`.
+    Writes `sweep.json` with all fits in SI, and figures of errors and force curves. The geometry is
+    identified as in `famjax fit --law polynomial`.
 
     Parameters
     ----------
     data
         Read this CSV file or bundled map, as for `famjax fit`.
-    braid_diameter
-        Set the braid diameter at rest, D0, with its unit: `21.6mm`.
-    braid_angle
-        Set the braid angle at rest, measured from the circumference, with its unit: `63deg`.
-    deadband
-        Set the pressure below which the muscle does not act, with its unit: `43kPa`.
     order
         Try these orders of the law, repeatable, 1 to 4.
     dependence
@@ -94,31 +85,17 @@ def sweep(
     fitting = load_fitting()
 
     from famjax.boundary.files import as_png
-    from famjax.boundary.units import parse_quantity, unit_system
+    from famjax.boundary.units import unit_system
     from fitting.specimen import parse_specimen
     from fitting.sweeps import plot_curves, plot_errors
 
     place = Output(output)
     measured = load_map(data, parse_specimen(specimen), column)
-    given = {"braid_diameter": braid_diameter, "braid_angle": braid_angle, "deadband": deadband}
-    missing = [name for name, text in given.items() if text is None]
-    if 0 < len(missing) < len(given):
-        raise fitting.InputError(
-            f"give {', '.join(given)} together, or none of them to identify the geometry; missing: "
-            f"{', '.join(missing)}"
-        )
     with progress("identifying the geometry, sweeping"):
-        if missing:
-            known = fitting.identify(measured)
-            shape, dead = known.muscle.geometry, known.estimate("deadband_pressure").value
-        else:
-            kinds = {"braid_diameter": "length", "braid_angle": "angle"}
-            at_rest = {name: parse_quantity(str(given[name]), kind) for name, kind in kinds.items()}
-            shape = fitting.families.EstimatedSource(measured.specimen).geometry(at_rest)
-            dead = parse_quantity(str(deadband), "pressure")
+        known = fitting.identify(measured)
         found = fitting.sweep(
-            measured, shape, deadband=dead, orders=order, dependences=dependence,
-            constraints=constraint, objective=objective,
+            measured, known.muscle.geometry, deadband=known.estimate("deadband_pressure").value,
+            orders=order, dependences=dependence, constraints=constraint, objective=objective,
         )  # fmt: skip
     best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
     rows = [_finite(row.as_dict()) for row in found.rows]
@@ -132,17 +109,10 @@ def sweep(
     if json_:
         print_json({"rows": rows})
         return 0
-    # Longer verdicts are printed once, below the table.
-    long = dict.fromkeys(
-        row["verdict"] for row in rows if " " in row["verdict"].removeprefix("not ")
-    )
-    marks = {verdict: f"see ({k})" for k, verdict in enumerate(long, 1)}
     shown = [{name: row[key] for name, key in _SWEPT.items()} for row in rows]
-    shown = [{**row, "verdict": marks.get(row["verdict"], row["verdict"])} for row in shown]
+    shown = [{**row, "verdict": row["verdict"].partition(":")[0]} for row in shown]
     stress = {**unit_system(units), "pressure": unit_system(units)["stress"]}
     print_rows(f"{len(rows)} fits of {measured.specimen.name}", in_units(shown, stress))
-    for verdict, mark in marks.items():
-        print(f"{mark.removeprefix('see ')} {verdict}")
     place.tell(paths)
     return 0
 
@@ -239,8 +209,8 @@ def compare(
     rows = [{name: row[key] for name, key in _COLUMNS.items()} for row in document["models"]]
     print_rows(f"{document['specimen']}, largest force {document['max_force_N']:.5g} N", rows)
     for row in document["models"]:
-        bounds = f"at a bound: {', '.join(row['at_bound'])}" if row["at_bound"] else ""
-        if remarks := "; ".join(filter(None, (bounds, row["note"]))):
+        stopped = [f"{name} is at a bound" for name in row["at_bound"]]
+        if remarks := "; ".join(filter(None, (*stopped, row["note"]))):
             print(f"note: {row['label']}: {remarks}")
     place.tell(paths)
     return 0
@@ -306,26 +276,29 @@ def series(
     fitting = load_fitting()
     from famjax.boundary.files import Origin
     from famjax.boundary.units import si_unit
-    from fitting.posing import own_parts, taking_part
     from fitting.series import DEFAULT_LAWS
     from fitting.verdict import judge_series
 
-    from .problem import parameter_kinds, parse_bounds, parse_free
+    from .problem import identify_options
 
     place = Output(output)
     add_cwd_to_path()
     maps = [load_map(one, {}, column) for one in data]
-    parts, declared = own_parts(maps, geometry, term)
-    kinds = parameter_kinds(*(one for one in law if ":" in one))
-    kinds |= {name: one.kind for name, one in declared.items()}
-    said = parse_free(free, kinds) | {
-        name: fitting.Parameter(min=low, max=high, unit=si_unit(kinds.get(name, "stress")))
-        for name, (low, high) in parse_bounds(bounds, kinds).items()
+    options, kinds = identify_options(
+        maps,
+        [one for one in law if ":" in one],
+        geometry=geometry,
+        term=term,
+        free=free,
+        bounds=bounds,
+    )
+    options["parameters"] |= {
+        name: fitting.Parameter(min=low, max=high, unit=si_unit(kinds[name]))
+        for name, (low, high) in options.pop("bounds").items()
     }
     with progress("identifying") as show:
         found = fitting.identify_series(
-            maps, laws=law or DEFAULT_LAWS, parameters=said | taking_part(declared, said),
-            constraint=constraint, ends=ends, **parts,
+            maps, laws=law or DEFAULT_LAWS, constraint=constraint, ends=ends, **options,
             progress=lambda name, done, total: show(done, total, name),
         )  # fmt: skip
     judgement = judge_series(found.specimens, found.left_out)
@@ -348,24 +321,18 @@ def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system
     errors = found["leave_one_specimen_out_N"]
     families = [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()]
     print_rows("Models, by held-out error over specimens", in_units(families, units))
-    columns = ("name", "rest_length_m", "max_force_N", "rmse_N", "predicted_rmse_N")
-    specimens = [{key: one[key] for key in columns} for one in found["specimens"]]
-    title = f"Specimens, with {found['family']}; predictions average {found['averaged']} models"
-    print_rows(title, in_units(specimens, units))
-    shared = [
-        {"parameter": name, "value": of["value"], "unit": of["unit"], "std_error": of["stderr"]}
-        for name, of in values.items()
-    ]
+    averaged = 1 + len(document["averaged_with"])
+    title = f"Specimens, with {found['family']}; predictions average {averaged} models"
+    print_rows(title, in_units(found["specimens"], units))
+    keys = ("value", "unit", "stderr")
+    shared = [{"parameter": name, **{k: of[k] for k in keys}} for name, of in values.items()]
     print_rows("Shared parameters", shared)
-    told = [document["unchecked"], *document["reasons"][1:], *document["warnings"]]
-    for note in filter(None, told):
+    first, *further = *document["reasons"], ""
+    for note in filter(None, (document["unchecked"], *further, *document["warnings"])):
         print(f"note: {text_in_units(note, system)}")
-    reason = text_in_units(" ".join(document["reasons"][:1]), system)
     predicted = Quantity(found["predicted_rmse_N"], "force", 3).in_units(system)
-    print_lines([
-        ("verdict", f"{document['verdict'].capitalize()}. {reason}".strip()),
-        ("RMSE", f"{predicted} on held-out specimens."),
-    ])  # fmt: skip
+    verdict = f"{document['verdict'].capitalize()}. {text_in_units(first, system)}".strip()
+    print_lines([("verdict", verdict), ("RMSE", f"{predicted} on held-out specimens.")])
 
 
 def ramps(
@@ -374,10 +341,7 @@ def ramps(
     specimen: tuple[str, ...] = (),
     column: Columns = (),
     branches: Literal["both", "fill", "vent"] = "both",
-    period_s: float | None = None,
     step_kPa: Annotated[float, Parameter(name="--step-kPa")] = 25.0,
-    slack_below_N: Annotated[float | None, Parameter(name="--slack-below-N")] = None,
-    length_std_mm: float | None = None,
     output: Path = Path("famjax-ramps"),
     units: Units = "metric",
     json_: bool = False,
@@ -403,14 +367,8 @@ def ramps(
         pressures, `atmosphere=101.3kPa`.
     branches
         Choose the branch of the map: both (mean), fill or vent.
-    period_s
-        Set the time between valve pulses; default: detected from the record.
     step_kPa
         Set the spacing of the pressures of the map.
-    slack_below_N
-        Set the force below which the muscle does not pull; default: derived from noise and sensor clamp.
-    length_std_mm
-        State the standard deviation of the lengths.
     output
         Write the files to this folder; it is created if missing.
     units
@@ -427,9 +385,8 @@ def ramps(
     with progress("reading ramps"):
         summary, files = ramps_command(
             records, atmosphere=parse_atmosphere(atmosphere), columns=parse_columns(column),
-            specimen=parse_specimen(specimen), period=period_s, step=step_kPa * 1e3,
-            slack_below=slack_below_N, branches=branches, system=units, tell=tell_columns,
-            length_std=None if length_std_mm is None else length_std_mm / 1e3,
+            specimen=parse_specimen(specimen), step=step_kPa * 1e3, branches=branches, system=units,
+            tell=tell_columns,
         )  # fmt: skip
     origin = Origin.of_this_command()
     summary["origin"] = origin.as_dict()
