@@ -2,8 +2,7 @@
 
 import dataclasses
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -18,10 +17,6 @@ from famjax.console import (
     Units,
     add_cwd_to_path,
     parse_columns,
-    print_json,
-    print_lines,
-    print_table,
-    progress,
     tell_columns,
     whole,
 )
@@ -29,7 +24,6 @@ from famjax.console import (
 if TYPE_CHECKING:
     from fitting import ForceData
 
-    from .problem import Problem, Tell
 
 _DATA, _MODEL, _KNOWN, _OUTPUT = (
     Parameter(group=Group(name, sort_key=k))
@@ -202,7 +196,7 @@ def fit(
     fitting = load_fitting()
     from fitting.specimen import parse_specimen
 
-    from .problem import Problem
+    from .problem import solve
 
     place = Output(output)
     add_cwd_to_path()
@@ -213,9 +207,8 @@ def fit(
         )
     if asked.shape is not None:
         asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
-    problem = Problem.of(load_map(data[0], parse_specimen(specimen), column), asked)
-    with _telling("identifying") as tell:
-        return _finish(problem, place, units, tell, verbose=verbose, as_json=json_)
+    measured = load_map(data[0], parse_specimen(specimen), column)
+    return solve(measured, asked, place, units, verbose=verbose, as_json=json_)
 
 
 def assess(
@@ -265,7 +258,7 @@ def assess(
         Print one JSON object and nothing else.
     """
     fitting = load_fitting()
-    from .problem import Problem
+    from .problem import asked_of, solve
 
     if not (validate or profile or bootstrap or posterior or hysteresis):
         raise fitting.InputError(
@@ -277,63 +270,8 @@ def assess(
     if own:
         add_cwd_to_path()
     pairs = None if hysteresis is None else fitting.records.read_branches(hysteresis)
-    problem = Problem.of_fit(fitting.load_fit(fit_json, own=own), own)
-    with _telling("identifying") as tell:
-        return _finish(
-            problem, place, units, tell, verbose=True, as_json=json_, pairs=pairs,
-            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior,
-            executor=jobs,
-        )  # fmt: skip
-
-
-@contextmanager
-def _telling(what: str) -> Iterator["Tell"]:
-    with progress(what) as show:
-        yield lambda what, done, total: show(done, total, what)
-
-
-def _finish(
-    problem: "Problem",
-    place: Output,
-    units: Units,
-    tell: "Tell",
-    *,
-    verbose: bool,
-    as_json: bool,
-    pairs: Any = None,
-    **wanted: Any,
-) -> int:
-    """Solve a problem, gather the requested evidence, write the files and print the result."""
-    from famjax.boundary.files import Origin
-    from fitting import report, saved
-    from fitting.records import fit_hysteresis, leave_out
-
-    from .problem import judged
-
-    result, choice = problem.solve(tell)
-    evidence = problem.evidence(result, choice, tell, **wanted)
-    judgement = judged(result, choice, evidence, tell)
-    if pairs is not None:
-        evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
-    found = report.Findings(result, evidence, choice, judgement)
-    paths = report.write_fit(
-        result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
-        judgement=judgement, problem=problem.as_dict(),
+    saved = fitting.load_fit(fit_json, own=own)
+    return solve(
+        saved.data, asked_of(saved, own), place, units, verbose=True, as_json=json_, pairs=pairs,
+        validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior, executor=jobs,
     )  # fmt: skip
-    code = 0 if judgement.passed else 1
-    if as_json:
-        print_json(
-            saved.summary_as_dict(result, units, evidence, choice=choice, judgement=judgement)
-        )
-        return code
-    notes = found.notes(units)
-    print(f"{result.data.specimen.name}  ({result.data.source})")
-    if verbose:
-        for title, header, rows in found.tables(units):
-            print_table(title, header, rows)
-        print("\n".join(("", *(f"note: {one}" for one in notes))))
-    print_lines(found.summary(units))
-    place.tell(paths)
-    if notes and not verbose:
-        print(f"{len(notes)} notes and all tables: --verbose, or report.html")
-    return code

@@ -31,7 +31,6 @@ from famjax.console import (
 from .fit import load_fitting
 
 if TYPE_CHECKING:
-    from famjax.continuation import SafeMuscle
     from famjax.export import Subject
     from fitting import Identification
 
@@ -57,7 +56,7 @@ def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] 
 
 
 def predict(
-    muscle: str,
+    fit_json: Path,
     *,
     length: tuple[str, ...] = (),
     pressure: tuple[str, ...] = (),
@@ -74,9 +73,8 @@ def predict(
 
     Parameters
     ----------
-    muscle
-        Read this `fit.json` of `famjax fit`, this card of `famjax card`, or a bundled muscle (DMSP-10,
-        DMSP-20). Cards and bundled muscles have no error bands.
+    fit_json
+        Read this `fit.json` of `famjax fit` or `famjax series`.
     length
         Predict at these active lengths, with units, repeatable or separated by commas:
         `--length 270mm,250mm`.
@@ -84,9 +82,9 @@ def predict(
         Predict at these gauge pressures, with units: `--pressure 500kPa`.
     force
         Find the pressure at which the muscle pulls with these forces, up to the highest measured
-        pressure: `--force 200N`. Fits only.
+        pressure: `--force 200N`.
     onset
-        Find the pressure at which the force leaves zero at each length. Fits only.
+        Find the pressure at which the force leaves zero at each length.
     rest_length
         Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
         one muscle gives a wide error band; `famjax series` also estimates how specimens differ.
@@ -114,32 +112,26 @@ def predict(
         np.array(parse_quantities(typed, kind))
         for typed, kind in ((length, "length"), (pressure, "pressure"), (force, "force"))
     )
-    heading, notes = "", []
-    if _is_card(muscle):
-        _only(given, ("--length", "--pressure"), "{} needs the fit.json of famjax fit; for a card, call "
-              "famjax.control.pressure_for_force in Python")  # fmt: skip
-        rows, heading = _by_card(muscle, L, P, own)
+    saved, heading, notes = fitting.load_fit(fit_json, own=own), "Force", []
+    warn_unidentified(fit_json, saved.document.get("verdict"), saved.document.get("reasons"))
+    if history is not None:
+        _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
+        heading = "Force along the history"
+        rows, notes = _along(saved, history, parse_columns(column), units)
+    elif force:
+        _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
+        rows, heading = fitting.prediction.pressures_for(saved, L, F), "Pressure"
     else:
-        saved = fitting.load_fit(muscle, own=own)
-        warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
-        if history is not None:
-            _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
-            heading = " along the history"
-            rows, notes = _along(saved, history, parse_columns(column), units)
-        elif force:
-            _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
-            rows = fitting.prediction.pressures_for(saved, L, F)
-        else:
-            rest = None if rest_length is None else parse_quantity(rest_length, "length")
-            rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest)
-            notes = _notes(saved, other=rest is not None, forces=bool(pressure))
+        rest = None if rest_length is None else parse_quantity(rest_length, "length")
+        rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest)
+        notes = _notes(saved, other=rest is not None, forces=bool(pressure))
     if json_:
         print_json(rows)
         return 0
     shown = in_units(rows, unit_system(units))
     pulls = [row for row in shown if force or "slack" in row]
     if pulls:
-        _print_answers(f"{'Pressure' if force else 'Force'}{heading}", pulls, units)
+        _print_answers(heading, pulls, units)
     if len(pulls) < len(shown):
         _print_answers("Onset", shown[len(pulls) :], units)
     for note in notes:
@@ -200,64 +192,6 @@ def _along(
     held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
     return rows, [f"the 95 % band includes the error of the static map and the {held_out} error of the "
                   f"hysteresis, {error} RMS"]  # fmt: skip
-
-
-def _is_card(muscle: str) -> bool:
-    """True for the name of a bundled muscle or the file of a card."""
-    from famjax.muscles import bundled_name
-
-    path = Path(muscle)
-    if not path.exists():
-        return bundled_name(muscle) is not None
-    return schema_of(path).startswith("famjax-card/")
-
-
-def _by_card(
-    muscle: str, lengths: Any, pressures: Any, own: Sequence[str]
-) -> tuple[list[dict[str, Any]], str]:
-    """Return rows from a card's safe muscle, and the heading with its name.
-
-    Args:
-        muscle: a file, or the name of a bundled muscle.
-        lengths: lengths [m], shape (l,).
-        pressures: pressures [Pa], shape (p,).
-        own: trusted modules.
-    """
-    import numpy as np
-
-    from famjax.muscles import open_card
-
-    if not (lengths.size and pressures.size):
-        raise InputError("give --length and --pressure, with their units")
-    card = open_card(muscle, own=own)
-    warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
-    safe, rows = card.safe(), []
-    pull, model = (
-        np.asarray(ask(lengths[:, None], pressures)) for ask in (safe.force, safe.model_force)
-    )
-    for i, j in np.ndindex(pull.shape):
-        row = {"length_m": float(lengths[i]), "pressure_Pa": float(pressures[j])}
-        answer = {"force_N": float(pull[i, j]), "model_force_N": float(model[i, j]),
-                  "slack": bool(pull[i, j] <= 0)}  # fmt: skip
-        why, possible = _outside(safe, *row.values())
-        row |= answer if possible else dict.fromkeys(answer)
-        rows.append(row | {"inside": why is None, "outside": why})
-    return rows, f" of {card.name}"
-
-
-def _outside(safe: "SafeMuscle", length: float, pressure: float) -> tuple[str | None, bool]:
-    """Return why a state is outside the region of the model, or None; and if its length is possible."""
-    lock, straight = map(float, safe.continued.stops)
-    if length < lock:
-        return f"the length is below the braid's lock, {lock * 1e3:.4g} mm", False
-    if length > straight:
-        return f"the length is beyond the thread's, {straight * 1e3:.4g} mm", False
-    for value, kind in ((length, "length"), (pressure, "pressure")):
-        low, high = (float(end) for end in getattr(safe.region, kind))
-        if not low <= value <= high:
-            ends = (Quantity(end, kind).in_units("metric") for end in (low, high))
-            return f"the {kind} is outside the region of the model, {' to '.join(ends)}", True
-    return None, True
 
 
 def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str) -> None:

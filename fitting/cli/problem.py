@@ -1,6 +1,7 @@
 """The problem that the options of `famjax fit` or a `fit.json` describe: solve, assess, judge."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,24 @@ import numpy as np
 
 import fitting
 from famjax.boundary.errors import InputError, Own, check_trusted
+from famjax.boundary.files import Origin
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.toml_file import from_entries
-from famjax.boundary.units import si_unit, to_si
-from famjax.console import parse_entries
+from famjax.boundary.units import factor, si_unit, to_si
+from famjax.console import (
+    Output,
+    Units,
+    parse_entries,
+    print_json,
+    print_lines,
+    print_table,
+    progress,
+)
+from fitting import report, saved
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
     FORM,
     Evidence,
-    Move,
     SharedErrors,
     drawn_moves,
     gather,
@@ -28,8 +38,9 @@ from fitting.families import LawGiven, known_laws, law_named
 from fitting.faults import doubtful, suspect, suspect_refused
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
+from fitting.records import fit_hysteresis, leave_out
 from fitting.shapes import ShapeSurface
-from fitting.verdict import Judgement, judge
+from fitting.verdict import judge
 
 from .fit import Asked
 
@@ -73,7 +84,9 @@ def _parsed(
             )
         if name in found:
             raise InputError(f"{what} of {name} given twice: give it once")
-        found[name] = numbers, key[len(name) + 1 :], known[name]
+        unit = key[len(name) + 1 :]
+        factor(unit, known[name])  # refuse an unknown unit
+        found[name] = numbers, unit, known[name]
     return found
 
 
@@ -144,9 +157,9 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
 def identify_options(
     maps: Sequence[fitting.ForceData],
     laws: Iterable[LawGiven],
-    *,
     geometry: str | None,
     term: Sequence[str],
+    *,
     free: Sequence[str],
     bounds: Sequence[str],
     prior: Sequence[str] = (),
@@ -170,161 +183,183 @@ def identify_options(
     return {**parts, "bounds": limits, "parameters": parameters}, kinds
 
 
-@dataclasses.dataclass(frozen=True)
-class Problem:
-    """A force map and the options of its fit.
+def asked_of(fit: fitting.Identification, own: Own = ()) -> Asked:
+    """Return the options of `famjax fit` in a fit loaded by `fitting.load_fit`, with the same `own`.
 
-    Attributes:
-        asked: options as typed.
-        data: map to fit, with notes on a measured shape.
-        options: arguments of `fitting.identify` and `fitting.choose`.
-        errors: calibration errors shared by all readings.
-        surface: measured shape, or None.
+    Raises:
+        InputError: the file does not contain them, or a class named in them is not trusted.
     """
-
-    asked: Asked
-    data: fitting.ForceData
-    options: Mapping[str, Any]
-    errors: SharedErrors
-    surface: ShapeSurface | None
-
-    @classmethod
-    def of(cls, data: fitting.ForceData, asked: Asked) -> "Problem":
-        """Build the problem from a map and the command-line options.
-
-        Raises:
-            InputError: an option is invalid.
-        """
-        if asked.geometry is not None and asked.shape is not None:
-            raise fitting.InputError(
-                "--shape also sets the geometry: give either --shape or --geometry, got both"
-            )
-        errors, noise = parse_errors(asked.shared_error)
-        parts, _ = identify_options(
-            [data], [asked.law] if asked.law else [], geometry=asked.geometry, term=asked.term,
-            free=asked.free, bounds=asked.bounds, prior=asked.prior, shape=asked.shape is not None,
-        )  # fmt: skip
-        options = parts | {
-            "constraint": asked.constraint,
-            "noise": noise,
-            "objective": asked.objective,
-            "ends": asked.ends,
-        }
-        fitted, surface = data, None
-        if asked.shape is not None and asked.ends == "equilibrium":
-            options["pictures"] = asked.shape
-        elif asked.shape is not None:
-            fitted, options, surface = _with_shape(data, Path(asked.shape), options)
-        return cls(asked, fitted, options, errors, surface)
-
-    @classmethod
-    def of_fit(cls, fit: fitting.Identification, own: Own = ()) -> "Problem":
-        """Rebuild the problem of a fit loaded by `fitting.load_fit`, with the same `own`.
-
-        Raises:
-            InputError: the file does not contain a problem, a file named in it is missing, or a class named
-                in it is not trusted.
-        """
-        held = fit.document.get("problem")
-        if held is None:
-            raise fitting.InputError(
-                "the file does not contain its problem: give a fit.json written by famjax fit. For the fit "
-                "of a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
-            )
-        asked: dict[str, Any] = {
-            key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
-        }
-        for kind in ("law", "geometry", "term"):
-            for path in np.atleast_1d(asked.get(kind) or []):
-                if ":" in path:
-                    check_trusted(str(path), own, kind)
-        return cls.of(fit.data, Asked(**asked))
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the entry of `fit.json` that describes the problem."""
-        return {"asked": dataclasses.asdict(self.asked)}
-
-    def solve(self, progress: Tell) -> tuple[fitting.Identification, Choice | None]:
-        """Return the fit, and the choice of its law if no law was given."""
-        asked = self.asked
-        if asked.chosen:
-            try:
-                choice = fitting.choose(self.data, **self.options, progress=progress)
-            except fitting.InputError:
-                causes = [str(one.sentence) for one in suspect_refused(self.data)]
-                if not causes:
-                    raise
-                raise fitting.InputError(" ".join(causes)) from None
-            return choice.chosen, choice
-        name = f"identifying {self.data.specimen.name}"
-        censored = asked.objective == "censored"
-        options = {**self.options, "objective": "sum_of_squares"} if censored else self.options
-        found = fitting.identify(
-            self.data, **options, law=asked.law or "polynomial", order=asked.order,
-            censored=censored, progress=lambda done, total: progress(name, done, total),
-        )  # fmt: skip
-        return found, None
-
-    def evidence(
-        self,
-        result: fitting.Identification,
-        choice: Choice | None,
-        progress: Tell,
-        *,
-        validation: bool = False,
-        executor: AnyExecutor = None,
-        **wanted: Any,
-    ) -> Evidence:
-        """Gather the requested evidence; the law is chosen again in every fold of a cross-validation.
-
-        Args:
-            result: the fit.
-            choice: choice of its law; None if the law was given.
-            progress: progress callback.
-            validation: cross-validate by pressure and by length.
-            executor: executor for the repeated choices.
-            **wanted: further arguments of `fitting.evidence.gather`.
-        """
-        found = gather(
-            result, validation=validation and choice is None, progress=progress,
-            known=None if choice is None else (choice.error, choice.left_out),
-            noise=self.options["noise"] if choice is None else None,
-            shared=self._moves(result.data),
-            **wanted,
-        )  # fmt: skip
-        if choice is None or not validation:
-            return found
-        anew = [
-            validate_choice(
-                choice, kind, **self.options, executor=executor,
-                progress=lambda done, total, kind=kind: progress(
-                    f"choosing with one {kind} left out", done, total
-                ),
-            )
-            for kind in left_out_kinds(result)
-        ]  # fmt: skip
-        return dataclasses.replace(found, validations=tuple(anew))
-
-    def _moves(self, data: fitting.ForceData) -> dict[str, list[Move]]:
-        """Return the effects of the stated calibration errors and of the error of the shape."""
-        surface = self.surface
-        if surface is None:
-            return moves_of(data, self.errors)
-        draws = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
-        return {**moves_of(data, self.errors, surface.geometry), "shape": draws}
-
-
-def judged(
-    result: fitting.Identification, choice: Choice | None, evidence: Evidence, progress: Tell
-) -> Judgement:
-    """Return the verdict; after a poor fit, likely errors in the data are tested."""
-    suspicions = ()
-    if doubtful(result):
-        suspicions = suspect(
-            result, progress=lambda done, total: progress("testing likely errors", done, total)
+    held = fit.document.get("problem")
+    if held is None:
+        raise InputError(
+            "the file does not contain its problem: give a fit.json written by famjax fit. For the fit "
+            "of a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
         )
+    asked: dict[str, Any] = {
+        key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
+    }
+    for kind in ("law", "geometry", "term"):
+        for path in np.atleast_1d(asked.get(kind) or []):
+            if ":" in path:
+                check_trusted(str(path), own, kind)
+    return Asked(**asked)
+
+
+def solve(
+    data: fitting.ForceData,
+    asked: Asked,
+    place: Output,
+    units: Units,
+    *,
+    verbose: bool,
+    as_json: bool,
+    pairs: Any = None,
+    **wanted: Any,
+) -> int:
+    """Fit a map, gather evidence, write the files and print the result.
+
+    Args:
+        data: the map.
+        asked: options of the fit.
+        place: folder of the files.
+        units: units of output and report.
+        verbose: also print all tables and notes.
+        as_json: print one JSON object instead.
+        pairs: branches of raw ramps, for the hysteresis; None for none.
+        **wanted: requested evidence, see `_evidence`.
+
+    Returns:
+        The exit code: 1 if nothing was identified.
+
+    Raises:
+        InputError: an option is invalid, or the data cannot support the fit.
+    """
+    with progress("identifying") as show:
+
+        def tell(what: str, done: int, total: int) -> None:
+            show(done, total, what)
+
+        data, options, surface = _options(data, asked)
+        result, choice = _identified(data, asked, options, tell)
+        evidence = _evidence(result, choice, asked, options, surface, tell, **wanted)
+        suspicions = ()
+        if doubtful(result):  # test likely errors in the data
+            suspicions = suspect(result, progress=functools.partial(tell, "testing likely errors"))
     question = "" if choice is None else choice.open_question
-    return judge(result, suspicions, evidence.left_out, question)
+    judgement = judge(result, suspicions, evidence.left_out, question)
+    if pairs is not None:
+        evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
+    found = report.Findings(result, evidence, choice, judgement)
+    paths = report.write_fit(
+        result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
+        judgement=judgement, problem={"asked": dataclasses.asdict(asked)},
+    )  # fmt: skip
+    code = 0 if judgement.passed else 1
+    if as_json:
+        print_json(
+            saved.summary_as_dict(result, units, evidence, choice=choice, judgement=judgement)
+        )
+        return code
+    notes = found.notes(units)
+    print(f"{result.data.specimen.name}  ({result.data.source})")
+    if verbose:
+        for title, header, rows in found.tables(units):
+            print_table(title, header, rows)
+        print("\n".join(("", *(f"note: {one}" for one in notes))))
+    print_lines(found.summary(units))
+    place.tell(paths)
+    if notes and not verbose:
+        print(f"{len(notes)} notes and all tables: --verbose, or report.html")
+    return code
+
+
+def _options(
+    data: fitting.ForceData, asked: Asked
+) -> tuple[fitting.ForceData, dict[str, Any], ShapeSurface | None]:
+    """Return the map, the arguments of `fitting.identify` or `choose`, and the measured shape."""
+    if asked.geometry is not None and asked.shape is not None:
+        raise InputError(
+            "--shape also sets the geometry: give either --shape or --geometry, got both"
+        )
+    options, _ = identify_options(
+        [data], [asked.law] if asked.law else [], asked.geometry, asked.term,
+        free=asked.free, bounds=asked.bounds, prior=asked.prior, shape=asked.shape is not None,
+    )  # fmt: skip
+    options |= {name: getattr(asked, name) for name in ("constraint", "objective", "ends")}
+    options["noise"] = parse_errors(asked.shared_error)[1]
+    if asked.shape is not None and asked.ends == "equilibrium":
+        options["pictures"] = asked.shape
+    elif asked.shape is not None:
+        return _with_shape(data, Path(asked.shape), options)
+    return data, options, None
+
+
+def _identified(
+    data: fitting.ForceData, asked: Asked, options: dict[str, Any], tell: Tell
+) -> tuple[fitting.Identification, Choice | None]:
+    """Return the fit, and the choice of its law if no law was given."""
+    if asked.chosen:
+        try:
+            choice = fitting.choose(data, **options, progress=tell)
+        except InputError:
+            causes = [str(one.sentence) for one in suspect_refused(data)]
+            if not causes:
+                raise
+            raise InputError(" ".join(causes)) from None
+        return choice.chosen, choice
+    censored = asked.objective == "censored"
+    options |= {"objective": "sum_of_squares"} if censored else {}
+    told = functools.partial(tell, f"identifying {data.specimen.name}")
+    law = asked.law or "polynomial"
+    return fitting.identify(
+        data, **options, law=law, order=asked.order, censored=censored, progress=told
+    ), None
+
+
+def _evidence(
+    result: fitting.Identification,
+    choice: Choice | None,
+    asked: Asked,
+    options: Mapping[str, Any],
+    surface: ShapeSurface | None,
+    tell: Tell,
+    *,
+    validation: bool = False,
+    executor: AnyExecutor = None,
+    **wanted: Any,
+) -> Evidence:
+    """Gather the requested evidence; the law is chosen again in every fold of a cross-validation.
+
+    Args:
+        result: the fit.
+        choice: choice of its law; None if the law was given.
+        asked: options of the fit.
+        options: arguments of `fitting.choose`.
+        surface: measured shape, or None.
+        tell: progress callback.
+        validation: cross-validate by pressure and by length.
+        executor: executor for the repeated choices.
+        **wanted: further arguments of `fitting.evidence.gather`.
+    """
+    data, errors = result.data, parse_errors(asked.shared_error)[0]
+    moves = moves_of(data, errors, *([] if surface is None else [surface.geometry]))
+    if surface is not None:
+        moves["shape"] = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
+    found = gather(
+        result, validation=validation and choice is None, progress=tell, shared=moves,
+        known=None if choice is None else (choice.error, choice.left_out),
+        noise=options["noise"] if choice is None else None, **wanted,
+    )  # fmt: skip
+    if choice is None or not validation:
+        return found
+    anew = [
+        validate_choice(
+            choice, kind, **options, executor=executor,
+            progress=functools.partial(tell, f"choosing with one {kind} left out"),
+        )
+        for kind in left_out_kinds(result)
+    ]  # fmt: skip
+    return dataclasses.replace(found, validations=tuple(anew))
 
 
 def _with_shape(

@@ -284,14 +284,8 @@ def series(
     place = Output(output)
     add_cwd_to_path()
     maps = [load_map(one, {}, column) for one in data]
-    options, kinds = identify_options(
-        maps,
-        [one for one in law if ":" in one],
-        geometry=geometry,
-        term=term,
-        free=free,
-        bounds=bounds,
-    )
+    laws = [one for one in law if ":" in one]
+    options, kinds = identify_options(maps, laws, geometry, term, free=free, bounds=bounds)
     options["parameters"] |= {
         name: fitting.Parameter(min=low, max=high, unit=si_unit(kinds[name]))
         for name, (low, high) in options.pop("bounds").items()
