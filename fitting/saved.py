@@ -6,7 +6,7 @@ import importlib.metadata
 import json
 import math
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ from famjax.boundary.units import (
     unit_system,
 )
 from famjax.cards import (
-    Covariance,
     MuscleCard,
     Provenance,
     draw,
@@ -74,6 +73,12 @@ _CERTIFICATE = {
     "n_agreeing": "n_starts_agreeing", "shape_margin": "shape_margin_N_per_m",
 }  # fmt: skip
 """Key of each field in the file."""
+_PLAIN = ("strain_range", "constraint", "dependence", "converged", "seed", "degrees_of_freedom")
+_ARRAYS = {
+    "coefficients": "coefficients_Pa", "node_pressures": "node_pressures_Pa",
+    "residuals": "residuals_N", "weights": "weights", "covariance": "covariance",
+}  # fmt: skip
+"""Fields of a fit that are saved as they are, and keys of its arrays."""
 _SAID = tuple(
     one.name for one in dataclasses.fields(ForceData) if one.name not in {*COLUMNS, "specimen"}
 )
@@ -121,38 +126,32 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
 
 def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     mounted, pictures = _mounted(document, own), document["photographs"]
-    muscle, pressures = mounted.muscle, document["node_pressures_Pa"]
+    muscle, arrays = mounted.muscle, {name: _array(document[key]) for name, key in _ARRAYS.items()}
     assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
-    coefficients = np.atleast_2d(_array(document["coefficients_Pa"]))
     estimates = tuple(_estimate(name, one) for name, one in document["parameters"].items())
     law = Law(muscle.material)
-    if pressures is not None:
-        law = law_named("polynomial", coefficients.shape[1])
+    if arrays["node_pressures"] is not None:
+        law = law_named("polynomial", arrays["coefficients"].shape[1])
     elif isinstance(muscle, famjax.EquilibriumMuscle):
         ends = {one.name: (one.min, one.max) for one in estimates}
         law = SearchedLaw(muscle.material, tuple((name, *ends[name]) for name in law.coefficients))
-    known = ("strain_range", "constraint", "dependence", "seed", "converged", "degrees_of_freedom")
     return Identification(
         data=_data(document["data"]),
         mounted=mounted,
         estimates=estimates,
         derived=tuple(_estimate(name, one) for name, one in document["derived"].items()),
-        coefficients=coefficients,
-        node_pressures=None if pressures is None else _array(pressures),
-        residuals=_array(document["residuals_N"]),
         errors=Errors(**_figures(document, _ERRORS)),
         certificate=Certificate(**_figures(document, _CERTIFICATE)),
         active_constraints=tuple(document["active_constraints"]),
         law=law,
-        weights=_array(document["weights"]),
-        names=tuple(document["covariance"]["parameters"])[: -coefficients.size or None],
-        covariance=_array(document["covariance"]["matrix"]),
+        names=tuple(document["names"]),
         place=0,
         solved=functools.partial(_opened, document, own),
         pictures=pictures and PictureFit.from_dict(pictures),
         outlook=_outlook(document, mounted, own),
         document=document,
-        **{name: document[name] for name in known},
+        **arrays,
+        **{name: document[name] for name in _PLAIN},
     )
 
 
@@ -169,7 +168,11 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
             "is built by a function or has elastic threads. Repeat the identification"
         )
     geometry, terms = asked["geometry"], asked["terms"]
-    if geometry is not None and ":" in geometry:
+    if geometry == _MECHANICS:
+        geometry = EquilibriumSource.of(fit.data)
+    elif geometry == _KNOWN:
+        geometry = getattr(fit.muscle, "geometry", None)
+    elif geometry is not None and ":" in geometry:
         check_trusted(geometry, own, "geometry")
     own_terms = getattr(getattr(fit.muscle, "terms", None), "terms", ())[-terms:] if terms else ()
     posed = pose(
@@ -177,7 +180,7 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
         law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
         parameters={one.name.partition("_at_")[0]: _said(one) for one in fit.estimates},
         censored=asked["censored"],
-        geometry=_geometry(fit, geometry),
+        geometry=geometry,
         terms=famjax.terms.SumOfTerms(own_terms) if terms else None,
     )  # fmt: skip
     (part,) = posed.problem.parts
@@ -193,20 +196,10 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     return Solved(problem, best)
 
 
-def _geometry(fit: Identification, said: str | None) -> Any:
-    """Return the geometry named in a file as an argument of `pose`."""
-    if said == _MECHANICS:
-        return EquilibriumSource.of(fit.data)
-    return getattr(fit.muscle, "geometry", None) if said == _KNOWN else said
-
-
 def _said(one: Estimate) -> Parameter:
     """Return the specification of a parameter in SI."""
-    unit = si_unit(one.kind)
-    if one.fixed:
-        return Parameter(value=one.value, vary=False, unit=unit)
     low, high = (end if math.isfinite(end) else None for end in (one.min, one.max))
-    return Parameter(min=low, max=high, prior=one.prior, unit=unit)
+    return Parameter(min=low, max=high, prior=one.prior, unit=si_unit(one.kind))
 
 
 def _posed(result: Identification) -> dict[str, Any] | None:
@@ -231,9 +224,14 @@ def _posed(result: Identification) -> dict[str, Any] | None:
     }
 
 
-def _array(values: Any) -> np.ndarray:
-    """Convert a list to floats; null becomes nan."""
-    return np.array(values, float)
+def _array(values: Any) -> Any:
+    """Convert a list to floats, with nan for null; null alone stays None."""
+    return None if values is None else np.array(values, float)
+
+
+def _listed(values: np.ndarray | None) -> Any:
+    """Convert an array to a list, with null for nan."""
+    return None if values is None else np.where(np.isfinite(values), values, None).tolist()
 
 
 def _figures(document: Mapping[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
@@ -251,17 +249,16 @@ def _data(saved: Mapping[str, Any]) -> ForceData:
     specimen = {name.removesuffix("_m"): value for name, value in saved["specimen"].items()}
     said = {name: saved[name] for name in _SAID}
     said |= {name: tuple(said[name]) for name in ("notes", "assumed")}
-    said["count"] = None if said["count"] is None else _array(said["count"])
+    said["count"] = _array(said["count"])
     return ForceData(**columns, specimen=Specimen(**specimen), **said)
 
 
 def _mounted(entry: Mapping[str, Any], own: Own) -> famjax.MountedMuscle:
     """Restore a muscle with its rig."""
-    exponent = entry.get("series_exponent")
+    rig = entry["series_compliance_m_per_N"], entry.get("series_exponent")
     return famjax.MountedMuscle(
         muscle_from_dict(entry["muscle"], own=own),
-        float(entry["series_compliance_m_per_N"]),
-        None if exponent is None else float(exponent),
+        *(None if one is None else float(one) for one in rig),
     )
 
 
@@ -335,7 +332,6 @@ def summary_as_dict(
     """Return the results of a fit as a flat JSON object: parameters in the unit system, the rest in SI."""
     judged = judgement or judge(result)
     asked = evidence or Evidence(error=result.outlook.error)
-    nodes = result.node_pressures
 
     def said(sentences: Iterable[str]) -> list[str]:
         return [text_in_units(one, system) for one in sentences]
@@ -350,19 +346,13 @@ def summary_as_dict(
         "rmse_percent": finite_or_none(result.errors.rmse_percent),
         "parameters": {e.name: estimate_as_dict(e, system) for e in result.estimates},
         "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
-        "coefficients_Pa": (
-            result.coefficients if nodes is not None else result.coefficients[0]
-        ).tolist(),
-        "node_pressures_Pa": None if nodes is None else nodes.tolist(),
-        "strain_range": result.strain_range,
+        **{name: getattr(result, name) for name in _PLAIN},
+        **{key: _listed(getattr(result, name)) for name, key in _ARRAYS.items()},
         **_written(result.certificate, _CERTIFICATE),
         "law": result.law.name,
         "order": result.order,
         **_rig(result.mounted),
-        "constraint": result.constraint,
-        "dependence": result.dependence,
         "active_constraints": list(result.active_constraints),
-        "converged": result.converged,
         "warnings": said((*result.warnings, *evidence_warnings(asked, result))),
         **evidence_as_dict(asked),
     }
@@ -418,11 +408,11 @@ def fit_as_dict(
             "sha256": data.sha256,
             "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
             "readings": {name: values.tolist() for name, values in data.columns().items()},
-            **{name: _plain(getattr(data, name)) for name in _SAID},
+            **{name: getattr(data, name) for name in _SAID if name != "count"},
+            "count": _listed(data.count),
         },
         "posed": result.document.get("posed") or _posed(result),
         "photographs": None if result.pictures is None else result.pictures.as_dict(),
-        "seed": result.seed,
         "spread": {
             "band": "linear" if asked.bootstrap is None else "bootstrap",
             "directions": muscle_spread(result, asked.bootstrap).tolist(),
@@ -431,52 +421,37 @@ def fit_as_dict(
         },
         **summary_as_dict(result, evidence=evidence, choice=choice, judgement=judgement),
         "averaged_with": [],
-        "alike": _in_rigs(outlook.alike.values(), family=list(outlook.alike)),
+        "alike": _in_rigs("family", outlook.alike.items()),
         "other_lengths": {
-            "between_N": outlook.between,
-            "members": _in_rigs(others.values(), family=list(others)),
+            "between_N": outlook.between, "members": _in_rigs("family", others.items()),
         } if others else None,
-        "covariance": {
-            "parameters": [*result.names, *result.coefficient_names],
-            "matrix": [[finite_or_none(one) for one in row] for row in result.covariance],
-        },
-        "degrees_of_freedom": result.degrees_of_freedom,
-        "residuals_N": result.residuals.tolist(),
-        "weights": result.weights.tolist(),
+        "names": list(result.names),
         "muscle": muscle_as_dict(result.muscle),
     }  # fmt: skip
 
 
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
 def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
-    """Return the entries of a rig; a linear one has no exponent."""
-    compliance = {"series_compliance_m_per_N": float(mounted.compliance)}
     exponent = mounted.exponent
-    return compliance if exponent is None else {**compliance, "series_exponent": float(exponent)}
+    return {
+        "series_compliance_m_per_N": float(mounted.compliance),
+        "series_exponent": None if exponent is None else float(exponent),
+    }
 
 
-def _in_rigs(
-    muscles: Iterable[famjax.MountedMuscle], **about: Sequence[Any]
-) -> list[dict[str, Any]]:
-    """Return the entries of muscles with their rigs; `about` has one further value per muscle."""
-    return [
-        {**dict(zip(about, said, strict=True)), **_rig(one), "muscle": muscle_as_dict(one.muscle)}
-        for one, *said in zip(muscles, *about.values(), strict=True)
-    ]
+def _in_rigs(key: str, muscles: Iterable[tuple[Any, famjax.MountedMuscle]]) -> list[dict[str, Any]]:
+    """Return the entries of muscles with their rigs, each with one value under `key`."""
+    return [{key: said, **_rig(one), "muscle": muscle_as_dict(one.muscle)} for said, one in muscles]
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
     """Return the `fit.json` of a series: the one of its first specimen, with entries for the others."""
-    data, others = [one.data for one in series.specimens], [one[0] for one in series.others]
+    data, others = [one.data for one in series.specimens], [one[0].mounted for one in series.others]
     judged = judge_series(series.specimens, series.left_out)
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
     pressures = np.concatenate([one.pressure for one in data])
     return {
         **fit_as_dict(series.specimens[0], origin=origin, judgement=judged),
-        "averaged_with": _in_rigs([one.mounted for one in others], weight=series.weights[1:]),
+        "averaged_with": _in_rigs("weight", zip(series.weights[1:], others, strict=True)),
         "series": {
             "family": series.name,
             "between_N": series.between,
@@ -527,8 +502,6 @@ def card_of(
         members=(fit.mounted, *outlook.others),
         weights=np.array(outlook.weights),
         data=Region.of(data.length, data.pressure),
-        covariance=_covariance(fit),
-        draws=None,
         hysteresis=outlook.hysteresis,
         provenance=_provenance(document, origin, [_NOT_ITS_VOLUME] * bool(equivalent_sizes(fit))),
     )
@@ -537,21 +510,6 @@ def card_of(
         return card
     drawn = draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
     return dataclasses.replace(card, draws=drawn)
-
-
-def _covariance(fit: Identification) -> Covariance | None:
-    """Covariance of the identified parameters, relative to their values."""
-    names, matrix = correlations(fit)
-    if not names:
-        return None
-    estimates = [fit.estimate(name) for name in names]
-    values, stderr = (
-        np.array([getattr(one, key) for one in estimates]) for key in ("value", "stderr")
-    )
-    scales = np.where(values == 0, 1.0, np.abs(values))
-    spread = matrix * np.outer(stderr / scales, stderr / scales)
-    units = [si_unit(one.kind) for one in estimates]
-    return Covariance(list(names), units, values.tolist(), scales.tolist(), spread.tolist())
 
 
 _NOT_ITS_VOLUME = (

@@ -19,7 +19,7 @@ from famjax.boundary.files import Origin
 from famjax.cards import read_card
 from fitting import Identification, InputError, load_fit, predict, validate, write_fit
 from fitting.report import Findings, html_report, live
-from fitting.saved import card_of, correlations, fit_as_dict
+from fitting.saved import correlations, fit_as_dict
 
 
 def test_fit_file_gives_the_same_muscle(fitted20, tmp_path):
@@ -173,20 +173,6 @@ def test_the_card_command_writes_what_predict_says(fit_json, tmp_path, run):
     assert card.provenance.data_sha256 == fit.document["data"]["sha256"]
     assert card.provenance.command.startswith("famjax")
     assert " && famjax" in card.provenance.command
-
-
-@pytest.mark.slow
-def test_the_covariance_is_that_of_the_fit(fit_json):
-    fit = load_fit(fit_json)
-    known = card_of(fit, count=0).covariance
-    assert known is not None
-    for name, value, scale, row in zip(
-        known.parameters, known.values, known.scales, range(len(known.parameters)), strict=True
-    ):
-        estimate = fit.document["parameters"][name]
-        assert value == estimate["value"]
-        std = np.sqrt(known.matrix[row][row]) * scale
-        np.testing.assert_allclose(std, estimate["stderr"], rtol=1e-12)
 
 
 MOVE = """page => {
