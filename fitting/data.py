@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, import_extra
+from famjax.boundary.files import write_all
 from famjax.boundary.units import Quantity, factor, to_si, unit_system
 from famjax.tables import Table, read_table
 
@@ -53,7 +54,7 @@ MOST_APART = 40
 
 _MAY_BE_ZERO = {"pressure", "pressure_std", "length_std"}
 _HINTS = {
-    "pressure": ": subtract the reading of the vented gauge",
+    "pressure": " (gauge pressure, not absolute): subtract the reading of the vented gauge",
     "length": ": put contractions into a column contraction (fractions) or contraction_% (percent)",
 }
 _PUSHES = 3.0  # ratio of push to pull beyond which the sign of the force must be wrong
@@ -105,15 +106,13 @@ def levels_of(
         beside: level of the other quantity for each reading. If None, repeated values count as nominal.
 
     Raises:
-        InputError: the tolerance is negative, or it joins values into a level at least as wide as the
+        InputError: the tolerance joins values into a level at least as wide as the
             gap to the next one.
 
     >>> levels_of(np.array([79.97e3, 80.03e3, 80.0e3, 120.1e3, 119.9e3]), "pressure").level / 1e3
     array([ 80.,  80.,  80., 120., 120.])
     """
     given = tolerance is not None
-    if given and not (np.isfinite(tolerance) and tolerance >= 0):
-        raise InputError(f"the tolerance of a {what} must be >= 0, got {tolerance}")
     distinct, place = np.unique(values, return_inverse=True)
     if tolerance is None:
         tolerance = _tolerance_of_gaps(distinct, values.size)
@@ -272,14 +271,10 @@ class ForceData:
                 f"specimen must be a fitting.Specimen (name, rest length, wall thickness), got "
                 f"{shown(self.specimen)}"
             )
-        check_mapping("units", self.units, "from columns to units")
-        for name in ("pressure_tolerance", "length_tolerance"):
-            tolerance = getattr(self, name)
-            if tolerance is not None and not is_number(tolerance):
-                raise InputError(f"{name} must be a number in SI, got {shown(tolerance)}")
-        limit = self.force_limit
-        if limit is not None and not (is_number(limit) and 0 < limit < math.inf):
-            raise InputError(f"force_limit must be a force > 0 in N, got {limit!r}")
+        for name in ("pressure_tolerance", "length_tolerance", "force_limit"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and 0 <= value < math.inf):
+                raise InputError(f"{name} must be a number >= 0 in SI, got {shown(value)}")
 
     def _checked_column(self, name: str) -> Float[np.ndarray, " n"]:
         values, shape = check_numbers(name, getattr(self, name)), np.shape(self.force)
@@ -288,19 +283,15 @@ class ForceData:
                 f"all columns must be one-dimensional and equally long; force has shape "
                 f"{shape}, {name} has shape {values.shape}"
             )
-        for k in np.flatnonzero(~np.isfinite(values)):
-            raise InputError(
-                f"{name} of reading {k + 1} is {values[k]}; every value must be finite: remove the "
-                "reading"
-            )
+        must, wrong = "finite", ~np.isfinite(values)
         if name != "force":
             zero = name in _MAY_BE_ZERO
-            gauge = " (gauge pressure, not absolute)" if name == "pressure" else ""
-            for k in np.flatnonzero((values < 0) | ((values == 0) & (not zero))):
-                raise InputError(
-                    f"{name}{gauge} must be {'>=' if zero else '>'} 0; reading {k + 1} has "
-                    f"{values[k]:.6g} in SI units{_HINTS.get(name, '')}"
-                )
+            must = f"finite and {'>=' if zero else '>'} 0{_HINTS.get(name, '')}"
+            wrong |= (values < 0) | ((values == 0) & (not zero))
+        for k in np.flatnonzero(wrong):
+            raise InputError(
+                f"{name} of reading {k + 1} is {values[k]:.6g} in SI units; it must be {must}"
+            )
         return values
 
     def _find_slack(self) -> None:
@@ -411,7 +402,7 @@ class ForceData:
         >>> ForceData.from_pandas(frame, {"nominal_diameter": 10e-3}).pressure
         array([300000., 300000.])
         """
-        if not callable(getattr(frame, "to_csv", None)) or not hasattr(frame, "columns"):
+        if not (hasattr(frame, "to_csv") and hasattr(frame, "columns")):
             raise InputError(f"frame must be a pandas.DataFrame, got {shown(frame)}")
         text = io.StringIO(f"sep=,\n{frame.to_csv(index=False)}")
         text.name = "data frame"  # type: ignore[attr-defined]
@@ -642,7 +633,8 @@ def _map(
     for unknown in sorted(known.keys() - {one.name for one in dataclasses.fields(Specimen)}):
         if unknown != "force_limit":
             raise InputError(f"unknown specimen entry {unknown!r}")
-    notes = [*_column_notes(table), *_near_zero(arrays)]
+    ignored = [f"Ignored columns: {', '.join(table.others)}."] if table.others else []
+    notes = [*ignored, *_near_zero(arrays)]
     _lengths_of_contractions(arrays, given.rest_length if given else known.get("rest_length"))
     limit = known.pop("force_limit", None)
     muscle: dict[str, Any] = {"specimen": given}
@@ -654,19 +646,6 @@ def _map(
         **arrays, **muscle, **tolerances, notes=tuple(notes), source=table.source, units=table.units,
         force_limit=limit, taken=table.said(),
     )  # fmt: skip
-
-
-def _column_notes(table: Table) -> Iterable[str]:
-    """Yield notes on columns that the user named, and on ignored columns."""
-    named = [
-        f"{quantity} is {one.name!r} in {one.unit or '-'}"
-        for quantity, one in table.taken.items()
-        if one.named
-    ]
-    if named:
-        yield f"As specified, {', '.join(named)}."
-    if table.others:
-        yield f"Ignored columns: {', '.join(table.others)}."
 
 
 def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
@@ -778,12 +757,8 @@ def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
         InputError: the unit system is unknown, or the file cannot be written.
     """
     check_maps(data)
-    path, text = check_path("path", path), csv_text(data, system)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from None
-    return path
+    path = check_path("path", path)
+    return write_all(path.parent, {path.name: csv_text(data, system).encode()})[0]
 
 
 def check_maps(*data: object) -> None:

@@ -19,7 +19,7 @@ from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
 from .search import best_of, check_objective, descend_all, descend_reweighted, refine
 from .shapes import Pictures
-from .summary import optimal, summarise
+from .summary import summarise
 
 
 def identify(
@@ -219,5 +219,4 @@ def solve(
         best, problem, shapes = join(problem, best, pictures, noise)
     best, problem = refine(problem, best, EXCHANGES)
     best = best_of([best])  # with a compliant rig, the refined point may have no finite force
-    found = optimal(problem, best, posed.law.order, weights)
-    return summarise(posed, found, ends, seed, weights, shapes)
+    return summarise(posed, best, ends, seed, weights, shapes)

@@ -377,21 +377,18 @@ class Findings:
         ]
 
     def _not_separable(self) -> str:
-        """Name the groups of parameters that the data determine only together."""
+        """Name the pairs of parameters that the data determine only together."""
         if not np.isfinite(self.result.certificate.condition):
             return "the parameters: these data do not determine each of them."
         names, matrix = correlations(self.result)
-        size, groups = np.abs(np.tril(matrix, -1)), []
-        for pair in np.argwhere(size > _ALONE).tolist():
-            own = [group for group in groups if group & {*pair}]
-            groups = [group for group in groups if group not in own] + [{*pair}.union(*own)]
-        told = [", ".join(names[k] for k in sorted(group)) for group in groups]
+        size = np.abs(np.tril(matrix, -1))
+        told = [f"{names[j]}, {names[i]}" for i, j in np.argwhere(size > _ALONE)]
         if not told:
             return f"none; all correlations are below {_ALONE:g}."
         return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
 
     def numbers(self, system: str) -> Table:
-        """Return the table of the five main numbers of a muscle, with standard errors."""
+        """Return the table of five numbers of a muscle, with standard errors."""
         result, units, data = self.result, unit_system(system), self.result.data
         rest, level = data.specimen.rest_length, float(data.pressures.level[data.loaded].max())
         lengths = np.linspace(rest, data.length.min(), 200)
@@ -406,12 +403,7 @@ class Findings:
         rows = [("blocked force", curve[0], std[0], "force")]
         if end:
             rows.append(("free contraction", 1 - free / rest, std[1] / (slope * rest), "number"))
-        held_out = columns_of(self.evidence.left_out)
-        for kind in sorted(held_out.keys() - {"end length"})[:1]:
-            rows.append((f"RMSE, {kind}s left out", held_out[kind], math.nan, "force"))
         known = [one for one in result.estimates if not one.fixed]
-        elastic = [one for one in known if one.kind == "stress"]
-        known = dict.fromkeys((*known[:1], *elastic[:1], *known))
         rows += [(one.name, one.value, one.stderr, one.kind) for one in known]
         text = [
             (what, *rounded(value, error, units[kind], kind), units[kind])

@@ -62,7 +62,7 @@ class Errors:
     """Errors of the model at the loaded readings, in N.
 
     Attributes:
-        rmse, mae, max: root mean square, mean absolute and largest error [N].
+        rmse, max: root mean square and largest error [N].
         max_force: largest measured force [N], the reference of percentages.
         n_points: number of loaded readings.
         n_slack: number of slack readings, which are not fitted.
@@ -71,7 +71,6 @@ class Errors:
     """
 
     rmse: float
-    mae: float
     max: float
     max_force: float
     n_points: int
@@ -271,12 +270,11 @@ class Identification:
     @property
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of all coefficients of the problem, with the node number if there are several nodes."""
-        names, nodes = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
-        if nodes == len(names):
+        names, count = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
+        if count == len(names):
             return names
-        return tuple(
-            f"{name}_at_node_{k + 1}" for k in range(nodes // len(names)) for name in names
-        )
+        nodes = range(1, 1 + count // len(names))
+        return tuple(f"{name}_at_node_{k}" for k in nodes for name in names)
 
     @property
     def n_parameters(self) -> int:

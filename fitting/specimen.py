@@ -277,7 +277,8 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
         near = [f"{one}_{unit}" for one in SPECIMEN_LENGTHS for unit in UNITS["length"]]
         raise InputError(
             f"unknown specimen entry {key!r}; choose from {', '.join(known)}{meant(key, [*near, *known])}. "
-            f"For a parameter of the fit, give --prior {key}=MEAN+-STD or fix it with --bounds {key}={value}"
+            f"For a parameter of the fit, give --prior {key}=MEAN+-STD, or fix it with --bounds "
+            f"{key}={value}"
         )
     kind = "force" if name == "force_limit" else "length"
     in_si = to_si(said_number(value, f"the specimen's {key}"), unit, kind)

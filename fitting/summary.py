@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -14,39 +14,14 @@ from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
 from .engine import Point, numbers_of, partial, predict, report_of, solve
-from .parameters import Entry
 from .pictured import PictureFit
 from .posing import Posed
-from .problem import Problem
+from .problem import Part, Problem
 from .response import Constraint, Report, unflat
 from .result import Certificate, Errors, Estimate, Identification, Solved
 from .search import End, Weights, constraint_margin, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # finite-difference step on a path, for the curvature of the modulus
-
-
-@dataclasses.dataclass(frozen=True)
-class Optimal:
-    """An optimum with its covariance and coefficients.
-
-    Attributes:
-        problem: the problem with refined stations.
-        end: end of the best descent.
-        order: number of coefficients of one law.
-        spread: covariance of the nonlinear parameters followed by the coefficients.
-        at_bound: True for nonlinear parameters at a bound.
-    """
-
-    problem: Problem
-    end: End
-    order: int
-    spread: Covariance
-    at_bound: Bool[np.ndarray, " q"]
-
-    @property
-    def point(self) -> Point:
-        """The fit at the optimum."""
-        return self.end.point
 
 
 def joint_derivatives(
@@ -64,10 +39,11 @@ def joint_derivatives(
     )
 
 
-def optimal(problem: Problem, end: End, order: int, weights: Weights | None = None) -> Optimal:
-    """Return the optimum at the end of a descent, with its covariance; `weights` of the objective."""
-    point = end.point
-    residual, jacobian, rows = joint_derivatives(point)
+def _covariance(
+    problem: Problem, end: End, weights: Weights | None
+) -> tuple[Covariance, Bool[np.ndarray, " p"]]:
+    """Covariance of parameters and coefficients, and True for those that are fixed or at a bound."""
+    residual, jacobian, rows = joint_derivatives(end.point)
     held, rows, bent = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
     # An inactive censored reading carries no information on noise or parameters.
@@ -77,16 +53,11 @@ def optimal(problem: Problem, end: End, order: int, weights: Weights | None = No
     if weights is not None and weights.threshold is not None:
         # Restore the original weights; residuals become Huber's pseudo-residuals.
         own = np.concatenate([1 / weights.factor, np.ones(n_priors)])
-        unknowns = int(np.sum(~held)) - len(set(map(tuple, rows)))
+        unknowns = max(int(np.sum(~held)) - len(set(map(tuple, rows))), 1)
         jacobian = own[:, None] * jacobian
-        residual = pseudo_residual(
-            own * residual, weights.factor.size, weights.threshold, max(unknowns, 1)
-        )
-    spread = covariance(
-        jacobian, residual, rows, held, bent=bent, n_priors=n_priors, noise=problem.noise
-    )
-    at_bound = np.isin(np.arange(len(problem.names)), problem.free) & held[: len(problem.names)]
-    return Optimal(problem, end, order, spread, at_bound)
+        residual = pseudo_residual(own * residual, weights.factor.size, weights.threshold, unknowns)
+    options = {"bent": bent, "n_priors": n_priors, "noise": problem.noise}
+    return covariance(jacobian, residual, rows, held, **options), held
 
 
 def held_and_active(
@@ -176,17 +147,20 @@ def _bent(
 _DERIVED_KINDS = {"thread_length": "length"}  # anything else is a number
 
 
-def estimates(found: Optimal, table: Mapping[str, Entry], place: int) -> tuple[Estimate, ...]:
+def _estimates(
+    posed: Posed, part: Part, point: Point, spread: Covariance, held: Bool[np.ndarray, " p"]
+) -> tuple[Estimate, ...]:
     """Return the estimates for one specimen: its nonlinear parameters, then its coefficients."""
-    problem, part = found.problem, found.problem.parts[place]
-    names, x = problem.names + problem.linear, found.point.x
-    values = np.concatenate([found.point.parameters, x])
-    ends = np.array([(table[name].min, table[name].max) for name in names])
-    stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= 1e-9 * np.abs(x).max(initial=0.0)
-    stopped[: len(found.at_bound)] = found.at_bound
+    problem, x = point.problem, point.x
+    names, count = problem.names + problem.linear, len(problem.names)
+    table, values = [posed.table[name] for name in names], [*point.parameters, *x]
+    ends = np.array([(one.min, one.max) for one in table])
+    near = np.min(np.abs(np.array(values)[:, None] - ends), axis=1)
+    stopped = near <= 1e-9 * np.abs(x).max(initial=0.0)
+    stopped[:count] = held[:count]
     told = list(names)
     if (nodes := getattr(part.family, "nodes", None)) is not None:
-        pressures = np.repeat(nodes, found.order)
+        pressures = np.repeat(nodes, posed.law.order)
         told[-x.size :] = [
             f"{name}_at_{at / 1e3:.6g}kPa"
             for name, at in zip(problem.linear, pressures, strict=True)
@@ -195,24 +169,20 @@ def estimates(found: Optimal, table: Mapping[str, Entry], place: int) -> tuple[E
         Estimate(
             name=told[k],
             value=float(values[k]),
-            stderr=float(found.spread.stderr[k]),
-            min=table[names[k]].min,
-            max=table[names[k]].max,
-            at_bound=bool(stopped[k]) and not table[names[k]].fixed,
-            fixed=table[names[k]].fixed,
-            kind=table[names[k]].kind,
-            prior=table[names[k]].prior,
+            stderr=float(spread.stderr[k]),
+            at_bound=bool(stopped[k]) and not table[k].fixed,
+            fixed=table[k].fixed,
+            **dataclasses.asdict(table[k]),
         )
-        for k in (*part.at, *(len(problem.names) + part.coefficients))
+        for k in (*part.at, *(count + part.coefficients))
     )
 
 
-def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...]:
+def _derived(part: Part, spread: Covariance, reported: Report) -> tuple[Estimate, ...]:
     """Return the derived quantities of a specimen, with errors from the delta method."""
-    part = found.problem.parts[place]
     names, values, slopes = part.family.derived_names, reported.derived, reported.d_derived.T
     own = part.at[: len(slopes)]
-    both = np.stack([found.spread.matrix, found.spread.sandwich])[:, own][:, :, own]
+    both = np.stack([spread.matrix, spread.sandwich])[:, own][:, :, own]
     both = np.where(np.isfinite(both), both, 0.0)
     variance = np.einsum("id,kij,jd->kd", slopes, both, slopes).max(axis=0)
     stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)
@@ -230,20 +200,30 @@ _PERFECT = 1e-18  # a smaller cost, relative to the squared data, is rounding
 
 def summarise(
     posed: Posed,
-    found: Optimal,
+    end: End,
     ends: Sequence[End],
     seed: int,
     weights: Weights | None = None,
     pictures: PictureFit | None = None,
 ) -> tuple[Identification, ...]:
-    """Return the identifications at an optimum, one per force map."""
-    problem, point = found.problem, found.point
-    certificate = _certificate(found, ends)
+    """Return the identifications at an optimum, one per force map.
+
+    Args:
+        posed: the problem before its stations were refined.
+        end: the optimum, with the refined problem in its point.
+        ends: ends of all descents.
+        seed: seed of the starts.
+        weights: weights of the objective, if it has any.
+        pictures: photographed and computed profiles, if fitted together.
+    """
+    point, problem, order = end.point, end.point.problem, posed.law.order
+    spread, held = _covariance(problem, end, weights)
+    rounding = _PERFECT * float(problem.force @ problem.force)
+    certificate = _certificate(problem, end, ends, spread.condition, rounding)
     feasible = problem.constraint == "none" or certificate.constraint_margin >= -rounding_of(point)
     certified = point.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
     # The gradient of a perfect fit is only rounding.
-    perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
-    stationary = certificate.gradient_residual <= _STATIONARY or perfect
+    stationary = certificate.gradient_residual <= _STATIONARY or end.cost <= rounding
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
@@ -259,17 +239,15 @@ def summarise(
             Identification(
                 data=one,
                 mounted=part.mounted(muscle, point.parameters),
-                estimates=estimates(found, posed.table, k),
-                derived=derived(found, k, reported),
-                coefficients=point.x[part.coefficients].reshape(
-                    -1 if found.order else 1, found.order
-                ),
+                estimates=_estimates(posed, part, point, spread, held),
+                derived=_derived(part, spread, reported),
+                coefficients=point.x[part.coefficients].reshape(-1 if order else 1, order),
                 node_pressures=None if pressures is None else np.asarray(pressures),
                 strain_range=strain_range,
                 residuals=force[one.loaded] - one.force[one.loaded],
                 errors=errors,
                 certificate=own,
-                active_constraints=_active(found),
+                active_constraints=_active(problem, point),
                 law=posed.law,
                 constraint=posed.constraint,
                 dependence=posed.dependence,
@@ -278,11 +256,11 @@ def summarise(
                 converged=bool(
                     certified and feasible and stationary and math.isfinite(errors.rmse)
                 ),
-                degrees_of_freedom=found.spread.degrees_of_freedom,
+                degrees_of_freedom=spread.degrees_of_freedom,
                 names=problem.names,
-                covariance=found.spread.matrix,
+                covariance=spread.matrix,
                 place=k,
-                solved=Solved(problem, found.end),
+                solved=Solved(problem, end),
                 pictures=pictures,
             )
         )
@@ -305,8 +283,10 @@ def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.
     return weights.factor[problem.readings[k]] ** 2
 
 
-def _certificate(found: Optimal, ends: Sequence[End]) -> Certificate:
-    problem, point = found.problem, found.point
+def _certificate(
+    problem: Problem, end: End, ends: Sequence[End], condition: float, rounding: float
+) -> Certificate:
+    point = end.point
 
     def margin(kind: Constraint) -> float:
         return min(float(one.value.min()) for one in constraint_margin(problem, point, kind))
@@ -317,12 +297,11 @@ def _certificate(found: Optimal, ends: Sequence[End]) -> Certificate:
     elif problem.constraint != "none":
         own = stability if problem.constraint == "drucker" else margin("slope")
     costs = np.array([end.cost for end in ends])
-    rounding = _PERFECT * float(problem.force @ problem.force)
     return Certificate(
         kkt_residual=point.kkt_residual,
         duality_gap=point.duality_gap,
-        gradient_residual=found.end.gradient_residual,
-        condition=found.spread.condition,
+        gradient_residual=end.gradient_residual,
+        condition=condition,
         stability_margin=stability,
         constraint_margin=own,
         n_starts=len(ends),
@@ -344,7 +323,6 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
     pulls = force[data.slack]
     return Errors(
         rmse=float(np.sqrt(np.mean(residual**2))),
-        mae=float(np.mean(np.abs(residual))),
         max=float(np.max(np.abs(residual))),
         max_force=data.max_force,
         n_points=int(loaded.sum()),
@@ -354,9 +332,9 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
     )
 
 
-def _active(found: Optimal) -> tuple[str, ...]:
+def _active(problem: Problem, point: Point) -> tuple[str, ...]:
     """Describe each active constraint of the convex fit in one phrase."""
-    problem, rows, told = found.problem, np.sort(found.point.rows), []
+    rows, told = np.sort(point.rows), []
     stations = [part.inputs.stations.ravel() for part in problem.parts]
     first = sum(problem.path_rows)
     for share in np.concatenate(stations)[rows[rows < first]]:
