@@ -314,7 +314,8 @@ def _parameter(one: Estimate, system: str) -> tuple[str, str, str]:
     return value, unit, flag
 
 
-def _parameter_table(result: Identification, system: str) -> Table:
+def parameter_table(result: Identification, system: str) -> Table:
+    """Return the table of the parameters with standard errors and bounds."""
     rows = []
     for one in result.estimates + result.derived:
         value, unit, error = _parameter(one, system)
@@ -477,7 +478,7 @@ class Findings:
         """Return the tables of a fit."""
         return [
             *([] if self.choice is None else [choice_table(self.choice, system)]),
-            _parameter_table(self.result, system),
+            parameter_table(self.result, system),
             *evidence_tables(self.evidence, self.result, system),
         ]
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -19,11 +20,7 @@ import famjax
 from famjax.boundary.errors import InputError, NotTrustedError, Own, check_trusted, class_path
 from famjax.boundary.files import Origin
 from famjax.boundary.units import (
-    finite_or_none,
-    from_si,
     si_unit,
-    text_in_units,
-    unit_system,
 )
 from famjax.cards import (
     MuscleCard,
@@ -128,7 +125,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     mounted, pictures = _mounted(document, own), document["photographs"]
     muscle, arrays = mounted.muscle, {name: _array(document[key]) for name, key in _ARRAYS.items()}
     assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
-    estimates = tuple(_estimate(name, one) for name, one in document["parameters"].items())
+    estimates = tuple(map(_estimate, document["parameters"].values()))
     law = Law(muscle.material)
     if arrays["node_pressures"] is not None:
         law = law_named("polynomial", arrays["coefficients"].shape[1])
@@ -139,7 +136,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
         data=_data(document["data"]),
         mounted=mounted,
         estimates=estimates,
-        derived=tuple(_estimate(name, one) for name, one in document["derived"].items()),
+        derived=tuple(map(_estimate, document["derived"].values())),
         errors=Errors(**_figures(document, _ERRORS)),
         certificate=Certificate(**_figures(document, _CERTIFICATE)),
         active_constraints=tuple(document["active_constraints"]),
@@ -220,7 +217,7 @@ def _posed(result: Identification) -> dict[str, Any] | None:
         "terms": 0 if family.terms is None else len(family.terms.terms),
         "censored": bool((problem.side != 0).any()),
         "noise": problem.noise,
-        "reading_weights": problem.weight.tolist(),
+        "reading_weights": problem.weight,
     }
 
 
@@ -229,19 +226,17 @@ def _array(values: Any) -> Any:
     return None if values is None else np.array(values, float)
 
 
-def _listed(values: np.ndarray | None) -> Any:
-    """Convert an array to a list, with null for nan."""
-    return None if values is None else np.where(np.isfinite(values), values, None).tolist()
+def as_json(value: Any) -> Any:
+    """Convert to JSON-ready data: arrays become lists, nan and infinity null."""
+    text = msgspec.json.encode(
+        value, enc_hook=lambda one: one.tolist() if hasattr(one, "tolist") else str(one)
+    )
+    return json.loads(text)
 
 
 def _figures(document: Mapping[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
     found = {name: document[key] for name, key in keys.items()}
     return {name: math.nan if value is None else value for name, value in found.items()}
-
-
-def _written(part: Errors | Certificate, keys: Mapping[str, str]) -> dict[str, Any]:
-    found = {key: getattr(part, name) for name, key in keys.items()}
-    return {k: v if isinstance(v, int) else finite_or_none(v) for k, v in found.items()}
 
 
 def _data(saved: Mapping[str, Any]) -> ForceData:
@@ -296,66 +291,51 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
     )
 
 
-def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
-    """Return an estimate in a unit system, ready for JSON."""
-    unit = unit_system(system)[estimate.kind]
-
-    def scaled(value: float) -> float | None:
-        return finite_or_none(from_si(value, unit, estimate.kind))
-
-    prior = None if estimate.prior is None else [scaled(v) for v in estimate.prior]
-    return {
-        "unit": unit, "kind": estimate.kind, **{one: scaled(getattr(estimate, one)) for one in _NUMBERS},
-        "at_bound": estimate.at_bound, "fixed": estimate.fixed, "prior": prior,
-    }  # fmt: skip
+_NULLS = {"value": math.nan, "stderr": math.nan, "min": -math.inf, "max": math.inf}
+"""Numbers of an estimate that may be null, and what null means."""
 
 
-_NUMBERS = {"value": math.nan, "stderr": math.nan, "min": -math.inf, "max": math.inf}
-"""Numbers of an estimate, and the value of null."""
-
-
-def _estimate(name: str, saved: Mapping[str, Any]) -> Estimate:
-    numbers = {key: none if saved[key] is None else saved[key] for key, none in _NUMBERS.items()}
-    prior = None if saved["prior"] is None else tuple(saved["prior"])
-    said = {key: saved[key] for key in ("at_bound", "fixed", "kind")}
-    return Estimate(name, prior=prior, **numbers, **said)
+def _estimate(saved: Mapping[str, Any]) -> Estimate:
+    found = {key: value for key, value in saved.items() if key != "unit"}
+    found |= {key: value for key, value in _NULLS.items() if saved[key] is None}
+    return Estimate(**found | {"prior": saved["prior"] and tuple(saved["prior"])})
 
 
 def summary_as_dict(
     result: Identification,
-    system: str = "si",
     evidence: Evidence | None = None,
     *,
     choice: Choice | None = None,
     judgement: Judgement | None = None,
 ) -> dict[str, Any]:
-    """Return the results of a fit as a flat JSON object: parameters in the unit system, the rest in SI."""
-    judged = judgement or judge(result)
+    """Return the results of a fit as a flat JSON object in SI."""
+    judged, errors = judgement or judge(result), result.errors
     asked = evidence or Evidence(error=result.outlook.error)
 
-    def said(sentences: Iterable[str]) -> list[str]:
-        return [text_in_units(one, system) for one in sentences]
+    def entries(estimates: Iterable[Estimate]) -> dict[str, Any]:
+        return {
+            one.name: {"unit": si_unit(one.kind), **dataclasses.asdict(one)} for one in estimates
+        }
 
-    return {
+    return as_json({
         "verdict": judged.level,
-        "reasons": said(judged.reasons),
-        "unchecked": text_in_units(judged.unchecked, system) or None,
+        "reasons": judged.reasons,
+        "unchecked": judged.unchecked or None,
         "suspicions": [one.cause for one in judged.suspicions],
         "choice": None if choice is None else choice_as_dict(choice),
-        **_written(result.errors, _ERRORS),
-        "rmse_percent": finite_or_none(result.errors.rmse_percent),
-        "parameters": {e.name: estimate_as_dict(e, system) for e in result.estimates},
-        "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
+        **{key: getattr(errors, name) for name, key in _ERRORS.items()},
+        "rmse_percent": errors.rmse_percent,
+        "parameters": entries(result.estimates),
+        "derived": entries(result.derived),
         **{name: getattr(result, name) for name in _PLAIN},
-        **{key: _listed(getattr(result, name)) for name, key in _ARRAYS.items()},
-        **_written(result.certificate, _CERTIFICATE),
+        **{key: getattr(result.certificate, name) for name, key in _CERTIFICATE.items()},
         "law": result.law.name,
         "order": result.order,
         **_rig(result.mounted),
-        "active_constraints": list(result.active_constraints),
-        "warnings": said((*result.warnings, *evidence_warnings(asked, result))),
+        "active_constraints": result.active_constraints,
+        "warnings": (*result.warnings, *evidence_warnings(asked, result)),
         **evidence_as_dict(asked),
-    }
+    })  # fmt: skip
 
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
@@ -400,22 +380,21 @@ def fit_as_dict(
     data, asked, outlook = result.data, evidence or Evidence(), result.outlook
     shared = () if asked.shared is None else asked.shared.directions
     others, known = outlook.other_lengths, dataclasses.asdict(data.specimen)
-    return {
+    return as_json({
         "schema": SCHEMA,
         "versions": versions(),
         "origin": None if origin is None else origin.as_dict(),
         "data": {
             "sha256": data.sha256,
             "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
-            "readings": {name: values.tolist() for name, values in data.columns().items()},
-            **{name: getattr(data, name) for name in _SAID if name != "count"},
-            "count": _listed(data.count),
+            "readings": data.columns(),
+            **{name: getattr(data, name) for name in _SAID},
         },
         "posed": result.document.get("posed") or _posed(result),
         "photographs": None if result.pictures is None else result.pictures.as_dict(),
         "spread": {
             "band": "linear" if asked.bootstrap is None else "bootstrap",
-            "directions": muscle_spread(result, asked.bootstrap).tolist(),
+            "directions": muscle_spread(result, asked.bootstrap),
             # Six digits: a measured shape may have thousands of numbers.
             "shared_directions": [[float(f"{value:.6g}") for value in row] for row in shared],
         },
@@ -425,9 +404,10 @@ def fit_as_dict(
         "other_lengths": {
             "between_N": outlook.between, "members": _in_rigs("family", others.items()),
         } if others else None,
-        "names": list(result.names),
+        "names": result.names,
+        **{key: getattr(result, name) for name, key in _ARRAYS.items()},
         "muscle": muscle_as_dict(result.muscle),
-    }  # fmt: skip
+    })  # fmt: skip
 
 
 def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
@@ -449,31 +429,29 @@ def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, An
     judged = judge_series(series.specimens, series.left_out)
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
     pressures = np.concatenate([one.pressure for one in data])
-    return {
+    return as_json({
         **fit_as_dict(series.specimens[0], origin=origin, judgement=judged),
         "averaged_with": _in_rigs("weight", zip(series.weights[1:], others, strict=True)),
         "series": {
             "family": series.name,
             "between_N": series.between,
             "predicted_rmse_N": series.left_out.rmse,
-            "leave_one_specimen_out_N": {
-                law: finite_or_none(error) for law, error in series.candidates.items()
-            },
+            "leave_one_specimen_out_N": series.candidates,
             "specimens": [
                 {
                     "name": one.data.specimen.name,
                     "rest_length_m": one.data.specimen.rest_length,
                     "max_force_N": one.errors.max_force,
                     "rmse_N": one.errors.rmse,
-                    "predicted_rmse_N": float(error),
+                    "predicted_rmse_N": error,
                 }
                 for one, error in zip(series.specimens, series.left_out.group_rmse, strict=True)
             ],
             "rest_lengths_m": [one.specimen.rest_length for one in data],
-            "length_ratios": [float(ratios.min()), float(ratios.max())],
-            "pressures_Pa": [float(pressures.min()), float(pressures.max())],
+            "length_ratios": (ratios.min(), ratios.max()),
+            "pressures_Pa": (pressures.min(), pressures.max()),
         },
-    }
+    })  # fmt: skip
 
 
 def card_of(

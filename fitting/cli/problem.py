@@ -256,9 +256,7 @@ def solve(
     )  # fmt: skip
     code = 0 if judgement.passed else 1
     if as_json:
-        print_json(
-            saved.summary_as_dict(result, units, evidence, choice=choice, judgement=judgement)
-        )
+        print_json(saved.summary_as_dict(result, evidence, choice=choice, judgement=judgement))
         return code
     notes = found.notes(units)
     print(f"{result.data.specimen.name}  ({result.data.source})")

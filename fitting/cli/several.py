@@ -18,6 +18,7 @@ from famjax.console import (
     print_json,
     print_lines,
     print_rows,
+    print_table,
     progress,
     tell_columns,
     whole,
@@ -98,7 +99,7 @@ def sweep(
             orders=order, dependences=dependence, constraints=constraint, objective=objective,
         )  # fmt: skip
     best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
-    rows = [_finite(row.as_dict()) for row in found.rows]
+    rows = fitting.saved.as_json([row.as_dict() for row in found.rows])
     paths = place.write(
         {
             "sweep.json": {"rows": rows},
@@ -115,17 +116,6 @@ def sweep(
     print_rows(f"{len(rows)} fits of {measured.specimen.name}", in_units(shown, stress))
     place.tell(paths)
     return 0
-
-
-def _finite(value: Any) -> Any:
-    """Replace non-finite numbers in lists and mappings by None, as in JSON."""
-    from famjax.boundary.units import finite_or_none
-
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_finite(one) for one in value]
-    return finite_or_none(value) if isinstance(value, float) else value
 
 
 _STARTS = 32
@@ -181,7 +171,7 @@ def compare(
     jobs
         Set the number of processes.
     json_
-        Print one JSON object and nothing else.
+        Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin, as_png, check_output
@@ -271,11 +261,12 @@ def series(
     units
         Choose the units of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print one JSON object and nothing else.
+        Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin
     from famjax.boundary.units import si_unit
+    from fitting.report import parameter_table
     from fitting.series import DEFAULT_LAWS
     from fitting.verdict import judge_series
 
@@ -302,13 +293,12 @@ def series(
         said = {key: document[key] for key in ("verdict", "reasons", "parameters")}
         print_json(document["series"] | said)
     else:
-        values = fitting.saved.summary_as_dict(found.specimens[0], units)["parameters"]
-        _print_series(document, values, units)
+        _print_series(document, parameter_table(found.specimens[0], units), units)
         place.tell(paths)
     return 0 if judgement.passed else 1
 
 
-def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system: str) -> None:
+def _print_series(document: Mapping[str, Any], shared: tuple[str, Any, Any], system: str) -> None:
     from famjax.boundary.units import Quantity, text_in_units, unit_system
 
     units, found = unit_system(system), document["series"]
@@ -318,9 +308,7 @@ def _print_series(document: Mapping[str, Any], values: Mapping[str, Any], system
     averaged = 1 + len(document["averaged_with"])
     title = f"Specimens, with {found['family']}; predictions average {averaged} models"
     print_rows(title, in_units(found["specimens"], units))
-    keys = ("value", "unit", "stderr")
-    shared = [{"parameter": name, **{k: of[k] for k in keys}} for name, of in values.items()]
-    print_rows("Shared parameters", shared)
+    print_table("Shared parameters", *shared[1:])
     first, *further = *document["reasons"], ""
     for note in filter(None, (document["unchecked"], *further, *document["warnings"])):
         print(f"note: {text_in_units(note, system)}")
@@ -368,7 +356,7 @@ def ramps(
     units
         Choose the units of summary, figure and map: si, metric or us.
     json_
-        Print one JSON object and nothing else.
+        Print one JSON object, in SI, and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin

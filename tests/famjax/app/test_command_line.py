@@ -34,7 +34,7 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
               "coefficients_Pa", "stability_margin_Pa", "kkt_residual", "duality_gap",
               "constraint", "converged"}  # fmt: skip
     assert wanted <= set(fit)
-    assert fit["parameters"]["E_1"]["unit"] == "psi"
+    assert fit["parameters"]["E_1"]["unit"] == "Pa"
     assert set(fit["parameters"]["E_1"]) >= {"value", "unit", "stderr", "at_bound"}
     assert fit["rmse_N"] < 0.01  # the map is rounded to 0.1 mN
     assert any("rest length was not given" in warning for warning in fit["warnings"])
