@@ -105,10 +105,6 @@ def levels_of(
         tolerance: in SI, >= 0; None to derive it.
         beside: level of the other quantity for each reading. If None, repeated values count as nominal.
 
-    Raises:
-        InputError: the tolerance joins values into a level at least as wide as the
-            gap to the next one.
-
     >>> levels_of(np.array([79.97e3, 80.03e3, 80.0e3, 120.1e3, 119.9e3]), "pressure").level / 1e3
     array([ 80.,  80.,  80., 120., 120.])
     """
@@ -123,23 +119,13 @@ def levels_of(
     numbers = np.arange(group[-1] + 1)
     low = distinct[np.searchsorted(group, numbers)]
     high = distinct[np.searchsorted(group, numbers, "right") - 1]
-    width = high - low
 
-    def said(value: float) -> str:
-        return Quantity(value, what).in_units("metric")
-
-    if given and tolerance > 0 and width.max() >= (low[1:] - high[:-1]).min(initial=np.inf):
-        worst = int(np.argmax(width))
-        raise InputError(
-            f"a tolerance of {said(tolerance)} joins all readings between {said(low[worst])} and "
-            f"{said(high[worst])} into one {what}, which is wider than the gap to its neighbour: give a "
-            "smaller tolerance"
-        )
     label, count, note = group[place], np.bincount(group[place]), ""
     mean = np.where(high > low, np.bincount(label, values) / count, low)
     if tolerance > 0 and count.size < distinct.size:
+        said = Quantity(tolerance, what).in_units("metric")
         note = (
-            f"Readings whose {what}s differ by less than {said(tolerance)} share one {what} (tolerance "
+            f"Readings whose {what}s differ by less than {said} share one {what} (tolerance "
             f"{'given' if given else 'derived from the gaps'}): {distinct.size} values form {count.size} "
             "levels."
         )
@@ -252,7 +238,12 @@ class ForceData:
     taken: str = dataclasses.field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        self._check_arguments()
+        if not isinstance(self.specimen, Specimen):
+            raise InputError(f"specimen must be a fitting.Specimen, got {shown(self.specimen)}")
+        for name in ("pressure_tolerance", "length_tolerance", "force_limit"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and 0 <= value < math.inf):
+                raise InputError(f"{name} must be a number >= 0 in SI, got {shown(value)}")
         for name in (*COLUMNS, "count"):
             if getattr(self, name) is not None or name in _NEEDED:
                 object.__setattr__(self, name, self._checked_column(name))
@@ -264,17 +255,6 @@ class ForceData:
             check_plausible(f"the largest {name}", largest, name, self.units.get(name, ""))
         if self.count is None:
             self._average_copies()
-
-    def _check_arguments(self) -> None:
-        if not isinstance(self.specimen, Specimen):
-            raise InputError(
-                f"specimen must be a fitting.Specimen (name, rest length, wall thickness), got "
-                f"{shown(self.specimen)}"
-            )
-        for name in ("pressure_tolerance", "length_tolerance", "force_limit"):
-            value = getattr(self, name)
-            if value is not None and not (is_number(value) and 0 <= value < math.inf):
-                raise InputError(f"{name} must be a number >= 0 in SI, got {shown(value)}")
 
     def _checked_column(self, name: str) -> Float[np.ndarray, " n"]:
         values, shape = check_numbers(name, getattr(self, name)), np.shape(self.force)
@@ -300,27 +280,24 @@ class ForceData:
         small = noise <= _NEAR_ZERO * float(self.force.max(initial=0.0))
         found = _EXTREMES * noise if small else 0.0
         object.__setattr__(self, "slack_below", found)
-        count = int(((self.force > 0) & (self.force <= found)).sum())
-        if count:
+        if count := int(((self.force > 0) & (self.force <= found)).sum()):
             size = Quantity(found, "force", 2).in_units("metric")
-            note = (
-                f"{count} reading{'s' * (count > 1)} of at most {size} count as slack: readings below "
-                "zero show noise of this size."
-            )
+            said = f"{count} readings of at most {size} count as slack"
+            note = f"{said}: readings below zero show noise of this size."
             object.__setattr__(self, "notes", (*self.notes, note))
 
     def _check_pulls(self) -> None:
-        sign = "Pulling forces must be positive: check the sign of the force column"
+        check = (
+            "Pulling forces must be positive: check the sign of the force column, and force_limit"
+        )
         if not self.loaded.any():
             raise InputError(
-                f"all pulling readings are at or above the limit of the load cell, "
-                f"{self.force_limit:.6g} N: nothing to fit. Check force_limit and its unit"
-                if self.saturated.any()
-                else f"all {self.force.size} readings are slack (force <= 0): nothing to fit. {sign}"
+                f"all {self.force.size} readings are slack (force <= 0) or at the limit of the load cell: "
+                f"nothing to fit. {check}"
             )
         low, high = float(self.force.min()), self.max_force
         if -low > _PUSHES * high:
-            raise InputError(f"the forces range from {low:.4g} N to only {high:.4g} N. {sign}")
+            raise InputError(f"the forces range from {low:.4g} N to only {high:.4g} N. {check}")
 
     def _average_copies(self) -> None:
         """Merge identical readings into one, weighted by their number."""
@@ -347,11 +324,10 @@ class ForceData:
         object.__setattr__(self, "notes", (*self.notes, note))
 
     def __repr__(self) -> str:
-        length, pressure = self.length * 1e3, self.pressure / 1e3
+        L, P = self.length * 1e3, self.pressure / 1e3
         return (
-            f"ForceData({self.specimen.name}, {self.source}: {self.force.size} readings, "
-            f"{self.loaded.sum()} of them loaded, {length.min():.4g} to {length.max():.4g} mm, "
-            f"{pressure.min():.4g} to {pressure.max():.4g} kPa, up to {self.max_force:.5g} N)"
+            f"ForceData({self.specimen.name}, {self.source}: {self.force.size} readings, {L.min():.4g} to "
+            f"{L.max():.4g} mm, {P.min():.4g} to {P.max():.4g} kPa, up to {self.max_force:.5g} N)"
         )
 
     def to_pandas(self) -> "pandas.DataFrame":
@@ -423,7 +399,7 @@ class ForceData:
         Raises:
             InputError: see `read_csv`.
         """
-        if not hasattr(dataset, "data_vars") or not hasattr(dataset, "to_dataframe"):
+        if not hasattr(dataset, "to_dataframe"):
             raise InputError(f"dataset must be an xarray.Dataset, got {shown(dataset)}")
         frame = dataset.to_dataframe().dropna().reset_index()
         frame = frame.drop(columns="reading", errors="ignore")

@@ -132,10 +132,9 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     label = f"gauge pressure, {units['pressure']}"
     figure.colorbar(points, ax=axes["isobars"], pad=0.02, aspect=35, label=label)
     rmse = Quantity(errors.rmse, "force", 3).in_units(system)
-    largest = Quantity(errors.max_force, "force", 5).in_units(system)
     figure.suptitle(
-        f"{result.data.specimen.name}: RMSE {rmse} ({errors.rmse_percent:.2g} % of {largest}), "
-        f"law: {result.law.name}, constraint: {result.constraint}",
+        f"{result.data.specimen.name}: {result.law.name} law, RMSE {rmse} "
+        f"({errors.rmse_percent:.2g} % of the largest force)",
         fontsize=11,
     )
     return figure

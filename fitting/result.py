@@ -65,8 +65,6 @@ class Errors:
         rmse, max: root mean square and largest error [N].
         max_force: largest measured force [N], the reference of percentages.
         n_points: number of loaded readings.
-        n_slack: number of slack readings, which are not fitted.
-        slack_violations: number of slack readings at which the model pulls.
         max_slack_force: largest force [N] of the model at a slack reading, or 0.
     """
 
@@ -74,8 +72,6 @@ class Errors:
     max: float
     max_force: float
     n_points: int
-    n_slack: int
-    slack_violations: int
     max_slack_force: float
 
     @property
@@ -422,7 +418,7 @@ def remarks(result: Identification) -> list[Remark]:
     said = (*data.notes, data.pressures.note, data.lengths.note)
     slack = Sentence(
         *("The model pulls with up to ", Quantity(pull, "force", 3)),
-        f" at {errors.slack_violations} of {errors.n_slack} slack readings.",
+        " at a slack reading.",
     )
     level = 2 if pull > 0.1 * largest else int(pull > max(2 * errors.rmse, 0.01 * largest))
     outlying, count = int((~result.counted).sum()), result.counted.size

@@ -60,8 +60,7 @@ _WANTED = "give a fit.json written by famjax fit"
 
 _ERRORS = {
     "rmse": "rmse_N", "max": "max_error_N", "max_force": "max_force_N",
-    "n_points": "n_points", "n_slack": "n_slack", "slack_violations": "slack_violations",
-    "max_slack_force": "max_slack_force_N",
+    "n_points": "n_points", "max_slack_force": "max_slack_force_N",
 }  # fmt: skip
 _CERTIFICATE = {
     "stability_margin": "stability_margin_Pa", "constraint_margin": "constraint_margin_Pa",

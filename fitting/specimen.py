@@ -310,31 +310,27 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
     """
     fields, notes = dict(known), {}
 
-    def said(length: float) -> str:
-        return Quantity(length, "length").in_units("metric")
+    def assume(name: str, text: str) -> None:
+        notes[name] = f"The {text} (--specimen {name}_mm=...)."
 
     if "rest_length" not in fields:
         fields["rest_length"] = longest
-        notes["rest_length"] = (
-            f"The rest length was not given: the longest length in the file, {said(longest)}, is used "
-            "(--specimen rest_length_mm=...)."
+        said = Quantity(longest, "length").in_units("metric")
+        assume(
+            "rest_length",
+            f"rest length was not given: the longest length in the file, {said}, is used",
         )
     if "nominal_diameter" not in fields:
-        notes["nominal_diameter"] = (
-            "The nominal diameter was not given: the braid diameter is searched between 3 mm and 80 mm "
-            "(--specimen nominal_diameter_mm=...) and may not match a commercial size."
-        )
+        searched = "the braid diameter is searched between 3 mm and 80 mm"
+        assume("nominal_diameter", f"nominal diameter was not given: {searched}")
     if "wall_thickness" not in fields:
         across = fields.get("nominal_diameter") or fields.get("bladder_diameter") or math.inf
         fields["wall_thickness"] = wall = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
-        notes["wall_thickness"] = (
-            f"The bladder's wall thickness was not given: {said(wall)} is assumed (--specimen "
-            "wall_thickness_mm=...). E_n scales nearly inversely with it; the force does not change."
-        )
+        said = Quantity(wall, "length").in_units("metric")
+        scaled = "E_n scales nearly inversely with it, and the force does not change"
+        assume("wall_thickness", f"wall thickness was not given: {said} is assumed; {scaled}")
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True
-        notes["bladder_diameter"] = (
-            "The bladder's diameter was not given: the braid is assumed to run inside the wall, as "
-            "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
-        )
+        inside = "the braid is assumed to run inside the wall, as in a Festo DMSP"
+        assume("bladder_diameter", f"bladder's diameter was not given: {inside}")
     return Described(Specimen(**fields), tuple(notes.values()), tuple(notes))

@@ -326,8 +326,6 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
         max=float(np.max(np.abs(residual))),
         max_force=data.max_force,
         n_points=int(loaded.sum()),
-        n_slack=int(data.slack.sum()),
-        slack_violations=int((pulls > 0).sum()),
         max_slack_force=float(np.fmax.reduce(pulls, initial=0.0)),
     )
 

@@ -12,12 +12,10 @@ import fitting
 from famjax.boundary.errors import InputError, Own, check_trusted
 from famjax.boundary.files import Origin
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.toml_file import from_entries
 from famjax.boundary.units import factor, si_unit, to_si
 from famjax.console import (
     Output,
     Units,
-    parse_entries,
     print_json,
     print_lines,
     print_table,
@@ -27,7 +25,6 @@ from fitting import report, saved
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
     FORM,
-    Evidence,
     SharedErrors,
     drawn_moves,
     gather,
@@ -138,47 +135,35 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     >>> errors.stated(), noise
     ({'wall_thickness': 5e-05}, 1.5)
     """
-    numbers = {}
-    for name, value in parse_entries(entries, "error", "wall_thickness_mm=0.05").items():
-        try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise InputError(
-                f"error {name}={value}: {value!r} is not a number; put the unit into the name, as in "
-                "wall_thickness_mm=0.05"
-            ) from None
-    names = [name for name in numbers if name.startswith("noise_")]
-    if len(names) > 1:
-        raise InputError(f"error: the noise of a reading is given twice, {' and '.join(names)}")
-    noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in names]
-    return from_entries(SharedErrors, numbers, FORM, where="error: "), (*noise, None)[0]
+    fields = [one.name for one in dataclasses.fields(SharedErrors)]
+    kinds = {name: FORM.kinds.get(name, "number") for name in fields} | {"noise": "force"}
+    form = "name_unit=value, as in wall_thickness_mm=0.05"
+    parsed = _parsed(entries, "error", form, kinds, "+-").items()
+    found = {name: to_si(numbers[0], unit, kind) for name, (numbers, unit, kind) in parsed}
+    noise = found.pop("noise", None)
+    try:
+        return SharedErrors(**found), noise
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
 def identify_options(
-    maps: Sequence[fitting.ForceData],
-    laws: Iterable[LawGiven],
-    geometry: str | None,
-    term: Sequence[str],
-    *,
-    free: Sequence[str],
-    bounds: Sequence[str],
-    prior: Sequence[str] = (),
-    shape: bool = False,
+    maps: Sequence[fitting.ForceData], asked: Asked, laws: Iterable[LawGiven]
 ) -> tuple[dict[str, Any], Kinds]:
     """Convert options as typed to arguments of `fitting.identify`, and return the kinds of parameters.
 
     Raises:
         InputError: an option is invalid.
     """
-    parts, declared = own_parts(maps, geometry, term)
-    kinds = parameter_kinds(*laws) if bounds or free or prior else {}
+    parts, declared = own_parts(maps, asked.geometry, asked.term)
+    kinds = parameter_kinds(*laws) if asked.bounds or asked.free or asked.prior else {}
     kinds |= {name: one.kind for name, one in declared.items()}
-    kinds |= {_TURNS: "number"} if shape else {}
-    limits = parse_bounds(bounds, kinds)
-    for name in free:
+    kinds |= {} if asked.shape is None else {_TURNS: "number"}
+    limits = parse_bounds(asked.bounds, kinds)
+    for name in asked.free:
         if name not in kinds:
             raise InputError(f"--free {name}: unknown parameter; available: {', '.join(kinds)}")
-    named = {name: Parameter() for name in free} | parse_priors(prior, kinds)
+    named = {name: Parameter() for name in asked.free} | parse_priors(asked.prior, kinds)
     parameters = named | taking_part(declared, {**limits, **named})
     return {**parts, "bounds": limits, "parameters": parameters}, kinds
 
@@ -214,6 +199,8 @@ def solve(
     verbose: bool,
     as_json: bool,
     pairs: Any = None,
+    validation: bool = False,
+    executor: AnyExecutor = None,
     **wanted: Any,
 ) -> int:
     """Fit a map, gather evidence, write the files and print the result.
@@ -226,7 +213,9 @@ def solve(
         verbose: also print all tables and notes.
         as_json: print one JSON object instead.
         pairs: branches of raw ramps, for the hysteresis; None for none.
-        **wanted: requested evidence, see `_evidence`.
+        validation: cross-validate; the law, if none was given, is chosen again in every fold.
+        executor: executor for the repeated choices.
+        **wanted: further evidence, see `fitting.evidence.gather`.
 
     Returns:
         The exit code: 1 if nothing was identified.
@@ -234,62 +223,79 @@ def solve(
     Raises:
         InputError: an option is invalid, or the data cannot support the fit.
     """
+    data, options, errors, surface = _options(data, asked)
     with progress("identifying") as show:
 
         def tell(what: str, done: int, total: int) -> None:
             show(done, total, what)
 
-        data, options, surface = _options(data, asked)
         result, choice = _identified(data, asked, options, tell)
-        evidence = _evidence(result, choice, asked, options, surface, tell, **wanted)
+        moves = moves_of(result.data, errors, *([] if surface is None else [surface.geometry]))
+        if surface is not None:
+            specimen = result.data.specimen
+            moves["shape"] = drawn_moves(lambda draw: surface.geometry(specimen, draw=draw))
+        evidence = gather(
+            result, validation=validation and choice is None, progress=tell, shared=moves,
+            known=None if choice is None else (choice.error, choice.left_out),
+            noise=options["noise"] if choice is None else None, **wanted,
+        )  # fmt: skip
+        if choice is not None and validation:
+            anew = [
+                validate_choice(
+                    choice, kind, **options, executor=executor,
+                    progress=functools.partial(tell, f"choosing with one {kind} left out"),
+                )
+                for kind in left_out_kinds(result)
+            ]  # fmt: skip
+            evidence = dataclasses.replace(evidence, validations=tuple(anew))
+        if pairs is not None:
+            evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
         suspicions = ()
         if doubtful(result):  # test likely errors in the data
             suspicions = suspect(result, progress=functools.partial(tell, "testing likely errors"))
     question = "" if choice is None else choice.open_question
     judgement = judge(result, suspicions, evidence.left_out, question)
-    if pairs is not None:
-        evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
-    found = report.Findings(result, evidence, choice, judgement)
     paths = report.write_fit(
         result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
         judgement=judgement, problem={"asked": dataclasses.asdict(asked)},
     )  # fmt: skip
-    code = 0 if judgement.passed else 1
     if as_json:
         print_json(saved.summary_as_dict(result, evidence, choice=choice, judgement=judgement))
-        return code
-    notes = found.notes(units)
-    print(f"{result.data.specimen.name}  ({result.data.source})")
+    else:
+        _print(report.Findings(result, evidence, choice, judgement), units, verbose=verbose)
+        place.tell(paths)
+    return 0 if judgement.passed else 1
+
+
+def _print(found: report.Findings, units: Units, *, verbose: bool) -> None:
+    notes, data = found.notes(units), found.result.data
+    print(f"{data.specimen.name}  ({data.source})")
     if verbose:
         for title, header, rows in found.tables(units):
             print_table(title, header, rows)
         print("\n".join(("", *(f"note: {one}" for one in notes))))
     print_lines(found.summary(units))
-    place.tell(paths)
     if notes and not verbose:
         print(f"{len(notes)} notes and all tables: --verbose, or report.html")
-    return code
 
 
 def _options(
     data: fitting.ForceData, asked: Asked
-) -> tuple[fitting.ForceData, dict[str, Any], ShapeSurface | None]:
-    """Return the map, the arguments of `fitting.identify` or `choose`, and the measured shape."""
+) -> tuple[fitting.ForceData, dict[str, Any], SharedErrors, ShapeSurface | None]:
+    """Return the map, arguments of `identify` or `choose`, calibration errors and measured shape."""
     if asked.geometry is not None and asked.shape is not None:
         raise InputError(
             "--shape also sets the geometry: give either --shape or --geometry, got both"
         )
-    options, _ = identify_options(
-        [data], [asked.law] if asked.law else [], asked.geometry, asked.term,
-        free=asked.free, bounds=asked.bounds, prior=asked.prior, shape=asked.shape is not None,
-    )  # fmt: skip
+    options, _ = identify_options([data], asked, [asked.law] if asked.law else [])
     options |= {name: getattr(asked, name) for name in ("constraint", "objective", "ends")}
-    options["noise"] = parse_errors(asked.shared_error)[1]
+    errors, options["noise"] = parse_errors(asked.shared_error)
     if asked.shape is not None and asked.ends == "equilibrium":
         options["pictures"] = asked.shape
     elif asked.shape is not None:
-        return _with_shape(data, Path(asked.shape), options)
-    return data, options, None
+        data, options, surface = _with_shape(data, Path(asked.shape), options)
+        return data, options, errors, surface
+    return data, options, errors, None
 
 
 def _identified(
@@ -312,52 +318,6 @@ def _identified(
     return fitting.identify(
         data, **options, law=law, order=asked.order, censored=censored, progress=told
     ), None
-
-
-def _evidence(
-    result: fitting.Identification,
-    choice: Choice | None,
-    asked: Asked,
-    options: Mapping[str, Any],
-    surface: ShapeSurface | None,
-    tell: Tell,
-    *,
-    validation: bool = False,
-    executor: AnyExecutor = None,
-    **wanted: Any,
-) -> Evidence:
-    """Gather the requested evidence; the law is chosen again in every fold of a cross-validation.
-
-    Args:
-        result: the fit.
-        choice: choice of its law; None if the law was given.
-        asked: options of the fit.
-        options: arguments of `fitting.choose`.
-        surface: measured shape, or None.
-        tell: progress callback.
-        validation: cross-validate by pressure and by length.
-        executor: executor for the repeated choices.
-        **wanted: further arguments of `fitting.evidence.gather`.
-    """
-    data, errors = result.data, parse_errors(asked.shared_error)[0]
-    moves = moves_of(data, errors, *([] if surface is None else [surface.geometry]))
-    if surface is not None:
-        moves["shape"] = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
-    found = gather(
-        result, validation=validation and choice is None, progress=tell, shared=moves,
-        known=None if choice is None else (choice.error, choice.left_out),
-        noise=options["noise"] if choice is None else None, **wanted,
-    )  # fmt: skip
-    if choice is None or not validation:
-        return found
-    anew = [
-        validate_choice(
-            choice, kind, **options, executor=executor,
-            progress=functools.partial(tell, f"choosing with one {kind} left out"),
-        )
-        for kind in left_out_kinds(result)
-    ]  # fmt: skip
-    return dataclasses.replace(found, validations=tuple(anew))
 
 
 def _with_shape(

@@ -24,7 +24,7 @@ from famjax.console import (
     whole,
 )
 
-from .fit import Constraint, Ends, load_fitting, load_map
+from .fit import Asked, Constraint, load_fitting, load_map
 
 SweptOrders = Annotated[
     tuple[int, ...], Parameter(converter=whole, validator=validators.Number(gte=1, lte=4))
@@ -212,10 +212,6 @@ def series(
     law: tuple[str, ...] = (),
     free: tuple[str, ...] = (),
     bounds: tuple[str, ...] = (),
-    constraint: Constraint = "drucker",
-    geometry: str | None = None,
-    term: tuple[str, ...] = (),
-    ends: Ends = "cylinder",
     output: Path = Path("famjax-series"),
     units: Units = "metric",
     json_: bool = False,
@@ -246,16 +242,6 @@ def series(
     bounds
         Replace bounds, name_unit=min:max, repeatable. A single value fixes the parameter:
         `--bounds series_compliance_mm/N=0` for a rigid rig.
-    constraint
-        Restrict the law: none, positive, slope or drucker, as for `famjax fit`.
-    geometry
-        Wrap the cylinder in a geometry of your own, module:Class, as for `famjax fit`. The class must have
-        a method cut_to_length.
-    term
-        Add a force term of your own, module:Class, repeatable, as for `famjax fit`.
-    ends
-        Choose the model of the ends: cylinder, or equilibrium to try each law also with the shape from
-        mechanics, which takes minutes.
     output
         Write the file to this folder; it is created if missing.
     units
@@ -276,14 +262,14 @@ def series(
     add_cwd_to_path()
     maps = [load_map(one, {}, column) for one in data]
     laws = [one for one in law if ":" in one]
-    options, kinds = identify_options(maps, laws, geometry, term, free=free, bounds=bounds)
+    options, kinds = identify_options(maps, Asked(free=free, bounds=bounds), laws)
     options["parameters"] |= {
         name: fitting.Parameter(min=low, max=high, unit=si_unit(kinds[name]))
         for name, (low, high) in options.pop("bounds").items()
     }
     with progress("identifying") as show:
         found = fitting.identify_series(
-            maps, laws=law or DEFAULT_LAWS, constraint=constraint, ends=ends, **options,
+            maps, laws=law or DEFAULT_LAWS, **options,
             progress=lambda name, done, total: show(done, total, name),
         )  # fmt: skip
     judgement = judge_series(found.specimens, found.left_out)

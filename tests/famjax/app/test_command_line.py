@@ -344,7 +344,7 @@ DAMAGED = [  # what is replaced in a map by what, and what is said of it
     ("force_N", "force", (), "column 'force' has no unit"),
     ("100,290", "100,x", (), "row 3: length is 'x', not a number"),
     ("100,290", "100,900", ("--specimen", "rest_length_mm=300"), "longer than its thread"),
-    ("100,290", "-40,290", (), "must be >= 0; reading 2 has -40000 in SI units"),
+    ("100,290", "-40,290", (), "pressure of reading 2 is -40000 in SI units"),
 ]
 
 
