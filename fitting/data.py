@@ -649,11 +649,6 @@ def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None
             f"the largest contraction is {largest:.2%}: the values may be fractions labelled as "
             'percent. If so, give --column contraction="NAME [-]"'
         )
-    if largest >= 1:
-        raise InputError(
-            f"contraction, (L0 - L)/L0, must be below 1, got {largest:.6g}: put percent into a column "
-            "contraction_%, lengths into a column such as length_mm"
-        )
     arrays["length"] = rest * (1 - arrays.pop("contraction"))
     if "contraction_std" in arrays:
         arrays["length_std"] = rest * arrays.pop("contraction_std")

@@ -282,10 +282,8 @@ def in_words(result: Identification) -> str:
         _TAKES_PART[one.name] for one in result.estimates
         if one.name in _TAKES_PART and one.value > (one.name == "end_factor")  # 1: no effect
     ]  # fmt: skip
-    parts += [
-        type(one).__name__ for one in muscle.terms.terms
-        if type(one).__module__ != "famjax.terms"
-    ]  # fmt: skip
+    own = (one for one in muscle.terms.terms if type(one).__module__ != "famjax.terms")
+    parts += [type(one).__name__ for one in own]
     return f"{result.law.name} law{order}, {shape}{' with ' * bool(parts)}{', '.join(parts)}"
 
 
@@ -396,9 +394,9 @@ class Findings:
         if end := int(np.argmax(curve < 0)):
             slope = (curve[end - 1] - curve[end]) / (lengths[end - 1] - lengths[end])
             free = lengths[end] - curve[end] / slope
-        std, known = np.full(2, math.nan), self.choice or self.evidence.error
-        if known is not None:
-            std = known.half_band(np.array([rest, free]), np.full(2, level)) / 1.96
+        std, error = np.full(2, math.nan), self.choice or self.evidence.error
+        if error is not None:
+            std = error.half_band(np.array([rest, free]), np.full(2, level)) / 1.96
         # Name, value, standard error, kind of unit.
         rows = [("blocked force", curve[0], std[0], "force")]
         if end:
@@ -406,24 +404,14 @@ class Findings:
         known = [one for one in result.estimates if not one.fixed]
         rows += [(one.name, one.value, one.stderr, one.kind) for one in known]
         text = [
-            (what, *rounded(value, error, units[kind], kind), units[kind])
-            for what, value, error, kind in rows[:5]
+            (what, *rounded(value, spread, units[kind], kind), units[kind])
+            for what, value, spread, kind in rows[:5]
         ]
         at = Quantity(level, "pressure").in_units(system)
         title = (
             f"The muscle in five numbers, with standard errors. Force and contraction are at {at}."
         )
         return title, ("quantity", "value", "std. error", "unit"), text
-
-    def next_steps(self, system: str) -> list[str]:
-        """Return the recommended next steps: remedies for each doubt, then commands."""
-        doubts = (*self.judged.reasons, self.judged.unchecked)
-        commands = [
-            "Predict: famjax predict fit.json --length 250mm --pressure 5bar",
-            "Test further: famjax assess fit.json --validate --profile",
-        ]
-        asked = [text_in_units(one, system) for one in doubts if one]
-        return asked + commands * self.judged.passed
 
     def model(self, system: str) -> list[str]:
         """Describe the model in sentences: readings, law, geometry, terms, stability, optimum."""

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.errors import InputError, NotTrustedError, Own, check_trusted, class_path
+from famjax.boundary.errors import InputError, NotTrustedError, Own
 from famjax.boundary.files import Origin
 from famjax.boundary.units import (
     si_unit,
@@ -37,7 +37,7 @@ from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
 from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
-from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
+from .families import EstimatedSource, KnownSource, Law, MuscleFamily, law_named
 from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .pictured import PictureFit
@@ -160,24 +160,18 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     fit, asked = _identification(document, own), document["posed"]
     if asked is None:
         raise InputError(
-            "this fit cannot be restored from its file: it belongs to several specimens, or its geometry "
-            "is built by a function or has elastic threads. Repeat the identification"
+            "this fit cannot be restored from its file: it belongs to several specimens, or has a geometry "
+            "or terms of your own, or elastic threads. Repeat the identification, or use famjax assess"
         )
-    geometry, terms = asked["geometry"], asked["terms"]
-    if geometry == _MECHANICS:
-        geometry = EquilibriumSource.of(fit.data)
-    elif geometry == _KNOWN:
+    geometry = EquilibriumSource.of(fit.data) if asked["geometry"] == _MECHANICS else None
+    if asked["geometry"] == _KNOWN:
         geometry = getattr(fit.muscle, "geometry", None)
-    elif geometry is not None and ":" in geometry:
-        check_trusted(geometry, own, "geometry")
-    own_terms = getattr(getattr(fit.muscle, "terms", None), "terms", ())[-terms:] if terms else ()
     posed = pose(
         (dataclasses.replace(fit.data, force_std=None),),
         law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
         parameters={one.name.partition("_at_")[0]: _said(one) for one in fit.estimates},
         censored=asked["censored"],
         geometry=geometry,
-        terms=famjax.terms.SumOfTerms(own_terms) if terms else None,
     )  # fmt: skip
     (part,) = posed.problem.parts
     problem = dataclasses.replace(
@@ -202,18 +196,15 @@ def _posed(result: Identification) -> dict[str, Any] | None:
     """Return what `_opened` needs in addition to the estimates; None if a file cannot store it."""
     problem = result.problem
     family = problem.parts[result.place].family
-    if len(problem.parts) > 1 or not isinstance(family, MuscleFamily):
+    if len(problem.parts) > 1 or not isinstance(family, MuscleFamily) or family.terms is not None:
         return None
     source, geometry = family.source, None
-    if isinstance(source, WrappedSource) and isinstance(source.wrap, type):
-        geometry = class_path(source.wrap)
-    elif isinstance(source, KnownSource | EquilibriumSource):
+    if isinstance(source, KnownSource | EquilibriumSource):
         geometry = _KNOWN if isinstance(source, KnownSource) else _MECHANICS
     elif not isinstance(source, EstimatedSource) or source.thread is not None:
         return None
     return {
         "geometry": geometry,
-        "terms": 0 if family.terms is None else len(family.terms.terms),
         "censored": bool((problem.side != 0).any()),
         "noise": problem.noise,
         "reading_weights": problem.weight,
@@ -300,43 +291,6 @@ def _estimate(saved: Mapping[str, Any]) -> Estimate:
     return Estimate(**found | {"prior": saved["prior"] and tuple(saved["prior"])})
 
 
-def summary_as_dict(
-    result: Identification,
-    evidence: Evidence | None = None,
-    *,
-    choice: Choice | None = None,
-    judgement: Judgement | None = None,
-) -> dict[str, Any]:
-    """Return the results of a fit as a flat JSON object in SI."""
-    judged, errors = judgement or judge(result), result.errors
-    asked = evidence or Evidence(error=result.outlook.error)
-
-    def entries(estimates: Iterable[Estimate]) -> dict[str, Any]:
-        return {
-            one.name: {"unit": si_unit(one.kind), **dataclasses.asdict(one)} for one in estimates
-        }
-
-    return as_json({
-        "verdict": judged.level,
-        "reasons": judged.reasons,
-        "unchecked": judged.unchecked or None,
-        "suspicions": [one.cause for one in judged.suspicions],
-        "choice": None if choice is None else choice_as_dict(choice),
-        **{key: getattr(errors, name) for name, key in _ERRORS.items()},
-        "rmse_percent": errors.rmse_percent,
-        "parameters": entries(result.estimates),
-        "derived": entries(result.derived),
-        **{name: getattr(result, name) for name in _PLAIN},
-        **{key: getattr(result.certificate, name) for name, key in _CERTIFICATE.items()},
-        "law": result.law.name,
-        "order": result.order,
-        **_rig(result.mounted),
-        "active_constraints": result.active_constraints,
-        "warnings": (*result.warnings, *evidence_warnings(asked, result)),
-        **evidence_as_dict(asked),
-    })  # fmt: skip
-
-
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
 
 
@@ -376,36 +330,59 @@ def fit_as_dict(
         choice: choice that the result comes from, if any.
         judgement: the verdict; default: derived from the fit.
     """
-    data, asked, outlook = result.data, evidence or Evidence(), result.outlook
+    data, errors, outlook = result.data, result.errors, result.outlook
+    judged, asked = judgement or judge(result), evidence or Evidence(error=outlook.error)
     shared = () if asked.shared is None else asked.shared.directions
     others, known = outlook.other_lengths, dataclasses.asdict(data.specimen)
+
+    def entries(estimates: Iterable[Estimate]) -> dict[str, Any]:
+        return {
+            one.name: {"unit": si_unit(one.kind), **dataclasses.asdict(one)} for one in estimates
+        }
+
     return as_json({
         "schema": SCHEMA,
         "versions": versions(),
         "origin": None if origin is None else origin.as_dict(),
+        "verdict": judged.level,
+        "reasons": judged.reasons,
+        "unchecked": judged.unchecked or None,
+        "suspicions": [one.cause for one in judged.suspicions],
+        "warnings": (*result.warnings, *evidence_warnings(asked, result)),
+        "choice": None if choice is None else choice_as_dict(choice),
+        **{key: getattr(errors, name) for name, key in _ERRORS.items()},
+        "rmse_percent": errors.rmse_percent,
+        "parameters": entries(result.estimates),
+        "derived": entries(result.derived),
+        **{name: getattr(result, name) for name in _PLAIN},
+        **{key: getattr(result.certificate, name) for name, key in _CERTIFICATE.items()},
+        "active_constraints": result.active_constraints,
+        "law": result.law.name,
+        "order": result.order,
+        "names": result.names,
+        **{key: getattr(result, name) for name, key in _ARRAYS.items()},
+        "muscle": muscle_as_dict(result.muscle),
+        **_rig(result.mounted),
         "data": {
             "sha256": data.sha256,
             "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
             "readings": data.columns(),
             **{name: getattr(data, name) for name in _SAID},
         },
-        "posed": result.document.get("posed") or _posed(result),
         "photographs": None if result.pictures is None else result.pictures.as_dict(),
+        **evidence_as_dict(asked),
         "spread": {
             "band": "linear" if asked.bootstrap is None else "bootstrap",
             "directions": muscle_spread(result, asked.bootstrap),
             # Six digits: a measured shape may have thousands of numbers.
             "shared_directions": [[float(f"{value:.6g}") for value in row] for row in shared],
         },
-        **summary_as_dict(result, evidence=evidence, choice=choice, judgement=judgement),
         "averaged_with": [],
         "alike": _in_rigs("family", outlook.alike.items()),
         "other_lengths": {
             "between_N": outlook.between, "members": _in_rigs("family", others.items()),
         } if others else None,
-        "names": result.names,
-        **{key: getattr(result, name) for name, key in _ARRAYS.items()},
-        "muscle": muscle_as_dict(result.muscle),
+        "posed": result.document.get("posed") or _posed(result),
     })  # fmt: skip
 
 

@@ -191,7 +191,7 @@ def fit(
     verbose
         Print all tables and notes of the report.
     json_
-        Print one JSON object, in SI, and nothing else.
+        Print the content of `fit.json` and nothing else.
     """
     fitting = load_fitting()
     from fitting.specimen import parse_specimen
@@ -255,7 +255,7 @@ def assess(
     units
         Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print one JSON object, in SI, and nothing else.
+        Print the content of `fit.json` and nothing else.
     """
     fitting = load_fitting()
     from .problem import asked_of, solve

@@ -16,12 +16,11 @@ from famjax.boundary.units import factor, si_unit, to_si
 from famjax.console import (
     Output,
     Units,
-    print_json,
     print_lines,
     print_table,
     progress,
 )
-from fitting import report, saved
+from fitting import report
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import (
     FORM,
@@ -211,7 +210,7 @@ def solve(
         place: folder of the files.
         units: units of output and report.
         verbose: also print all tables and notes.
-        as_json: print one JSON object instead.
+        as_json: print the content of `fit.json` instead.
         pairs: branches of raw ramps, for the hysteresis; None for none.
         validation: cross-validate; the law, if none was given, is chosen again in every fold.
         executor: executor for the repeated choices.
@@ -260,7 +259,7 @@ def solve(
         judgement=judgement, problem={"asked": dataclasses.asdict(asked)},
     )  # fmt: skip
     if as_json:
-        print_json(saved.summary_as_dict(result, evidence, choice=choice, judgement=judgement))
+        print(paths[0].read_text(encoding="utf-8"))
     else:
         _print(report.Findings(result, evidence, choice, judgement), units, verbose=verbose)
         place.tell(paths)

@@ -247,7 +247,7 @@ def series(
     units
         Choose the units of the tables: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print one JSON object, in SI, and nothing else.
+        Print the content of `fit.json` and nothing else.
     """
     fitting = load_fitting()
     from famjax.boundary.files import Origin
@@ -276,8 +276,7 @@ def series(
     document = fitting.saved.series_as_dict(found, Origin.of_this_command())
     paths = place.write({"fit.json": document})
     if json_:
-        said = {key: document[key] for key in ("verdict", "reasons", "parameters")}
-        print_json(document["series"] | said)
+        print_json(document)
     else:
         _print_series(document, parameter_table(found.specimens[0], units), units)
         place.tell(paths)

@@ -115,7 +115,7 @@ def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
     one = read_csv(path, {"rest_length": 0.3})
     assert one.length_std == pytest.approx(0.003)
     path.write_text("force_N,pressure_kPa,contraction\n10,100,100\n")
-    with pytest.raises(InputError, match=r"got 100: put percent"):
+    with pytest.raises(InputError, match=r"length of reading 1 .*contraction_% .percent"):
         read_csv(path, {"rest_length": 0.3})
     path.write_text("force_N,pressure_kPa,contraction,length_mm\n10,100,0.1,1\n")
     with pytest.raises(InputError, match="'length' and 'contraction' are redundant"):

@@ -24,7 +24,7 @@ from fitting import (
     profile,
 )
 from fitting.families import EstimatedSource, known_laws
-from fitting.saved import summary_as_dict
+from fitting.saved import fit_as_dict
 
 ROUNDING = 1e-9  # certificates in float64
 
@@ -221,7 +221,7 @@ def test_bounds_of_coefficients_at_each_pressure_are_kept():
         readings(known_muscle(law), 7), order=2, dependence="linear", starts=1, constraint="none",
         bounds=GEOMETRY_HELD | {"E_1": (0.0, 3.5e6)},
     )  # fmt: skip
-    saved = summary_as_dict(result)["parameters"]
+    saved = fit_as_dict(result)["parameters"]
     low, high = saved["E_1_at_300kPa"], saved["E_1_at_700kPa"]
     assert (low["min"], low["max"], low["at_bound"], low["stderr"]) == (0.0, 3.5e6, True, None)
     assert low["value"] == pytest.approx(3.5e6)
