@@ -9,6 +9,7 @@ import functools
 import hashlib
 import importlib.resources
 import io
+import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -340,17 +341,13 @@ class ForceData:
         return import_extra("pandas", "tables").DataFrame(self._repeated(held))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the columns of `to_pandas` over the dimension `reading`, with the specimen as attributes.
+        """Return the columns of `to_pandas` over the dimension `reading`, with the specimen as an attribute.
 
         Raises:
             InputError: xarray is not installed.
         """
         import_extra("xarray", "tables")
-        known = {
-            key: int(one) if isinstance(one, bool) else one
-            for key, one in dataclasses.asdict(self.specimen).items()
-            if one is not None
-        }
+        known = {"specimen": json.dumps(dataclasses.asdict(self.specimen))}
         return self.to_pandas().rename_axis("reading").to_xarray().assign_attrs(known)
 
     @classmethod
@@ -394,7 +391,7 @@ class ForceData:
         """Build a force map from an xarray data set; see `from_pandas`.
 
         Variables over several dimensions, such as length and pressure, give one reading per combination.
-        If `specimen` is None, it is read from the attributes, where `to_xarray` writes it.
+        If `specimen` is None, it is read from the attribute that `to_xarray` writes.
 
         Raises:
             InputError: see `read_csv`.
@@ -403,9 +400,7 @@ class ForceData:
             raise InputError(f"dataset must be an xarray.Dataset, got {shown(dataset)}")
         frame = dataset.to_dataframe().dropna().reset_index()
         frame = frame.drop(columns="reading", errors="ignore")
-        fields = [one.name for one in dataclasses.fields(Specimen)]
-        known = {name: dataset.attrs[name] for name in fields if name in dataset.attrs}
-        known |= {"embedded": bool(known["embedded"])} if "embedded" in known else {}
+        known = json.loads(dataset.attrs.get("specimen", "{}"))
         return cls.from_pandas(frame, known if specimen is None else specimen, columns)
 
     def _repeated(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -578,9 +573,6 @@ def read_csv(
     Raises:
         InputError: the file is invalid; the message names the row.
     """
-    given = specimen if isinstance(specimen, Specimen) else None
-    if given is None:
-        check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
     check_mapping("columns", columns, "from quantities to column names")
     if hasattr(path, "columns") and hasattr(path, "to_csv"):
         return ForceData.from_pandas(path, specimen, columns)
@@ -588,11 +580,13 @@ def read_csv(
         raise InputError(f"a force map needs a path or an open text file, got {shown(path)}")
     table = read_table(path, _NEEDED, optional=_STDS, columns=columns, strict=True)
     known = parse_specimen(_entries(table.comments, "specimen"))
-    if isinstance(specimen, Mapping):
-        known |= {key: value for key, value in specimen.items() if value is not None}
+    if isinstance(specimen, Specimen):  # it replaces that of the file
+        known = {key: value for key, value in known.items() if key == "force_limit"}
+        specimen = dataclasses.asdict(specimen)
+    check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
+    known |= {key: value for key, value in (specimen or {}).items() if value is not None}
     try:
-        tolerances: dict[str, Any] = dict(map(_tolerance, _entries(table.comments, "level")))
-        return _map(table, given, known, tolerances)
+        return _map(table, known)
     except InputError as error:
         where = path if isinstance(path, str | Path) else table.source
         raise InputError(f"{where}: {error}") from None
@@ -601,26 +595,21 @@ def read_csv(
 _LEAST_CONTRACTION = 0.006  # smallest plausible maximum of a contraction column
 
 
-def _map(
-    table: Table, given: Specimen | None, known: dict[str, Any], tolerances: Mapping[str, Any]
-) -> ForceData:
-    """Build the map from a table and the specimen, or from the known fields of the specimen."""
-    arrays = dict(table.columns)
+def _map(table: Table, known: dict[str, Any]) -> ForceData:
+    """Build the map from a table and the known fields of the specimen."""
+    arrays, limit = dict(table.columns), known.pop("force_limit", None)
     for unknown in sorted(known.keys() - {one.name for one in dataclasses.fields(Specimen)}):
-        if unknown != "force_limit":
-            raise InputError(f"unknown specimen entry {unknown!r}")
-    ignored = [f"Ignored columns: {', '.join(table.others)}."] if table.others else []
-    notes = [*ignored, *_near_zero(arrays)]
-    _lengths_of_contractions(arrays, given.rest_length if given else known.get("rest_length"))
-    limit = known.pop("force_limit", None)
-    muscle: dict[str, Any] = {"specimen": given}
-    if given is None:
-        longest = float(arrays["length"].max())
-        muscle = describe({"name": Path(table.source).stem, **known}, longest)._asdict()
-        notes = [*muscle.pop("notes"), *notes]
+        raise InputError(f"unknown specimen entry {unknown!r}")
+    tolerances: dict[str, Any] = dict(map(_tolerance, _entries(table.comments, "level")))
+    notes = [f"Ignored columns: {', '.join(table.others)}."] if table.others else []
+    notes += _near_zero(arrays)
+    _lengths_of_contractions(arrays, known.get("rest_length"))
+    longest = float(arrays["length"].max())
+    muscle = describe({"name": Path(table.source).stem, **known}, longest)
     return ForceData(
-        **arrays, **muscle, **tolerances, notes=tuple(notes), source=table.source, units=table.units,
-        force_limit=limit, taken=table.said(),
+        **arrays, **tolerances, specimen=muscle.specimen, assumed=muscle.assumed,
+        notes=(*muscle.notes, *notes), source=table.source, units=table.units, force_limit=limit,
+        taken=table.said(),
     )  # fmt: skip
 
 

@@ -225,11 +225,13 @@ def summarise(
     # The gradient of a perfect fit is only rounding.
     stationary = certificate.gradient_residual <= _STATIONARY or end.cost <= rounding
     results = []
+    # Other objectives give 1: the weights of the mean RMSE mark no outliers.
+    factor = None if weights is None or weights.threshold is None else weights.factor
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
         muscle = cast(Any, unflat(part.family, reported.numbers))
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
-        errors = _errors(one, force)
+        errors, loaded = _errors(one, force), one.loaded
         strain_range, own = float(np.max(reported.largest_strain)), certificate
         if isinstance(muscle, famjax.EquilibriumMuscle):
             strain_range, margin = shape_reached(muscle, one)
@@ -244,7 +246,7 @@ def summarise(
                 coefficients=point.x[part.coefficients].reshape(-1 if order else 1, order),
                 node_pressures=None if pressures is None else np.asarray(pressures),
                 strain_range=strain_range,
-                residuals=force[one.loaded] - one.force[one.loaded],
+                residuals=force[loaded] - one.force[loaded],
                 errors=errors,
                 certificate=own,
                 active_constraints=_active(problem, point),
@@ -252,7 +254,9 @@ def summarise(
                 constraint=posed.constraint,
                 dependence=posed.dependence,
                 seed=seed,
-                weights=_own_weights(weights, problem, k),
+                weights=np.ones(loaded.sum())
+                if factor is None
+                else factor[problem.readings[k]] ** 2,
                 converged=bool(
                     certified and feasible and stationary and math.isfinite(errors.rmse)
                 ),
@@ -271,16 +275,6 @@ def muscle_at(problem: Problem, point: Point, place: int) -> famjax.AbstractMusc
     """Return the muscle of a part at a fit; nothing is compiled for it."""
     part = problem.parts[place]
     return unflat(part.family, numbers_of(part, point))
-
-
-def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
-    """Relative weight of each loaded reading of a specimen in Huber's objective.
-
-    Other objectives give 1: the weights of the mean RMSE belong to pressures and mark no outliers.
-    """
-    if weights is None or weights.threshold is None:
-        return np.ones(int((problem.parts[k].side == 0).sum()))
-    return weights.factor[problem.readings[k]] ** 2
 
 
 def _certificate(

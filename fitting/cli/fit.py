@@ -2,7 +2,6 @@
 
 import dataclasses
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -54,26 +53,27 @@ def load_fitting() -> ModuleType:
     return fitting
 
 
-def load_map(data: str, specimen: Mapping[str, Any], column: tuple[str, ...] = ()) -> "ForceData":
+def load_map(data: str, specimen: tuple[str, ...], column: tuple[str, ...]) -> "ForceData":
     """Load a bundled map, a file or standard input, and print how its columns were interpreted.
 
     Args:
         data: name of a bundled map, path, or `-` for standard input.
-        specimen: fields of `Specimen` in SI.
+        specimen: values of `--specimen`.
         column: values of `--column`.
     """
     from fitting import load_bundled, read_csv
     from fitting.data import bundled_map_name, bundled_names
+    from fitting.specimen import parse_specimen
 
     if bundled_map_name(data) is not None and not Path(data).exists():
-        return load_bundled(data, specimen)
+        return load_bundled(data, parse_specimen(specimen))
     given = data == _STANDARD_INPUT
     if not given and not Path(data).exists():
         known = bundled_names()
         raise InputError(
             f"no such file: {data}; bundled maps are {' and '.join(known)}{meant(data, known)}"
         )
-    found = read_csv(sys.stdin if given else data, specimen, parse_columns(column))
+    found = read_csv(sys.stdin if given else data, parse_specimen(specimen), parse_columns(column))
     tell_columns(found.taken)
     return found
 
@@ -194,8 +194,6 @@ def fit(
         Print the content of `fit.json` and nothing else.
     """
     fitting = load_fitting()
-    from fitting.specimen import parse_specimen
-
     from .problem import solve
 
     place = Output(output)
@@ -207,7 +205,7 @@ def fit(
         )
     if asked.shape is not None:
         asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
-    measured = load_map(data[0], parse_specimen(specimen), column)
+    measured = load_map(data[0], specimen, column)
     return solve(measured, asked, place, units, verbose=verbose, as_json=json_)
 
 

@@ -1,7 +1,6 @@
 """Commands of an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
 
 import dataclasses
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -37,13 +36,10 @@ if TYPE_CHECKING:
 Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
 
 
-def schema_of(path: Path) -> str:
-    """Return the schema named in a JSON file; "" for any other file, which its reader will refuse."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return ""
-    return str(found.get("schema")) if isinstance(found, dict) else ""
+def is_fit(muscle: str) -> bool:
+    """True for the file of a fit; any other file or name is a card's."""
+    path = Path(muscle)
+    return path.is_file() and b'"famjax-fit/' in path.read_bytes()[:99]
 
 
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
@@ -149,19 +145,13 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
     """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
     document, notes = saved.document, []
     if document.get("series_compliance_m_per_N"):
-        notes.append(
-            "force is measured in the compliant rig; muscle force is that of the muscle alone"
-        )
+        notes.append("force is in the compliant rig; muscle force is that of the muscle alone")
     if other and "series" not in document:
         names, band = "; ".join(saved.outlook.other_lengths), "there is no error band"
         if names:
-            band = (
-                f"it is the mean of all models that fit its map ({names}). The 95 % band includes their "
-                "disagreement and typical differences between specimens"
-            )
+            band = f"it is the mean of all models that fit its map ({names}), and the band their spread"
         notes.append(
-            f"another rest length is predicted from one specimen: {band}. famjax series shows how "
-            "specimens differ and predicts more accurately"
+            f"another rest length is predicted from one specimen: {band}. See famjax series"
         )
     elif "series" in document and not other:
         one = document["data"]["specimen"]
@@ -326,7 +316,7 @@ def _subject(muscle: str, length: float | None, own: Sequence[str]) -> "Subject"
     from famjax.export import Subject, made_of, read_subject
 
     origin, path = Origin.of_this_command(), Path(muscle)
-    if not schema_of(path).startswith("famjax-fit/"):
+    if not is_fit(muscle):
         return read_subject(muscle, length=length, origin=origin, own=own)
     from fitting.saved import card_of, load_fit
 

@@ -33,11 +33,10 @@ SweptOrders = Annotated[
 _CURVES = 3
 """Number of fits with plotted force curves; those with the smallest BIC are plotted."""
 _SWEPT = {
-    "pressure": "dependence", "order": "order", "constraint": "constraint",
-    "n coefficients": "n_coefficients", "rmse_N": "rmse", "mae_N": "mae",
+    "pressure": "dependence", "order": "order", "constraint": "constraint", "rmse_N": "rmse",
     "blocked force error_N": "blocked_error", "free contraction error": "free_contraction_error",
-    "aicc": "aicc", "bic": "bic", "left out rmse_N": "cross_validated_rmse",
-    "stability margin_Pa": "margin", "condition": "condition", "verdict": "verdict",
+    "bic": "bic", "left out rmse_N": "cross_validated_rmse", "stability margin_Pa": "margin",
+    "verdict": "verdict",
 }  # fmt: skip
 """Columns of the table of a sweep, and their keys in `sweep.json`."""
 
@@ -87,11 +86,10 @@ def sweep(
 
     from famjax.boundary.files import as_png
     from famjax.boundary.units import unit_system
-    from fitting.specimen import parse_specimen
     from fitting.sweeps import plot_curves, plot_errors
 
     place = Output(output)
-    measured = load_map(data, parse_specimen(specimen), column)
+    measured = load_map(data, specimen, column)
     with progress("identifying the geometry, sweeping"):
         known = fitting.identify(measured)
         found = fitting.sweep(
@@ -174,14 +172,12 @@ def compare(
         Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import Origin, as_png, check_output
+    from famjax.boundary.files import Origin, as_png
     from fitting.comparison import plot_comparison
-    from fitting.specimen import parse_specimen
 
     place = Output(output)
     add_cwd_to_path()
-    measured = load_map(data, parse_specimen(specimen), column)
-    check_output(output)
+    measured = load_map(data, specimen, column)
     output.mkdir(parents=True, exist_ok=True)
     kept = output / "rows.jsonl"
     with progress("comparing") as show:
@@ -260,7 +256,7 @@ def series(
 
     place = Output(output)
     add_cwd_to_path()
-    maps = [load_map(one, {}, column) for one in data]
+    maps = [load_map(one, (), column) for one in data]
     laws = [one for one in law if ":" in one]
     options, kinds = identify_options(maps, Asked(free=free, bounds=bounds), laws)
     options["parameters"] |= {
