@@ -20,31 +20,20 @@ from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, import_extra
 from famjax.boundary.files import write_all
-from famjax.boundary.units import Quantity, factor, to_si, unit_system
+from famjax.boundary.units import Quantity, factor, parse_quantity, unit_system
 from famjax.tables import Table, read_table
 
 from .arguments import check_mapping, check_numbers, check_path, is_number, shown
-from .specimen import (
-    SPECIMEN_LENGTHS,
-    Specimen,
-    check_plausible,
-    describe,
-    parse_specimen,
-    said_number,
-)
+from .specimen import SPECIMEN_LENGTHS, Specimen, check_plausible, describe, parse_specimen
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
 COLUMNS = {
-    "force": "force",
-    "pressure": "pressure",
-    "length": "length",
-    "force_std": "force",
-    "pressure_std": "pressure",
-    "length_std": "length",
-}
+    "force": "force", "pressure": "pressure", "length": "length",
+    "force_std": "force", "pressure_std": "pressure", "length_std": "length",
+}  # fmt: skip
 """The columns of a force map and the kind of unit of each."""
 
 _NEEDED = ("force", "pressure", "length")
@@ -309,13 +298,9 @@ class ForceData:
             return
         first, count = order[starts], np.diff(starts, append=n)
         kept, count = np.sort(first), count[np.argsort(first)]
-        k = int(np.argmax(count))
-        such = ", ".join(
-            Quantity(getattr(self, name)[kept[k]], name).in_units("metric") for name in _NEEDED
-        )
         note = (
-            f"{n - kept.size} of {n} readings repeat another to the last digit, such as {such} ({count[k]} "
-            "times). They are averaged and weighted by their number. If they are copies, remove them."
+            f"{n - kept.size} of {n} readings repeat another to the last digit. They are averaged and "
+            "weighted by their number. If they are copies, remove them."
         )
         for name in COLUMNS:
             if (values := getattr(self, name)) is not None:
@@ -341,7 +326,7 @@ class ForceData:
         return import_extra("pandas", "tables").DataFrame(self._repeated(held))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the columns of `to_pandas` over the dimension `reading`, with the specimen as an attribute.
+        """Return the columns of `to_pandas` over a dimension `reading`, and the specimen as an attribute.
 
         Raises:
             InputError: xarray is not installed.
@@ -657,9 +642,7 @@ def _tolerance(entry: str) -> tuple[str, float]:
         raise InputError(
             f"level {entry!r} must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1"
         )
-    return name, to_si(
-        said_number(value, f"the level's {key}"), unit, name.removesuffix("_tolerance")
-    )
+    return name, parse_quantity(value + unit, name.removesuffix("_tolerance"))
 
 
 def csv_text(data: ForceData, system: str = "si") -> str:

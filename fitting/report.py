@@ -20,14 +20,7 @@ from matplotlib.figure import Figure
 
 import famjax
 from famjax.boundary.files import Origin, as_html, as_png, as_svg, write_all
-from famjax.boundary.units import (
-    Quantity,
-    factor,
-    finite_or_none,
-    from_si,
-    text_in_units,
-    unit_system,
-)
+from famjax.boundary.units import Quantity, factor, from_si, text_in_units, unit_system
 from famjax.compile_options import as_arrays, quick_jit
 
 from .arguments import check_path
@@ -37,7 +30,7 @@ from .evidence import Evidence, Table, evidence_tables, evidence_warnings
 from .pictured import PictureFit
 from .prediction import static_rows
 from .result import Estimate, Identification, check_identified
-from .saved import correlations, fit_as_dict, versions
+from .saved import as_json, correlations, fit_as_dict, versions
 from .specimen import SPECIMEN_LENGTHS
 from .validation import columns_of
 from .verdict import Judgement, judge
@@ -416,32 +409,32 @@ class Findings:
     def model(self, system: str) -> list[str]:
         """Describe the model in sentences: readings, law, geometry, terms, stability, optimum."""
         result, certificate, muscle = self.result, self.result.certificate, self.result.muscle
-        compliant = float(result.mounted.compliance) != 0
-        rig = f"The rig is {'compliant, see series_compliance' if compliant else 'assumed rigid'}."
+        rig = "compliant, see series_compliance" if float(result.mounted.compliance) else "rigid"
+        geometry, told = muscle, []
         if isinstance(muscle, famjax.EquilibriumMuscle):
-            geometry, optimum = muscle, [
+            told = [
                 "F = dPi/dL, with Pi(L, P) the least, over all shapes r(Z) between the fittings, of the "
-                "strain energy less (P - P_d) V.",
-                "The shape is stable at every loaded reading (smallest stiffness "
-                f"{certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear in the law, so the "
-                "optimum is the best one found and has no certificate.",
-                *([] if result.pictures is None else [result.pictures.summary()]),
-            ]  # fmt: skip
+                "strain energy less (P - P_d) V. The shape is stable at every loaded reading "
+                f"(smallest stiffness {certificate.shape_margin / 1e3:.3g} N/mm). The force is not "
+                "linear in the law, so the optimum is the best one found and has no certificate."
+            ]
+            told += [] if result.pictures is None else [result.pictures.summary()]
         else:
+            geometry = muscle.geometry
             # The margin of an active constraint is zero within rounding.
             margin = Quantity(np.round(certificate.stability_margin) + 0.0, "stress", 3)
             terms = [described(one).partition(". ")[0].rstrip(".") for one in muscle.terms.terms]
-            geometry, optimum = muscle.geometry, [
+            told = [
                 f"Force terms: {'; '.join(terms)}. No friction.",
-                "The Drucker stability margin on the actuation path is "
-                f"{margin.in_units(system)} (stable if >= 0). The coefficients are globally optimal "
-                f"for this geometry (KKT residual {certificate.kkt_residual:.0e}).",
-            ]  # fmt: skip
+                f"The Drucker stability margin on the actuation path is {margin.in_units(system)} (stable "
+                "if >= 0). The coefficients are globally optimal for this geometry (KKT residual "
+                f"{certificate.kkt_residual:.0e}).",
+            ]
         return [
             self._readings(system),
             f"Bladder law: {described(muscle.material)}",
-            f"Geometry: {described(geometry)} {rig}",
-            *optimum,
+            f"Geometry: {described(geometry)} The rig is {rig}.",
+            *told,
             "The fit describes the quasi-static force within the measured lengths and pressures only. "
             "The braid angle is measured from the circumference.",
         ]
@@ -520,8 +513,8 @@ def live(result: Identification, system: str) -> dict[str, Any]:
         text = [None if row[key] is None else shown([row[key]], "force")[0] for row in rows]
         return np.reshape(np.array(text, object), L.shape).tolist()
 
-    def known(values: Any) -> list[list[float | None]]:
-        return [[finite_or_none(float(f"{one:.4g}")) for one in row] for row in np.asarray(values)]
+    def known(values: Any) -> list[list[float]]:
+        return [[float(f"{one:.4g}") for one in row] for row in np.asarray(values)]
 
     radius, angle = _middle(result.muscle, L, P)
     points = [getattr(data, kind)[data.loaded] / _unit(system, kind) for kind in used]
@@ -533,7 +526,7 @@ def live(result: Identification, system: str) -> dict[str, Any]:
         "shown": [pressure.index(one) for one in shown(levels, "pressure")],
         "points": np.stack(points, axis=1)[:_SINGLE].round(6).tolist(),
     }  # fmt: skip
-    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(as_json(content), allow_nan=False, separators=(",", ":"))
     return {"json": Markup(text), "units": used}
 
 

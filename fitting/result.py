@@ -296,10 +296,9 @@ class Identification:
         Lengths and pressures are broadcast against each other.
         """
         point = self.end.point
-        shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
-        L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
-        found = predict(self.problem, self.place, point.parameters, point.x, L, P)
-        return found.reshape(shape)
+        L, P = np.broadcast_arrays(np.asarray(length, float), np.asarray(pressure, float))
+        force = predict(self.problem, self.place, point.parameters, point.x, L.ravel(), P.ravel())
+        return force.reshape(L.shape)
 
     def model_force(self) -> Float[np.ndarray, " n"]:
         """Force of the model [N] at every reading, including slack ones."""
@@ -395,20 +394,21 @@ def _ridges(result: Identification) -> list[Remark]:
     """Remarks on pairs of nonlinear parameters that the data determine only in combination."""
     names, std = result.names, np.sqrt(np.diag(result.covariance))
     width = {one.name: one.max - one.min for one in result.estimates}
-    badly = [
-        name.partition("[")[0] in _GEOMETRY and own > 0.1 * width.get(name, math.inf)
-        for name, own in zip(names, std, strict=False)
-    ]
+    badly = {
+        name for name, own in zip(names, std, strict=False)
+        if name.partition("[")[0] in _GEOMETRY and own > 0.1 * width.get(name, math.inf)
+    }  # fmt: skip
     correlation = result.covariance / np.outer(std, std)
-    return [
-        Remark(
-            int(badly[i] and badly[j] and abs(correlation[i, j]) > 0.995),
-            f"Ridge: {names[i]} and {names[j]} have a correlation of {correlation[i, j]:.4f}. The data "
-            "determine only a combination of the two.",
-        )
-        for i, j in itertools.combinations(range(len(names)), 2)
-        if abs(correlation[i, j]) > 0.98
-    ]
+    found = []
+    for i, j in itertools.combinations(range(len(names)), 2):
+        pair, alike = {names[i], names[j]}, abs(correlation[i, j])
+        if alike > 0.98:
+            told = (
+                f"Ridge: {names[i]} and {names[j]} have a correlation of {correlation[i, j]:.4f}. "
+            )
+            told += "The data determine only a combination of the two."
+            found.append(Remark(int(pair <= badly and alike > 0.995), told))
+    return found
 
 
 def remarks(result: Identification) -> list[Remark]:

@@ -19,9 +19,7 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.errors import InputError, NotTrustedError, Own
 from famjax.boundary.files import Origin
-from famjax.boundary.units import (
-    si_unit,
-)
+from famjax.boundary.units import si_unit
 from famjax.cards import (
     MuscleCard,
     Provenance,
@@ -42,15 +40,7 @@ from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .pictured import PictureFit
 from .posing import EXCHANGES, pose
-from .result import (
-    Certificate,
-    Errors,
-    Estimate,
-    Identification,
-    Outlook,
-    Solved,
-    equivalent_sizes,
-)
+from .result import Certificate, Errors, Estimate, Identification, Outlook, Solved, equivalent_sizes
 from .search import best_of, descend, refine
 from .series import Series
 from .verdict import Judgement, judge, judge_series

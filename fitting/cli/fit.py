@@ -4,7 +4,7 @@ import dataclasses
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
 
@@ -18,6 +18,7 @@ from famjax.console import (
     parse_columns,
     tell_columns,
     whole,
+    whole_number,
 )
 
 if TYPE_CHECKING:
@@ -33,15 +34,6 @@ Objective = Literal["sum_of_squares", "mean_rmse", "huber", "censored"]
 Ends = Literal["cylinder", "equilibrium"]
 _STANDARD_INPUT = "<stdin>"
 """Replacement for `-` on the command line."""
-
-
-def _check_replicates(_: Any, value: int) -> None:
-    if value < 0 or value == 1:
-        raise ValueError(f"It must be 0 (none) or at least 2; got {value}")
-
-
-Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicates)]
-"""Number of replicates of a bootstrap, 0 for none."""
 
 
 def load_fitting() -> ModuleType:
@@ -214,7 +206,7 @@ def assess(
     *,
     validate: bool = False,
     profile: bool = False,
-    bootstrap: Replicates = 0,
+    bootstrap: Annotated[int | None, whole_number(2)] = None,
     posterior: bool = False,
     hysteresis: Path | None = None,
     own: tuple[str, ...] = (),
@@ -271,5 +263,5 @@ def assess(
     saved = fitting.load_fit(fit_json, own=own)
     return solve(
         saved.data, asked_of(saved, own), place, units, verbose=True, as_json=json_, pairs=pairs,
-        validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior, executor=jobs,
+        validation=validate, profiles=profile, replicates=bootstrap or 0, posterior=posterior, executor=jobs,
     )  # fmt: skip

@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import (
-    Quantity,
-    parse_quantities,
-    parse_quantity,
-    text_in_units,
-    unit_system,
-)
+from famjax.boundary.units import parse_quantities, parse_quantity, text_in_units, unit_system
 from famjax.console import (
     Columns,
     Units,
@@ -178,7 +172,7 @@ def _along(
     rows = predict_history(saved, read_history(path, columns))
     if all(row["force_std_N"] is None for row in rows):
         return rows, []
-    error = Quantity(hysteresis_error(saved), "force", 2).in_units(system)
+    error = text_in_units(f"{hysteresis_error(saved):.2g} N", system)
     held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
     return rows, [f"the 95 % band includes the error of the static map and the {held_out} error of the "
                   f"hysteresis, {error} RMS"]  # fmt: skip

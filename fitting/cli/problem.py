@@ -13,23 +13,10 @@ from famjax.boundary.errors import InputError, Own, check_trusted
 from famjax.boundary.files import Origin
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import factor, si_unit, to_si
-from famjax.console import (
-    Output,
-    Units,
-    print_lines,
-    print_table,
-    progress,
-)
+from famjax.console import Output, Units, print_lines, print_table, progress
 from fitting import report
 from fitting.choice import Choice, validate_choice
-from fitting.evidence import (
-    FORM,
-    SharedErrors,
-    drawn_moves,
-    gather,
-    left_out_kinds,
-    moves_of,
-)
+from fitting.evidence import FORM, SharedErrors, drawn_moves, gather, left_out_kinds, moves_of
 from fitting.families import LawGiven, known_laws, law_named
 from fitting.faults import doubtful, suspect, suspect_refused
 from fitting.parameters import KINDS, Parameter

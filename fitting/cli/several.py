@@ -98,13 +98,8 @@ def sweep(
         )  # fmt: skip
     best = sorted(found.rows, key=lambda row: row.bic)[:_CURVES]
     rows = fitting.saved.as_json([row.as_dict() for row in found.rows])
-    paths = place.write(
-        {
-            "sweep.json": {"rows": rows},
-            "errors.png": as_png(plot_errors(found, units)),
-            "curves.png": as_png(plot_curves(found, best, units)),
-        }
-    )
+    errors, curves = as_png(plot_errors(found, units)), as_png(plot_curves(found, best, units))
+    paths = place.write({"sweep.json": {"rows": rows}, "errors.png": errors, "curves.png": curves})
     if json_:
         print_json({"rows": rows})
         return 0
@@ -119,14 +114,10 @@ def sweep(
 _STARTS = 32
 """Number of starts of each nonlinear fit in a comparison."""
 _COLUMNS = {
-    "model": "label",
-    "n parameters": "n_parameters",
-    "inner lengths out N": "lolo_interior_rmse_N",
-    "rmse N": "rmse_N",
-    "pressures out N": "lopo_rmse_N",
-    "lengths out N": "lolo_rmse_N",
+    "model": "label", "n parameters": "n_parameters", "inner lengths out N": "lolo_interior_rmse_N",
+    "rmse N": "rmse_N", "pressures out N": "lopo_rmse_N", "lengths out N": "lolo_rmse_N",
     "max error N": "max_error_N",
-}
+}  # fmt: skip
 """Columns of the table, and their keys in `compare.json`; "out" is the held-out RMSE."""
 
 

@@ -83,7 +83,7 @@ def test_specimen_lines_and_overrides(map_file):
         ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
         ("pressure", "# specimen: rest_length_mm = -3\npressure", "must be a positive length"),
         ("pressure", "# level: pressure_kPa = 5\npressure", "must read pressure_tolerance_kPa = 5"),
-        ("pressure", "# level: pressure_tolerance_kPa = few\npressure", "is 'few', not a number"),
+        ("pressure", "# level: pressure_tolerance_kPa = few\npressure", "must be a number with its unit .*got 'fewkPa'"),
         ("pressure", "# level: pressure_tolerance_mm = 5\npressure", "'mm' is not a known unit of"),
     ],
 )  # fmt: skip

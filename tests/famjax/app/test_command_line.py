@@ -336,7 +336,7 @@ OTHERS: list[tuple[tuple[str, ...], str]] = [
 # Said before the library is loaded, which takes seconds.
 AT_ONCE: list[tuple[tuple[str, ...], str]] = [
     (("fit", "--order", "2.5"), "--order must be a whole number, got '2.5'"),
-    (("assess", "x", "--bootstrap", "-5"), "must be 0 (none) or at least 2; got -5"),
+    (("assess", "x", "--bootstrap", "-5"), "Must be >= 2"),
     (("sweep", "--order", "9"), "Must be <= 4"),
     (("compare", "--jobs", "x"), "--jobs must be a whole number, got 'x'"),
 ]
