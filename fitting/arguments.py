@@ -14,9 +14,11 @@ _SHOWN = 60
 """Longest value that a message shows in full."""
 
 
-def is_number(value: object) -> bool:
+def is_number(value: Any) -> bool:
     """True for a single real number; False for strings, booleans and arrays."""
-    if isinstance(value, bool) or not (isinstance(value, numbers.Real) or hasattr(value, "dtype")):
+    if isinstance(value, bool) or not (
+        issubclass(type(value), numbers.Real) or hasattr(value, "dtype")
+    ):
         return False
     return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
 

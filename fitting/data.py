@@ -310,11 +310,8 @@ class ForceData:
         object.__setattr__(self, "notes", (*self.notes, note))
 
     def __repr__(self) -> str:
-        L, P = self.length * 1e3, self.pressure / 1e3
-        return (
-            f"ForceData({self.specimen.name}, {self.source}: {self.force.size} readings, {L.min():.4g} to "
-            f"{L.max():.4g} mm, {P.min():.4g} to {P.max():.4g} kPa, up to {self.max_force:.5g} N)"
-        )
+        known = f"{self.force.size} readings, up to {self.max_force:.5g} N"
+        return f"ForceData({self.specimen.name}, {self.source}: {known})"
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the readings in SI, one column per quantity, and a column `loaded`.
@@ -718,7 +715,7 @@ def check_maps(*data: object) -> None:
             )
 
 
-def several_maps(data: object) -> tuple[ForceData, ...]:
+def several_maps(data: Any) -> tuple[ForceData, ...]:
     """Return a sequence of force maps as a tuple.
 
     Raises:

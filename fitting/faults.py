@@ -176,7 +176,8 @@ def least_misfit(result: Identification) -> float:
 
     Outliers of the Huber objective are excluded.
     """
-    kept, missed = result.counted, _censored_misses(result.data, result.model_force())
+    data, kept = result.data, result.counted
+    missed = _censored_misses(data, result.predict(data.length, data.pressure))
     squares = np.sum(result.residuals[kept] ** 2) + np.sum(missed**2)
     return float(np.sqrt(squares / kept.sum())) / result.errors.max_force
 

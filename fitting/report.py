@@ -224,9 +224,10 @@ def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
     axes, size, unit = figure.subplots(), _unit(system, "length"), unit_system(system)["length"]
     order = np.argsort(-pictures.length)
     for place in order[np.unique(np.linspace(0, order.size - 1, _PROFILES).astype(int))]:
-        length, level = Quantity(pictures.length[place], "length"), pictures.pressure[place]
+        length = Quantity(float(pictures.length[place]), "length")
+        level = Quantity(float(pictures.pressure[place]), "pressure", 3)
         z = pictures.position * length.value / size
-        label = f"{length.in_units(system)}, {Quantity(level, 'pressure', 3).in_units(system)}"
+        label = f"{length.in_units(system)}, {level.in_units(system)}"
         (line,) = axes.plot(z, pictures.computed[place] / size)
         axes.plot(z, pictures.measured[place] / size, "o", color=line.get_color(), label=label)
     axes.set(xlabel=f"position along the muscle, {unit}", ylabel=f"braid diameter, {unit}")
@@ -267,7 +268,7 @@ def in_words(result: Identification) -> str:
     muscle = result.muscle
     if isinstance(muscle, famjax.EquilibriumMuscle):
         return f"{result.law.name} law, the shape from mechanics between two end-fittings"
-    order = f" of order {result.order}" if result.law.name == "polynomial" else ""
+    order = f" of order {result.law.order}" if result.law.name == "polynomial" else ""
     shape = "a cylindrical braid"
     if type(muscle.geometry).__module__ != "famjax.geometries":
         shape = described(muscle.geometry).partition(":")[0].rstrip(".").lower()
@@ -383,7 +384,7 @@ class Findings:
         result, units, data = self.result, unit_system(system), self.result.data
         rest, level = data.specimen.rest_length, float(data.pressures.level[data.loaded].max())
         lengths = np.linspace(rest, data.length.min(), 200)
-        curve, free = result.predict(lengths, np.array(level)), rest
+        curve, free, slope = result.predict(lengths, np.array(level)), rest, math.nan
         if end := int(np.argmax(curve < 0)):
             slope = (curve[end - 1] - curve[end]) / (lengths[end - 1] - lengths[end])
             free = lengths[end] - curve[end] / slope
@@ -401,9 +402,7 @@ class Findings:
             for what, value, spread, kind in rows[:5]
         ]
         at = Quantity(level, "pressure").in_units(system)
-        title = (
-            f"The muscle in five numbers, with standard errors. Force and contraction are at {at}."
-        )
+        title = f"The muscle in five numbers with standard errors; force and contraction at {at}."
         return title, ("quantity", "value", "std. error", "unit"), text
 
     def model(self, system: str) -> list[str]:

@@ -259,11 +259,6 @@ class Identification:
         return muscle
 
     @property
-    def order(self) -> int:
-        """Number of coefficients of the law."""
-        return self.law.order
-
-    @property
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of all coefficients of the problem, with the node number if there are several nodes."""
         names, count = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
@@ -300,10 +295,6 @@ class Identification:
         force = predict(self.problem, self.place, point.parameters, point.x, L.ravel(), P.ravel())
         return force.reshape(L.shape)
 
-    def model_force(self) -> Float[np.ndarray, " n"]:
-        """Force of the model [N] at every reading, including slack ones."""
-        return self.predict(self.data.length, self.data.pressure)
-
     def estimate(self, name: str) -> Estimate:
         """Return the estimate with this name.
 
@@ -323,10 +314,10 @@ def check_identified(result: object) -> None:
         InputError: another object was given.
     """
     if not isinstance(result, Identification):
-        raise InputError(
-            "expected a result of fitting.identify or fitting.load_fit, got "
-            f"{shown(result)}: identify a force map first, or use the attribute chosen of a choice"
+        needed = (
+            "a result of fitting.identify or fitting.load_fit, or the attribute chosen of a choice"
         )
+        raise InputError(f"expected {needed}, got {shown(result)}")
 
 
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")

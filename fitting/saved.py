@@ -276,9 +276,9 @@ _NULLS = {"value": math.nan, "stderr": math.nan, "min": -math.inf, "max": math.i
 
 
 def _estimate(saved: Mapping[str, Any]) -> Estimate:
-    found = {key: value for key, value in saved.items() if key != "unit"}
+    found: dict[str, Any] = {key: value for key, value in saved.items() if key != "unit"}
     found |= {key: value for key, value in _NULLS.items() if saved[key] is None}
-    return Estimate(**found | {"prior": saved["prior"] and tuple(saved["prior"])})
+    return Estimate(**{**found, "prior": saved["prior"] and tuple(saved["prior"])})
 
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
@@ -348,7 +348,7 @@ def fit_as_dict(
         **{key: getattr(result.certificate, name) for name, key in _CERTIFICATE.items()},
         "active_constraints": result.active_constraints,
         "law": result.law.name,
-        "order": result.order,
+        "order": result.law.order,
         "names": result.names,
         **{key: getattr(result, name) for name, key in _ARRAYS.items()},
         "muscle": muscle_as_dict(result.muscle),

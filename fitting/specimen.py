@@ -208,7 +208,7 @@ class Specimen:
             size, zero = getattr(self, name), name == "braid_thickness"
             if size is None and name in {"nominal_diameter", "bladder_diameter"}:
                 continue
-            if not (is_number(size) and 0 <= size < math.inf and (size > 0 or zero)):
+            if size is None or not (is_number(size) and 0 <= size < math.inf and size + zero > 0):
                 must = "a length >= 0" if zero else "a positive length"
                 raise InputError(f"{name} must be {must} in m, got {size!r}")
             check_plausible(name, size, QUANTITIES[name])

@@ -234,7 +234,9 @@ def summarise(
         errors, loaded = _errors(one, force), one.loaded
         strain_range, own = float(np.max(reported.largest_strain)), certificate
         if isinstance(muscle, famjax.EquilibriumMuscle):
-            strain_range, margin = shape_reached(muscle, one)
+            at = one.length[loaded], one.pressure[loaded]
+            shape, margin = muscle.profile(*at), float(np.min(muscle.margin(*at)))
+            strain_range = float(np.max(np.abs([shape.axial_strain, shape.hoop_strain])))
             own = dataclasses.replace(certificate, shape_margin=margin)
         pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
@@ -301,14 +303,6 @@ def _certificate(
         n_starts=len(ends),
         n_agreeing=int(np.sum(costs <= np.nanmin(costs) * (1 + 1e-6) + rounding)),
     )
-
-
-def shape_reached(muscle: famjax.EquilibriumMuscle, data: ForceData) -> tuple[float, float]:
-    """Return the largest strain [-] and the smallest shape stiffness [N/m] over the loaded readings."""
-    at = data.length[data.loaded], data.pressure[data.loaded]
-    shape = muscle.profile(*at)
-    strains = np.abs([shape.axial_strain, shape.hoop_strain])
-    return float(np.max(strains)), float(np.min(muscle.margin(*at)))
 
 
 def _errors(data: ForceData, force: np.ndarray) -> Errors:

@@ -127,7 +127,7 @@ def validate(
     own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
     if groups not in GROUPS:
         raise InputError(f"groups must be one of {', '.join(GROUPS)}, got {groups!r}")
-    if groups == "specimen" and (own or len(problem.linear) > result.order):
+    if groups == "specimen" and (own or len(problem.linear) > result.law.order):
         raise InputError(
             f"{own[0] if own else 'the law'} belongs to one specimen and is unknown without its "
             "readings: identify the specimens with own=() and own_law=False"
@@ -299,7 +299,7 @@ def profile(
     check_identified(result)
     check_whole("points", points, 1)
     problem = result.problem
-    several = len(problem.linear) > result.order  # one of several laws cannot be held alone
+    several = len(problem.linear) > result.law.order  # one of several laws cannot be held alone
     free = {
         one.name: one
         for one in result.estimates

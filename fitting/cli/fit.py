@@ -263,5 +263,6 @@ def assess(
     saved = fitting.load_fit(fit_json, own=own)
     return solve(
         saved.data, asked_of(saved, own), place, units, verbose=True, as_json=json_, pairs=pairs,
-        validation=validate, profiles=profile, replicates=bootstrap or 0, posterior=posterior, executor=jobs,
+        validation=validate, profiles=profile, replicates=bootstrap or 0, posterior=posterior,
+        executor=jobs,
     )  # fmt: skip

@@ -105,11 +105,13 @@ def predict(
     saved, heading, notes = fitting.load_fit(fit_json, own=own), "Force", []
     warn_unidentified(fit_json, saved.document.get("verdict"), saved.document.get("reasons"))
     if history is not None:
-        _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
+        if others := [name for name in given if name != "--history"]:
+            raise InputError(f"--history contains lengths and pressures: omit {', '.join(others)}")
         heading = "Force along the history"
         rows, notes = _along(saved, history, parse_columns(column), units)
     elif force:
-        _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
+        if others := [name for name in given if name not in ("--length", "--force")]:
+            raise InputError(f"--force finds a pressure at --length: omit {', '.join(others)}")
         rows, heading = fitting.prediction.pressures_for(saved, L, F), "Pressure"
     else:
         rest = None if rest_length is None else parse_quantity(rest_length, "length")
@@ -127,12 +129,6 @@ def predict(
     for note in notes:
         print(f"note: {note}")
     return 0
-
-
-def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
-    """Refuse options that cannot be combined with the others."""
-    if others := [name for name in given if name not in fit]:
-        raise InputError(message.format(", ".join(others)))
 
 
 def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:

@@ -27,8 +27,6 @@ from fitting.verdict import judge
 
 from .fit import Asked
 
-Tell = Callable[[str, int, int], None]
-"""Progress callback: task, number of steps done, total number of steps."""
 Kinds = Mapping[str, str]
 """Kind of unit of each parameter."""
 
@@ -285,7 +283,10 @@ def _options(
 
 
 def _identified(
-    data: fitting.ForceData, asked: Asked, options: dict[str, Any], tell: Tell
+    data: fitting.ForceData,
+    asked: Asked,
+    options: dict[str, Any],
+    tell: Callable[[str, int, int], None],
 ) -> tuple[fitting.Identification, Choice | None]:
     """Return the fit, and the choice of its law if no law was given."""
     if asked.chosen:

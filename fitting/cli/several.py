@@ -277,8 +277,7 @@ def _print_series(document: Mapping[str, Any], shared: tuple[str, Any, Any], sys
     errors = found["leave_one_specimen_out_N"]
     families = [{"family": name, "left_out_rmse_N": error} for name, error in errors.items()]
     print_rows("Models, by held-out error over specimens", in_units(families, units))
-    averaged = 1 + len(document["averaged_with"])
-    title = f"Specimens, with {found['family']}; predictions average {averaged} models"
+    title = f"Specimens, with {found['family']}"
     print_rows(title, in_units(found["specimens"], units))
     print_table("Shared parameters", *shared[1:])
     first, *further = *document["reasons"], ""

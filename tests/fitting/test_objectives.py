@@ -49,7 +49,7 @@ def test_outliers_are_named_and_do_not_move_the_truth(spoilt, robust):
     clean = np.asarray(force(jnp.array(TRUTH)))
 
     def off(result: Identification) -> float:
-        return float(np.sqrt(np.mean((result.model_force() - clean) ** 2)))
+        return float(np.sqrt(np.mean((result.predict(data.length, data.pressure) - clean) ** 2)))
 
     assert off(robust) < 2 * NOISE
     assert off(identify(data, starts=8)) > 3 * off(robust)
