@@ -1,6 +1,7 @@
 """Argument checks that raise InputError with a one-sentence message."""
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,13 @@ _SHOWN = 60
 """Longest value that a message shows in full."""
 
 
-def is_number(value: object) -> bool:
+def is_number(value: Any) -> bool:
     """True for a single real number; False for strings, booleans and arrays."""
-    if isinstance(value, str | bytes | bool):
+    if isinstance(value, bool) or not (
+        issubclass(type(value), numbers.Real) or hasattr(value, "dtype")
+    ):
         return False
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):
-        return False
-    return array.ndim == 0 and array.dtype.kind in "iuf"
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
 
 
 def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:

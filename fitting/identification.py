@@ -19,7 +19,7 @@ from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
 from .search import best_of, check_objective, descend_all, descend_reweighted, refine
 from .shapes import Pictures
-from .summary import optimal, summarise
+from .summary import summarise
 
 
 def identify(
@@ -107,14 +107,13 @@ def identify(
     }  # fmt: skip
     if check_ends(ends, asked) == "equilibrium":
         asked = equilibrium_options((data,), law, order, bounds, parameters, seed)
-    elif pictures is not None:
+    if pictures is not None and (ends != "equilibrium" or objective != "sum_of_squares"):
         raise InputError(
-            "pictures can be fitted together with the force only if ends='equilibrium'. To use the "
-            "measured shape, pass geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
+            "pictures can be fitted together with the force only if ends='equilibrium' and "
+            "objective='sum_of_squares'. To use the measured shape, pass "
+            "geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
         )
     shapes = None if pictures is None else read_pictures(pictures)
-    if shapes is not None and objective != "sum_of_squares":
-        raise InputError(f"with pictures, the objective must be sum_of_squares, got {objective!r}")
     posed = pose((data,), noise=noise, censored=censored, **asked)
     (found,) = solve(
         posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress,
@@ -217,7 +216,6 @@ def solve(
         best = best_of(ends)
     if pictures is not None:
         best, problem, shapes = join(problem, best, pictures, noise)
-    best, problem = refine(problem, best, EXCHANGES)
+    best, _ = refine(problem, best, EXCHANGES)
     best = best_of([best])  # with a compliant rig, the refined point may have no finite force
-    found = optimal(problem, best, posed.law.order, weights)
-    return summarise(posed, found, ends, seed, weights, shapes)
+    return summarise(posed, best, ends, seed, weights, shapes)

@@ -84,11 +84,11 @@ def shape(
 def _read(muscle: str, own: tuple[str, ...]) -> Any:
     """Read the muscle from a fit or a card, or load a bundled one."""
     from famjax.muscles import open_card
-    from fitting.cli.muscle import schema_of, warn_unidentified
+    from fitting.cli.muscle import is_fit, warn_unidentified
 
     if own:
         add_cwd_to_path()
-    if Path(muscle).exists() and schema_of(Path(muscle)).startswith("famjax-fit/"):
+    if is_fit(muscle):
         from fitting import load_fit
 
         saved = load_fit(muscle, own=own)

@@ -94,10 +94,8 @@ def test_both_branches_are_predicted(run, fitted, tmp_path):
     assert "Force along the history" in out
     assert "the force of a slack muscle is zero" in out
     table = " ".join(out.split())
-    assert "length mm pressure kPa force N static force N hysteresis N" in table  # as in the file
+    assert "length mm pressure kPa force N static force N hysteresis N" in table
     assert "270 400" in table
-    _, out, _ = run("predict", fitted / "fit.json", "--history", path, "--units", "us", "--json")
-    assert json.loads(out)[1]["pressure_psi"] == pytest.approx(4e5 / 6894.757, rel=1e-6)
 
 
 def test_the_band_holds_the_error_of_the_hysteresis(fitted):

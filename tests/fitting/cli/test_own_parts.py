@@ -12,7 +12,7 @@ import famjax
 import fitting
 from famjax.boundary.errors import InputError
 from famjax.cards import read_card
-from fitting.cli.problem import Problem
+from fitting.cli.problem import asked_of
 from fitting.saved import fit_as_dict
 
 PARTS = """
@@ -82,14 +82,15 @@ def test_parts_take_part_are_saved_and_predict(here, run):
     parts = "--geometry", "spy:Capped", "--term", "spy:Spring"
     fitted = found("fit", "DMSP-20-300", *parts, "--bounds", "cap_length_mm=10", "--json")
     numbers = fitted["parameters"]
-    assert numbers["cap_length"]["value"] == pytest.approx(10)  # held
+    assert numbers["cap_length"]["value"] == pytest.approx(0.01)  # held
     assert numbers["spring_rate"]["unit"] == "N/m"
     assert 0 < numbers["spring_rate"]["value"] < 5e3
     fit, card = "famjax-fit/fit.json", "famjax-fit/card.json"
     asked = ("--length", "270mm", "--pressure", "5bar", "--json", "--own", "spy")
     force = found("predict", fit, *asked)[0]["force_N"]
     found("card", fit, "--own", "spy")
-    assert found("predict", card, *asked)[0]["force_N"] == pytest.approx(force, rel=1e-9)
+    pull = read_card(card, own=("spy",)).safe().force(0.27, 5e5)
+    assert float(pull) == pytest.approx(force, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +143,8 @@ def test_a_file_imports_nothing_unless_the_module_is_named(kind, files, here, ru
     path = here / f"{kind}.json"
     path.write_text(json.dumps(files[kind]))
     predict = ["predict", path, "--length", "270mm", "--pressure", "5bar"]
-    code, _, err = run(*(["assess", path, "--validate"] if kind == "problem" else predict))
+    words = {"problem": ["assess", path, "--validate"], "card": ["export", path, "--to", "csv"]}
+    code, _, err = run(*words.get(kind, predict))
     assert code == 2
     said = " ".join(err.split())
     assert "'spy:Law', which is not part of famjax" in said
@@ -164,4 +166,4 @@ def test_a_module_that_is_named_is_imported(files, here):
     assert type(fitting.load_fit("fit.json", own=(law,)).muscle.material) is law
     assert len(fitting.load_fit("series.json", own=("spy:Law",)).outlook.others) == 1
     with pytest.raises(InputError, match="the law is 'spy:Law'"):  # whoever was imported before
-        Problem.of_fit(fitting.load_fit("problem.json"))
+        asked_of(fitting.load_fit("problem.json"))
