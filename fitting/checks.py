@@ -27,19 +27,10 @@ _ALIKE = 0.5  # decades within which two guesses are equally likely
 _SAME_LENGTH = 1e-6  # relative tolerance for equal rest lengths
 
 
-def check_law(law: Law, constraint: str, dependence: str) -> None:
+def check_law(law: Law, constraint: str) -> None:
     """Check that the options are valid and can be combined."""
     if constraint not in CONSTRAINTS:
         raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-    if dependence not in ("fixed", "linear"):
-        raise InputError(
-            f"the pressure dependence is one of fixed, linear, got {dependence!r}; use "
-            "fitting.sweep for coefficients that are free at each pressure"
-        )
-    if dependence == "linear" and not isinstance(law.material, famjax.PolynomialMaterial):
-        raise InputError(
-            f"only the polynomial law may depend on pressure, got {type(law.material).__name__}"
-        )
     if constraint == "slope" and law.material.directions_interact:
         raise InputError(
             "the slope constraint is for laws whose two directions do not interact (polynomial, "
@@ -88,10 +79,6 @@ def check_specimen(
         raise InputError(
             f"{', '.join(named)}: a known geometry has no such parameter; leave geometry out to "
             "identify a cylinder"
-        )
-    if "braid_compliance" in named and getattr(source, "thread", None) is not None:
-        raise InputError(
-            "braid_compliance applies only to threads without a law; this geometry already has a thread law"
         )
     if censored and "series_compliance" in table:
         raise InputError(
@@ -144,28 +131,14 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     )
 
 
-def check_count(
-    data: Sequence[ForceData],
-    law: Law,
-    dependence: str,
-    table: Mapping[str, Entry],
-    *,
-    own_law: bool = False,
-) -> None:
+def check_count(data: Sequence[ForceData], law: Law, table: Mapping[str, Entry]) -> None:
     """Check that there are enough readings for the parameters and enough lengths for the coefficients.
 
     Specimens identified together are pooled: a shared parameter counts once.
     """
     readings = sum(int(one.loaded.sum()) for one in data)
-    levels = np.unique(data[0].pressures.level[data[0].loaded])
-    if dependence == "linear" and levels.size < 2:
-        raise InputError(
-            f"a law that is linear in pressure needs readings at two pressures or more; all {readings} "
-            f"loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that is fixed in pressure"
-        )
     free = {name for name, entry in table.items() if not entry.fixed}
     geometry, laws = len(free - law.coefficients.keys()), len(free & law.coefficients.keys())
-    laws *= len(data) if own_law else 1 + (dependence == "linear")
     if geometry + laws == 0:
         raise InputError("every parameter is fixed by its bounds: there is nothing to identify")
     if readings < geometry + laws:
@@ -174,9 +147,8 @@ def check_count(
             f"({geometry} of the geometry, {laws} coefficients): give more readings, a lower order, or "
             "fix parameters by bounds"
         )
-    each = [np.unique(one.lengths.level[one.strained]).size for one in data]
-    strained = min(each) if own_law else sum(each)
-    if laws and strained < law.order:
+    strained = sum(np.unique(one.lengths.level[one.strained]).size for one in data)
+    if laws and strained < law.order and not law.material.depends_on_pressure:
         rest = ", ".join(f"{one.specimen.rest_length * 1e3:.5g}" for one in data)
         raise InputError(
             f"a law of order {law.order} needs loaded readings at {law.order} or more lengths away from "

@@ -283,7 +283,7 @@ class Density(eqx.Module):
         """A, b, G and h about zero coefficients, with the weights of the readings."""
         force = jnp.asarray(self.force)
         none = jnp.zeros(self.centre.shape)
-        return of.programme(p, none, force, jnp.ones(force.shape), force)
+        return of.programme(p, none, force, force)
 
     def _programme(self, p: Array, sigma: Array) -> tuple[Array, Array, Array, Array]:
         """A, b of the standardised residual A c - b, and N, offset of the slacks N c - offset."""

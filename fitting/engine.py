@@ -19,7 +19,6 @@ from jaxtyping import Bool, Float, Int
 from .convex import Status, bucket
 from .problem import Part, Problem
 from .programs import (
-    BULK,
     MEMBERS,
     Layout,
     Projected,
@@ -143,25 +142,19 @@ class Batch:
     Args:
         problems: the problems.
         layouts: layout of each problem; computed if omitted.
-        bulk: true if hundreds of fits follow; see `linear_program`.
     """
 
+    size = MEMBERS
+
     def __init__(
-        self,
-        problems: Sequence[Problem],
-        layouts: Sequence[Layout] | None = None,
-        *,
-        bulk: bool = False,
+        self, problems: Sequence[Problem], layouts: Sequence[Layout] | None = None
     ) -> None:
         self.problems, self.like = list(problems), problems[0]
         layouts = layouts or [Layout(problem) for problem in problems]
         self.layout = at = layouts[0]
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
         shared = all(part.within is not None for part in self.like.parts)
-        self.size = BULK if bulk or shared else MEMBERS
-        self._program = linear_program(
-            at.forms, self.like.constraint, at.sizes, bulk=bulk, shared=shared
-        )
+        self._program = linear_program(at.forms, self.like.constraint, at.sizes, shared=shared)
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
@@ -472,26 +465,19 @@ def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, 
     return force + (columns @ x[:, :, None])[:, :, 0]
 
 
-def alone(part: Part) -> Part:
-    """The part with a program of its own."""
-    return dataclasses.replace(part, within=None)
-
-
 def numbers_of(part: Part, point: Point) -> Float[np.ndarray, " l"]:
     """The numbers of the model of a part at a fit, leaf by leaf."""
-    form, arrays = form_of(alone(part), part.force.size)
-    searched = point.parameters[part.at][: len(part.family.nonlinear)]
-    return np.asarray(numbers_program(form)(arrays, searched, point.x[part.coefficients]))
+    form, arrays = form_of(dataclasses.replace(part, within=None), part.force.size)
+    return np.asarray(numbers_program(form)(arrays, point.parameters[part.at], point.x))
 
 
 def report_of(part: Part, point: Point, place: int) -> Report:
     """What is reported of a part at a fit, in NumPy's arrays."""
-    form, arrays = form_of(alone(part), bucket(part.force.size, 64))
+    size = bucket(part.force.size, 64)
+    form, arrays = form_of(dataclasses.replace(part, within=None), size)
     reached = point.reached[point.problem.readings[place]]
-    reached = np.pad(reached, (0, bucket(part.force.size, 64) - part.force.size), mode="edge")
-    found = report_program(form)(
-        arrays, point.parameters[part.at], point.x[part.coefficients], reached
-    )
+    reached = np.pad(reached, (0, size - part.force.size), mode="edge")
+    found = report_program(form)(arrays, point.parameters[part.at], point.x, reached)
     paths = part.inputs.path_end.size
     values = Report(*(np.asarray(leaf) for leaf in found))
     return values._replace(

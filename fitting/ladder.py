@@ -26,9 +26,10 @@ from famjax.materials import AbstractMaterial
 
 from .arguments import check_mapping
 from .data import ForceData, check_maps
-from .families import EstimatedSource, Law, LawGiven, MuscleFamily, law_named
+from .families import EstimatedSource, Law, LawGiven, law_named
 from .parameters import Parameter
 from .problem import Part, Problem, Within
+from .response import MuscleFamily
 
 EXPONENT_PRIOR = (-3.0, 5.0)
 """Of Ogden's exponent, the same for every muscle: bare rubbers have -2 to 5 (Ogden 1972; 2 is
@@ -332,13 +333,13 @@ def sharing_one_program(problem: Problem) -> Problem:
 
 def _within(part: Part) -> Part:
     family = part.family
-    if not isinstance(family, MuscleFamily) or not isinstance(family.source, EstimatedSource):
+    face = {*family.nonlinear} <= {*_NONLINEAR} and family.terms is None
+    if type(family.source) is not EstimatedSource or not face or len(part.inputs.path_end) > 2:
         return part
-    face = {*family.nonlinear} <= {*_NONLINEAR} and _with_law(family.law.material) is not None
-    plain = family.source.thread is None and family.terms is None and family.nodes is None
-    if not (face and plain) or len(part.inputs.path_end) > 2:
+    if _with_law(family.law.material) is None:
         return part
-    larger = MuscleFamily(_NONLINEAR, family.source, Law(_sum_of_laws()), family.rest)
+    law = Law(_sum_of_laws())
+    larger = MuscleFamily(_NONLINEAR, tuple(law.coefficients), family.source, law, family.rest)
     neutral = {**_NEUTRAL, "rest_length": float(family.rest)}
     held = [0.0 if n in family.nonlinear else neutral[n] for n in _NONLINEAR]
     return dataclasses.replace(

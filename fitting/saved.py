@@ -43,7 +43,7 @@ from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
 from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
-from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
+from .families import EstimatedSource, KnownSource, Law, WrappedSource, law_named
 from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .pictured import PictureFit
@@ -186,7 +186,7 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     if asked is None:
         raise InputError(
             "this fit cannot be restored from its file: it belongs to several specimens, or its geometry "
-            "is built by a function or has elastic threads. Repeat the identification"
+            "is built by a function. Repeat the identification"
         )
     geometry, terms = asked["geometry"], asked["terms"]
     if geometry is not None and ":" in geometry:
@@ -195,7 +195,7 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     entries = (*fit.estimates, *(fit.node_estimates[0] if fit.node_estimates else ()))
     posed = pose(
         (dataclasses.replace(fit.data, force_std=None),),
-        law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
+        law=fit.law, constraint=fit.constraint, noise=asked["noise"],
         parameters={one.name: _said(one) for one in entries}, censored=asked["censored"],
         geometry=_geometry(fit, geometry),
         terms=famjax.terms.SumOfTerms(own_terms) if terms else None,
@@ -216,7 +216,7 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
 def _geometry(fit: Identification, said: str | None) -> Any:
     """Return the geometry named in a file as an argument of `pose`."""
     if said == _MECHANICS:
-        return EquilibriumSource.of(fit.data)
+        return EquilibriumSource(fit.data.specimen)
     return getattr(fit.muscle, "geometry", None) if said == _KNOWN else said
 
 
@@ -233,7 +233,7 @@ def _posed(result: Identification) -> dict[str, Any] | None:
     """Return what `_opened` needs in addition to the estimates; None if a file cannot store it."""
     problem = result.problem
     family = problem.parts[result.place].family
-    if len(problem.parts) > 1 or not isinstance(family, MuscleFamily):
+    if len(problem.parts) > 1:
         return None
     source, geometry = family.source, None
     if isinstance(source, WrappedSource) and isinstance(source.wrap, type):
@@ -242,7 +242,7 @@ def _posed(result: Identification) -> dict[str, Any] | None:
         geometry = _KNOWN
     elif isinstance(source, EquilibriumSource):
         geometry = _MECHANICS
-    elif not isinstance(source, EstimatedSource) or source.thread is not None:
+    elif not isinstance(source, EstimatedSource):
         return None
     return {
         "geometry": geometry,

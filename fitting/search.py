@@ -114,11 +114,7 @@ def descend_many(
         distinct = {id(problems[place]): problems[place] for place in places}
         number = {key: k for k, key in enumerate(distinct)}
         members = np.array([number[id(problems[place])] for place in places])
-        batch = Batch(
-            list(distinct.values()),
-            [layouts[key] for key in distinct],
-            bulk=len(places) > _TOGETHER,
-        )
+        batch = Batch(list(distinct.values()), [layouts[key] for key in distinct])
         points = np.full((len(places), batch.free.size), 0.5)
         own = [np.isin(batch.free, problems[place].free) for place in places]
         for point, mine, place in zip(points, own, places, strict=True):

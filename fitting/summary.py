@@ -281,17 +281,16 @@ def summarise(
         if isinstance(muscle, famjax.EquilibriumMuscle):
             strain_range, margin = shape_reached(muscle, one)
             own = dataclasses.replace(certificate, shape_margin=margin)
-        pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
             Identification(
                 data=one,
                 mounted=part.mounted(muscle, point.parameters),
                 estimates=concerning(estimated, one, nodes, found),
-                node_estimates=() if pressures is None else of_nodes(estimated, found),
+                node_estimates=(),
                 derived=derived(found, k, reported),
                 coefficients=found.coefficients[nodes],
                 coefficients_stderr=coefficient_stderr(found)[nodes],
-                node_pressures=None if pressures is None else np.asarray(pressures),
+                node_pressures=None,
                 strain_range=strain_range,
                 residuals=force[one.loaded] - one.force[one.loaded],
                 errors=errors,
@@ -299,7 +298,7 @@ def summarise(
                 active_constraints=_active_sentences(found),
                 law=posed.law,
                 constraint=posed.constraint,
-                dependence=posed.dependence,
+                dependence="fixed",
                 seed=seed,
                 weights=_own_weights(weights, problem, k),
                 converged=bool(

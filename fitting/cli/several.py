@@ -190,8 +190,8 @@ def compare(
     sorted by the held-out error on inner lengths, which is missing if the other readings do not
     determine the model. All models take a minute or two.
 
-    Writes `compare.json` and `compare.png`. Finished rows are stored in `rows.jsonl`, from which an
-    interrupted comparison resumes.
+    Writes `compare.json`. Finished rows are stored in `rows.jsonl`, from which an interrupted comparison
+    resumes.
 
     Parameters
     ----------
@@ -214,8 +214,7 @@ def compare(
         Print one JSON object and nothing else.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import Origin, as_png, check_output
-    from fitting.comparison import plot_comparison
+    from famjax.boundary.files import Origin, check_output
     from fitting.specimen import parse_specimen
 
     place = Output(output)
@@ -231,7 +230,7 @@ def compare(
         )  # fmt: skip
     origin = Origin.of_this_command().as_dict()
     document = {**table.as_dict(), "origin": origin, "starts": _STARTS, "seed": 0}
-    paths = place.write({"compare.json": document, "compare.png": as_png(plot_comparison(table))})
+    paths = place.write({"compare.json": document})
     kept.unlink()
     if json_:
         print_json(document)
