@@ -3,22 +3,20 @@
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
+from famjax.boundary.tasks import AnyExecutor, run_tasks
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
 from .arguments import check_whole
 from .bands import ModelError, disagreement, model_error, where_they_differ
 from .data import ForceData, groups_of_levels
-from .evidence import Evidence
 from .identification import solve
 from .ladder import MODEL_ERROR, ladder
 from .mechanics import check_ends, equilibrium_candidate
@@ -37,15 +35,12 @@ from .race import (
 )
 from .result import Identification, Outlook
 from .search import check_objective
-from .series import OtherLengths, accounts, other_lengths
+from .series import accounts, other_lengths
 from .validation import LeftOut, levels_of_groups
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
+_NO_FORCE = "no family of the ladder has a force at every reading: narrow the bounds"
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
-_NO_FORCE = "no family of the ladder has a force at every reading: narrow the bounds"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,8 +53,6 @@ class Choice:
             the error of these, the families that fit the data alike, and muscles of other lengths.
         tried: all families, that of the choice first, the others by their held-out errors.
         dropped: what the map cannot carry, in sentences.
-        other_lengths: what predictions of muscles of other lengths are made of, None where the map or
-            what a user says leaves but one account of it.
         open_question: a sentence on where families that fit alike differ by more than the map can settle,
             and which readings would; "" where they agree.
     """
@@ -68,11 +61,9 @@ class Choice:
     chosen: Identification
     tried: tuple[Tried, ...]
     dropped: tuple[str, ...]
-    other_lengths: OtherLengths | None = None
     open_question: str = ""
 
     def __repr__(self) -> str:
-        """The chosen model in a line; `clear` and `tried` tell the rest."""
         return f"<Choice {self.data.specimen.name}: {self.name} of {len(self.tried)} families>"
 
     @property
@@ -125,17 +116,6 @@ class Choice:
                 "disagree about."
             )
         return found
-
-    def _repr_html_(self) -> str:
-        from .report import Findings  # noqa: PLC0415 -- it draws
-
-        return Findings(
-            self.chosen, Evidence(error=self.error, left_out=self.left_out), self
-        ).html()
-
-    def plot(self, axes: "Axes | None" = None, system: str = "metric") -> "Axes":
-        """Readings and chosen model, force against contraction; see `plot_isobars`."""
-        return self.chosen.plot(axes, system)
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
@@ -203,11 +183,10 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths cannot determine any model: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
-    plainest = posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle
+    posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle
 
     def tell(what: str) -> Callable[[int, int], None] | None:
-        told = progress
-        return None if told is None else lambda done, total: told(what, done, total)
+        return None if progress is None else functools.partial(progress, what)
 
     elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
     if check_ends(ends, {}) == "equilibrium":
@@ -218,16 +197,11 @@ def choose(
         weighed, constraint, min(starts, _COMPARED), seed, rigid_first, tell("fitting all families")
     )
     outcomes = dict(zip(map(id, rigid_first), found, strict=True))
-    families, refused = [], {}
-    for candidate in candidates:
-        one = outcomes[id(candidate)]
-        if isinstance(one, Fitted):
-            families.append(one)
-        else:
-            refused.setdefault(one, []).append(candidate.name)
-    dropped = (*dropped, *(f"Left out: {'; '.join(of)}. {why}" for why, of in refused.items()))
+    told = [(one, outcomes[id(one)]) for one in candidates]
+    families = [fit for _, fit in told if isinstance(fit, Fitted)]
+    for why in dict.fromkeys(one for _, one in told if isinstance(one, str)):
+        dropped += (f"Left out: {'; '.join(one.name for one, of in told if of == why)}. {why}",)
     if not families:
-        solve(plainest, plainest.starts(starts, seed), seed=seed)
         raise InputError(_NO_FORCE)
     least = min(one.rmse for one in families)
     judged = [one for one in families if one.rmse <= _HOPELESS * least]
@@ -240,15 +214,27 @@ def choose(
     )
     order = preferred(tried)
 
-    def identify(place: int) -> Identification:
-        posed, near = families[place].posed, families[place].ends
-        points = np.concatenate([near, posed.starts(starts, seed)])[:starts]
-        told = tell(f"identifying: {tried[place].candidate.name}")
-        return solve(posed, points, objective=objective, seed=seed, progress=told)[0]
-
-    place, chosen = _identified(tried, order, identify)
+    # The first family with a certified optimum whose error is close to the smallest; else the best.
+    fits: dict[int, Identification] = {}
+    near = LITTLE_MORE * min(one.held_out for one in tried)
+    for place in order:
+        if fits and tried[place].held_out > near:
+            break
+        posed = families[place].posed
+        points = np.concatenate([families[place].ends, posed.starts(starts, seed)])[:starts]
+        with contextlib.suppress(InputError):
+            fits[place], *_ = solve(
+                posed, points, objective=objective, seed=seed,
+                progress=tell(f"identifying: {tried[place].candidate.name}"),
+            )  # fmt: skip
+            if fits[place].converged:
+                break
+    if not fits:
+        raise InputError(_NO_FORCE)
+    place = next((k for k, fit in fits.items() if fit.converged), next(iter(fits)))
     passed = [tried[k].candidate.name for k in order[: order.index(place)]]
-    dropped = (*dropped, *(f"{name} was not kept: its fit did not converge." for name in passed))
+    dropped += tuple(f"{name} was not kept: its fit did not converge." for name in passed)
+    winner, chosen = tried[place], fits[place]
     alike = {
         one.candidate.name: one.mounted
         for k, one in enumerate(families) if tried[k].alike and k != place
@@ -257,7 +243,6 @@ def choose(
         [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
         data.max_force,
     )
-    winner = tried[place]
     outlook = Outlook(
         model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
     )
@@ -269,33 +254,8 @@ def choose(
         chosen=dataclasses.replace(chosen, data=data, outlook=outlook),
         tried=(winner, *(tried[k] for k in order if k != place)),
         dropped=dropped,
-        other_lengths=others,
         open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )
-
-
-def _identified(
-    tried: Sequence[Tried], order: Sequence[int], identify: Callable[[int], Identification]
-) -> tuple[int, Identification]:
-    """The first family with a certified optimum whose error is close to the smallest.
-
-    Its place and its fit; the first fit of any where none of them has an optimum.
-
-    Raises:
-        InputError: none has a fit.
-    """
-    near = LITTLE_MORE * min(one.held_out for one in tried)
-    fits: dict[int, Identification] = {}
-    for place in order:
-        if fits and tried[place].held_out > near:
-            break
-        with contextlib.suppress(InputError):
-            fits[place] = identify(place)
-            if fits[place].converged:
-                return place, fits[place]
-    if not fits:
-        raise InputError(_NO_FORCE)
-    return next(iter(fits.items()))
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:
@@ -346,34 +306,21 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
     """Title, header and rows of text: the chosen family, then the others by their held-out errors."""
     unit = unit_system(system)["force"]
 
-    def force(value: float | None) -> str:
-        if value is None or not np.isfinite(value):
-            return ""
-        return f"{from_si(value, unit, 'force'):.4g}"
-
-    def part(one: Tried) -> str:
-        if one is choice.tried[0]:
-            return "chosen"
-        return "fits alike" if one.alike else ""
+    def force(value: float) -> str:
+        return f"{from_si(value, unit, 'force'):.4g}" if np.isfinite(value) else ""
 
     kinds = [kind for kind in _HEADER if kind in choice.tried[0].columns]
     rows = [
         (
             one.candidate.name, str(one.candidate.unknowns), force(one.rmse),
-            *(force(one.columns.get(kind)) for kind in kinds), force(one.held_out), part(one),
+            *(force(one.columns.get(kind, np.inf)) for kind in kinds), force(one.held_out),
+            "chosen" if one is choice.tried[0] else "fits alike" * one.alike,
         )
         for one in choice.tried
     ]  # fmt: skip
     title = f"Models tried, RMSE in {unit}. The held-out error is the geometric mean of the columns out."
-    header = (
-        "family",
-        "unknowns",
-        "in sample",
-        *map(_HEADER.__getitem__, kinds),
-        "held-out error",
-        "",
-    )
-    return title, header, rows
+    out = (_HEADER[kind] for kind in kinds)
+    return title, ("family", "unknowns", "in sample", *out, "held-out error", ""), rows
 
 
 _STARTS = 4
@@ -410,7 +357,6 @@ def validate_choice(
     *,
     most: int = MOST,
     executor: AnyExecutor = None,
-    resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> NestedValidation:
@@ -425,30 +371,19 @@ def validate_choice(
         most: groups; with more levels neighbouring ones are left out together.
         executor: what chooses without the levels, each a task: this process, processes or a cluster,
             see `famjax.boundary.tasks.AnyExecutor`; the numbers are the same.
-        resume: JSONL file to which each finished level is written, created if missing; a validation
-            that was stopped goes on from there.
         progress: called with (levels done, levels).
         options: as `choose` was given; a fold has four starts at the most.
 
     Raises:
-        InputError: the file of another validation, or the executor is gone.
+        InputError: the executor is gone.
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
     levels = data.levels(groups)[data.loaded]
     group = groups_of_levels(levels, np.unique(levels), most)
-    count = int(group.max()) + 1
-    settings = {
-        "version": famjax.__version__,
-        "data": data.sha256,
-        "tolerances": [data.pressure_tolerance, data.length_tolerance],
-        "groups": groups,
-        "options": {name: repr(value) for name, value in sorted(options.items())},
-    }
-    store = Store(resume, "validation", settings, count)
-    run_tasks(
-        functools.partial(_fold, data, groups, group, options), range(count), executor=executor,
-        store=store, progress=progress,
+    store = run_tasks(
+        functools.partial(_fold, data, groups, group, options), range(int(group.max()) + 1),
+        executor=executor, progress=progress,
         names=[f"{groups} {value:.6g}" for value in levels_of_groups(levels, group)],
     )  # fmt: skip
     error, inside, width = np.zeros(levels.size), np.zeros(levels.size, bool), np.zeros(levels.size)

@@ -20,7 +20,6 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-import famjax
 from famjax._arrays import Real, RealArray
 from famjax.materials import AbstractMaterial
 
@@ -69,7 +68,7 @@ class Candidate:
     Attributes:
         name: in words.
         law: its name.
-        rig: whether the rig gives way, in place of a deadband.
+        rig: whether the rig is compliant, in place of a deadband.
         options: law and order, as `identify` takes them.
         bounds: as a user gave them, likewise.
         parameters: what takes part, what is held, and priors, likewise.
@@ -112,32 +111,26 @@ def ladder(
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
     bounds, parameters = dict(bounds or {}), dict(parameters or {})
     said = {*bounds, *parameters}
-    loaded = data.loaded
-    lengths = np.unique(data.lengths.level[loaded]).size
-    pressures = np.unique(data.pressures.level[loaded]).size
+    lengths = np.unique(data.lengths.level[data.loaded]).size
     strained = np.unique(data.lengths.level[data.strained]).size
-    told = lengths * min(pressures, 2) - 1
+    told = lengths * min(np.unique(data.pressures.level[data.loaded]).size, 2) - 1
     of_any_law = set().union(*map(_rows, LAWS))
-    rigs = (False,) if said & _PULLS_LATE else (False, True)
     found, dropped, large = [], [], 0
     for rank, law in enumerate(LAWS):
-        made = law_of(law)
-        lacking = sorted((said & of_any_law) - _rows(law))
-        if lacking:
-            dropped.append(f"The {law} law has no {', '.join(lacking)}, which was given.")
-            continue
-        if len(made.coefficients) > strained:
+        count, lacking = len(law_of(law).coefficients), (said & of_any_law) - _rows(law)
+        if lacking or count > strained:
             dropped.append(
-                f"The {law} law needs {len(made.coefficients)} lengths at which the bladder is "
-                f"strained; the map has {strained}."
-            )
+                f"The {law} law has no {', '.join(sorted(lacking))}, which was given." if lacking else
+                f"The {law} law needs {count} lengths at which the bladder is strained; the map has "
+                f"{strained}."
+            )  # fmt: skip
             continue
-        for rig in rigs:
+        for rig in (False,) if said & _PULLS_LATE else (False, True):
             of_law = _equivalent_cylinder if law in _OF_CYLINDERS else _geometry
             known = {**of_law(data), **believed(law, data), **(_RIG if rig else {})}
-            known = {name: one for name, one in known.items() if name not in bounds}
             if "end_length" in said:
                 known.pop("end_factor", None)
+            known = {name: one for name, one in known.items() if name not in bounds}
             unknowns = numbers_of(law) + rig * len(_RIG_UNKNOWNS)
             if unknowns > told:
                 large += 1
@@ -224,15 +217,8 @@ def law_of(law: LawGiven) -> Law:
     Raises:
         InputError: no such law, or nothing that can be identified by what is given.
     """
-    if isinstance(law, str) and law in LAWS:
-        return _of_the_ladder(law)
     options = options_of(law)
     return law_named(options["law"], options.get("order"))
-
-
-@functools.cache
-def _of_the_ladder(law: str) -> Law:
-    return law_named(**{"order": None, **LAWS[law]})
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
@@ -280,16 +266,10 @@ _NEUTRAL: Mapping[str, float] = {
 }  # fmt: skip
 """Of parameters that a family has not, values that change nothing; the rest length is the specimen's."""
 _NONLINEAR = ("braid_diameter", "braid_angle", "rest_length", *_NEUTRAL)
-_ORDER = 3
-_TERMS = {famjax.terms.PressurisedBraid, famjax.terms.BladderWall}
 
 
 class LawSum(AbstractMaterial):
-    """The sum of the stresses of several laws.
-
-    Attributes:
-        laws: none with a parameter of another's.
-    """
+    """The sum of the stresses of several laws, none with a parameter of another's."""
 
     laws: tuple[AbstractMaterial, ...]
 
@@ -303,27 +283,12 @@ class LawSum(AbstractMaterial):
         axial, hoop = zip(*each, strict=True)
         return sum(axial, jnp.zeros(())), sum(hoop, jnp.zeros(()))
 
-    def with_parameters(self, values: Mapping[str, Real]) -> "LawSum":
-        """The sum with other values; names are those of the laws."""
-        return LawSum(
-            tuple(
-                law.with_parameters({n: v for n, v in values.items() if n in law.declared()})
-                for law in self.laws
-            )
-        )
-
 
 @functools.cache
-def _sum_of_laws() -> LawSum:
+def _sum_of_laws() -> Law:
     """The sum of the laws of the ladder."""
-    return LawSum(
-        (
-            famjax.materials.OgdenMaterial.template(),
-            famjax.materials.MooneyRivlinMaterial.template(),
-            famjax.materials.SaturatingMaterial.template(),
-            famjax.PolynomialMaterial.template(order=_ORDER),
-        )
-    )
+    laws = ("ogden", "mooney-rivlin", "saturating", "cubic")
+    return Law(LawSum(tuple(law_of(law).material for law in laws)))
 
 
 def sharing_one_program(problem: Problem) -> Problem:
@@ -332,16 +297,19 @@ def sharing_one_program(problem: Problem) -> Problem:
 
 
 def _within(part: Part) -> Part:
-    family = part.family
-    face = {*family.nonlinear} <= {*_NONLINEAR} and family.terms is None
-    if type(family.source) is not EstimatedSource or not face or len(part.inputs.path_end) > 2:
+    family, law = part.family, _sum_of_laws()
+    known = {*law.shape, *law.coefficients}
+    names = {*family.nonlinear, *family.law.shape, *family.law.coefficients}
+    same = type(family.law.material) in map(type, law.material.laws) and names <= {
+        *_NONLINEAR,
+        *known,
+    }
+    plain = type(family.source) is EstimatedSource and family.terms is None
+    if not (same and plain) or len(part.inputs.path_end) > 2:
         return part
-    if _with_law(family.law.material) is None:
-        return part
-    law = Law(_sum_of_laws())
-    larger = MuscleFamily(_NONLINEAR, tuple(law.coefficients), family.source, law, family.rest)
     neutral = {**_NEUTRAL, "rest_length": float(family.rest)}
     held = [0.0 if n in family.nonlinear else neutral[n] for n in _NONLINEAR]
+    larger = MuscleFamily(_NONLINEAR, tuple(law.coefficients), family.source, law, family.rest)
     return dataclasses.replace(
         part,
         within=Within(
@@ -350,49 +318,4 @@ def _within(part: Part) -> Part:
             np.array(held),
             1.0 * (np.array(larger.linear)[:, None] == np.array(family.linear)),
         ),
-    )
-
-
-def in_shared_program(mounted: famjax.MountedMuscle) -> famjax.MountedMuscle:
-    """The same muscle as the shared program has it; as it is where it is no face of that."""
-    muscle = mounted.muscle
-    if type(muscle) is not famjax.Muscle or {*map(type, muscle.terms.terms)} != _TERMS:
-        return mounted
-    geometry, factor = muscle.geometry, np.asarray(1.0)
-    if isinstance(geometry, famjax.geometries.EndEffectGeometry):
-        geometry, factor = geometry.cylinder, geometry.end_factor
-    law = _with_law(muscle.material)
-    if type(geometry) is not famjax.EstimatedGeometry or law is None:
-        return mounted
-    braid = geometry.braid
-    if type(braid) is famjax.Braid:
-        braid = famjax.braids.CompliantBraid.of(braid, np.asarray(0.0))
-    if type(braid) is not famjax.braids.CompliantBraid:
-        return mounted
-    ends = famjax.geometries.EndEffectGeometry(
-        famjax.EstimatedGeometry(braid, geometry.bladder), factor
-    )
-    exponent = np.asarray(1.0) if mounted.exponent is None else mounted.exponent
-    whole = famjax.Muscle(ends, law, muscle.deadband_pressure)
-    return famjax.MountedMuscle(whole, mounted.compliance, exponent)
-
-
-def _with_law(law: AbstractMaterial) -> LawSum | None:
-    """The sum with one law alone; None where that is none of its laws."""
-    if isinstance(law, famjax.PolynomialMaterial):
-        extra = _ORDER - law.coefficients.shape[-1]
-        if extra < 0:
-            return None
-        law = famjax.PolynomialMaterial(np.pad(np.asarray(law.coefficients), (0, extra)))
-    if isinstance(law, famjax.materials.OgdenMaterial) and law.moduli.shape != (1,):
-        return None
-    if type(law) not in map(type, _sum_of_laws().laws):
-        return None
-    return LawSum(
-        tuple(
-            law
-            if type(one) is type(law)
-            else one.with_parameters(dict.fromkeys(Law(one).coefficients, 0.0))
-            for one in _sum_of_laws().laws
-        )
     )

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from muscles import CYLINDER_10, LATEX
 from scipy import optimize
 from slow_cases import slow_after
 
@@ -17,7 +16,7 @@ import famjax
 from famjax.compile_options import quick_jit
 from fitting import ForceData, Parameter, identify
 from fitting.engine import Batch, partial, predict, solve
-from fitting.ladder import Candidate, in_shared_program, ladder, sharing_one_program
+from fitting.ladder import Candidate, ladder, sharing_one_program
 from fitting.posing import pose
 from fitting.problem import Problem, PureProblem
 from fitting.programs import kept
@@ -244,14 +243,12 @@ def test_a_family_has_the_same_fit_and_force_by_its_own_program(weighed, name):
     u = np.full(len(problem.free), 0.4)
     shared, own = (solve(one, one.parameters(u)) for one in (problem, alone(problem)))
     mounted = problem.parts[0].mounted(muscle_at(problem, shared, 0), shared.parameters)
-    by_shared = in_shared_program(mounted)
-    assert by_shared is not mounted
     at = weighed.length[weighed.loaded], weighed.pressure[weighed.loaded]
     pairs = {
         of: (getattr(shared, of), getattr(own, of))
         for of in ("x", "residual", "offset", "columns", "G")
     }
-    pairs["force"] = by_shared.force(*at), np.asarray(mounted.force(*at))
+    pairs["force"] = shared.force, np.asarray(mounted.force(*at))
     for of, (found, wanted) in pairs.items():
         size = np.abs(wanted).max()
         np.testing.assert_allclose(found, wanted, rtol=0, atol=SHARED * size, err_msg=of)
@@ -260,12 +257,6 @@ def test_a_family_has_the_same_fit_and_force_by_its_own_program(weighed, name):
 def test_a_law_of_ones_own_keeps_its_own_program(dmsp20):
     problem = pose((dmsp20,), law=Stiffer).problem
     assert sharing_one_program(problem).parts[0].within is None
-
-
-def test_a_muscle_with_other_terms_is_left_as_it_is():
-    terms = famjax.terms.BladderWall(LATEX) + famjax.terms.VirtualWork()
-    mounted = famjax.MountedMuscle(famjax.Muscle(CYLINDER_10, terms), 0.0)
-    assert in_shared_program(mounted) is mounted
 
 
 @pytest.fixture
