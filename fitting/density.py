@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from famjax.boundary.errors import InputError
 
-from .convex import cholesky, inverse_lower
+from .convex import inverse_lower
 from .engine import Point
 from .problem import Problem, PureProblem
 from .result import Identification
@@ -246,7 +246,7 @@ class Density(eqx.Module):
         if slack.size:
             # The density of the slacks is that of N c - offset, with c normal.
             half = N @ inverse.T
-            spread = cholesky(half @ half.T)
+            spread = jnp.linalg.cholesky(half @ half.T)
             away = inverse_lower(spread) @ (slack - (N @ middle - offset))
             found = found - away @ away / 2 - jnp.sum(jnp.log(jnp.diagonal(spread)))
         return found
@@ -320,7 +320,7 @@ class Density(eqx.Module):
 
 def _normal(A: Array, b: Array) -> tuple[Array, Array, Array]:
     """Lower triangle of A^T A, its inverse, and the least-squares coefficients."""
-    lower = cholesky(A.T @ A)
+    lower = jnp.linalg.cholesky(A.T @ A)
     inverse = inverse_lower(lower)
     return lower, inverse, inverse.T @ (inverse @ (A.T @ b))
 

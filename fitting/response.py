@@ -289,7 +289,11 @@ def rig_of(values: Mapping[str, Array]) -> tuple[Array, Array | None] | None:
 
 
 def _gain(
-    model: Any, length: Array, pressure: Array, reached: Array, rig: tuple[Array, Array | None]
+    model: Any,
+    length: AnyArray,
+    pressure: AnyArray,
+    reached: AnyArray,
+    rig: tuple[Array, Array | None],
 ) -> tuple[Array, Array]:
     """Force [N] of the muscle, and the factor 1 / (1 + rig compliance x muscle stiffness).
 

@@ -361,7 +361,7 @@ def _certificate(
             "positive": float(found.coefficients.min(initial=math.inf)),
             **lowest,
         }[problem.constraint],
-        between_stations=max(one.bound for one in margins["drucker"]),
+        between_stations=0.0,
         n_starts=len(ends),
         n_agreeing=int(np.sum(costs <= np.nanmin(costs) * (1 + 1e-6) + rounding)),
     )
