@@ -10,11 +10,13 @@ References:
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from famjax.compile_options import quick_jit
 
 from .convex import Status, bucket
 from .problem import Part, Problem
@@ -26,16 +28,14 @@ from .programs import (
     form_of,
     joined,
     linear_program,
-    numbers_program,
     projected_program,
     report_program,
 )
-from .response import Linear, Report
+from .response import Linear, MuscleFamily, Report
 
 REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 _ROUNDS = 60  # in which the censored readings that pull settle
-_HALVES = 0.5 ** np.arange(30)  # of a step
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
 
 
@@ -334,20 +334,17 @@ class Batch:
         force, columns = (np.asarray(leaf) for leaf in linear[:2])
         A, b = weight[..., None] * columns, weight * (self._of.force[members] - force)
         keep = np.broadcast_to(1.0 * (side == 0), b.shape)
-        x: np.ndarray | None = None
         settled = np.zeros(len(b), bool)
         for _ in range(_ROUNDS):
             found = self._project(members, parameters, linear, slopes, keep)
-            target = np.asarray(found.optimum.x)
-            excess = side * ((A @ target[:, :, None])[:, :, 0] - b)
+            x = np.asarray(found.optimum.x)
+            excess = side * ((A @ x[:, :, None])[:, :, 0] - b)
             size = _ROUNDING * np.abs(excess).max(axis=1, keepdims=True)
             settled = (side == 0) | ((excess > 0) == (keep > 0)) | ~(np.abs(excess) > size)
-            settled = settled.all(axis=1) | ~np.isfinite(target).all(axis=1)
+            settled = settled.all(axis=1) | ~np.isfinite(x).all(axis=1)
             if settled.all():
                 break
-            x = target if x is None else _lower(side, A, b, found, x, target)
-            pulls = side * ((A @ x[:, :, None])[:, :, 0] - b) > 0
-            keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
+            keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * (excess > 0))
         # One that does not settle has no fit.
         return np.where(settled[:, None], keep, np.nan)
 
@@ -370,25 +367,6 @@ def _weighing(problem: Problem, at: Layout) -> Weighing:
     rows[len(known) + unused - n, unused] = 1.0
     force, weight = at.spread(problem.force), at.spread(problem.weight, missing=0.0)
     return Weighing(force, weight, low, high, rows, targets, d_targets, np.asarray(problem.ridge))
-
-
-def _lower(
-    side: Int[np.ndarray, " readings"],
-    A: Float[np.ndarray, "b readings n"],
-    b: Float[np.ndarray, "b readings"],
-    found: Projected,
-    x: Float[np.ndarray, "b n"],
-    target: Float[np.ndarray, "b n"],
-) -> Float[np.ndarray, "b n"]:
-    """Backtrack: the best of the points x + (target - x) / 2^k by the whole objective."""
-    others, b_others = (np.asarray(leaf)[:, side.size :] for leaf in (found.A, found.b))
-    A, b = np.concatenate([A, others], axis=1), np.concatenate([b, b_others], axis=1)
-    side = np.concatenate([side, np.zeros(others.shape[1], int)])
-    tried = x + _HALVES[:, None, None] * (target - x)
-    residual = (A @ tried[..., None])[..., 0] - b
-    residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
-    best = (residual**2).sum(axis=-1).argmin(axis=0)
-    return tried[best, np.arange(len(x))]
 
 
 def solve(
@@ -465,10 +443,17 @@ def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, 
     return force + (columns @ x[:, :, None])[:, :, 0]
 
 
-def numbers_of(part: Part, point: Point) -> Float[np.ndarray, " l"]:
-    """The numbers of the model of a part at a fit, leaf by leaf."""
-    form, arrays = form_of(dataclasses.replace(part, within=None), part.force.size)
-    return np.asarray(numbers_program(form)(arrays, point.parameters[part.at], point.x))
+@quick_jit
+def _built(family: MuscleFamily, values: dict[str, Any]) -> Any:
+    return family.build(values)
+
+
+def muscle_at(problem: Problem, point: Point, place: int) -> Any:
+    """Return the muscle of a part at a fit."""
+    part = problem.parts[place]
+    names = (*part.family.nonlinear, *part.family.linear)
+    numbers = np.split(np.concatenate([point.parameters[part.at], point.x]), len(names))
+    return _built(part.family, {n: v.reshape(()) for n, v in zip(names, numbers, strict=True)})
 
 
 def report_of(part: Part, point: Point, place: int) -> Report:
@@ -484,5 +469,4 @@ def report_of(part: Part, point: Point, place: int) -> Report:
         path_modulus=values.path_modulus[:paths],
         slope=values.slope[:paths],
         largest_strain=values.largest_strain[:paths],
-        path_end=values.path_end[:paths],
     )

@@ -289,11 +289,8 @@ class WrappedSource(AbstractGeometrySource):
         wrap: Any = self.wrap
         try:
             if isinstance(wrap, type) and issubclass(wrap, famjax.geometries.AbstractGeometry):
-                fields: Any = dataclasses.fields(wrap)
-                first, *others = (one for one in fields if one.init)
-                known = all(one.default is not dataclasses.MISSING for one in others)
-                make: Any = wrap
-                made = make(inner) if known else make.template(**{first.name: inner})
+                first, *_ = (one.name for one in dataclasses.fields(wrap) if one.init)
+                made = wrap.template(**{first: inner})
             else:
                 made = wrap(inner)
         except (TypeError, ValueError) as error:

@@ -28,7 +28,7 @@ from famjax.compile_options import bulk_options, quick_options
 
 from .convex import AnyArray, Optimum, bucket, solve_qp
 from .problem import Part, Problem
-from .response import Constraint, Linear, MapInputs, Report, flat, linear_response, report
+from .response import Constraint, Linear, MapInputs, Report, linear_response, report
 
 
 def kept(function: Callable[..., Any], name: str, like: Any) -> Callable[..., Any]:
@@ -405,18 +405,6 @@ def projected_program() -> Any:
     optimum = Optimum(one, one, one > 0, number, number, number, number, np.zeros((), int))
     like = Projected(optimum, *range(len(Projected._fields) - 1))
     return kept(jax.vmap(projected), "projected", like)
-
-
-@functools.lru_cache(maxsize=128)
-def numbers_program(form: Form) -> Any:
-    """The compiled numbers of a part's model, of parameters of the family and coefficients."""
-
-    def one(arrays: list[Array], p: Array, x: Array) -> Array:
-        family, _ = form.filled(arrays)
-        names = (*family.nonlinear, *family.linear)
-        return flat(family.build(dict(zip(names, jnp.concatenate([p, x]), strict=True))))
-
-    return jax.jit(one, compiler_options=quick_options())
 
 
 @functools.lru_cache(maxsize=128)

@@ -11,11 +11,11 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from .data import ForceData
+from .engine import muscle_at
 from .ladder import FEWEST_LENGTHS, Candidate, sharing_one_program
 from .posing import Posed, pose
 from .problem import Problem
 from .search import End, best_of, descend_many
-from .summary import muscle_at
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
 _STEPS, _TOLERANCE = 60, 1e-6

@@ -127,8 +127,6 @@ class Report(NamedTuple):
         path_modulus: Drucker modulus along the paths [Pa], shape (paths, stations); nan without a bladder.
         slope: tangent modulus [Pa] at the same fractions of the largest strain, same shape.
         largest_strain: largest strain magnitude [-] of each path, shape (paths,).
-        rest: rest length L0 [m], at which every path starts, shape ().
-        path_end: length [m] at which each path ends, shape (paths,).
     """
 
     numbers: Float[AnyArray, " l"]
@@ -138,8 +136,6 @@ class Report(NamedTuple):
     path_modulus: Float[AnyArray, "paths stations"]
     slope: Float[AnyArray, "paths stations"]
     largest_strain: Float[AnyArray, " paths"]
-    rest: Float[AnyArray, ""]
-    path_end: Float[AnyArray, " paths"]
 
 
 def linear_response(
@@ -214,8 +210,6 @@ def report(
         path_modulus=modulus,
         slope=slope,
         largest_strain=largest,
-        rest=jnp.asarray(placed.rest, float),
-        path_end=placed.end,
     )
 
 

@@ -14,7 +14,7 @@ from famjax.boundary.units import Quantity, Sentence
 from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
-from .engine import Point, numbers_of, partial, predict, report_of, solve
+from .engine import Point, partial, predict, report_of, solve
 from .parameters import Entry
 from .pictured import PictureFit
 from .posing import Posed, own_names
@@ -315,12 +315,6 @@ def summarise(
     return tuple(results)
 
 
-def muscle_at(problem: Problem, point: Point, place: int) -> famjax.AbstractMuscle:
-    """Return the muscle of a part at a fit; nothing is compiled for it."""
-    part = problem.parts[place]
-    return unflat(part.family, numbers_of(part, point))
-
-
 def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
     """Relative weight of each loaded reading of a specimen in Huber's objective.
 
@@ -421,9 +415,7 @@ def _path_sentence(found: Optimal, place: int, row: int) -> str:
     share = float(part.inputs.stations[path, station])
     if problem.constraint == "slope":
         return Sentence(f"tangent modulus is 0 at {share:.1%} of the strain range", at)
-    reported = report_of(part, found.point, place)
-    contraction = share * (1 - float(reported.path_end[path] / reported.rest))
-    return Sentence(f"Drucker modulus is 0 at contraction {contraction:.4f}", at)
+    return Sentence(f"Drucker modulus is 0 at {share:.1%} of the actuation path", at)
 
 
 def _at_node(found: Optimal, place: int) -> str:

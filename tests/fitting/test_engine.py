@@ -15,14 +15,13 @@ from slow_cases import slow_after
 import famjax
 from famjax.compile_options import quick_jit
 from fitting import ForceData, Parameter, identify
-from fitting.engine import Batch, partial, predict, solve
+from fitting.engine import Batch, muscle_at, partial, predict, solve
 from fitting.ladder import Candidate, ladder, sharing_one_program
 from fitting.posing import pose
 from fitting.problem import Problem, PureProblem
 from fitting.programs import kept
 from fitting.race import posed_of
 from fitting.search import descend, descend_many, latin_hypercube, step_in_box
-from fitting.summary import muscle_at
 
 STEP = 1e-5  # of the box
 NOISE = 1e-7  # of a difference so made, of the largest derivative
@@ -126,7 +125,9 @@ def test_parts_of_a_joint_problem_are_the_problems_alone(dmsp20, dmsp10):
 
 FORCE_STEP = 0.4  # N: of differences
 DIFFERENCES = 1e-6  # relative: 1.6e-8 were found, and the ends are known to 1e-9
-IN_A_RIG = 1e-3  # relative: the refits end where the cost is rounding, and the deadband hardly moves it
+IN_A_RIG = (
+    1e-3  # relative: the refits end where the cost is rounding, and the deadband hardly moves it
+)
 
 
 def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dmsp20):
