@@ -95,25 +95,16 @@ class Choice:
         if not others:
             return f"Only {self.name} could be tried: the map is too small for more."
         near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
-        second = min(others, key=lambda one: one.held_out)
+        found = f"{self.name} predicts readings left out best."
         if near:
             found = (
                 f"Not clear: {' and '.join(near)} and {self.name} predict readings left out about "
                 f"equally well; {self.name} is kept."
             )
-        elif np.isfinite(second.held_out):
-            found = (
-                f"{self.name} predicts readings left out best; {second.candidate.name}, the next, "
-                f"errs {second.held_out / first.held_out:.3g} times as much."
-            )
-        else:
-            found = f"{self.name} predicts readings left out best."
-        alike = [one.candidate.name for one in others if one.alike]
-        if alike:
+        if self.alike:
             found += (
-                f" {', '.join(alike)} fit{'s' if len(alike) == 1 else ''} the readings about as well "
-                f"(RMSE within {ALIKE:g} times the smallest); the error band covers what the models "
-                "disagree about."
+                f" {', '.join(self.alike)} fit the readings about as well (RMSE within {ALIKE:g} times the "
+                "smallest); the error band covers what the models disagree about."
             )
         return found
 

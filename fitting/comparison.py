@@ -292,9 +292,7 @@ class Comparison:
         """JSON-ready table with units in the keys."""
         return {
             "specimen": self.data.specimen.name,
-            "source": self.data.source,
             "sha256": self.data.sha256,
-            "rest_length_m": self.data.specimen.rest_length,
             "n_loaded": int(self.data.loaded.sum()),
             "max_force_N": self.data.max_force,
             "models": [row.as_dict() for row in self.rows],
@@ -310,7 +308,7 @@ def compare(
     seed: int = 0,
     executor: AnyExecutor = None,
     resume: Path | str | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare published models and others on one force map.
 
@@ -327,7 +325,7 @@ def compare(
             `famjax.boundary.tasks.AnyExecutor`.
         resume: JSONL file for finished rows, created if missing, from which an interrupted comparison
             continues. Own models are identified by their names.
-        progress: called with (models done, total, name of the next one).
+        progress: called with (models done, total).
 
     Returns:
         The table. A model that cannot be fitted to this map has a note and no errors.
@@ -357,14 +355,8 @@ def compare(
         "tolerances": [data.pressure_tolerance, data.length_tolerance],
     }  # fmt: skip
     store = Store(resume, "comparison", settings, len(tasks))
-
-    def tell(done: int, total: int) -> None:
-        if progress is not None:
-            following = (name for index, name in enumerate(names) if index not in store)
-            progress(done, total, next(following, ""))
-
     row = functools.partial(_row, data, starts, seed)
-    run_tasks(row, tasks, executor=executor, store=store, progress=tell, names=names)
+    run_tasks(row, tasks, executor=executor, store=store, progress=progress, names=names)
     rows = [ComparisonRow(**{**part, "at_bound": tuple(part["at_bound"])}) for part in store]
     return Comparison(data, tuple(sorted(rows, key=_place)))
 

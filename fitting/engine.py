@@ -416,25 +416,24 @@ def predict(
         pressure: gauge [Pa].
     """
     batch, part = Batch([problem]), problem.parts[place]
-    at = batch.layout
+    at, members = batch.layout, np.zeros(batch.size, int)
     size = bucket(max(one.force.size for one in problem.parts), 64)
     here = at.readings[problem.readings[place].start] + np.arange(size)
     about = np.tile(np.pad(x, (0, at.sizes.coefficients - x.size)), (batch.size, 1))
-    given, found = np.tile(batch._padded(parameters), (batch.size, 1)), []
-    count = batch.size * size
-    for begin in range(0, length.size, count):
-        rows = np.minimum(np.arange(begin, begin + count), length.size - 1)
-        own = np.repeat(np.stack([batch._length, batch._pressure])[:, None], batch.size, axis=1)
+    given, found = np.tile(batch._padded(parameters), (batch.size, 1)), [np.zeros(0)]
+    for begin in range(0, length.size, batch.size * size):
+        rows = np.minimum(begin + np.arange(batch.size * size), length.size - 1)
+        own = np.tile(np.stack([batch._length, batch._pressure])[:, None], (1, batch.size, 1))
         own[:, :, here] = np.stack([length[rows], pressure[rows]]).reshape(2, batch.size, size)
         reached = np.zeros((batch.size, at.sizes.readings))
         for _ in range(_REACHES if part.rig else 1):
-            linear, _ = batch.linear(np.zeros(batch.size, int), given, about, reached, *own)
+            linear, _ = batch.linear(members, given, about, reached, *own)
             before, reached = reached, _force_of(linear, about)
             move, largest = (np.abs(one[:, here]) for one in (reached - before, reached))
             if not np.nanmax(move, initial=0.0) > REACHED * np.nanmax(largest, initial=0.0):
                 break
         found.append(reached[:, here].ravel())
-    return np.concatenate([*found, np.zeros(0)])[: length.size]
+    return np.concatenate(found)[: length.size]
 
 
 def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b readings"]:

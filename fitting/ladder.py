@@ -126,7 +126,7 @@ def ladder(
             )  # fmt: skip
             continue
         for rig in (False,) if said & _PULLS_LATE else (False, True):
-            of_law = _equivalent_cylinder if law in _OF_CYLINDERS else _geometry
+            of_law = _equivalent_cylinder if law == "mooney-rivlin" else _geometry
             known = {**of_law(data), **believed(law, data), **(_RIG if rig else {})}
             if "end_length" in said:
                 known.pop("end_factor", None)
@@ -193,12 +193,12 @@ def rest_length_prior(data: ForceData) -> Parameter:
     return Parameter(min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m")
 
 
-_OF_CYLINDERS = {"mooney-rivlin"}
-"""Laws that are fitted as Klute & Hannaford (2000) do; with the muscle's own dimensions they miss more."""
-
-
 def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
-    """A cylinder of stiff threads, whose diameter and angle stand for ends and wall as well."""
+    """A cylinder of stiff threads, whose diameter and angle stand for ends and wall as well.
+
+    The law of Mooney and Rivlin is fitted so, as by Klute & Hannaford (2000); with the muscle's own
+    dimensions it misses more.
+    """
     bore = data.specimen.nominal_diameter
     angle = {"braid_angle": Parameter(min=57.0, max=72.0, unit="deg")}
     if not bore:

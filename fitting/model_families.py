@@ -162,13 +162,6 @@ def _peers(
         made = braid(given)
         return {**given, "rest_thread_length": made.rest_thread_length, "turns": made.turns}
 
-    def of_stretching(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
-        del model
-        strain, made = given.pop("thread_strain"), braid(given)
-        tension = P * rest * made.rest_thread_length / (2 * math.pi * made.turns**2)
-        return {"rest_thread_length": made.rest_thread_length, "turns": made.turns,
-                "braid_compliance": strain / tension}  # fmt: skip
-
     def of_cylinder(model: Any, given: dict[str, Any]) -> Mapping[str, Any]:
         if "bladder_diameter" in model.declared():  # the bladder lies within the threads
             cylinder: Any = source.geometry(given)
@@ -176,19 +169,12 @@ def _peers(
         return given
 
     threads = famjax.Braid.from_rest(diameter=held, braid_angle=_FLATTEST, length=rest)
-    stretching = famjax.braids.CompliantBraid.of(threads, 0.0)
     cylinder = source.geometry({"braid_diameter": held, "braid_angle": _FLATTEST})
     elastic = peers.ferraresi(cylinder, 1e6)
-    wall = Declared("m", "wall_thickness", low=0.0, high=2 * specimen.wall_thickness)
-    strain = Declared("", "thread_strain", low=0.0, high=0.5)
     late, moduli = (*both, _DEADBAND), ("c0", "c1", "c2", "c3")
     martens = peers.Martens(threads, rest, held, specimen.wall_thickness, np.ones(4))
     rows: list[tuple] = [
         ("gaylord", "Gaylord 1958", peers.Gaylord(threads), both, of_braid),
-        ("davis", "Davis 2003, stretching braid", peers.Gaylord(stretching), (*both, strain), of_stretching,
-         "thread_strain is that at rest and the highest pressure, of unstretched geometry"),
-        ("chou_hannaford", "Chou & Hannaford 1996, wall", peers.ChouHannaford(threads, 1e-3),
-         (*both, wall), of_braid),
         ("tondu_lopez", "Tondu & Lopez 2000, k", peers.TonduLopez(threads, rest), (*both, "k_far"),
          of_braid),
         ("ferraresi_deadband", "Ferraresi, deadband", elastic, (*late, "E_1"), of_cylinder),

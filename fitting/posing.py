@@ -228,18 +228,15 @@ def source_of(
         geometry = geometry[data.specimen.name]
     if isinstance(geometry, AbstractGeometrySource):
         return geometry
-    if isinstance(geometry, famjax.geometries.AbstractGeometry):
-        known = KnownSource(geometry)
-        return KnownSource(geometry, tuple(n for n in known.declared if n in named))
+    if isinstance(geometry, AbstractGeometry):
+        return KnownSource(geometry, tuple(n for n in geometry.declared() if n in named))
     if not callable(geometry):
         raise InputError(
             "a geometry is one of famjax.geometries, or a class, a function or module:Class that makes "
             f"one of the estimated geometry; got a {type(geometry).__name__}"
         )
-    make = cast(Any, geometry)
-    wrapped = WrappedSource(EstimatedSource(data.specimen), make)
-    own = tuple(n for n in wrapped.declared if n in named)
-    return WrappedSource(wrapped.inner, make, own)
+    wrapped = WrappedSource(EstimatedSource(data.specimen), cast(Any, geometry))
+    return dataclasses.replace(wrapped, identified=tuple(n for n in wrapped.declared if n in named))
 
 
 def _shared(name: str, of_each: Sequence[Entry]) -> Entry:

@@ -169,7 +169,7 @@ class Problem:
     @property
     def readings(self) -> list[slice]:
         """Slice of each part in the concatenated readings."""
-        ends = itertools.accumulate((part.force.size for part in self.parts), initial=0)
+        ends = np.cumsum([0, *(part.force.size for part in self.parts)]).tolist()
         return [slice(first, end) for first, end in itertools.pairwise(ends)]
 
     @property

@@ -9,7 +9,6 @@ This is traced code, which the engine differentiates in p.
 """
 
 import functools
-import math
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -158,13 +157,13 @@ def linear_response(
         reached: force [N] at the readings that deflects a compliant rig.
         to_x: matrix from x0 to `family.linear`; None if x0 holds these values.
     """
-    placed = _Placed.of(family, at, p, reached)
+    searched, rig, length, paths = _placed(family, at, p, reached)
     to_x = jnp.eye(x0.shape[0]) if to_x is None else to_x
 
     def of_coefficients(own: Float[Array, " own"]) -> tuple[Array, Array]:
-        model = placed.model(own)
-        ((values,), _) = along_paths(model, at, placed.rest, placed.end, constraint)
-        return model.force(placed.length, at.pressure), values.ravel()
+        model = _model(family, searched, own)
+        ((values,), _) = along_paths(model, at, *paths, constraint)
+        return model.force(length, at.pressure), values.ravel()
 
     # Strains are the same for all coefficients: they are traced once.
     (force, values), slope = jax.linearize(of_coefficients, to_x @ x0)
@@ -173,10 +172,9 @@ def linear_response(
     else:
         columns, rows = jnp.zeros((*force.shape, 0)), jnp.zeros((*values.shape, 0))
     force, values = force - columns @ x0, values - rows @ x0
-    if placed.rig is not None:
-        gain = jax.lax.stop_gradient(
-            _gain(placed.model(to_x @ x0), placed.length, at.pressure, reached, placed.rig)[1]
-        )
+    if rig is not None:
+        model = _model(family, searched, to_x @ x0)
+        gain = jax.lax.stop_gradient(_gain(model, length, at.pressure, reached, rig)[1])
         force, columns = reached + gain * (force - reached), gain[:, None] * columns
     return Linear(force, columns, values, rows)
 
@@ -189,9 +187,9 @@ def report(
     reached: Float[AnyArray, " points"],
 ) -> Report:
     """Quantities for the report at (p, x); see `linear_response` for the arguments."""
-    placed = _Placed.of(family, at, p, reached)
-    model = placed.model(x)
-    (modulus, slope), largest = along_paths(model, at, placed.rest, placed.end, "drucker", "slope")
+    searched, _, _, paths = _placed(family, at, p, reached)
+    model = _model(family, searched, x)
+    (modulus, slope), largest = along_paths(model, at, *paths, "drucker", "slope")
 
     def derived(p: Float[Array, " q"]) -> Float[Array, " d"]:
         values = dict(zip(family.nonlinear, p, strict=True))
@@ -213,36 +211,23 @@ def report(
     )
 
 
-class _Placed(NamedTuple):
-    """Models at given parameters, with readings corrected for the rig and ends of paths."""
+def _placed(
+    family: MuscleFamily, at: MapInputs, p: Float[Array, " q"], reached: Float[Array, " points"]
+) -> tuple[dict[str, Array], tuple | None, Float[Array, " points"], tuple[Array, Array]]:
+    """Searched numbers, rig, lengths corrected for the rig, and rest length and ends of the paths."""
+    searched = dict(zip(family.nonlinear, p, strict=True))
+    length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
+    rig, compliance = None, searched.get("series_compliance")
+    if compliance is not None:
+        rig = compliance, searched.get("series_exponent")
+        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
+        length = length - famjax.muscle.give_way(reached, *rig)
+    return searched, rig, length, (jnp.asarray(family.rest_length(searched)), end)
 
-    family: MuscleFamily
-    searched: dict[str, Array]
-    length: Float[Array, " points"]
-    rig: tuple[Array, Array | None] | None
-    rest: Float[Array, ""]
-    end: Float[Array, " paths"]
 
-    @classmethod
-    def of(
-        cls,
-        family: MuscleFamily,
-        at: MapInputs,
-        p: Float[Array, " q"],
-        reached: Float[Array, " points"],
-    ) -> "_Placed":
-        searched = dict(zip(family.nonlinear, p, strict=True))
-        rig = rig_of(searched)
-        length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
-        if rig is not None:
-            end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
-            length = length - famjax.muscle.give_way(reached, *rig)
-        rest = jnp.asarray(family.rest_length(searched))
-        return cls(family, searched, length, rig, rest, end)
-
-    def model(self, x: Float[Array, " n"]) -> Any:
-        """Build the model with these coefficients."""
-        return self.family.build({**self.searched, **dict(zip(self.family.linear, x, strict=True))})
+def _model(family: MuscleFamily, searched: dict[str, Array], x: Float[Array, " n"]) -> Any:
+    """Build the model with these coefficients."""
+    return family.build({**searched, **dict(zip(family.linear, x, strict=True))})
 
 
 def force_and_constraint(
@@ -263,23 +248,17 @@ def force_and_constraint(
             solution, they give exact first and second derivatives.
     """
     force = jnp.asarray(at.force)
-    placed = _Placed.of(family, at, p, force)
-    model = placed.model(x)
-    if placed.rig is None:
-        force = model.force(placed.length, at.pressure)
+    searched, rig, length, paths = _placed(family, at, p, force)
+    model = _model(family, searched, x)
+    if rig is None:
+        force = model.force(length, at.pressure)
     else:
         for _ in range(_EXACT):
-            length = at.length - famjax.muscle.give_way(force, *placed.rig)
-            muscle, gain = _gain(model, length, at.pressure, force, placed.rig)
+            length = at.length - famjax.muscle.give_way(force, *rig)
+            muscle, gain = _gain(model, length, at.pressure, force, rig)
             force = force + gain * (muscle - force)
-    ((values,), _) = along_paths(model, at, placed.rest, placed.end, constraint)
+    ((values,), _) = along_paths(model, at, *paths, constraint)
     return force, values.ravel()
-
-
-def rig_of(values: Mapping[str, Array]) -> tuple[Array, Array | None] | None:
-    """Compliance and exponent of the rig; None for a rigid rig."""
-    compliance = values.get("series_compliance")
-    return None if compliance is None else (compliance, values.get("series_exponent"))
 
 
 def _gain(
@@ -296,7 +275,7 @@ def _gain(
         length: length of the muscle [m].
         pressure: gauge pressure [Pa].
         reached: force [N] that deflects the rig.
-        rig: see `rig_of`.
+        rig: compliance, and exponent or None.
     """
     ones = jnp.ones_like(length)
     force, stiffness = jax.jvp(lambda L: model.force(L, pressure), (length,), (ones,))
@@ -308,22 +287,6 @@ def flat(model: Any) -> Float[Array, " l"]:
     """All numbers of a model as one vector."""
     leaves = jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
     return jnp.concatenate([leaf.ravel() for leaf in leaves])
-
-
-def unflat(family: MuscleFamily, numbers: Float[np.ndarray, " l"]) -> Any:
-    """Rebuild a model from the vector of its numbers; nothing is compiled."""
-    names = dict.fromkeys((*family.nonlinear, *family.linear), jax.ShapeDtypeStruct((), float))
-    shape = eqx.filter_eval_shape(family.build, names)
-    leaves, treedef = jax.tree.flatten(shape)
-    found, first = [], 0
-    for leaf in leaves:
-        if isinstance(leaf, jax.ShapeDtypeStruct) and jnp.issubdtype(leaf.dtype, jnp.inexact):
-            size = math.prod(leaf.shape)
-            found.append(jax.device_put(numbers[first : first + size].reshape(leaf.shape).copy()))
-            first += size
-        else:
-            found.append(leaf)
-    return jax.tree.unflatten(treedef, found)
 
 
 def along_paths(

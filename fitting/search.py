@@ -285,8 +285,9 @@ def descend_all(
 ) -> list[End]:
     """End points of the descents from all starts; the best one is refined to full precision."""
     ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=progress)
-    best = _lowest(ends)
-    if best is not None:
+    costs = [end.cost for end in ends]
+    if np.isfinite(costs).any():
+        best = int(np.nanargmin(costs))
         ends[best] = descend(problem, ends[best].u)
     return ends
 
@@ -297,19 +298,13 @@ def best_of(ends: Sequence[End]) -> End:
     Raises:
         InputError: none has a cost.
     """
-    best = _lowest(ends)
-    if best is None:
+    costs = [end.cost for end in ends]
+    if not np.isfinite(costs).any():
         raise InputError(
             "no start ended at a force for every reading: somewhere within the bounds the bladder "
             "does not fit in the braid or a length cannot be reached; narrow the bounds"
         )
-    return ends[best]
-
-
-def _lowest(ends: Sequence[End]) -> int | None:
-    """Index of the lowest cost; None if no cost is finite."""
-    costs = np.array([end.cost for end in ends])
-    return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
+    return ends[int(np.nanargmin(costs))]
 
 
 FEASIBLE = 1e-9
@@ -498,11 +493,8 @@ def descend_reweighted(
         if done > _SCALED and np.abs(factor - old).max() <= _SETTLED:
             return best, ends, Weights(factor, threshold)
         changed = problem.with_readings(factor=factor)
-        if done < _FROM_ALL:
-            ends = descend_all(changed, starts)
-            best = best_of(ends)
-        else:
-            best = best_of(descend_all(changed, best.u[None]))
+        again = descend_all(changed, starts if done < _FROM_ALL else best.u[None])
+        best, ends = best_of(again), again if done < _FROM_ALL else ends
     raise InputError(
         f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds: the readings "
         "leave several fits equally good. Fix parameters by bounds, or use objective='sum_of_squares'"

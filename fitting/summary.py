@@ -14,12 +14,12 @@ from famjax.boundary.units import Quantity, Sentence
 from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
-from .engine import Point, partial, predict, report_of, solve
+from .engine import Point, muscle_at, partial, predict, report_of, solve
 from .parameters import Entry
 from .pictured import PictureFit
 from .posing import Posed, own_names
 from .problem import Problem
-from .response import Report, unflat
+from .response import Report
 from .result import Certificate, Errors, Estimate, Identification, Solved
 from .search import End, Margin, Weights, constraint_margin, pseudo_residual, rounding_of
 
@@ -274,7 +274,7 @@ def summarise(
     results = []
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
-        nodes, muscle = _nodes_of(found, k), cast(Any, unflat(part.family, reported.numbers))
+        nodes, muscle = _nodes_of(found, k), muscle_at(problem, point, k)
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors = _errors(one, force)
         strain_range, own = float(np.max(reported.largest_strain)), certificate

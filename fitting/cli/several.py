@@ -183,7 +183,7 @@ def compare(
     jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
-    """Fit all published static force models, and famjax's own, to one force map.
+    """Fit published static force models, and famjax's own, to one force map.
 
     Each model is fitted to all loaded readings, and cross-validated by pressure and by length
     ("pressures out", "lengths out"; inner lengths exclude the longest and the shortest). The table is
