@@ -182,25 +182,26 @@ def choose(
     elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
     if check_ends(ends, {}) == "equilibrium":
         candidates = (*candidates, equilibrium_candidate(weighed, bounds, parameters, seed))
-    # Those whose rig is rigid come first: they wait for none that gives way.
-    rigid_first = sorted([*candidates, *elsewhere], key=lambda one: one.rig)
     found = fitted(
-        weighed, constraint, min(starts, _COMPARED), seed, rigid_first, tell("fitting all families")
-    )
-    outcomes = dict(zip(map(id, rigid_first), found, strict=True))
-    told = [(one, outcomes[id(one)]) for one in candidates]
+        weighed, constraint, min(starts, _COMPARED), seed, [*candidates, *elsewhere],
+        tell("fitting all families"),
+    )  # fmt: skip
+    told = list(zip(candidates, found, strict=False))
     families = [fit for _, fit in told if isinstance(fit, Fitted)]
     for why in dict.fromkeys(one for _, one in told if isinstance(one, str)):
         dropped += (f"Left out: {'; '.join(one.name for one, of in told if of == why)}. {why}",)
     if not families:
         raise InputError(_NO_FORCE)
     least = min(one.rmse for one in families)
-    judged = [one for one in families if one.rmse <= _HOPELESS * least]
-    judged.sort(key=lambda one: one.candidate.rig)
-    errors = left_out_of(judged, seed, tell("leaving readings out"))
-    left_out = dict(zip([one.candidate.name for one in judged], errors, strict=True))
+    # Those whose rig is rigid come first: they wait for none that is compliant.
+    judged = sorted(
+        (k for k, one in enumerate(families) if one.rmse <= _HOPELESS * least),
+        key=lambda k: families[k].candidate.rig,
+    )
+    errors = left_out_of([families[k] for k in judged], seed, tell("leaving readings out"))
+    left_out = dict(zip(judged, errors, strict=True))
     tried = ranked(
-        [(one.candidate, one.rmse, left_out.get(one.candidate.name)) for one in families],
+        [(one.candidate, one.rmse, left_out.get(k)) for k, one in enumerate(families)],
         data.max_force,
     )
     order = preferred(tried)
@@ -230,10 +231,8 @@ def choose(
         one.candidate.name: one.mounted
         for k, one in enumerate(families) if tried[k].alike and k != place
     }  # fmt: skip
-    others = other_lengths(
-        [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
-        data.max_force,
-    )
+    transferring = [one for one in found[len(candidates) :] if isinstance(one, Fitted)]
+    others = other_lengths(transferring, data.max_force)
     outlook = Outlook(
         model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
     )

@@ -244,10 +244,9 @@ class Batch:
     ) -> Chunk:
         """Fit linear models about given coefficients and rig forces."""
         linear, slopes = self.linear(members, parameters, about, reached)
-        keep = np.broadcast_to(1.0 * (self._side == 0), reached.shape)
-        if self._side.any():
-            keep = self._settled(members, parameters, linear, slopes)
-        found = self._project(members, parameters, linear, slopes, keep)
+        of = Weighing(*(leaf[members] for leaf in self._of))
+        targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
+        keep, found = self._settled(linear, slopes, of._replace(targets=targets))
         linear, found = jax.tree.map(np.asarray, (linear, found))
         problems = [self.problems[k] for k in members]
         return Chunk(problems, self.layout, parameters, linear, found, reached, about, keep)
@@ -302,51 +301,31 @@ class Batch:
         )
         return self._program(own, parameters, about, readings)
 
-    def _project(
-        self,
-        members: Int[np.ndarray, " b"],
-        parameters: Float[np.ndarray, "b q"],
-        linear: Linear,
-        slopes: Linear,
-        keep: Float[np.ndarray, "b readings"],
-    ) -> Projected:
-        """Convex fits to the readings that count."""
-        of = Weighing(*(leaf[members] for leaf in self._of))
-        targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
-        of = of._replace(weight=of.weight * keep, targets=targets)
-        return projected_program()(linear, slopes, of)
-
     def _settled(
-        self,
-        members: Int[np.ndarray, " b"],
-        parameters: Float[np.ndarray, "b q"],
-        linear: Linear,
-        slopes: Linear,
-    ) -> Float[np.ndarray, "b readings"]:
-        """Find the readings that count at the optimum: all normal ones, and violated censored ones.
+        self, linear: Linear, slopes: Linear, of: Weighing
+    ) -> tuple[Float[np.ndarray, "b readings"], Projected]:
+        """Convex fits, and the readings that count: all normal ones, and violated censored ones.
 
         A slack muscle means F <= 0, a load cell at its limit F >= limit. Each adds
         max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This is convex in the
         coefficients. Least squares over the violated ones has the same gradient at the optimum, so its
         multipliers and certificate hold for the whole problem.
         """
-        side, weight = self._side, self._of.weight[members]
-        force, columns = (np.asarray(leaf) for leaf in linear[:2])
-        A, b = weight[..., None] * columns, weight * (self._of.force[members] - force)
-        keep = np.broadcast_to(1.0 * (side == 0), b.shape)
-        settled = np.zeros(len(b), bool)
+        side, keep = self._side, np.broadcast_to(1.0 * (self._side == 0), of.weight.shape)
+        settled = np.zeros(len(keep), bool)
         for _ in range(_ROUNDS):
-            found = self._project(members, parameters, linear, slopes, keep)
+            found = projected_program()(linear, slopes, of._replace(weight=of.weight * keep))
             x = np.asarray(found.optimum.x)
-            excess = side * ((A @ x[:, :, None])[:, :, 0] - b)
+            excess = side * of.weight * (_force_of(linear, x) - of.force)
             size = _ROUNDING * np.abs(excess).max(axis=1, keepdims=True)
             settled = (side == 0) | ((excess > 0) == (keep > 0)) | ~(np.abs(excess) > size)
             settled = settled.all(axis=1) | ~np.isfinite(x).all(axis=1)
             if settled.all():
-                break
+                return keep, found
             keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * (excess > 0))
         # One that does not settle has no fit.
-        return np.where(settled[:, None], keep, np.nan)
+        keep = np.where(settled[:, None], keep, np.nan)
+        return keep, projected_program()(linear, slopes, of._replace(weight=of.weight * keep))
 
 
 def _weighing(problem: Problem, at: Layout) -> Weighing:

@@ -109,10 +109,12 @@ def fitted(
             posed[k] = posed_of(data, one, constraint)
         except InputError as error:
             found[k] = str(error)
-    near = [one.starts(starts, seed) for one in posed.values()]
-    ends = iter(_descents([one.problem for one in posed.values()], near, progress))
-    for k, one in posed.items():
-        found[k] = _fitted(candidates[k], one, [next(ends) for _ in range(starts)])
+    # Those whose rig is rigid come first: they wait for none that is compliant.
+    order = sorted(posed, key=lambda k: candidates[k].rig)
+    near = [posed[k].starts(starts, seed) for k in order]
+    ends = iter(_descents([posed[k].problem for k in order], near, progress))
+    for k in order:
+        found[k] = _fitted(candidates[k], posed[k], [next(ends) for _ in range(starts)])
     return found
 
 
