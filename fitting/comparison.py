@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -67,12 +66,6 @@ class PeerFit:
         """Parameters by name [SI]."""
         numbers = (*self.end.point.parameters.tolist(), *self.end.point.x.tolist())
         return dict(zip(self.problem.names + self.problem.linear, numbers, strict=True))
-
-    @property
-    def model(self) -> famjax.AbstractMuscle:
-        """The fitted model."""
-        values = {name: jnp.asarray(value) for name, value in self.values.items()}
-        return self.family.family.build(values)
 
     @property
     def at_bound(self) -> tuple[str, ...]:

@@ -1,15 +1,14 @@
 """The families that a fit chooses from, as far as a map can carry them.
 
-Every family but one has the same unknowns of the geometry: braid diameter and angle, the deadband, ends
-that open as the muscle shortens, threads that stretch, and the rest length within the rounding to which it
-was given. Priors that are the same for every muscle hold what the readings cannot tell. The law of Mooney
-and Rivlin has an equivalent cylinder in their place. The families differ in two things besides: the law of
-the bladder, and what makes the muscle pull late, its deadband or a rig that gives way by a power of the
-force; either does, and with both a map of one muscle tells neither.
+All families but one have the same unknown geometry: braid diameter and angle, deadband, rounded ends,
+stretching threads, and the rest length within the rounding to which it was given. Priors that are the same
+for every muscle hold what the readings cannot determine. The Mooney-Rivlin law has an equivalent cylinder
+instead. The families differ in the law of the bladder, and in why the muscle pulls late: because of its
+deadband, or because the rig is compliant. A map of one muscle cannot determine both.
 
-Tracing and compiling takes longer than fitting, so one compiled program serves all of them: of a muscle
-whose law is the sum of their laws. A family has some of its parameters and leaves the others where they
-change nothing: no end effect, rigid threads, a rigid rig, no stress of the other laws.
+Tracing and compiling takes longer than fitting, so one compiled program serves all families: that of a
+muscle whose law is the sum of their laws. A family searches some parameters and holds the others at values
+without effect: no end effect, rigid threads, a rigid rig, no stress of the other laws.
 """
 
 import dataclasses
@@ -298,14 +297,12 @@ def sharing_one_program(problem: Problem) -> Problem:
 
 def _within(part: Part) -> Part:
     family, law = part.family, _sum_of_laws()
-    known = {*law.shape, *law.coefficients}
+    material: Any = law.material
     names = {*family.nonlinear, *family.law.shape, *family.law.coefficients}
-    same = type(family.law.material) in map(type, law.material.laws) and names <= {
-        *_NONLINEAR,
-        *known,
-    }
+    same = type(family.law.material) in map(type, material.laws)
+    face = same and names <= {*_NONLINEAR, *law.shape, *law.coefficients}
     plain = type(family.source) is EstimatedSource and family.terms is None
-    if not (same and plain) or len(part.inputs.path_end) > 2:
+    if not (face and plain) or len(part.inputs.path_end) > 2:
         return part
     neutral = {**_NEUTRAL, "rest_length": float(family.rest)}
     held = [0.0 if n in family.nonlinear else neutral[n] for n in _NONLINEAR]

@@ -251,17 +251,14 @@ def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
 
 
 def _interval(name: str, entry: Entry) -> tuple[float, float]:
-    """Return finite bounds; an infinite one becomes four standard deviations of the prior."""
-    mean, std = entry.prior or (0.0, math.inf)
-    low = entry.min if math.isfinite(entry.min) else mean - 4 * std
-    high = entry.max if math.isfinite(entry.max) else mean + 4 * std
-    if not math.isfinite(high - low):
+    """Return the bounds of a searched parameter, which must be finite."""
+    if not math.isfinite(entry.max - entry.min):
         raise InputError(
             f"{name} is searched and needs finite bounds, got {entry.min:.4g} to {entry.max:.4g} (SI): "
             "declare it by famjax.parameter(low=..., high=...), give bounds, or declare linear=True with "
             'kind="stress" if the force is linear in it'
         )
-    return low, high
+    return entry.min, entry.max
 
 
 def _priors(names: Sequence[str], table: Mapping[str, Entry]) -> tuple[Prior, ...]:

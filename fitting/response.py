@@ -158,7 +158,7 @@ def linear_response(
         to_x: matrix from x0 to `family.linear`; None if x0 holds these values.
     """
     searched, rig, length, paths = _placed(family, at, p, reached)
-    to_x = jnp.eye(x0.shape[0]) if to_x is None else to_x
+    directions = jnp.eye(x0.shape[0]) if to_x is None else jnp.asarray(to_x)
 
     def of_coefficients(own: Float[Array, " own"]) -> tuple[Array, Array]:
         model = _model(family, searched, own)
@@ -166,14 +166,14 @@ def linear_response(
         return model.force(length, at.pressure), values.ravel()
 
     # Strains are the same for all coefficients: they are traced once.
-    (force, values), slope = jax.linearize(of_coefficients, to_x @ x0)
+    (force, values), slope = jax.linearize(of_coefficients, directions @ x0)
     if x0.shape[0]:
-        columns, rows = jax.vmap(slope, out_axes=-1)(to_x.T)
+        columns, rows = jax.vmap(slope, out_axes=-1)(directions.T)
     else:
         columns, rows = jnp.zeros((*force.shape, 0)), jnp.zeros((*values.shape, 0))
     force, values = force - columns @ x0, values - rows @ x0
     if rig is not None:
-        model = _model(family, searched, to_x @ x0)
+        model = _model(family, searched, directions @ x0)
         gain = jax.lax.stop_gradient(_gain(model, length, at.pressure, reached, rig)[1])
         force, columns = reached + gain * (force - reached), gain[:, None] * columns
     return Linear(force, columns, values, rows)
