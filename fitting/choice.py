@@ -139,29 +139,29 @@ def choose(
 ) -> Choice:
     """Choose the model of a force map from a ladder of families by cross-validation.
 
-    Each family is fitted to all readings and again without each length and without groups of
-    neighbouring pressures. The one with the smallest held-out error is chosen; on a map of too few
-    lengths to leave one out, the first on the ladder of those within half of it. Nothing is left out of
-    a family that misses the readings by four times the least. A family whose optimum cannot be
-    certified is passed over where another errs little more.
+    Each family is fitted to all readings, and again without each length and without groups of
+    neighbouring pressures. The family with the smallest held-out error is chosen. If the map has too few
+    lengths to leave one out, the choice is the first on the ladder within 1.5 times the smallest error.
+    Families with more than four times the smallest RMSE are not cross-validated. A family without a
+    certified optimum is passed over if another has at most twice its error.
 
     Args:
         data: the map.
-        constraint: on the coefficients, as in `identify`; likewise of every family what follows.
-        bounds: intervals by parameter name; the ladder varies none of these.
-        parameters: bounds, held values and priors; the ladder varies none of these, either.
+        constraint: constraint on the coefficients of every family, as in `identify`.
+        bounds: intervals by parameter name, which the ladder does not vary.
+        parameters: bounds, held values and priors, which the ladder does not vary.
         noise: standard deviation of one reading [N]; taken from the data if omitted.
-        objective: of the fit of the chosen family.
+        objective: objective for the chosen family.
         ends: "equilibrium" tries Ogden's law with the shape from mechanics as well, see `identify`.
-        starts: of the fit of the chosen family; others are compared with a few.
-        seed: of the starts.
-        progress: called with (what is done, steps done, steps).
+        starts: number of starts for the chosen family; families are compared with at most four.
+        seed: random seed for the starts.
+        progress: called with (task, steps done, steps).
 
     Returns:
         The choice.
 
     Raises:
-        InputError: what `identify` refuses of the plainest family.
+        InputError: the data cannot support the simplest family; see `identify`.
         RuntimeError: float64 is off.
     """
     check_whole("starts", starts, 1)
@@ -193,7 +193,7 @@ def choose(
     if not families:
         raise InputError(_NO_FORCE)
     least = min(one.rmse for one in families)
-    # Those whose rig is rigid come first: they wait for none that is compliant.
+    # Rigid rigs come first, so that they do not wait for the iteration of compliant ones.
     judged = sorted(
         (k for k, one in enumerate(families) if one.rmse <= _HOPELESS * least),
         key=lambda k: families[k].candidate.rig,

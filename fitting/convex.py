@@ -197,10 +197,10 @@ def certificate_of(
     """Objective, KKT residual and duality gap of a point, on the problem as it was given.
 
     Args:
-        A: of the programme.
-        b: likewise.
-        G: likewise.
-        h: likewise.
+        A: design matrix of the programme.
+        b: its data.
+        G: its constraint rows.
+        h: their offsets.
         x: the point.
         multipliers: of the rows.
         to_x: R^-1 of A = Q R, by which the rows are measured in the metric of the data.

@@ -36,6 +36,7 @@ from .response import Linear, MuscleFamily, Report
 REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 _ROUNDS = 60  # in which the censored readings that pull settle
+_FULL_STEPS = 8  # of these rounds
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
 
 
@@ -312,8 +313,8 @@ class Batch:
         multipliers and certificate hold for the whole problem.
         """
         side, keep = self._side, np.broadcast_to(1.0 * (self._side == 0), of.weight.shape)
-        settled = np.zeros(len(keep), bool)
-        for _ in range(_ROUNDS):
+        settled, at = np.zeros(len(keep), bool), np.zeros(0)
+        for done in range(_ROUNDS):
             found = projected_program()(linear, slopes, of._replace(weight=of.weight * keep))
             x = np.asarray(found.optimum.x)
             excess = side * of.weight * (_force_of(linear, x) - of.force)
@@ -322,7 +323,9 @@ class Batch:
             settled = settled.all(axis=1) | ~np.isfinite(x).all(axis=1)
             if settled.all():
                 return keep, found
-            keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * (excess > 0))
+            at = x if done < _FULL_STEPS else (at + x) / 2  # half steps end a cycle
+            pulls = side * (_force_of(linear, at) - of.force) > 0
+            keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
         # One that does not settle has no fit.
         keep = np.where(settled[:, None], keep, np.nan)
         return keep, projected_program()(linear, slopes, of._replace(weight=of.weight * keep))

@@ -69,8 +69,8 @@ class Candidate:
         law: its name.
         rig: whether the rig is compliant, in place of a deadband.
         options: law and order, as `identify` takes them.
-        bounds: as a user gave them, likewise.
-        parameters: what takes part, what is held, and priors, likewise.
+        bounds: the user's bounds, as `identify` takes them.
+        parameters: free and held parameters and priors, as `identify` takes them.
         unknowns: numbers without a prior, which the readings have to determine.
         rank: place on the ladder: of families that predict alike, the first is taken.
     """
@@ -98,9 +98,9 @@ def ladder(
 
     Args:
         data: the map.
-        parameters: what a user says; none of these is varied by the ladder, and a law that has not
-            one of them is left out.
-        bounds: likewise.
+        parameters: the user's parameters; the ladder does not vary them, and leaves out a law without
+            one of them.
+        bounds: the user's bounds; the same applies.
 
     Returns:
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
@@ -172,7 +172,7 @@ _RIG = {
     "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
     **{name: Parameter() for name in _RIG_UNKNOWNS},
 }
-"""A rig that gives way is hardly told from threads that do."""
+"""A compliant rig and compliant threads have almost the same effect."""
 _PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 
@@ -225,8 +225,8 @@ def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Paramete
 
     Args:
         law: as `identify` takes it.
-        data: the map, whose lengths tell which features of a law can be identified: none that is narrower
-            than half the widest gap between them.
+        data: the map; features of a law narrower than half the widest gap between its lengths cannot be
+            identified.
     """
     known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
     if data is not None:

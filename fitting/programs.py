@@ -66,7 +66,7 @@ def _traced(flat: Callable[..., Any], name: str, shapes: list) -> Callable[..., 
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if not folder:
         return flat
-    from jax import export  # noqa: PLC0415 -- where nothing is kept nobody waits for it
+    from jax import export  # noqa: PLC0415 -- imported only if traces are kept
 
     digest = hashlib.sha256(f"{_sources()} {name} {shapes}".encode()).hexdigest()[:32]
     file = Path(folder) / f"trace-{digest}-cache"

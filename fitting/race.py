@@ -109,7 +109,7 @@ def fitted(
             posed[k] = posed_of(data, one, constraint)
         except InputError as error:
             found[k] = str(error)
-    # Those whose rig is rigid come first: they wait for none that is compliant.
+    # Rigid rigs come first, so that they do not wait for the iteration of compliant ones.
     order = sorted(posed, key=lambda k: candidates[k].rig)
     near = [posed[k].starts(starts, seed) for k in order]
     ends = iter(_descents([posed[k].problem for k in order], near, progress))
@@ -125,7 +125,7 @@ def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str
         return str(error)
     problem = posed.problem
     if candidate.rig and _rig_of_the_bounds(problem, end):
-        return "The rig of the best fit is rigid, or gives way as much as the bounds allow."
+        return "The rig of the best fit is rigid, or as compliant as the bounds allow."
     order = np.argsort([one.cost for one in ends])
     return Fitted(
         candidate, posed, np.stack([ends[k].u for k in order]),
