@@ -130,7 +130,7 @@ def validate(
     if groups == "specimen" and (own or len(problem.linear) > result.order):
         raise InputError(
             f"{own[0] if own else 'the law'} belongs to one specimen and is unknown without its "
-            "readings: identify the specimens with own=() and own_law=False"
+            "readings: identify the specimens with own=()"
         )
     if _group_of_each(problem, groups, None, 2) is None:
         raise InputError(f"leaving one {groups} out needs at least two; there is 1")
