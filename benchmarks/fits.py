@@ -35,6 +35,10 @@ WIDE = {
     "braid_diameter": (5e-3, 40e-3), "braid_angle": (0.785, 1.396), "deadband_pressure": (0.0, 2e5),
 }  # fmt: skip
 """Bounds in which the geometry is a fit parameter only, no muscle that can be built."""
+LINEAR = {
+    order: famjax.materials.PressurePolynomialMaterial(np.array([1e5, 6e5]), np.ones((2, order)))
+    for order in (3, 4)
+}
 MODELS: dict[str, dict[str, Any]] = {
     "cubic": {},
     "cubic, wide bounds": {"order": 3, "bounds": WIDE},
@@ -43,8 +47,8 @@ MODELS: dict[str, dict[str, Any]] = {
         "law": "ogden", "parameters": BRAID | SAME_RUBBER, "noise": 1.0,
     },
     "Mooney-Rivlin, wide bounds": {"law": "mooney-rivlin", "bounds": WIDE},
-    "quartic linear in pressure, wide bounds": {"order": 4, "dependence": "linear", "bounds": WIDE},
-    "cubic linear in pressure, wide bounds": {"order": 3, "dependence": "linear", "bounds": WIDE},
+    "quartic linear in pressure, wide bounds": {"law": LINEAR[4], "bounds": WIDE},
+    "cubic linear in pressure, wide bounds": {"law": LINEAR[3], "bounds": WIDE},
 }  # fmt: skip
 """Options of `fitting.identify` by the model in words."""
 

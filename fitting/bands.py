@@ -33,7 +33,6 @@ from famjax.muscle import flatten
 
 from .data import ForceData
 from .engine import report_of
-from .ladder import in_shared_program
 from .result import Identification
 from .validation import Bootstrap, LeftOut
 
@@ -257,9 +256,7 @@ def pull(
 
 def force_of(mounted: famjax.MountedMuscle, length: Column, pressure: Column) -> Column:
     """Force measured by the rig [N] at lengths [m] and pressures [Pa]; nan where there is none."""
-    whole = in_shared_program(mounted)
-    rigid = whole is mounted and not np.asarray(mounted.compliance).any()
-    muscle = as_arrays(mounted.muscle if rigid else whole)
+    muscle = as_arrays(mounted if np.asarray(mounted.compliance).any() else mounted.muscle)
     found = _in_rows(lambda L, P: [_force(muscle, L, P)], length, pressure)
     return found[0] if found else np.zeros(0)
 

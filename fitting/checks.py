@@ -25,7 +25,7 @@ _USUAL = 0.25  # m: usual rest length of a muscle
 _ALIKE = 0.5  # decades within which two guesses are equally likely
 
 
-def check_law(law: Law, constraint: str, dependence: str) -> None:
+def check_law(law: Law, constraint: str) -> None:
     """Check that the options are valid and can be combined."""
     if constraint not in CONSTRAINTS:
         raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
@@ -115,14 +115,7 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
     )
 
 
-def check_count(
-    data: Sequence[ForceData],
-    law: Law,
-    dependence: str,
-    table: Mapping[str, Entry],
-    *,
-    own_law: bool = False,
-) -> None:
+def check_count(data: Sequence[ForceData], law: Law, table: Mapping[str, Entry]) -> None:
     """Check that there are enough readings for the parameters and enough lengths for the coefficients.
 
     Specimens identified together are pooled: a shared parameter counts once.
@@ -130,7 +123,6 @@ def check_count(
     readings = sum(int(one.loaded.sum()) for one in data)
     free = {name for name, entry in table.items() if not entry.fixed}
     geometry, laws = len(free - law.coefficients.keys()), len(free & law.coefficients.keys())
-    laws *= len(data) if own_law else 1 + (dependence == "linear")
     if geometry + laws == 0:
         raise InputError("every parameter is fixed by its bounds: there is nothing to identify")
     if readings < geometry + laws:

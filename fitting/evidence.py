@@ -252,7 +252,7 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
     family = part.family
     family = dataclasses.replace(
         family, rest=np.asarray(moved.specimen.rest_length),
-        source=source_of(moved, move.geometry, family.nonlinear).as_arrays(),
+        source=source_of(moved, move.geometry, family.nonlinear),
     )  # fmt: skip
     loaded = np.flatnonzero(data.loaded)
     censored = np.flatnonzero(data.slack | data.saturated)[: part.force.size - loaded.size]

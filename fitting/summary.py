@@ -238,7 +238,6 @@ def summarise(
             shape, margin = muscle.profile(*at), float(np.min(muscle.margin(*at)))
             strain_range = float(np.max(np.abs([shape.axial_strain, shape.hoop_strain])))
             own = dataclasses.replace(certificate, shape_margin=margin)
-        pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
             Identification(
                 data=one,
@@ -254,7 +253,7 @@ def summarise(
                 active_constraints=_active(problem, point),
                 law=posed.law,
                 constraint=posed.constraint,
-                dependence=posed.dependence,
+                dependence="fixed",
                 seed=seed,
                 weights=np.ones(loaded.sum())
                 if factor is None

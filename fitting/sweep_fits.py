@@ -29,14 +29,13 @@ from jaxtyping import Bool, Float, Int
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.compile_options import as_arrays, bulk_options, quick_jit
-from famjax.parameters import Declared
 
 from .convex import Optimum, Status, bucket, solve_qp
 from .data import ForceData
 from .families import assembled
-from .model_families import ModelFamily
+from .model_families import ModelSource
 from .posing import path_end_at
-from .response import Constraint, MapInputs, linear_response
+from .response import Constraint, MapInputs, MuscleFamily, linear_response
 
 _PRESSURES = 200  # maximum per map; the cost grows with the square
 _STATIONS = 17  # positions on each path at which a constraint is posed initially
@@ -84,10 +83,11 @@ class LinearMuscle:
         terms: famjax.terms.SumOfTerms | None, order: int,
     ) -> None:  # fmt: skip
         law = famjax.PolynomialMaterial(np.zeros(order))
-        free = tuple(Declared("Pa", f"E_{n + 1}", linear=True) for n in range(order))
+        free = tuple(f"E_{n + 1}" for n in range(order))
         self.order, self.rest_length = order, float(geometry.rest_length)
         self.shortest_length = float(geometry.length_range()[0])
-        self._family = as_arrays(ModelFamily(assembled(geometry, law, deadband, terms), free))
+        source = ModelSource(as_arrays(assembled(geometry, law, deadband, terms)))
+        self._family = MuscleFamily((), free, source, None, np.asarray(self.rest_length))
 
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]

@@ -125,15 +125,15 @@ def compare(
     jobs: Jobs = None,
     json_: bool = False,
 ) -> int:
-    """Fit all published static force models, and famjax's own, to one force map.
+    """Fit published static force models, and famjax's own, to one force map.
 
     Each model is fitted to all loaded readings, and cross-validated by pressure and by length
     ("pressures out", "lengths out"; inner lengths exclude the longest and the shortest). The table is
     sorted by the held-out error on inner lengths, which is missing if the other readings do not
     determine the model. All models take a minute or two.
 
-    Writes `compare.json` and `compare.png`. Finished rows are stored in `rows.jsonl`, from which an
-    interrupted comparison resumes.
+    Writes `compare.json`. Finished rows are stored in `rows.jsonl`, from which an interrupted comparison
+    resumes.
 
     Parameters
     ----------
@@ -156,8 +156,8 @@ def compare(
         Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import Origin, as_png
-    from fitting.comparison import plot_comparison
+    from famjax.boundary.files import Origin, check_output
+    from fitting.specimen import parse_specimen
 
     place = Output(output)
     add_cwd_to_path()
@@ -171,7 +171,7 @@ def compare(
         )  # fmt: skip
     origin = Origin.of_this_command().as_dict()
     document = {**table.as_dict(), "origin": origin, "starts": _STARTS, "seed": 0}
-    paths = place.write({"compare.json": document, "compare.png": as_png(plot_comparison(table))})
+    paths = place.write({"compare.json": document})
     kept.unlink()
     if json_:
         print_json(document)

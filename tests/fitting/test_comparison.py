@@ -53,9 +53,6 @@ def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10, sarosi):
     )
     assert np.sum(_error(sarosi, dmsp10) ** 2) == pytest.approx(theirs.fun, rel=OPTIMUM)
     assert sarosi.values["a3"] == pytest.approx(theirs.x, rel=1e-4)  # flat at its minimum
-    np.testing.assert_allclose(
-        sarosi.model.force(dmsp10.length[at], dmsp10.pressure[at]), sarosi.predicted, rtol=1e-9
-    )
     assert (sarosi.end.converged, sarosi.at_bound) == (True, ())
 
 
@@ -69,7 +66,7 @@ def test_sarosi_6_has_the_errors_of_the_study(dmsp10, sarosi):
 
 @pytest.fixture(scope="module")
 def table(dmsp10: ForceData):
-    seen: list[tuple[int, int, str]] = []
+    seen: list[tuple[int, int]] = []
 
     found = compare(
         dmsp10,
