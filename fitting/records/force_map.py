@@ -326,7 +326,7 @@ def read_branches(path: Path) -> BranchPairs:
         numbers = np.empty(0)
     if tuple(header) != _PAIRS or not numbers.size:
         raise InputError(f"{path} must be a branches.csv that famjax ramps has written")
-    rest, length, pressure, half, turn = numbers.T
+    rest, length, pressure, half, turn = (numbers[:, k] for k in range(5))
     names = np.array([row[0] for row in rows])
     return BranchPairs(length, pressure, half, turn, names, float(rest[0]))
 
