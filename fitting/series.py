@@ -176,16 +176,12 @@ def identify_series(
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
         raise InputError(f"each law of a series must be given once: got one of {names} twice")
-    found, done = [], 0
-    for family in families:
-        sound = []
-        for one in family:
-            if progress is not None:
-                progress(one.name, done, len(rigs))
-            done += 1
-            if judged := _judged(alike, constraint, min(starts, 4), seed, one):
-                sound.append(judged)
-        if sound:
+    found = []
+    for done, family in enumerate(families):
+        if progress is not None:
+            progress(family[0].name, done, len(families))
+        judged = [_judged(alike, constraint, min(starts, 4), seed, one) for one in family]
+        if sound := [one for one in judged if one is not None]:
             found.append(sorted(sound, key=lambda one: one.error))
     if not found:
         raise InputError(
@@ -198,7 +194,7 @@ def identify_series(
     order = preferred(tried)
     chosen, kept = tried[order[0]], found[order[0]]
     if progress is not None:
-        progress(f"identifying: {chosen.candidate.name}", len(rigs), len(rigs))
+        progress(f"identifying: {chosen.candidate.name}", len(families), len(families))
     posed = [_posed(alike, constraint, one.candidate) for one in kept]
     fits = [solve(one, one.starts(starts, seed), seed=seed) for one in posed]
     return Series(

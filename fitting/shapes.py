@@ -83,10 +83,8 @@ class Pictures:
                 f"{self.source}: {n} pictures were measured; a surface through shapes needs {_LEAST} "
                 "or more: photograph a whole stroke"
             )
-        bad = ~((self.length > 0) & np.all(self.diameter > 0, axis=1))
-        if bad.any():
-            name = self.names[int(np.argmax(bad))]
-            raise InputError(f"{self.source}: {name} has a length or a diameter that is not > 0")
+        if not (self.length.min() > 0 and self.diameter.min() > 0):
+            raise InputError(f"{self.source}: a picture has a length or a diameter that is not > 0")
 
     def __len__(self) -> int:
         return len(self.names)

@@ -459,7 +459,8 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     wrong = (status == int(Status.OPTIMAL)) & ~(certificate[1] < 1e-9)
     status = np.where(wrong, int(Status.STALLED), status)
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
-    return Fits(E, *certificate, status)
+    least, residual, gap = certificate
+    return Fits(E, least, residual, gap, status)
 
 
 def _optimum(

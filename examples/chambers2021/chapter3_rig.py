@@ -95,14 +95,11 @@ def force_rmse(one: Isobar, other: Isobar) -> float:
     """RMS difference [N] of the force over both branches, at common lengths (equation 3.8)."""
     low, high = (of(one.length[k], other.length[k]) for k, of in ((-1, max), (0, min)))
     at = np.linspace(low, high, 100)
-    branches = [
-        [
-            np.interp(at, bar.length[::-1], curve[::-1])
-            for curve in (bar.shortening, bar.lengthening)
-        ]
+    ours, theirs = (
+        [np.interp(at, bar.length[::-1], of[::-1]) for of in (bar.shortening, bar.lengthening)]
         for bar in (one, other)
-    ]
-    return float(np.sqrt(np.mean(np.square(np.subtract(*branches)))))
+    )
+    return float(np.sqrt(np.mean(np.square(np.subtract(ours, theirs)))))
 
 
 def fluids(tests: dict[str, Characterisation]) -> list[Row]:

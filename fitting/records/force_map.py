@@ -326,8 +326,9 @@ def read_branches(path: Path) -> BranchPairs:
         numbers = np.empty(0)
     if tuple(header) != _PAIRS or not numbers.size:
         raise InputError(f"{path} must be a branches.csv that famjax ramps has written")
-    rest_length, *columns = numbers.T
-    return BranchPairs(*columns, np.array([row[0] for row in rows]), float(rest_length[0]))
+    rest, length, pressure, half, turn = (numbers[:, k] for k in range(5))
+    names = np.array([row[0] for row in rows])
+    return BranchPairs(length, pressure, half, turn, names, float(rest[0]))
 
 
 def read_ramps(

@@ -168,10 +168,9 @@ def synchronise(
             f"differ, got {len(t)}"
         )
     if np.ptp(log.displacement) == 0 or np.ptp(seen.y) == 0:
-        still = "the machine's displacement" if np.ptp(log.displacement) == 0 else "the length"
         raise SyncError(
-            f"{log.source}: there is no motion to align: {still} is constant; photograph a stroke with "
-            "the log running"
+            f"{log.source}: there is no motion to align: displacement or length is constant; photograph "
+            "a stroke with the log running"
         )
     best, *others = _search(_offsets(seen, near), seen)
     found = _checked(best, seen, length_stderr)

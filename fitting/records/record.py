@@ -44,9 +44,9 @@ def checked_columns(
         raise InputError(
             f"all columns of a record must be one-dimensional and equally long; got {shapes}"
         )
+    if (count := next(iter(sizes))[0]) < least:
+        raise InputError(f"a record needs at least {least} readings, got {count}")
     for name, values in known.items():
-        if values.size < least:
-            raise InputError(f"a record needs at least {least} readings, got {values.size}")
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise InputError(
