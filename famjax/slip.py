@@ -208,7 +208,7 @@ class MaxwellSlip(eqx.Module):
     @compiled_method
     def heat(self, length: History, pressure: History) -> Float[Array, ""]:
         """Return the energy [J] dissipated over a history; never negative."""
-        states, heat = self.states(length, pressure), jnp.zeros(())
+        states, heat = self.states(length, pressure), jnp.zeros_like(self.rest_length)
         change = jnp.diff(states.coordinates, axis=0)
         for k, (elements, s) in enumerate(((self.wall, states.wall), (self.braid, states.braid))):
             slid = jnp.abs(change[:, k, None] - jnp.diff(s, axis=0))

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -79,7 +79,8 @@ class SumOfTerms(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """Sum of the terms' forces [N], broadcast shape."""
-        wanted, total = jnp.shape(at.length), jnp.zeros(())
+        wanted = jnp.shape(at.length)
+        total: Any = 0.0  # of no precision of its own
         for term in self.terms:
             force = term.force(at, pressure)
             alone = not isinstance(force, tuple | list | None)
@@ -91,7 +92,7 @@ class SumOfTerms(AbstractForceTerm):
                     f"state, here of the shape {wanted}, that of at.length; got {came}"
                 )
             total = total + force
-        return total
+        return jnp.asarray(total)
 
 
 HIGHEST_DEADBAND = 200e3
