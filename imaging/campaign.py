@@ -211,7 +211,7 @@ class Table:
         resolution = max(steps, default=math.nan)
         rest, note = _contract(columns, scale_relative_stderr, rest_length, rows)
         texts: dict[str, Any] = {name: tuple(row[name] for row in rows) for name in _TEXTS}
-        profiles = {name: np.array([row[name] for row in rows]) for name in _PROFILES}
+        profiles: dict[str, Any] = {n: np.array([row[n] for row in rows]) for n in _PROFILES}
         return cls(
             **texts, **profiles, columns=columns, rest_length=rest, time_origin=origin,
             stamp_resolution=resolution, notes=(note, *_notes(rows, resolution)),

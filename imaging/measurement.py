@@ -347,7 +347,8 @@ def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
         quality=quality, distance=axis.distance, distance_stderr=axis.distance_stderr,
         tilt=axis.tilt, tilt_stderr=axis.tilt_stderr, bow=axis.bow,
         warnings=(*axis.warnings, *_of_placement(recipe)),
-        trace=Trace(outline.rows.astype(float), *outline.columns, upper.arc, lower.arc, photo.turned),
+        trace=Trace(outline.rows.astype(float), outline.left.column, outline.right.column, upper.arc,
+                    lower.arc, photo.turned),
     )  # fmt: skip
     if not recipe.braid_angle:
         return found

@@ -165,6 +165,9 @@ class Recipe:
             raise errors.ImagingError(
                 "a crop_offset requires the frame_size of the uncropped frame, or the centre"
             )
+        for name in ("centre", "crop_offset"):  # floats, as read back from a recipe file
+            place = getattr(self, name)
+            object.__setattr__(self, name, place and tuple(map(float, place)))
 
     def camera(self, width: int, height: int) -> Camera:
         """Return the camera for a picture of this size [px].

@@ -360,7 +360,7 @@ def read_strip(light: Single, line: Line) -> Strip | None:
 
 def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
     """Return True if the marks are sharp, at least 8, and at least this part of those expected."""
-    enough = marks.number.size >= max(FEWEST, part * (np.ptp(marks.number) + 1))
+    enough = marks.number.size >= max(FEWEST, part * (int(np.ptp(marks.number)) + 1))
     return enough and marks.residual <= _SHARP * marks.pitch
 
 

@@ -533,7 +533,7 @@ def _segmented(rgb: Image, mask_by: Callable[[Image], MuscleMask]) -> Segmentati
         muscle = mask_by(soft)
         coloured, eta_hue = split_by_colour(soft, muscle.lit)
         patches = two_tapes(coloured, muscle.lit, eta_hue)
-        across, along = np.abs(np.subtract(*(patch.centre for patch in patches)))
+        across, along = np.abs(np.subtract(patches[0].centre, patches[1].centre))
         if part is rgb and across > along:
             raise errors.WrongOrientation(
                 'the muscle must be upright: turn the camera, or set the orientation to "auto"',
