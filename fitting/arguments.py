@@ -110,3 +110,17 @@ def shown(value: object) -> str:
     plain = "\n" not in text and len(text) <= _SHOWN
     kind = type(value).__name__
     return text if plain else f"{'an' if kind[0] in 'aeiouAEIOU' else 'a'} {kind}"
+
+
+def check_float64() -> None:
+    """Check that JAX computes in float64.
+
+    Raises:
+        RuntimeError: it computes in float32.
+    """
+    import jax  # noqa: PLC0415 -- commands read arguments before they start JAX
+
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            'fits need float64: call jax.config.update("jax_enable_x64", True) before any other use of JAX'
+        )

@@ -231,8 +231,7 @@ def choose(
         one.candidate.name: one.mounted
         for k, one in enumerate(families) if tried[k].alike and k != place
     }  # fmt: skip
-    transferring = [one for one in found[len(candidates) :] if isinstance(one, Fitted)]
-    others = other_lengths(transferring, data.max_force)
+    others = [one for one in found[len(candidates) :] if isinstance(one, Fitted)]
     outlook = Outlook(
         model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
     )

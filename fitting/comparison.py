@@ -18,13 +18,13 @@ from famjax.boundary.errors import InputError, check_seed, class_named, class_pa
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 from famjax.boundary.units import finite_or_none
 
-from .arguments import check_names, check_whole
+from .arguments import check_float64, check_names, check_whole
 from .checks import check_affine
 from .choice import MOST, choose, validate_choice
 from .data import ForceData, check_maps
 from .identification import identify
 from .model_families import ModelFamily, peer_families
-from .posing import check_float64, own_parts, taking_part
+from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs
 from .search import End, best_of, descend_many, latin_hypercube

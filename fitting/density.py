@@ -168,7 +168,7 @@ class Density(eqx.Module):
         p = self.problem.parameters(v[:first])
         sigma = jnp.exp(v[-1]) if self.noise is None else jnp.asarray(self.noise)
         force, none = jnp.asarray(self.force), jnp.zeros(self.centre.shape)
-        A, b, G, h = self.problem.programme(p, none, force, jnp.ones(force.shape), force)
+        A, b, G, h = self.problem.programme(p, none, force, force)
         at = np.array(self.faces, int)
         N = (G[at] / self.face_scale[:, None]) @ self.scale
         offset = (h[at] - G[at] @ self.centre) / self.face_scale

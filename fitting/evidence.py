@@ -353,7 +353,7 @@ def gather(
 def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, LeftOut]]:
     """Prediction error from held-out lengths and groups of neighbouring pressures."""
     problem = result.problem
-    if result.dependence != "fixed" or len(problem.parts) > 1:
+    if len(problem.parts) > 1 or result.law.material.depends_on_pressure:
         return None, {}
     kinds = {kind: (groups_of(problem, kind), 1) for kind in ("length", "pressure")}
     found = leave_out_each([(problem, result.end.u)], kinds)[0]

@@ -135,7 +135,7 @@ def peer_families(data: ForceData) -> dict[str, ModelFamily]:
 
 @functools.lru_cache(maxsize=32)
 def _peers(
-    specimen: Specimen, pressures: tuple[float, float], longest: float, force: float
+    specimen: Specimen, pressures: tuple[float, float], longest: float
 ) -> dict[str, ModelFamily]:
     rest, P, nominal = specimen.rest_length, pressures[1], specimen.nominal_diameter
     steepest = min(math.asin(min(1.0, rest / (_LONGEST * longest))), math.radians(85))
@@ -168,7 +168,8 @@ def _peers(
 
     threads = famjax.Braid.from_rest(diameter=held, braid_angle=_FLATTEST, length=rest)
     cylinder = source.geometry({"braid_diameter": held, "braid_angle": _FLATTEST})
-    elastic = peers.ferraresi(cylinder, 1e6)
+    elastic = famjax.Muscle(cylinder, famjax.PolynomialMaterial([1e6]))
+    mooney = famjax.Muscle(cylinder, famjax.materials.MooneyRivlinMaterial(1e5, 1e5))
     late, moduli = (*both, _DEADBAND), ("c0", "c1", "c2", "c3")
     martens = peers.Martens(threads, rest, held, specimen.wall_thickness, np.ones(4))
     rows: list[tuple] = [
@@ -177,8 +178,8 @@ def _peers(
          of_braid),
         ("ferraresi_deadband", "Ferraresi, deadband", elastic, (*late, "E_1"), of_cylinder),
         ("kothera", "Kothera 2009, deadband", peers.Kothera(elastic), (*late, "E_1"), of_cylinder),
-        ("klute_hannaford", "Klute & Hannaford 2000, deadband", peers.klute_hannaford(cylinder, 1e5, 1e5),
-         (*late, "C10", "C01"), of_cylinder),
+        ("klute_hannaford", "Klute & Hannaford 2000, deadband", mooney, (*late, "C10", "C01"),
+         of_cylinder),
         ("martens_diameter", "Martens & Boblan 2017, diameter", martens, (*both, *moduli), of_braid),
     ]  # fmt: skip
     if pressures[0] < P:
@@ -187,7 +188,8 @@ def _peers(
             ("robinson_2", "Robinson 2015, order 2", -math.inf),
             ("pillsbury_2", "Pillsbury 2015, order 2, positive", 0.0),
         ):
-            model = peers.robinson(cylinder, np.array(pressures), np.ones((2, 2)))
+            law = famjax.materials.PressurePolynomialMaterial(pressures, np.ones((2, 2)), odd=False)
+            model = famjax.Muscle(cylinder, law)
             laws = [
                 dataclasses.replace(d, low=least, high=math.inf)
                 for d in model.declared().values()
@@ -199,16 +201,9 @@ def _peers(
         model = peers.Sarosi(rest, a3=-10.0, **{**dict.fromkeys(_SAROSI, 0.0), "a1": a1})
         count = len(names) + 1
         rows.append((f"sarosi_{count}", f"Sarosi 2012, {count} parameters", model, ("a3", *names)))
-    constants = ("largest_force", "c0", "c1", "c2")
-    model = peers.Bolen(rest, _CONTRACTION, force, 1.0, 1.0, 1.0)
-    rows.append(("bolen", "Bolen 2026", model, constants, None, _OF_SCALE))
-    for name, label, model, note in (
-        ("hildebrandt", "Hildebrandt 2002", peers.Hildebrandt(rest, np.ones(3), np.ones(5)), ""),
-        ("polynomial_3", "polynomial of degree 3", peers.PolynomialSurface(rest, np.ones(10), 3),
-         "pressure in MPa"),
-    ):  # fmt: skip
-        free = [one for one, d in model.declared().items() if d.linear]
-        rows.append((name, label, model, free, None, note))
+    model = peers.Hildebrandt(rest, np.ones(3), np.ones(5))
+    free = [one for one, d in model.declared().items() if d.linear]
+    rows.append(("hildebrandt", "Hildebrandt 2002", model, free))
     return {name: _family(*row) for name, *row in rows}
 
 

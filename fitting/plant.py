@@ -190,14 +190,14 @@ def identify_plant(
 
     Raises:
         InputError: the plant does not have one driven muscle, a name is unknown, a record is sampled
-            too slowly for the lag, or float64 is off.
+            too slowly for the lag.
+        RuntimeError: float64 is off.
 
     References:
         Bock 1983, Recent advances in parameter identification techniques for ODE: multiple shooting.
     """
     records = [records] if isinstance(records, PlantRecord) else list(records)
-    if not jax.config.read("jax_enable_x64"):
-        raise InputError('a plant needs float64: jax.config.update("jax_enable_x64", True)')
+    check_float64()
     if not records or plant.load.moves:
         raise InputError(
             "identifying a plant needs records of one muscle whose length a machine drives: give a "

@@ -15,7 +15,7 @@ from famjax.geometries import AbstractGeometry
 from famjax.parameters import Declared
 from famjax.terms import AbstractForceTerm
 
-from .arguments import check_mapping, check_names
+from .arguments import check_float64, check_mapping, check_names
 from .checks import (
     check_affine,
     check_count,
@@ -169,7 +169,7 @@ def pose(
     check_affine(problem)
     if linear:  # otherwise the middle of the box may not be a valid muscle
         check_solvable(problem, data)
-    return Posed(data, problem, table, family, cast(Any, constraint), dependence, near)
+    return Posed(data, problem, table, family, cast(Any, constraint), near)
 
 
 def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 from famjax.boundary.errors import InputError, check_seed
 from famjax.compile_options import quick_jit
 
-from .arguments import check_whole
+from .arguments import check_float64, check_whole
 from .density import Density, Noise, density_of
 from .parameters import base_name
 from .result import Identification, check_identified
@@ -215,8 +215,7 @@ def sample(
     """
     check_identified(result)
     load_blackjax()
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError('sampling needs float64: jax.config.update("jax_enable_x64", True)')
+    check_float64()
     for what, count, least in (("draws", draws, 4), ("warmup", warmup, 20), ("chains", chains, 1)):
         check_whole(what, count, least)
     if not result.converged:

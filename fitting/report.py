@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 import famjax
 from famjax.boundary.files import Origin, as_html, as_png, as_svg, write_all
-from famjax.boundary.units import Quantity, factor, from_si, text_in_units, unit_system
+from famjax.boundary.units import Quantity, factor, from_si, sentence_in_units, unit_system
 from famjax.compile_options import as_arrays, quick_jit
 
 from .arguments import check_path
@@ -121,7 +121,7 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
     )  # fmt: skip
     plot_isobars(result, axes["isobars"], system)
     points = _plot_residuals(result, axes["residuals"], system)
-    _plot_law(result, axes["law"], system)
+    plot_law(result, axes["law"], system)
     label = f"gauge pressure, {units['pressure']}"
     figure.colorbar(points, ax=axes["isobars"], pad=0.02, aspect=35, label=label)
     rmse = Quantity(errors.rmse, "force", 3).in_units(system)
@@ -201,16 +201,16 @@ def _plot_residuals(result: Identification, axes: Axes, system: str) -> PathColl
     return _scatter(result, axes, result.residuals, system, s=14)
 
 
-def _plot_law(result: Identification, axes: Axes, system: str) -> None:
+def plot_law(result: Identification, axes: Axes, system: str) -> None:
     """Plot bladder stress against strain."""
-    nodes, labels = result.node_pressures, [f"{result.law.name} law"]
-    if nodes is not None:
-        labels = [f"at {Quantity(one, 'pressure').in_units(system)}" for one in nodes]
+    levels = np.zeros(1)
+    if result.law.material.depends_on_pressure:
+        levels = _levels(result.data)[[0, -1]]
     strain, material = np.linspace(0, _BEYOND * result.strain_range, 400), result.muscle.material
-    pressures = np.zeros((1, 1)) if nodes is None else nodes[:, None]
-    stresses = np.asarray(quick_jit(law_stress)(as_arrays(material), strain, pressures))
-    for label, stress in zip(labels, stresses / _unit(system, "stress"), strict=True):
-        axes.plot(strain, stress, label=label)
+    stresses = np.asarray(quick_jit(law_stress)(as_arrays(material), strain, levels[:, None]))
+    for level, stress in zip(levels, stresses / _unit(system, "stress"), strict=True):
+        at = f" at {Quantity(level, 'pressure').in_units(system)}" * (levels.size > 1)
+        axes.plot(strain, stress, label=f"{result.law.name} law{at}")
     axes.axvspan(0, result.strain_range, color="#dfeaf2", zorder=0, label="strain range used")
     stress = f"true stress, {unit_system(system)['stress']}"
     axes.set(xlabel="engineering strain", ylabel=stress, xlim=(0, strain[-1]))
@@ -361,7 +361,7 @@ class Findings:
             with_error = f"+- {flag} {unit}" if flag[0].isdigit() else f"{unit} ({flag})"
             values.append(f"{one.name} {value} {with_error}".rstrip().replace("  ", " "))
         return [
-            ("verdict", text_in_units(" ".join(filter(None, told)), system)),
+            ("verdict", sentence_in_units(" ".join(filter(None, told)), system)),
             ("model", f"{model}."),
             ("RMSE", f"{error}."),
             ("parameters", f"{'; '.join(values)}."),
@@ -471,7 +471,7 @@ class Findings:
             *evidence_warnings(self.evidence, self.result),
             *(() if error is None else (f"The 95 % bands of predictions cover {error.covers}.",)),
         )
-        return tuple(text_in_units(one, system) for one in found)
+        return tuple(sentence_in_units(one, system) for one in found)
 
     def html(self, system: str = "metric") -> str:
         """Return verdict, table and figure as HTML for a notebook."""

@@ -159,17 +159,16 @@ class Identification:
     Attributes:
         data: the force map.
         mounted: the model in its rig, with compliance 0 for a rigid rig.
-        estimates: geometry, then the coefficients; if these depend on pressure, it is in their names.
+        estimates: geometry, then the coefficients.
         derived: quantities derived from the geometry (thread length, turns), with errors.
-        coefficients: E_n [Pa], shape (nodes, order); one node if fixed in pressure.
-        node_pressures: [Pa], shape (nodes,), or None if fixed in pressure.
+        coefficients: E_n [Pa], shape (1, order).
         strain_range: largest strain magnitude at which the law was evaluated.
         residuals: model minus measurement [N] at the loaded readings.
         errors: summary of the residuals.
         certificate: optimality and stability.
         active_constraints: one phrase for each.
         law: family of the law.
-        constraint, dependence, seed: options of the fit.
+        constraint, seed: options of the fit.
         weights: factor on the weight of each loaded reading; below 1 only for outliers of the Huber
             objective.
         converged: true if the best descent is stationary, certified and feasible.
@@ -188,8 +187,7 @@ class Identification:
     mounted: famjax.MountedMuscle
     estimates: tuple[Estimate, ...]
     derived: tuple[Estimate, ...]
-    coefficients: Float[np.ndarray, "nodes order"]
-    node_pressures: Float[np.ndarray, " nodes"] | None
+    coefficients: Float[np.ndarray, "1 order"]
     strain_range: float
     residuals: Float[np.ndarray, " points"]
     errors: Errors
@@ -197,7 +195,6 @@ class Identification:
     active_constraints: tuple[str, ...]
     law: Law
     constraint: Constraint
-    dependence: str
     seed: int
     weights: Float[np.ndarray, " readings"]
     converged: bool

@@ -35,7 +35,7 @@ from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
 from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
-from .families import EstimatedSource, KnownSource, Law, MuscleFamily, law_named
+from .families import EstimatedSource, KnownSource, Law
 from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .pictured import PictureFit
@@ -59,10 +59,9 @@ _CERTIFICATE = {
     "n_agreeing": "n_starts_agreeing", "shape_margin": "shape_margin_N_per_m",
 }  # fmt: skip
 """Key of each field in the file."""
-_PLAIN = ("strain_range", "constraint", "dependence", "converged", "seed", "degrees_of_freedom")
+_PLAIN = ("strain_range", "constraint", "converged", "seed", "degrees_of_freedom")
 _ARRAYS = {
-    "coefficients": "coefficients_Pa", "node_pressures": "node_pressures_Pa",
-    "residuals": "residuals_N", "weights": "weights", "covariance": "covariance",
+    "coefficients": "coefficients_Pa", "residuals": "residuals_N", "weights": "weights", "covariance": "covariance",
 }  # fmt: skip
 """Fields of a fit that are saved as they are, and keys of its arrays."""
 _SAID = tuple(
@@ -116,9 +115,7 @@ def _identification(document: Mapping[str, Any], own: Own) -> Identification:
     assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
     estimates = tuple(map(_estimate, document["parameters"].values()))
     law = Law(muscle.material)
-    if arrays["node_pressures"] is not None:
-        law = law_named("polynomial", arrays["coefficients"].shape[1])
-    elif isinstance(muscle, famjax.EquilibriumMuscle):
+    if isinstance(muscle, famjax.EquilibriumMuscle):
         ends = {one.name: (one.min, one.max) for one in estimates}
         law = SearchedLaw(muscle.material, tuple((name, *ends[name]) for name in law.coefficients))
     return Identification(
@@ -151,15 +148,15 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     if asked is None:
         raise InputError(
             "this fit cannot be restored from its file: it belongs to several specimens, or has a geometry "
-            "or terms of your own, or elastic threads. Repeat the identification, or use famjax assess"
+            "or terms of your own. Repeat the identification, or use famjax assess"
         )
-    geometry = EquilibriumSource.of(fit.data) if asked["geometry"] == _MECHANICS else None
+    geometry = EquilibriumSource(fit.data.specimen) if asked["geometry"] == _MECHANICS else None
     if asked["geometry"] == _KNOWN:
         geometry = getattr(fit.muscle, "geometry", None)
     posed = pose(
         (dataclasses.replace(fit.data, force_std=None),),
-        law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
-        parameters={one.name.partition("_at_")[0]: _said(one) for one in fit.estimates},
+        law=fit.law, constraint=fit.constraint, noise=asked["noise"],
+        parameters={one.name: _said(one) for one in fit.estimates},
         censored=asked["censored"],
         geometry=geometry,
     )  # fmt: skip
@@ -186,12 +183,12 @@ def _posed(result: Identification) -> dict[str, Any] | None:
     """Return what `_opened` needs in addition to the estimates; None if a file cannot store it."""
     problem = result.problem
     family = problem.parts[result.place].family
-    if len(problem.parts) > 1 or not isinstance(family, MuscleFamily) or family.terms is not None:
+    if len(problem.parts) > 1 or family.terms is not None:
         return None
     source, geometry = family.source, None
     if isinstance(source, KnownSource | EquilibriumSource):
         geometry = _KNOWN if isinstance(source, KnownSource) else _MECHANICS
-    elif not isinstance(source, EstimatedSource) or source.thread is not None:
+    elif not isinstance(source, EstimatedSource):
         return None
     return {
         "geometry": geometry,

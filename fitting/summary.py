@@ -13,11 +13,11 @@ import famjax
 from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
-from .engine import Point, numbers_of, partial, predict, report_of, solve
+from .engine import Point, muscle_at, partial, predict, report_of, solve
 from .pictured import PictureFit
 from .posing import Posed
 from .problem import Part, Problem
-from .response import Constraint, Report, unflat
+from .response import Constraint, Report
 from .result import Certificate, Errors, Estimate, Identification, Solved
 from .search import End, Weights, constraint_margin, pseudo_residual, rounding_of
 
@@ -158,16 +158,9 @@ def _estimates(
     near = np.min(np.abs(np.array(values)[:, None] - ends), axis=1)
     stopped = near <= 1e-9 * np.abs(x).max(initial=0.0)
     stopped[:count] = held[:count]
-    told = list(names)
-    if (nodes := getattr(part.family, "nodes", None)) is not None:
-        pressures = np.repeat(nodes, posed.law.order)
-        told[-x.size :] = [
-            f"{name}_at_{at / 1e3:.6g}kPa"
-            for name, at in zip(problem.linear, pressures, strict=True)
-        ]
     return tuple(
         Estimate(
-            name=told[k],
+            name=names[k],
             value=float(values[k]),
             stderr=float(spread.stderr[k]),
             at_bound=bool(stopped[k]) and not table[k].fixed,
@@ -229,7 +222,7 @@ def summarise(
     factor = None if weights is None or weights.threshold is None else weights.factor
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
-        muscle = cast(Any, unflat(part.family, reported.numbers))
+        muscle = muscle_at(problem, point, k)
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
         errors, loaded = _errors(one, force), one.loaded
         strain_range, own = float(np.max(reported.largest_strain)), certificate
@@ -245,7 +238,6 @@ def summarise(
                 estimates=_estimates(posed, part, point, spread, held),
                 derived=_derived(part, spread, reported),
                 coefficients=point.x[part.coefficients].reshape(-1 if order else 1, order),
-                node_pressures=None if pressures is None else np.asarray(pressures),
                 strain_range=strain_range,
                 residuals=force[loaded] - one.force[loaded],
                 errors=errors,
@@ -253,7 +245,6 @@ def summarise(
                 active_constraints=_active(problem, point),
                 law=posed.law,
                 constraint=posed.constraint,
-                dependence="fixed",
                 seed=seed,
                 weights=np.ones(loaded.sum())
                 if factor is None
@@ -270,12 +261,6 @@ def summarise(
             )
         )
     return tuple(results)
-
-
-def muscle_at(problem: Problem, point: Point, place: int) -> famjax.AbstractMuscle:
-    """Return the muscle of a part at a fit; nothing is compiled for it."""
-    part = problem.parts[place]
-    return unflat(part.family, numbers_of(part, point))
 
 
 def _certificate(

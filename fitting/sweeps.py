@@ -12,7 +12,7 @@ from jaxtyping import Float
 import famjax
 from famjax.boundary.errors import InputError
 
-from .arguments import check_names, check_whole, is_number, shown
+from .arguments import check_float64, check_names, check_whole, is_number, shown
 from .convex import Status
 from .data import ForceData, check_maps
 from .response import CONSTRAINTS, DEPENDENCES
@@ -128,8 +128,7 @@ def sweep(
     References:
         Chambers 2021, sections 7.1 to 7.3.
     """
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError('a sweep needs float64: jax.config.update("jax_enable_x64", True)')
+    check_float64()
     check_maps(data)
     if not isinstance(geometry, famjax.geometries.AbstractGeometry):
         raise InputError(f"a sweep needs a geometry with all dimensions, got {shown(geometry)}")

@@ -279,7 +279,7 @@ def profile(
     check_identified(result)
     check_whole("points", points, 1)
     problem = result.problem
-    several = len(problem.linear) > result.order  # one of several laws cannot be held alone
+    several = len(problem.linear) > result.law.order  # one of several laws cannot be held alone
     free = {
         one.name: one
         for one in result.estimates

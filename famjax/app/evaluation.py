@@ -18,7 +18,7 @@ from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import finite_or_none
 from famjax.console import parse_columns
 from famjax.geometries import AbstractGeometry
-from fitting.evidence import Move, drawn_moves, moves_of
+from fitting.evidence import DRAWS, Move, moves_of
 from fitting.parameters import Parameter
 from fitting.records import read_machine_log, write_dataset
 from fitting.report import write_fit
@@ -139,13 +139,9 @@ def _pictures(sheet: Sheet, photographs: Photographs, steps: Steps, executor: An
     ruler = None if photographs.ruler is None else sheet.path(photographs.ruler)
     reading = {"pitch": photographs.pitch, "placement_stderr": photographs.ruler_placement}
     tone = None if photographs.tone is None else Tone.srgb()
-    choices = {"distance": photographs.distance, "k1": photographs.k1, "tone": tone}
-    reading, choices = (
-        {name: one for name, one in of.items() if one is not None} for of in (reading, choices)
-    )
-    recipe, provenance = picture_recipe(
-        ruler=ruler, recipe=None, scale=photographs.scale, reading=reading, choices=choices
-    )
+    choices = reading | {"distance": photographs.distance, "k1": photographs.k1, "tone": tone}
+    choices = {name: one for name, one in choices.items() if one is not None}
+    recipe, provenance = picture_recipe(ruler, photographs.scale, choices)
     shown = [str(sheet.folder / photographs.pictures)]
 
     def measure(place: Path) -> None:
@@ -258,7 +254,7 @@ def _shared(
     if clock.exists():
         moves["clock"] = [Move(_clock_moved(data, clock), geometry(sheet.specimen))]
     if surface is not None:
-        moves["shape"] = drawn_moves(lambda draw: geometry(sheet.specimen, draw))
+        moves["shape"] = [Move(None, geometry(sheet.specimen, draw)) for draw in range(DRAWS)]
     return moves
 
 

@@ -241,13 +241,11 @@ def figures(found: Analysis) -> dict[str, Any]:
     ]
     aligned = found.alignment
     alignment = {
-        "method": aligned.method,
         "offset_s": aligned.offset,
         "reference_s": aligned.reference,
         "offset_error_s": aligned.offset_error,
         "rate": aligned.rate,
         "rate_error": finite_or_none(aligned.rate_error),
-        "residual_N": aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
 

@@ -63,8 +63,8 @@ def camera_clock(table: Table, machine: MachineLog, guess: float | None) -> Sync
     # The scale error is common to all lengths and does not affect the alignment.
     known = np.nan_to_num(table["contraction_stderr"]) * table.rest_length
     stderr = float(np.median(known[table.ok])) if table.ok.any() else 0.0
-    near = {} if guess is None else {"window": _NEAR, "guess": guess}
-    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, **near)
+    near = None if guess is None else (guess, _NEAR)
+    return synchronise(table["time"], table["length"], machine, length_stderr=stderr, near=near)
 
 
 def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
@@ -91,8 +91,7 @@ def with_log(table: Table, log: MachineLog, clock: Synchronisation) -> Table:
         f"At the middle of the series, the machine's clock is {clock.offset:.4g} +- "
         f"{clock.offset_stderr:.2g} s ahead of the time since the first picture. It runs "
         f"{clock.rate:.6f} +- {clock.rate_stderr:.1g} times as fast as the camera's. "
-        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm "
-        f"RMS, {clock.largest * 1e3:.3g} mm at most."
+        f"{clock.n_pictures} lengths follow the displacement within {clock.rms * 1e3:.3g} mm RMS."
     ]
     if outside := int(np.sum(np.isfinite(at) & np.isnan(columns["displacement"]))):
         notes.append(f"{outside} pictures lie outside the log and have no force.")

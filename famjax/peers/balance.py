@@ -23,8 +23,6 @@ from ..braids import (
     diameter_from_length,
     gaylord_force,
 )
-from ..geometries import AbstractGeometry
-from ..materials import MooneyRivlinMaterial, PolynomialMaterial, PressurePolynomialMaterial
 from ..muscle import AbstractMuscle, Muscle
 from ..parameters import parameter
 from ..profiles import kothera_length, tondu_lopez_length
@@ -184,53 +182,6 @@ class Kothera(PeerModel):
     def rest_length(self) -> RealArray:
         """Rest length L0 [m], taken from the cylindrical muscle."""
         return self.muscle.rest_length
-
-
-def robinson(
-    geometry: AbstractGeometry,
-    pressures: ArrayLike,
-    coefficients: ArrayLike,
-    deadband_pressure: Real = 0.0,
-) -> Muscle:
-    """Return the force balance with polynomial coefficients linear in pressure.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        pressures: two increasing pressures [Pa] at which the coefficients are given.
-        coefficients: E_n [Pa] at these pressures, shape (2, order); positive in the originals.
-        deadband_pressure: P_d [Pa], zero in the originals.
-
-    Returns:
-        The muscle.
-
-    References:
-        Robinson, Kothera & Wereley 2015; Pillsbury et al. 2015. General knowledge, not read
-        again; the powers are taken as plain ones.
-    """
-    law = PressurePolynomialMaterial(pressures, coefficients, odd=False)
-    return Muscle(geometry, law, deadband_pressure)
-
-
-def klute_hannaford(
-    geometry: AbstractGeometry, c10: Real, c01: Real, deadband_pressure: Real = 0.0
-) -> Muscle:
-    """Return virtual work of the pressure plus a Mooney-Rivlin bladder, -(P - P_d) dV/dL + V_b dW/dL.
-
-    The force balance equals this model exactly if the threads are embedded in the wall.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        c10: C10 [Pa].
-        c01: C01 [Pa].
-        deadband_pressure: P_d [Pa], zero in the originals.
-
-    Returns:
-        The muscle.
-
-    References:
-        Klute & Hannaford 2000; Meller, Chipka, Volkov, Bryant & Garcia 2014. General knowledge.
-    """
-    return Muscle(geometry, MooneyRivlinMaterial(c10, c01), deadband_pressure)
 
 
 _NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis

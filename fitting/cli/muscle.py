@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import parse_quantities, parse_quantity, text_in_units, unit_system
+from famjax.boundary.units import parse_quantities, parse_quantity, sentence_in_units, unit_system
 from famjax.console import (
     Columns,
     Units,
@@ -162,13 +162,13 @@ def _along(
     saved: "Identification", path: Path, columns: Mapping[str, str], system: str
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return rows along the history in a CSV file, and notes."""
-    from fitting.prediction import hysteresis_error, predict_history
+    from fitting.prediction import predict_history
     from fitting.records import read_history
 
     rows = predict_history(saved, read_history(path, columns))
     if all(row["force_std_N"] is None for row in rows):
         return rows, []
-    error = text_in_units(f"{hysteresis_error(saved):.2g} N", system)
+    error = sentence_in_units(f"{saved.outlook.branches_error:.2g} N", system)
     held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
     return rows, [f"the 95 % band includes the error of the static map and the {held_out} error of the "
                   f"hysteresis, {error} RMS"]  # fmt: skip
@@ -184,7 +184,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str) -
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside are outside the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {text_in_units(reason, system)}")
+            print(f"- {sentence_in_units(reason, system)}")
 
 
 def card(

@@ -16,9 +16,9 @@ from famjax.boundary.units import factor, si_unit, to_si
 from famjax.console import Output, Units, print_lines, print_table, progress
 from fitting import report
 from fitting.choice import Choice, validate_choice
-from fitting.evidence import FORM, SharedErrors, drawn_moves, gather, left_out_kinds, moves_of
+from fitting.evidence import DRAWS, FORM, Move, SharedErrors, gather, left_out_kinds, moves_of
 from fitting.families import LawGiven, known_laws, law_named
-from fitting.faults import doubtful, suspect, suspect_refused
+from fitting.faults import doubtful, suspect
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.records import fit_hysteresis, leave_out
@@ -217,7 +217,9 @@ def solve(
         moves = moves_of(result.data, errors, *([] if surface is None else [surface.geometry]))
         if surface is not None:
             specimen = result.data.specimen
-            moves["shape"] = drawn_moves(lambda draw: surface.geometry(specimen, draw=draw))
+            moves["shape"] = [
+                Move(None, surface.geometry(specimen, draw=draw)) for draw in range(DRAWS)
+            ]
         evidence = gather(
             result, validation=validation and choice is None, progress=tell, shared=moves,
             known=None if choice is None else (choice.error, choice.left_out),
@@ -236,7 +238,8 @@ def solve(
             evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
         suspicions = ()
         if doubtful(result):  # test likely errors in the data
-            suspicions = suspect(result, progress=functools.partial(tell, "testing likely errors"))
+            tell("testing likely errors", 0, 1)
+            suspicions = suspect(result)
     question = "" if choice is None else choice.open_question
     judgement = judge(result, suspicions, evidence.left_out, question)
     paths = report.write_fit(
@@ -290,13 +293,7 @@ def _identified(
 ) -> tuple[fitting.Identification, Choice | None]:
     """Return the fit, and the choice of its law if no law was given."""
     if asked.chosen:
-        try:
-            choice = fitting.choose(data, **options, progress=tell)
-        except InputError:
-            causes = [str(one.sentence) for one in suspect_refused(data)]
-            if not causes:
-                raise
-            raise InputError(" ".join(causes)) from None
+        choice = fitting.choose(data, **options, progress=tell)
         return choice.chosen, choice
     censored = asked.objective == "censored"
     options |= {"objective": "sum_of_squares"} if censored else {}

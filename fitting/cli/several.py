@@ -264,7 +264,7 @@ def series(
 
 
 def _print_series(document: Mapping[str, Any], shared: tuple[str, Any, Any], system: str) -> None:
-    from famjax.boundary.units import Quantity, text_in_units, unit_system
+    from famjax.boundary.units import Quantity, sentence_in_units, unit_system
 
     units, found = unit_system(system), document["series"]
     errors = found["leave_one_specimen_out_N"]
@@ -275,9 +275,9 @@ def _print_series(document: Mapping[str, Any], shared: tuple[str, Any, Any], sys
     print_table("Shared parameters", *shared[1:])
     first, *further = *document["reasons"], ""
     for note in filter(None, (document["unchecked"], *further, *document["warnings"])):
-        print(f"note: {text_in_units(note, system)}")
+        print(f"note: {sentence_in_units(note, system)}")
     predicted = Quantity(found["predicted_rmse_N"], "force", 3).in_units(system)
-    verdict = f"{document['verdict'].capitalize()}. {text_in_units(first, system)}".strip()
+    verdict = f"{document['verdict'].capitalize()}. {sentence_in_units(first, system)}".strip()
     print_lines([("verdict", verdict), ("RMSE", f"{predicted} on held-out specimens.")])
 
 

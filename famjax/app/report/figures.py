@@ -150,8 +150,8 @@ def law(source: Source) -> Drawn:
     right.set(xlabel=_CONTRACTION, ylabel=rf"mean stress $\sigma$ [{source.unit('stress')}]")
     right.legend()
     return figure, (
-        "Left: bladder law, true stress against engineering strain; dashed where stress falls with strain, "
-        f"which is unstable by itself. Right: axial means of the wall stresses at {_middle(source)} "
+        "Left: bladder law, true stress against engineering strain. "
+        f"Right: axial means of the wall stresses at {_middle(source)} "
         f"({GEOMETRIES[source.best]})."
     )
 

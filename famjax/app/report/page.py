@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from famjax.boundary.files import Origin, as_svg
-from famjax.boundary.units import text_in_units
+from famjax.boundary.units import sentence_in_units
 from fitting.prediction import static_rows
 from fitting.report import PageTable, inline_svg, page
 from fitting.saved import versions
@@ -41,7 +41,7 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     checks = evaluation.checks_of(sheet)
     doubts = [one.sentence() for one in checks if one.verdict != AGREES]
     texts = [(one.what, one.range, one.value, one.verdict) for one in checks]
-    rows = [[text_in_units(text, system) for text in row] for row in texts]
+    rows = [[sentence_in_units(text, system) for text in row] for row in texts]
     shown = [_errors(source), *([PageTable(_CHECKS, _HEADER, rows, text=True)] if rows else [])]
     document = source.fits[source.best].document
     reasons = "".join(f": {one}" for one in document["reasons"][:1])
@@ -49,15 +49,15 @@ def write_report(sheet: Sheet, names: Sequence[str], place: Path) -> None:
     text = page(
         "characterisation.html", "famjax.app",
         name=sheet.specimen.name,
-        verdict=text_in_units(f"{document['verdict'].capitalize()}{reasons or '.'}", system)
+        verdict=sentence_in_units(f"{document['verdict'].capitalize()}{reasons or '.'}", system)
         + f" This report shows the {source.best} fit.{agreeing if checks else ''}",
         good=document["verdict"] != "not identified",
         summary=_summary(source),
         numbers=five_numbers(source).html(1),
-        next=[text_in_units(one, system) for one in (*unknown(sheet), *doubts)],
+        next=[sentence_in_units(one, system) for one in (*unknown(sheet), *doubts)],
         figures=[(inline_svg(svg, name, said), said) for name, (svg, said) in drawn.items()],
         tables=[one.html(k) for k, one in enumerate(shown, start=2)],
-        notes=[*dict.fromkeys(text_in_units(one, system) for one in _notes(source))],
+        notes=[*dict.fromkeys(sentence_in_units(one, system) for one in _notes(source))],
         files=[*files], origin=Origin.of_this_command(), versions=versions(),
     )  # fmt: skip
     files |= {f"figures/{name}.svg": svg for name, (svg, _) in drawn.items()}

@@ -20,7 +20,7 @@ import famjax
 import fitting
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
-from famjax.terms import BladderAxial, BladderHoop, BladderWall
+from famjax.terms import BladderWall, wall_forces
 from fitting.prediction import static_rows
 from fitting.shapes import Pictures, ShapeSurface
 
@@ -62,7 +62,7 @@ def _states(
         at.axial_strain[..., None], hoop, P[..., None]
     )
     forces = [sum(term.force(at, P) for term in terms if not isinstance(term, BladderWall))]
-    forces += [part(muscle.material).force(at, P) for part in (BladderAxial, BladderHoop)]
+    forces += wall_forces(muscle.material, at, P)
     states = {
         "force": sum(forces),
         "diameter": 2 * at.radius,
