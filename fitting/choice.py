@@ -103,8 +103,8 @@ class Choice:
             )
         if self.alike:
             found += (
-                f" The RMSE of {', '.join(self.alike)} is within {ALIKE:g} times the smallest: the error band "
-                "covers what these models disagree about."
+                f" The RMSE of {', '.join(self.alike)} is within {ALIKE:g} times the smallest: the error "
+                "band covers what these models disagree about."
             )
         return found
 
