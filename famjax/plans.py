@@ -48,9 +48,7 @@ def circuit_of(tables: dict[str, Any], plan: Path) -> plant.AbstractCircuit:
     return _with_numbers(made, entries, f"{plan}: [circuit]: ")
 
 
-def friction_of(
-    tables: dict[str, Any], plan: Path, muscle: SafeMuscle
-) -> Any:
+def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> Any:
     """Build the friction from the table [friction], or else from the muscle's hysteresis."""
     if "friction" in tables:
         return _with_numbers(plant.DahlFriction(), tables["friction"], f"{plan}: [friction]: ")

@@ -22,6 +22,8 @@ from famjax.boundary.errors import InputError
 from famjax.parameters import Declared, Parametrised
 from famjax.plant import TICK, Command, HydraulicCircuit, Plant, PlantState, PneumaticCircuit
 
+from .arguments import check_float64
+
 _JOINED = 30.0  # weight of a pressure jump between pieces, per standard deviation of a reading
 FREE: Mapping[type, tuple[str, ...]] = {
     PneumaticCircuit: ("conductance", "critical_ratio", "lag", "leak", "dead_volume"),

@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
-import jax
 import numpy as np
 from jaxtyping import Float
 

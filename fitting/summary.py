@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int

@@ -156,8 +156,7 @@ def compare(
         Print one JSON object, in SI, and nothing else.
     """
     fitting = load_fitting()
-    from famjax.boundary.files import Origin, check_output
-    from fitting.specimen import parse_specimen
+    from famjax.boundary.files import Origin
 
     place = Output(output)
     add_cwd_to_path()

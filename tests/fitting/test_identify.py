@@ -91,7 +91,9 @@ def test_slope_constraint_is_exact_by_roots():
     E = result.coefficients[0]
     tangent = E[0] + 2 * E[1] * strain + 3 * E[2] * strain**2
     assert tangent.min() > -1e-9 * np.abs(E).max()
-    assert result.certificate.constraint_margin == pytest.approx(tangent.min(), abs=1e-6 * abs(E[0]))
+    assert result.certificate.constraint_margin == pytest.approx(
+        tangent.min(), abs=1e-6 * abs(E[0])
+    )
 
 
 def test_positive_constraint(dmsp20):
@@ -226,7 +228,7 @@ def test_bounds_of_coefficients_at_each_pressure_are_kept():
         readings(known_muscle(law), 7), law=law, starts=1, constraint="none",
         bounds=GEOMETRY_HELD | {"E_1_at_node_1": (0.0, 3.5e6)},
     )  # fmt: skip
-    saved = summary_as_dict(result)["parameters"]
+    saved = fit_as_dict(result)["parameters"]
     low, high = saved["E_1_at_node_1"], saved["E_1_at_node_2"]
     assert (low["min"], low["max"], low["at_bound"], low["stderr"]) == (0.0, 3.5e6, True, None)
     assert low["value"] == pytest.approx(3.5e6)
