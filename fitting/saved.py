@@ -61,7 +61,8 @@ _CERTIFICATE = {
 """Key of each field in the file."""
 _PLAIN = ("strain_range", "constraint", "converged", "seed", "degrees_of_freedom")
 _ARRAYS = {
-    "coefficients": "coefficients_Pa", "residuals": "residuals_N", "weights": "weights", "covariance": "covariance",
+    "coefficients": "coefficients_Pa", "residuals": "residuals_N", "weights": "weights",
+    "covariance": "covariance",
 }  # fmt: skip
 """Fields of a fit that are saved as they are, and keys of its arrays."""
 _SAID = tuple(

@@ -301,12 +301,18 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
     )
 
 
+_MODULI = {
+    "drucker": "Drucker modulus is 0 at {:.1%} of the actuation path",
+    "slope": "tangent modulus is 0 at {:.1%} of the strain range",
+}
+
+
 def _active(problem: Problem, point: Point) -> tuple[str, ...]:
     """Describe each active constraint of the convex fit in one phrase."""
     rows, told = np.sort(point.rows), []
     stations = [part.inputs.stations.ravel() for part in problem.parts]
     first = sum(problem.path_rows)
     for share in np.concatenate(stations)[rows[rows < first]]:
-        told.append(f"{problem.constraint} modulus is 0 at {share:.1%} of the actuation path")
+        told.append(_MODULI[problem.constraint].format(share))
     bounds = [f"{name} at its {end} bound" for end in ("lower", "upper") for name in problem.linear]
     return tuple(dict.fromkeys([*told, *(bounds[row - first] for row in rows[rows >= first])]))

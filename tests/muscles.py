@@ -122,7 +122,8 @@ MUSCLES: dict[str, famjax.AbstractMuscle] = {
     "ferraresi": famjax.Muscle(CYLINDER_10, famjax.PolynomialMaterial([2e6]), 3e4),
     "kothera": peers.Kothera(famjax.Muscle(CYLINDER_10, famjax.PolynomialMaterial([2e6]))),
     "robinson": famjax.Muscle(
-        CYLINDER_10, materials.PlainPowerMaterial([1e5, 6e5], [[2e6, 0], [3e6, 1e6]])
+        CYLINDER_10,
+        materials.PressurePolynomialMaterial([1e5, 6e5], [[2e6, 0], [3e6, 1e6]], odd=False),
     ),
     "klute_hannaford": famjax.Muscle(CYLINDER_10, materials.MooneyRivlinMaterial(2e5, 1e5), 3e4),
     "sarosi": peers.Sarosi(REST, -9.22e-5, 203.7, -34.22, -3.226e-3, 1.092e-3, -208.4),

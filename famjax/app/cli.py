@@ -83,7 +83,11 @@ def clashes() -> list[str]:
             continue
         # A folder without __init__.py has no origin.
         where = spec.origin or str(list(spec.submodule_search_locations or ()))
-        text = Path(where).read_text(errors="replace") if Path(where).is_file() else ""
+        text = (
+            Path(where).read_text(encoding="utf-8", errors="replace")
+            if Path(where).is_file()
+            else ""
+        )
         if "__famjax__" not in text:
             found.append(
                 f"{name!r} resolved to {where}, which is not famjax's own {name!r} package: rename "

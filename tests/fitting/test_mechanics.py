@@ -105,7 +105,7 @@ def test_photographs_and_force_are_fitted_together(data, fit, tmp_path):
     ("options", "words"),
     [
         ({"ends": "round"}, "ends must be one of cylinder, equilibrium"),
-        ({"terms": famjax.terms.Spring(1.0, 0.2)}, "combined with terms"),
+        ({"terms": famjax.terms.VirtualWork()}, "combined with terms"),
         ({"ends": "cylinder", "pictures": 1e5}, "only if ends='equilibrium'"),
         ({"pictures": np.nan}, "every photograph needs its pressure"),
     ],

@@ -71,21 +71,6 @@ def test_simulate_writes_all_that_a_fit_needs_the_same_by_the_same_seed(
     assert np.array_equal(ours.rows, theirs.rows)  # the journal's first note has today's date
 
 
-def test_characterise_repeats_what_simulate_found(simulated, tmp_path, command):
-    code, out, _ = command(
-        "characterise", simulated / "test.fam", simulated / "machine.csv",
-        "--rest-length", "9.28125in", "--specimen", "wall_thickness_in=0.0625",
-        "--output", tmp_path, "--units", "metric",
-    )  # fmt: skip
-    assert (code, "set pressure kPa" in out) == (0, True)
-    texts = [(one / "characterisation.json").read_text() for one in (tmp_path, simulated)]
-    ours, theirs = map(json.loads, texts)
-    apart = ours["alignment"]["offset_s"] - theirs["alignment"]["offset_s"]
-    assert abs(apart) < 3 * ours["alignment"]["offset_error_s"] + 1e-3
-    assert ours["isobars"] == theirs["isobars"]
-    assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
-
-
 def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path, command):
     code, out, _ = command("check", simulated / "test.fam", "--json")
     found = json.loads(out)
@@ -105,7 +90,6 @@ def test_bad_input_ends_in_a_sentence(simulated, tmp_path, command, refused):
     for typed, sentence in (
         (("check", tmp_path / "none.fam"), "cannot read"),
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
-        (("characterise", journal, "b", "--rest-length", "9"), "has no unit"),
         (("convert", journal, tmp_path / "t.xls"), "must end in .csv"),
         (("simulate", calibrated(tmp_path / ".."), "--output", simulated), "test.fam exists"),
         (("run", no_limit, "--output", tmp_path / "o"), missing),

@@ -181,6 +181,7 @@ def test_festo10_lengths_left_out():
     }
     assert len(left) == 5
     assert max(one.ratio for one in left.values()) <= LIMIT
-    errors = np.concatenate([one.predicted - one.measured for one in left.values()])
-    measured = np.concatenate([one.measured for one in left.values()])
-    assert np.sqrt(np.mean(errors**2) / np.mean(measured**2)) <= LIMIT
+    points = [fit.pairs.length.size for fit in fits.values()]
+    errors = np.dot(points, [one.rms**2 for one in left.values()])
+    measured = np.dot(points, [fit.pairs.measured_rms**2 for fit in fits.values()])
+    assert np.sqrt(errors / measured) <= LIMIT
