@@ -5,7 +5,9 @@ pi N D = B cos(theta) around it. `theta` is measured from the circumference.
 """
 
 import abc
+import functools
 import math
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -14,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Given, Real, RealArray, as_real
+from ._arrays import Given, Real, RealArray, as_real, at_each, compiled, compiled_method, over_slope
 from .parameters import Parametrised, number, parameter
 
 NEUTRAL_ANGLE = math.atan(math.sqrt(0.5))
@@ -285,7 +287,36 @@ def thread_tension(
     return jnp.asarray(carried / (n_threads * jnp.sin(braid_angle)))
 
 
-class LinearThread(Parametrised):
+class AbstractThread(Parametrised):
+    """An elastic thread whose stiffness approaches its far modulus from below.
+
+    The strain must be 0 at T = 0 and increase with the tension, at a rate that never grows and tends to
+    1 / k, with the far stiffness k = A_b E_b. The root solve of `ElasticBraid` then converges.
+    """
+
+    modulus: eqx.AbstractVar[RealArray]
+    area: eqx.AbstractVar[RealArray]
+
+    @property
+    def far_stiffness(self) -> RealArray:
+        """Tension per strain k = A_b E_b [N] far beyond the toe region."""
+        return self.area * self.modulus
+
+    @property
+    @abc.abstractmethod
+    def offset_strain(self) -> RealArray:
+        """Strain [-] at which the far line starts; the strain exceeds T / k by no more."""
+
+    @abc.abstractmethod
+    def strain(self, tension: Real) -> RealArray:
+        """Engineering strain [-] of the thread at tension T [N], broadcast shape."""
+
+    @abc.abstractmethod
+    def tension(self, strain: Real) -> RealArray:
+        """Tension T [N] of the thread at an engineering strain [-]: the inverse of `strain`."""
+
+
+class LinearThread(AbstractThread):
     """A thread that obeys Hooke's law, T = A_b E_b eps, also in compression.
 
     Attributes:
@@ -294,54 +325,149 @@ class LinearThread(Parametrised):
 
     References:
         Chambers 2021, section 5.1.
+
+    >>> kevlar = LinearThread(11.6e6, 1.332e-4)  # psi and in2
+    >>> print(f"{kevlar.strain(8.5):.4f}")
+    0.0055
     """
 
     modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
     area: Float[Given, "..."] = number("m2")
 
+    @property
+    def offset_strain(self) -> RealArray:
+        """Zero [-]: there is no toe region."""
+        return jnp.zeros_like(self.far_stiffness)
 
-class AbstractCompliantBraid(AbstractBraid):
-    """A braid whose threads stretch in proportion to their tension.
+    def strain(self, tension: Real) -> RealArray:
+        """Engineering strain [-] at tension T [N], T / (A_b E_b)."""
+        return jnp.asarray(tension / self.far_stiffness)
 
-    B = B0 (1 + C n T),  n T = (F_G + P pi R^2) / sin(theta) = P L B / (2 pi N^2)
+    def tension(self, strain: Real) -> RealArray:
+        """Tension T [N] at an engineering strain [-], A_b E_b eps."""
+        return jnp.asarray(strain * self.far_stiffness)
 
-    The tension under Gaylord's force F_G is proportional to B, so B has a closed form:
 
-    B = B0 / (1 - C B0 P L / (2 pi N^2))
+class ToeThread(AbstractThread):
+    """A thread whose fibres straighten before they stretch: a toe region, then a line.
 
-    The bladder is neglected. There is no equilibrium if the denominator is not positive: a longer thread
-    makes the braid wider, and the tension grows faster than the stretch.
+    eps = T / (A_b E_b) + e_t T / (T + T_t)
+
+    At rest its modulus is E_b / (1 + A_b E_b e_t / T_t). Far out it approaches the line of modulus E_b
+    that starts at the strain e_t. A slack thread pushes with less than T_t.
+
+    Attributes:
+        modulus: E_b [Pa], > 0, beyond the toe region.
+        area: A_b [m2], cross-section of the fibres of one thread.
+        toe_strain: e_t [-], >= 0, strain added by straightening.
+        toe_tension: T_t [N], > 0, tension at which half of it is reached.
+
+    >>> thread = ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)  # psi, in2, lbf
+    >>> print(f"{thread.strain(8.5):.4f} {thread.tension(thread.strain(8.5)):.3f}")
+    0.0054 8.500
     """
 
+    modulus: Float[Given, "..."] = parameter("Pa", kind="stress", low=0.0, name="thread_modulus")
+    area: Float[Given, "..."] = number("m2")
+    toe_strain: Float[Given, "..."] = parameter(low=0.0)
+    toe_tension: Float[Given, "..."] = parameter("N", low=0.0)
+
     @property
-    @abc.abstractmethod
-    def total_compliance(self) -> RealArray:
-        """C [1/N]: strain of the threads per total tension of all threads."""
+    def offset_strain(self) -> RealArray:
+        """The toe strain e_t [-]."""
+        return self.toe_strain
 
-    def threads_tension(self, strain: Real) -> RealArray:
-        """Total tension [N] of all threads at an engineering strain [-]; the compliance must not be 0."""
-        return jnp.asarray(strain / self.total_compliance)
+    def strain(self, tension: Real) -> RealArray:
+        """Engineering strain [-] at tension T [N], T > -T_t; nan below."""
+        inside = jnp.asarray(tension > -self.toe_tension)
+        T = jnp.where(inside, tension, 0.0)
+        value = T / self.far_stiffness + self.toe_strain * T / (T + self.toe_tension)
+        return jnp.where(inside, value, jnp.nan)
 
-    def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m], broadcast shape; nan if the threads stretch without limit."""
-        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
-        at = jnp.where(known, pressure, 0.0) * length
-        rest = self.rest_thread_length
-        left = 1 - self.total_compliance * rest * at / (2 * jnp.pi * self.turns**2)
-        holds = known & (left > 0)
-        return jnp.where(holds, rest / jnp.where(holds, left, 1.0), jnp.nan)
+    def tension(self, strain: Real) -> RealArray:
+        """Tension T [N] at an engineering strain [-]: the larger root of a quadratic equation."""
+        k = self.far_stiffness
+        # T^2 + p T - q = 0: each of the two forms of the root is free of cancellation on one side.
+        p = self.toe_tension + k * (self.toe_strain - strain)
+        q = k * strain * self.toe_tension
+        root = jnp.sqrt(
+            (p - 2 * self.toe_tension) ** 2 + 4 * k * self.toe_strain * self.toe_tension
+        )
+        near = p > 0
+        return jnp.where(near, 2 * q / jnp.where(near, p + root, 1.0), (root - p) / 2)
 
 
-class ElasticBraid(AbstractCompliantBraid):
-    """A braid of elastic threads with known modulus, C = 1 / (n A_b E_b).
+_MAX_STEPS = 64
+
+
+@compiled
+def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+    """Solve strain(T) = eps with the load T = m (1 + eps), by Newton's method.
+
+    A solution exists if m < k = A_b E_b; beyond, the load outgrows every tension. The residual
+    r(eps) = eps - strain(T(eps)) is convex, and its slope rises to 1 - m / k > 0. At the start,
+    (m / k + e_t) / (1 - m / k) with the offset strain e_t, it is not negative, so the iterates fall to the
+    root monotonically. For a linear thread the start is the root.
+
+    Args:
+        thread: the law.
+        load: m [N], shape ().
+
+    Returns:
+        (strain [-], found): nan and False if there is none. Derivatives follow from the implicit
+        function theorem.
+    """
+    k = thread.far_stiffness
+    holds = (load < k) & jnp.isfinite(load)
+    m = jnp.where(holds, load, 0.0)
+    margin = 1 - m / k
+    # Rounding moves the root by its size over the margin; in units of 1 / margin^2 that is small.
+    start, unit = jax.lax.stop_gradient((
+        (m / k + thread.offset_strain) / margin, 1 / margin**2
+    ))  # fmt: skip
+
+    def residual(y: RealArray) -> RealArray:
+        return y - thread.strain(m * (1 + y * unit)) / unit
+
+    tolerance = 4 * float(jnp.finfo(start.dtype).eps)
+
+    def solve(
+        function: Callable[[RealArray], RealArray], start: RealArray
+    ) -> tuple[RealArray, RealArray]:
+        # 0.25 s, which only elastic threads need.
+        import lineax as lx  # noqa: PLC0415
+        import optimistix as optx  # noqa: PLC0415
+
+        solution = optx.root_find(
+            lambda y, _: function(y),
+            optx.Newton(rtol=tolerance, atol=tolerance),
+            start,
+            max_steps=_MAX_STEPS,
+            throw=False,
+            tags=frozenset({lx.diagonal_tag}),
+        )
+        successful = solution.result == optx.RESULTS.successful
+        return solution.value, successful.astype(start.dtype)  # JAX cannot differentiate booleans
+
+    root, converged = jax.lax.custom_root(residual, start / unit, solve, over_slope, has_aux=True)
+    found = holds & (converged > 0)
+    return jnp.where(found, root * unit, jnp.nan), found
+
+
+class ElasticBraid(AbstractBraid):
+    """A braid of elastic threads that stretch under their tension.
+
+    B = B0 (1 + strain(T)),  T = (F_G + P pi R^2) / (n sin(theta)) = P L B / (2 pi N^2 n)
+
+    The tension under Gaylord's force F_G is proportional to B; the bladder is neglected. There is no
+    equilibrium, and B is nan, if the tension grows faster than the force of the threads, or if L >= B.
 
     Attributes:
         rest_thread_length: B0 [m], one unloaded thread from fitting to fitting.
         turns: N [-], turns of one thread about the axis, a float.
         thickness: t_braid [m] of two crossing threads; the bladder lies below them.
         n_threads: n [-], number of threads in both families.
-        thread: stress law of one thread.
+        thread: law of one thread.
 
     References:
         Chambers 2021, section 5.1.
@@ -357,21 +483,35 @@ class ElasticBraid(AbstractCompliantBraid):
     turns: Float[Given, "..."] = parameter(low=0.0)
     thickness: Float[Given, "..."] = number("m")
     n_threads: Float[Given, "..."] = number()
-    thread: LinearThread
+    thread: AbstractThread
 
-    @property
-    def total_compliance(self) -> RealArray:
-        """C [1/N], 1 / (n A_b E_b)."""
-        return 1 / (self.n_threads * self.thread.area * self.thread.modulus)
+    def threads_tension(self, strain: Real) -> RealArray:
+        """Total tension [N] of all threads at an engineering strain [-]."""
+        return self.n_threads * self.thread.tension(strain)
+
+    @compiled_method
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B [m], broadcast shape; nan without an equilibrium. Differentiable."""
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
+        around = 2 * jnp.pi * self.turns**2 * self.n_threads
+        load = jnp.where(known, pressure, 0.0) * length * self.rest_thread_length / around
+        strains, found = at_each(functools.partial(strain_under_line, self.thread), load)
+        found &= known
+        stretched = self.rest_thread_length * (1 + jnp.where(found, strains, 0.0))
+        return jnp.where(found & (stretched > length), stretched, jnp.nan)
 
 
 _HIGHEST_COMPLIANCE = 3e-5  # 1/N
 
 
-class CompliantBraid(AbstractCompliantBraid):
-    """A braid of elastic threads with one compliance, for identification.
+class CompliantBraid(AbstractBraid):
+    """A braid whose threads stretch in proportion to their tension, with one compliance.
 
-    It requires neither number nor cross-section of the threads. With C = 0 it is inextensible.
+    B = B0 / (1 - C B0 P L / (2 pi N^2)),  C = 1 / (n A_b E_b)
+
+    The closed form of `ElasticBraid` with linear threads, for identification. It requires neither number
+    nor cross-section of the threads. With C = 0 it is inextensible.
 
     Attributes:
         rest_thread_length: B0 [m].
@@ -399,7 +539,15 @@ class CompliantBraid(AbstractCompliantBraid):
         """Return the same braid with compliant threads."""
         return cls(braid.rest_thread_length, braid.turns, braid.thickness, compliance)
 
-    @property
-    def total_compliance(self) -> RealArray:
-        """C [1/N]."""
-        return self.compliance
+    def threads_tension(self, strain: Real) -> RealArray:
+        """Total tension [N] of all threads at an engineering strain [-]; the compliance must not be 0."""
+        return jnp.asarray(strain / self.compliance)
+
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B [m], broadcast shape; nan if the threads stretch without limit."""
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
+        at = jnp.where(known, pressure, 0.0) * length
+        left = 1 - self.compliance * self.rest_thread_length * at / (2 * jnp.pi * self.turns**2)
+        holds = known & (left > 0)
+        return jnp.where(holds, self.rest_thread_length / jnp.where(holds, left, 1.0), jnp.nan)

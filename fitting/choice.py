@@ -108,6 +108,13 @@ class Choice:
             )
         return found
 
+    def _repr_html_(self) -> str:
+        from .evidence import Evidence  # noqa: PLC0415 -- evidence needs a choice's parts
+        from .report import Findings  # noqa: PLC0415 -- it draws
+
+        evidence = Evidence(error=self.error, left_out=self.left_out)
+        return Findings(self.chosen, evidence, self).html()
+
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:

@@ -1,5 +1,6 @@
 """Braids, laws, geometries, terms and muscles that many tests share."""
 
+import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
@@ -18,6 +19,7 @@ L0 = 9.28125
 B0, N, AREA = 9.89, 1.09, 1.332e-4
 SPECIMEN = famjax.Bladder(L0, 0.875, 0.0625)
 INELASTIC = famjax.Braid(B0, N, 0.011)
+TOE = braids.ToeThread(16.9e6, AREA, 0.002, 2.0)
 KEVLAR = famjax.ElasticBraid(B0, N, 0.011, 144, braids.LinearThread(11.6e6, AREA))
 CYLINDER = famjax.EstimatedGeometry(INELASTIC, SPECIMEN)
 LATEX = famjax.PolynomialMaterial([257.8, -57.9, 32.7])
@@ -58,6 +60,7 @@ GEOMETRIES: dict[str, Callable[[], geometries.AbstractGeometry]] = {
         INELASTIC, famjax.Bladder(L0, 1.0, 0.0625, embedded=True)
     ),
     "elastic": lambda: famjax.EstimatedGeometry(KEVLAR, SPECIMEN),
+    "toe": lambda: famjax.EstimatedGeometry(dataclasses.replace(KEVLAR, thread=TOE), SPECIMEN),
     "compliant": lambda: famjax.EstimatedGeometry(
         braids.CompliantBraid.of(INELASTIC, 4e-6), SPECIMEN
     ),
@@ -71,6 +74,13 @@ TERMS: dict[str, terms.AbstractForceTerm] = {
     "virtual work": terms.VirtualWork(3.0),
     "virtual work at thread length": terms.VirtualWork(3.0, at_thread_length=True),
     "wall": terms.BladderWall(LATEX),
+}
+
+THREADS: dict[str, braids.AbstractThread] = {
+    "linear": KEVLAR.thread,
+    "toe": TOE,
+    "sharp toe": braids.ToeThread(16.9e6, AREA, 0.01, 1e-3),
+    "no toe": braids.ToeThread(16.9e6, AREA, 0.0, 2.0),
 }
 
 # ---- laws, of moduli about 1

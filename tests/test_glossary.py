@@ -65,7 +65,7 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
         *Findings(found, evidence).tables(),
         Findings(found, evidence).numbers("metric"),
     ]
-    assert len(tables) == 6
+    assert len(tables) == 4
     assert not unexplained([c for _, head, rows in tables for c in (*head, *(r[0] for r in rows))])
 
 

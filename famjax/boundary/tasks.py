@@ -83,9 +83,8 @@ class Store:
         if self.path is not None:
             line = json.dumps({"index": index, "part": part}, default=_encoded)
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(
-                    f"\n{line}"
-                )  # the break comes first: a line that was cut off stays alone
+                # The break comes first: a line that was cut off stays alone.
+                file.write(f"\n{line}")
                 file.flush()
                 os.fsync(file.fileno())
             part = json.loads(line, object_hook=_decoded)["part"]
@@ -165,8 +164,7 @@ def run_tasks(
                 results = ((index, functools.partial(function, items[index])) for index in waiting)
             else:
                 call = functools.partial(_called, _settings(), function)
-                jobs |= {pool.submit(call, items[index]): index for index in waiting}
-                results = ((jobs[job], job.result) for job in as_completed(jobs))
+                results = _as_done(pool, call, items, waiting, jobs)
             for index, result in results:
                 try:
                     part = result()
@@ -199,6 +197,24 @@ def _check_travels(work: Any) -> None:
             f"this work cannot be sent to another process ({error}): define your code in a module, or omit "
             "the executor"
         ) from None
+
+
+def _as_done(
+    pool: Any,
+    call: Callable[[Any], Any],
+    items: Sequence[Any],
+    waiting: Sequence[int],
+    jobs: dict[Any, int],
+) -> Iterator[tuple[int, Callable[[], Any]]]:
+    """Submit all items; yield index and result of each finished one, even during submission."""
+    for index in waiting:
+        job = pool.submit(call, items[index])
+        if job.done():
+            yield index, job.result
+        else:
+            jobs[job] = index
+    for job in as_completed(jobs):
+        yield jobs[job], job.result
 
 
 def _pool(executor: AnyExecutor, count: int) -> contextlib.AbstractContextManager[Any]:

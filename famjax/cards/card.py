@@ -5,6 +5,7 @@
 
 import dataclasses
 import functools
+import html
 import json
 import re
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from msgspec import Meta, Struct
 
 from .._arrays import Real, RealArray, as_real, in_trace
 from ..boundary.errors import InputError, Own
-from ..boundary.files import write_all
+from ..boundary.files import as_svg, write_all
 from ..continuation import Region, SafeMuscle, continued_volume
 from ..equilibrium import EquilibriumMuscle
 from ..muscle import (
@@ -265,6 +266,24 @@ class MuscleCard:
     def __repr__(self) -> str:
         L, P = 1e3 * np.asarray(self.data.length), 1e-3 * np.asarray(self.data.pressure)
         return f"MuscleCard({self.name}: {L[0]:.4g} to {L[1]:.4g} mm, {P[0]:.4g} to {P[1]:.4g} kPa)"
+
+    def _repr_html_(self) -> str:
+        from matplotlib.figure import Figure  # noqa: PLC0415 -- 0.3 s, only for notebooks
+
+        L, P = np.linspace(*self.data.length, 80), np.linspace(*self.data.pressure, 6)[1:]
+        figure = Figure(figsize=(6, 3.5), layout="constrained")
+        axes = figure.subplots()
+        labels = [f"{1e-3 * level:.3g} kPa" for level in P]
+        axes.plot(1e3 * L, self.safe().force(L[:, None], P), label=labels)
+        axes.set(xlabel="active length, mm", ylabel="force, N")
+        axes.legend()
+        said = [
+            self,
+            self.provenance.verdict or "no verdict",
+            *(one.muscle for one in self.members),
+        ]
+        text = html.escape("\n".join(map(str, said)))
+        return f"<pre>{text}</pre>{as_svg(figure)}"
 
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:

@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from muscles import AREA, B0, L0, N
+from scipy.optimize import brentq
 
 import famjax
-from famjax.braids import ElasticBraid, LinearThread, thread_tension
+from famjax.braids import (
+    AbstractThread,
+    ElasticBraid,
+    LinearThread,
+    ToeThread,
+    strain_under_line,
+    thread_tension,
+)
 from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 EXACT = 1e-12  # a few roundings
@@ -52,6 +60,34 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo):
     np.testing.assert_allclose(force, -4e5 * slope, rtol=1e-11, atol=1e-9)
 
 
+ROUNDED = 1e-13  # a few roundings in the laws of threads
+TENSIONS = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 40)])
+
+
+@pytest.mark.parametrize("thread", known.THREADS.values(), ids=known.THREADS)
+def test_laws_keep_the_contract_of_the_root_solve(thread):
+    """Concave, from zero, between T / k and T / k + offset, with the compliance going to 1 / k."""
+    k = float(thread.far_stiffness)
+    strain = np.asarray(thread.strain(TENSIONS))
+    compliance = np.asarray(jax.jit(jax.vmap(jax.grad(thread.strain)))(jnp.asarray(TENSIONS)))
+    assert strain[0] == 0
+    assert np.all(np.diff(compliance) <= 0)
+    assert np.all(compliance * k >= 1 - ROUNDED)
+    assert np.all(strain >= TENSIONS / k)
+    assert np.all(strain <= TENSIONS / k + float(thread.offset_strain) + ROUNDED)
+    assert compliance[-1] * k == pytest.approx(1, abs=1e-6)
+
+
+def test_toe_law_by_hand():
+    """Half the toe strain at the toe tension; rest modulus from the slopes of both terms."""
+    toe, k = known.TOE, 16.9e6 * known.AREA
+    assert float(toe.strain(2.0)) == pytest.approx(2 / k + 0.001, rel=ROUNDED)
+    at_rest = float(jax.jit(jax.grad(toe.tension))(0.0))
+    assert at_rest == pytest.approx(k / (1 + k * 0.002 / 2.0), rel=ROUNDED)
+    searched = brentq(lambda T: float(toe.strain(T)) - 0.004, 0.0, 100.0, xtol=1e-13)
+    assert float(toe.tension(0.004)) == pytest.approx(searched, rel=1e-12)
+
+
 def test_tension_holds_pull_and_pressure():
     """n threads at the angle theta, projected on the axis, carry F + P pi R^2."""
     T = thread_tension(500.0, 3e5, 0.012, 1.1, 96)
@@ -70,8 +106,12 @@ SHARE = B0 * P * L / (2 * np.pi * N**2 * n * AREA * E)  # of the thread's stiffn
 
 @jax.jit
 @jax.vmap
-def lengths_of(thread: LinearThread, length: jax.Array, pressure: jax.Array) -> jax.Array:
+def lengths_of(thread: AbstractThread, length: jax.Array, pressure: jax.Array) -> jax.Array:
     return ElasticBraid(B0, N, 0.011, n, thread).thread_length(length, pressure)
+
+
+def over_grid(make: Callable[[jax.Array], AbstractThread]) -> np.ndarray:
+    return np.asarray(lengths_of(jax.vmap(make)(E), L, P))
 
 
 def closed_form(length, pressure, modulus):
@@ -81,8 +121,7 @@ def closed_form(length, pressure, modulus):
 
 def test_linear_thread_meets_the_closed_form_on_the_whole_grid():
     """Every pressure to 200 psi, -5 to 45 %, 0.05e6 to 30e6 psi, nan exactly beyond the limit."""
-    threads = jax.vmap(lambda modulus: LinearThread(modulus, jnp.asarray(AREA)))(E)
-    B = np.asarray(lengths_of(threads, L, P))
+    B = over_grid(lambda modulus: LinearThread(modulus, AREA))
     assert np.sum(SHARE >= 1) > 100  # both sides of the limit are on the grid
     with np.errstate(divide="ignore"):
         expected = np.where(SHARE < 1, closed_form(L, P, E), np.nan)
@@ -90,6 +129,36 @@ def test_linear_thread_meets_the_closed_form_on_the_whole_grid():
     # The equation itself amplifies rounding by 1 / (1 - share).
     error = np.abs(B / expected - 1) * np.abs(1 - SHARE)
     assert np.nanmax(error) < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("toe_strain", "toe_tension"), [(0.002, 2.0), (0.05, 1e-3), (0.01, 100.0), (0.5, 0.01)]
+)
+def test_toe_thread_meets_its_quadratic_on_the_whole_grid(toe_strain, toe_tension):
+    """T = kappa (1 + eps(T)) is a quadratic equation in T; the limit is the linear thread's."""
+    B = over_grid(lambda modulus: ToeThread(modulus, AREA, toe_strain, toe_tension))
+    inside = SHARE < 1
+    share = np.where(inside, SHARE, 0.0)
+    kappa = share * AREA * E
+    a, c = 1 - share, -kappa * toe_tension
+    b = toe_tension * (1 - share) - kappa * (1 + toe_strain)
+    T = (-b + np.sqrt(b**2 - 4 * a * c)) / (2 * a)
+    strain = T / (AREA * E) + toe_strain * T / (T + toe_tension)
+    np.testing.assert_array_equal(np.isnan(B), ~inside)
+    error = np.abs(B / (B0 * (1 + strain)) - 1) * (1 - share)
+    assert np.max(error[inside]) < 1e-14
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("toe_strain", [0.0, 0.01, 10.0])
+def test_the_solve_ends_up_to_the_limit(distance, toe_strain):
+    """eps = m (1 + eps) + e_t / (1 + T_t / T) with T = m (1 + eps), m short of 1 by `distance`."""
+    thread = ToeThread(1.0, 1.0, toe_strain, 0.002)
+    slope = jnp.asarray(1 - distance)
+    strain, found = strain_under_line(thread, slope)
+    assert bool(found)
+    # Far out the toe is used up: (1 + e_t) / distance, but for parts of the order of `distance`
+    assert float(1 + strain) * distance == pytest.approx(1 + toe_strain, rel=1e-3 + distance)
 
 
 MU, C10, C01, YEOH = 0.8, 0.3, 0.1, np.array([0.4, -0.02, 0.003])

@@ -122,6 +122,7 @@ def shape_cases() -> Iterator[tuple[str, Case]]:
 BRAIDS = {
     "inelastic": known.INELASTIC,
     "elastic": known.KEVLAR,
+    "toe": braids.ElasticBraid(known.B0, known.N, 0.011, 144, known.TOE),
     "compliant": braids.CompliantBraid.of(known.INELASTIC, 4e-6),
 }
 LENGTHS, PRESSURES = known.L0 * np.array([0.99, 0.8, 0.9]), np.array([60.0, 80.0, 30.0])
@@ -137,6 +138,10 @@ def stresses(law: famjax.materials.AbstractMaterial, axial, hoop, pressure) -> j
 
 
 def part_cases() -> Iterator[tuple[str, Case]]:
+    tension, strain = np.array([-1e-4, 0.3, 20.0]), np.array([1e-4, 4e-3, 2e-2])
+    for name, thread in known.THREADS.items():
+        yield f"strain of {name} thread", Case(type(thread).strain, thread, (tension,))
+        yield f"tension of {name} thread", Case(type(thread).tension, thread, (strain,), 2e-4)
     for name, braid in BRAIDS.items():
         yield f"{name} braid", Case(type(braid).thread_length, braid, BY_STATE, 3e-7)
     strains = (np.array([-0.21, -0.06, 0.1]), np.array([0.9, 1.6, 0.1]), np.array([0.6, 1.5, 1.1]))
@@ -216,7 +221,7 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
         states = tuple(parts * value for value in arguments)
         yield f"{name} of festo", Case(call, known.FESTO, states, 2e-4)
     yield "taken apart", Case(together, None, (parts,), 2e-4)
-    elastic = lambda: famjax.Muscle(known.GEOMETRIES["elastic"](), known.LATEX)  # noqa: E731
+    elastic = lambda: famjax.Muscle(known.GEOMETRIES["toe"](), known.LATEX)  # noqa: E731
     for name in ("stiffness", "free contraction"):
         states = BY_STATE if name == "stiffness" else (np.array([60.0, 80.0, 100.0]),)
         yield f"{name} of an elastic muscle", Case(SOLVES[name][0], elastic, states, 2e-4)
@@ -252,9 +257,9 @@ def muscle_cases() -> Iterator[tuple[str, Case]]:
 
 CASES = dict([*formula_cases(), *shape_cases(), *part_cases(), *muscle_cases()])
 SLOW = (
-    "measured", "sampled", "average", "table 4.3", "at thread length",
+    "measured", "sampled", "average", "toe geometry", "table 4.3", "at thread length",
     "virtual work term", " in a rig", "onset", "path modulus",
-    "elastic muscle", "ogden", "at a load", "free contraction", "mounted by a power",
+    "toe braid at", "elastic muscle", "ogden", "at a load", "free contraction", "mounted by a power",
     "embedded geometry", " of a joint", "pressure for a force",
 )  # fmt: skip
 EVERY = [
@@ -346,7 +351,9 @@ def test_a_formula_holds_in_any_units(name):
     np.testing.assert_allclose(function(*other), function(*arguments) * powers[-1], rtol=1e-13)
 
 
-WITH_TESTS_OF_THEIR_OWN = {"cylinder_dimensions", "thread_tension", "wall_forces"}
+WITH_TESTS_OF_THEIR_OWN = {
+    "cylinder_dimensions", "strain_under_line", "thread_tension", "wall_forces"
+}  # fmt: skip
 
 
 def test_every_public_function_is_in_the_table():

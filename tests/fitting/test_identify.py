@@ -157,7 +157,6 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"order": 7}, "needs loaded readings at 7 or more lengths away from the rest length"),
         ({"law": "rubber"}, "the law must be one of polynomial, ogden"),
         ({"law": "ogden", "order": 3}, "only the polynomial law"),
-        ({"law": "ogden", "dependence": "linear"}, "only the polynomial law may depend on pressure"),
         ({"law": "ogden", "constraint": "slope"}, "directions of OgdenMaterial interact"),
         ({"parameters": {"spam": Parameter()}}, "unknown parameter 'spam'"),
         (_rest(300.0, 1.0, unit=""), "is a length and needs a unit"),

@@ -199,7 +199,7 @@ SUMS_OF_TERMS = {"terms": famjax.Muscle(known.CYLINDER, [*known.TERMS.values()])
 MUSCLES = [*GEOMETRIES, *known.LAWS, *SUMS_OF_TERMS]
 BASES = (
     famjax.geometries.AbstractGeometry, famjax.materials.AbstractMaterial,
-    famjax.braids.AbstractBraid, famjax.braids.LinearThread, famjax.profiles.AbstractProfile,
+    famjax.braids.AbstractBraid, famjax.braids.AbstractThread, famjax.profiles.AbstractProfile,
     famjax.surfaces.AbstractMeasuredFamily, famjax.terms.AbstractForceTerm, famjax.Bladder,
     famjax.Muscle,
 )  # fmt: skip
@@ -286,3 +286,9 @@ def test_what_has_no_card_is_refused():
         muscle_as_dict(famjax.Muscle(known.CYLINDER, Undeclared([1.0])))
     with pytest.raises(InputError, match=r"muscle\.deadband_pressure must be finite"):
         muscle_as_dict(famjax.Muscle(known.CYLINDER, known.LATEX, float("nan")))
+
+
+def test_a_notebook_shows_verdict_numbers_and_isobars():
+    shown = famjax.muscles.open_card("dmsp-10")._repr_html_()
+    assert "braid_diameter" in shown
+    assert "</svg>" in shown
