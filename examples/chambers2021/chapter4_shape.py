@@ -18,6 +18,7 @@ from famjax.braids import diameter_from_length
 from famjax.compile_options import quick_jit
 from famjax.measured import Meridian
 from famjax.profiles import FourierProfile
+from imaging.campaign import POSITION
 
 chapter = Chapter(__name__)
 
@@ -289,7 +290,7 @@ def photographed_terms(twin: Twin) -> list[Row]:
     diameters = table.diameter[table.ok] / units.INCH
     found = []
     for terms, largest, rmse in zip(of["terms"], of["max_error_in"], of["rmse_in"], strict=True):
-        errors = fit_terms(table.position, diameters, terms) - diameters
+        errors = fit_terms(POSITION, diameters, terms) - diameters
         for name, value, theirs in (
             ("largest error", np.abs(errors).max(axis=1).mean(), largest),
             ("RMSE", np.sqrt((errors**2).mean(axis=1)).mean(), rmse),

@@ -316,8 +316,6 @@ def test_bootstrap_agrees_with_the_standard_errors(noisy):
         assert 0.6 < ratio < 1.6, name  # 60 replicates know a standard deviation to 10 %
         low, high = drawn.interval(name)
         assert low < noisy.estimate(name).value < high
-    band = drawn.band()
-    assert band.shape == (2, 36)
     again = bootstrap(noisy, 60, seed=1)
     np.testing.assert_array_equal(again.samples, drawn.samples)
 

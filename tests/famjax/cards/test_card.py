@@ -290,5 +290,6 @@ def test_what_has_no_card_is_refused():
 
 def test_a_notebook_shows_verdict_numbers_and_isobars():
     shown = famjax.muscles.open_card("dmsp-10")._repr_html_()
-    assert "braid_diameter" in shown
+    assert "identified with doubts" in shown
+    assert "EndEffectGeometry" in shown
     assert "</svg>" in shown
