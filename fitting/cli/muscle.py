@@ -1,6 +1,7 @@
 """Commands of an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
 
 import dataclasses
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import parse_quantities, parse_quantity, sentence_in_units, unit_system
+from famjax.boundary.units import (
+    finite_or_none,
+    parse_quantities,
+    parse_quantity,
+    sentence_in_units,
+    unit_system,
+)
 from famjax.console import (
     Columns,
     Units,
@@ -46,7 +53,7 @@ def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] 
 
 
 def predict(
-    fit_json: Path,
+    muscle: str,
     *,
     length: tuple[str, ...] = (),
     pressure: tuple[str, ...] = (),
@@ -63,8 +70,9 @@ def predict(
 
     Parameters
     ----------
-    fit_json
-        Read this `fit.json` of `famjax fit` or `famjax series`.
+    muscle
+        Read this `fit.json` of `famjax fit` or `famjax series`, or this card; or the name of a bundled
+        muscle. A card has no error bands.
     length
         Predict at these active lengths, with units, repeatable or separated by commas:
         `--length 270mm,250mm`.
@@ -102,16 +110,21 @@ def predict(
         np.array(parse_quantities(typed, kind))
         for typed, kind in ((length, "length"), (pressure, "pressure"), (force, "force"))
     )
-    saved, heading, notes = fitting.load_fit(fit_json, own=own), "Force", []
-    warn_unidentified(fit_json, saved.document.get("verdict"), saved.document.get("reasons"))
-    if history is not None:
-        if others := [name for name in given if name != "--history"]:
-            raise InputError(f"--history contains lengths and pressures: omit {', '.join(others)}")
+    saved, heading, notes = None, "Force", list[str]()
+    if not _is_card(muscle):
+        saved = fitting.load_fit(muscle, own=own)
+        warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
+    if saved is None:
+        _only(
+            given, ("--length", "--pressure", "--onset"), "a card cannot answer {}: give a fit.json"
+        )
+        rows, heading = _by_card(muscle, L, P, own, onset=onset)
+    elif history is not None:
+        _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
         heading = "Force along the history"
         rows, notes = _along(saved, history, parse_columns(column), units)
     elif force:
-        if others := [name for name in given if name not in ("--length", "--force")]:
-            raise InputError(f"--force finds a pressure at --length: omit {', '.join(others)}")
+        _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
         rows, heading = fitting.prediction.pressures_for(saved, L, F), "Pressure"
     else:
         rest = None if rest_length is None else parse_quantity(rest_length, "length")
@@ -129,6 +142,61 @@ def predict(
     for note in notes:
         print(f"note: {note}")
     return 0
+
+
+def _only(given: Sequence[str], allowed: Sequence[str], message: str) -> None:
+    """Raise InputError with the options that are not allowed."""
+    if others := [name for name in given if name not in allowed]:
+        raise InputError(message.format(", ".join(others)))
+
+
+def _is_card(muscle: str) -> bool:
+    """True for the name of a bundled muscle or the file of a card."""
+    from famjax.muscles import bundled_name
+
+    path = Path(muscle)
+    if path.is_file():
+        return b'"famjax-card/' in path.read_bytes()[:99]
+    return not path.exists() and bundled_name(muscle) is not None
+
+
+def _by_card(
+    muscle: str, lengths: Any, pressures: Any, own: Sequence[str], *, onset: bool
+) -> tuple[list[dict[str, Any]], str]:
+    """Return rows from the safe muscle of a card, lengths [m] by pressures [Pa], and their heading."""
+    from famjax.muscles import open_card
+
+    if not lengths.size or not (pressures.size or onset):
+        raise InputError("give --length, and --pressure or --onset, with their units")
+    card = open_card(muscle, own=own)
+    warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
+    safe, region = card.safe(), card.region
+    lock, straight = map(float, safe.continued.stops)
+
+    def row(length: float, kind: str, pressure: float, answer: dict[str, Any]) -> dict[str, Any]:
+        (short, long), (low, high) = region.length, region.pressure
+        found, outside = {"length_m": length, kind: finite_or_none(pressure), **answer}, None
+        if not lock <= length <= straight:
+            found |= dict.fromkeys(answer or (kind,))
+            outside = (
+                f"the braid reaches only lengths of {lock * 1e3:.6g} to {straight * 1e3:.6g} mm"
+            )
+        elif not short <= length <= long:
+            outside = f"the model covers only lengths of {short * 1e3:.6g} to {long * 1e3:.6g} mm"
+        elif not low <= pressure <= high:
+            outside = f"the model covers only pressures of {low / 1e3:.6g} to {high / 1e3:.6g} kPa"
+        return found | {"inside": outside is None, "outside": outside}
+
+    rows = []
+    for length, pressure in itertools.product(lengths.tolist(), pressures.tolist()):
+        pull, model = (float(of(length, pressure)) for of in (safe.force, safe.model_force))
+        answer = {"force_N": pull, "model_force_N": model, "slack": pull <= 0}
+        rows.append(row(length, "pressure_Pa", pressure, answer))
+    if onset:
+        begins = safe.onset_pressure(lengths, float(region.pressure[1]), throw=False)
+        for length, pressure in zip(lengths.tolist(), begins.tolist(), strict=True):
+            rows.append(row(length, "onset_pressure_Pa", pressure, {}))
+    return rows, f"Force of {card.name}"
 
 
 def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:

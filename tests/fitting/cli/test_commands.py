@@ -89,6 +89,11 @@ def test_the_export_of_a_fit_names_its_file(run, tmp_path):
 def test_every_name_is_known_everywhere(run, tmp_path, name):
     assert fitting.load_bundled(name).specimen.name == "DMSP-10-250"
     assert famjax.muscles.bundled_card(name).name == famjax.muscles.bundled_card("DMSP-10").name
+    code, out, _ = run("predict", name, *STATE, "--json")
+    (row,) = json.loads(out)
+    assert (code, row["inside"]) == (0, True)
+    expected = float(famjax.muscles.dmsp_10().force(0.23, 5e5))
+    assert row["force_N"] == pytest.approx(expected, rel=1e-12)
     code, out, _ = run("export", name, "--to", "csv", "-o", tmp_path)
     assert (code, "dmsp_10" in out) == (0, True)
 
@@ -101,6 +106,7 @@ def test_what_was_not_identified_says_so_wherever_it_is_used(run, dmsp10, tmp_pa
     for arguments in (
         ("predict", made, *STATE),
         ("card", made, "--sample", 0),
+        ("predict", card, *STATE),
         ("export", made, "--to", "csv", "-o", tmp_path / "out"),
         ("export", card, "--to", "csv", "-o", tmp_path / "out"),
     ):
