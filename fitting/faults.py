@@ -175,7 +175,7 @@ def suspect(result: Identification) -> tuple[Suspicion, ...]:
     """
     asked = _as_fitted(result)
     data = asked.data
-    plain = thick_wall(data)
+    plain = [*_no_rise(data), *thick_wall(data)]
     here = attempt(data)
     least = min(asked.misfit, np.inf if here is None else here.misfit)
     cornered = here is None or here.cornered or (asked.cornered and least > _DOUBTFUL)
@@ -184,6 +184,7 @@ def suspect(result: Identification) -> tuple[Suspicion, ...]:
         (int(not plain), _signs(data, here, least)),
         (1, _absolute(data, least, late=asked.late or here is None or here.late)),
         (int(least > _DOUBTFUL), _rest_lengths(data, least)),
+        (int(least >= _TOLERATED), _swapped(data, least)),
         (3 * (least > GOOD or cornered), _scales(data, least, cornered=cornered)),
     )
     for most, faults in kinds:
@@ -261,10 +262,16 @@ def _explained(
     return [one for score, _, one in tried if score < tried[0][0] + 0.5][:most]
 
 
+def suspect_refused(data: ForceData) -> tuple[Suspicion, ...]:
+    """Find the mistake that explains why no model can be fitted; empty if none is found."""
+    return tuple(_explained(data, _swapped(data, math.inf), math.inf, 1))
+
+
 def _named(
     cause: str, before: float, after: float, of: str = "", *, grave: bool = True
 ) -> Suspicion:
-    figures = f"{100 * after:.2g} % of the largest force instead of {100 * before:.2g} %."
+    instead = f" instead of {100 * before:.2g} %" * math.isfinite(before)
+    figures = f"{100 * after:.2g} % of the largest force{instead}."
     corrected = f". With this corrected, the misfit{of} is {figures}"
     sentence = Sentence("The data look wrong. It seems that ", cause, corrected)
     return Suspicion(cause, sentence, after, grave)
@@ -287,6 +294,36 @@ def _signs(data: ForceData, here: Trial | None, least: float) -> Iterator[Fault]
     cause = Sentence(said, most, ", and a muscle does not push)")
     undone = {"force": np.where(negative, -data.force, data.force)}
     yield Fault(cause, undone, min(_TOLERATED, max(1.5 * least, GOOD * pulls)))
+
+
+_SWAPS = ((1e-3, 1e3), (1 / 1550.0, 1550.0), (1e-5, 1e5), (1e-6, 1e6))
+"""Factors to force and pressure if the columns were N and kPa, lbf and psi, N and bar, or N and MPa."""
+
+
+def _swapped(data: ForceData, least: float) -> Iterator[Fault]:
+    """Swapped columns of force and pressure."""
+    none = dict.fromkeys(("force_std", "pressure_std", "pressure_tolerance"))
+    for to_force, to_pressure in _SWAPS:
+        pressure = np.maximum(data.force, 0.0) * to_pressure
+        columns = {"force": data.pressure * to_force, "pressure": pressure, **none}
+        cause = "the columns of force and pressure are swapped"
+        yield Fault(cause, columns, min(_TOLERATED, least / 5))
+
+
+def _no_rise(data: ForceData) -> list[Suspicion]:
+    """Forces that do not rise with the pressure at any length."""
+    pressure, length, force = data.pressure, data.lengths.level, data.force
+    rises = []
+    for level in np.unique(length[data.loaded]):
+        mine = np.flatnonzero(data.loaded & (length == level))
+        low, high = mine[np.argmin(pressure[mine])], mine[np.argmax(pressure[mine])]
+        if pressure[high] > 1.3 * pressure[low]:
+            rises.append((force[high] - force[low]) / force[mine].max())
+    if not rises or max(rises) >= 0.05:
+        return []
+    cause = "the force does not rise with the pressure"
+    sentence = f"{cause.capitalize()} at any length: check the columns, and that it was recorded."
+    return [Suspicion(cause, sentence, 0.0)]
 
 
 def _stiff(data: ForceData) -> Candidate | None:

@@ -18,7 +18,7 @@ from fitting import report
 from fitting.choice import Choice, validate_choice
 from fitting.evidence import DRAWS, FORM, Move, SharedErrors, gather, left_out_kinds, moves_of
 from fitting.families import LawGiven, known_laws, law_named
-from fitting.faults import doubtful, suspect
+from fitting.faults import doubtful, suspect, suspect_refused
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
 from fitting.records import fit_hysteresis, leave_out
@@ -293,7 +293,12 @@ def _identified(
 ) -> tuple[fitting.Identification, Choice | None]:
     """Return the fit, and the choice of its law if no law was given."""
     if asked.chosen:
-        choice = fitting.choose(data, **options, progress=tell)
+        try:
+            choice = fitting.choose(data, **options, progress=tell)
+        except InputError as error:
+            for suspicion in suspect_refused(data):
+                raise InputError(suspicion.sentence) from error
+            raise
         return choice.chosen, choice
     censored = asked.objective == "censored"
     options |= {"objective": "sum_of_squares"} if censored else {}
