@@ -35,10 +35,8 @@ WIDE = {
     "braid_diameter": (5e-3, 40e-3), "braid_angle": (0.785, 1.396), "deadband_pressure": (0.0, 2e5),
 }  # fmt: skip
 """Bounds in which the geometry is a fit parameter only, no muscle that can be built."""
-LINEAR = {
-    order: famjax.materials.PressurePolynomialMaterial(np.array([1e5, 6e5]), np.ones((2, order)))
-    for order in (3, 4)
-}
+_linear = famjax.materials.PressurePolynomialMaterial
+LINEAR = {order: _linear(np.array([1e5, 6e5]), np.ones((2, order))) for order in (3, 4)}
 MODELS: dict[str, dict[str, Any]] = {
     "cubic": {},
     "cubic, wide bounds": {"order": 3, "bounds": WIDE},
