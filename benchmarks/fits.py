@@ -35,6 +35,8 @@ WIDE = {
     "braid_diameter": (5e-3, 40e-3), "braid_angle": (0.785, 1.396), "deadband_pressure": (0.0, 2e5),
 }  # fmt: skip
 """Bounds in which the geometry is a fit parameter only, no muscle that can be built."""
+_linear = famjax.materials.PressurePolynomialMaterial
+LINEAR = {order: _linear(np.array([1e5, 6e5]), np.ones((2, order))) for order in (3, 4)}
 MODELS: dict[str, dict[str, Any]] = {
     "cubic": {},
     "cubic, wide bounds": {"order": 3, "bounds": WIDE},
@@ -43,8 +45,8 @@ MODELS: dict[str, dict[str, Any]] = {
         "law": "ogden", "parameters": BRAID | SAME_RUBBER, "noise": 1.0,
     },
     "Mooney-Rivlin, wide bounds": {"law": "mooney-rivlin", "bounds": WIDE},
-    "quartic linear in pressure, wide bounds": {"order": 4, "dependence": "linear", "bounds": WIDE},
-    "cubic linear in pressure, wide bounds": {"order": 3, "dependence": "linear", "bounds": WIDE},
+    "quartic linear in pressure, wide bounds": {"law": LINEAR[4], "bounds": WIDE},
+    "cubic linear in pressure, wide bounds": {"law": LINEAR[3], "bounds": WIDE},
 }  # fmt: skip
 """Options of `fitting.identify` by the model in words."""
 
@@ -140,7 +142,7 @@ def clarabel(A: Matrix, b: Vector, G: Matrix) -> Any:
 def sweep(case: Case) -> dict[str, float]:
     """The 48 fits at the geometry that the standard fit finds."""
     result, data = fit(case), case.map
-    geometry, deadband = result.geometry, result.muscle.deadband_pressure
+    geometry, deadband = result.muscle.geometry, result.muscle.deadband_pressure
     found = fitting.sweep(data, geometry, deadband=float(deadband))
     at = data.loaded
     pressure = data.pressures.level[at]

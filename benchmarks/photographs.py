@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from row import Case, command, tell
+from scipy.optimize import minimize_scalar
 
 # isort: split
 from rendering import (
@@ -37,7 +38,6 @@ from rendering import (
     render_ruler,
 )
 
-from fitting.shapes import fit_fourier
 from imaging import ImagingError, Measurement, Recipe, Scale, Tone, calibrate_ruler, measure
 
 SIZE = (2650, 1100)
@@ -70,11 +70,26 @@ def diameter_error(found: Measurement, truth: MuscleTruth) -> np.ndarray:
     return found.diameter - true
 
 
+def fourier_residual(x: np.ndarray, diameter: np.ndarray) -> np.ndarray:
+    """Best series of three Fourier terms less the profile [m], by a search over the wave number."""
+
+    def residual(w: float) -> np.ndarray:
+        angle = np.arange(1, 4) * w * (x[:, None] - 0.5)
+        columns = np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
+        return columns @ np.linalg.lstsq(columns, diameter, rcond=1e-10)[0] - diameter
+
+    waves = np.geomspace(0.5, 4 * np.pi, 160)
+    best = waves[np.argmin([np.sum(residual(w) ** 2) for w in waves])]
+    found = minimize_scalar(
+        lambda w: np.sum(residual(w) ** 2), bounds=(best / 1.03, best * 1.03), method="bounded"
+    )
+    return residual(float(found.x))
+
+
 def figures_of_photo(found: Measurement, truth: MuscleTruth) -> dict[str, float]:
     """Errors of one picture, lengths in inches."""
-    off, x = diameter_error(found, truth) / INCH, np.linspace(0, 1, 501)
-    true = np.interp(x, truth.z / truth.length, truth.diameter)
-    fourier = (fit_fourier(found.z / found.length, found.diameter).diameter(x) - true) / INCH
+    off = diameter_error(found, truth) / INCH
+    fourier = off + fourier_residual(found.z / found.length, found.diameter) / INCH
     return {
         "bias": float(off.mean()),
         "rms": float(np.sqrt(np.mean(off**2))),

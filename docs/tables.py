@@ -20,7 +20,7 @@ REPRODUCE = "famjax reproduce --json"
 _NONE = "-"
 _WRITTEN = "`python docs/tables.py` writes this page from the output of"
 _COMPARED = (
-    "All published static force models in famjax, and famjax's own, fitted to one force map. "
+    "Published static force models, and famjax's own, fitted to one force map. "
     "Each is fitted to all loaded readings. Cross-validation then leaves out each pressure "
     "and each length in turn and predicts it. Judge a model by its held-out errors: with many"
     " parameters, the error in sample is always small."

@@ -26,7 +26,7 @@ if __name__ == "__main__":  # worker processes import this file
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", tempfile.mkdtemp())  # shared by all workers
     data = fitting.load_bundled("DMSP-20-300")
-    models = ("gaylord", "ferraresi_deadband", "polynomial_3")
+    models = ("gaylord", "ferraresi_deadband", "hildebrandt")
     found = {}
     for name, engine in engines():
         found[name] = fitting.compare(data, models, executor=engine).as_dict()

@@ -44,7 +44,7 @@ print(f"held out, lengths between others: {held_out['length'].interior_rmse:.2f}
 # parameters that the readings determine only together.
 
 # %%
-for one in fit.all_estimates:
+for one in fit.estimates:
     at_bound = ", AT A BOUND" if one.at_bound else ""
     print(f"{one.name:18} {one.value:11.5g} +- {one.stderr:.2g}{at_bound}")
 print(*fit.warnings, sep="\n")

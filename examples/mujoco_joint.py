@@ -15,7 +15,7 @@ braid = famjax.Braid.from_rest(diameter=0.023, braid_angle=1.1, length=0.296)
 shape = famjax.EstimatedGeometry(braid, famjax.Bladder(0.296, 0.023, 1.8e-3, embedded=True))
 muscle = famjax.Muscle(shape, famjax.materials.NeoHookeanMaterial(3e5), 40e3)
 paths = (Pulley(0.02, 0.27), Pulley(-0.02, 0.27))
-pair = Antagonist(muscle, muscle, paths, (0.0, 6e5), (-1.0, 1.0))
+pair = Antagonist(muscle, muscle, paths, (0.0, 6e5))
 
 model = mujoco.MjModel.from_xml_string(ARM)
 data = mujoco.MjData(model)

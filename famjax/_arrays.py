@@ -1,4 +1,4 @@
-"""The two array types of public annotations, and the conversion between them."""
+"""Array types of public annotations, conversion to arrays, and compilation of functions and methods."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -12,20 +12,17 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Num
 
+# Annotation of a declared field, whose converter accepts whatever `as_number` accepts.
 if TYPE_CHECKING:
     Given: TypeAlias = Any
 else:
     Given: TypeAlias = Array
-
 
 Real: TypeAlias = Num[Array | np.ndarray | np.number | float | int, "..."]
 """A real number or array of any shape; arguments of one function broadcast against each other."""
 
 RealArray: TypeAlias = Float[Array, "..."]
 """A floating-point JAX array whose shape is the broadcast shape of the arguments."""
-
-"""The array of a declared field: the constructor takes whatever `as_real` makes one of."""
-
 
 _NOTHING = np.zeros(())
 
@@ -37,15 +34,15 @@ def as_real(values: ArrayLike | Sequence[Any]) -> RealArray:
 
 
 def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
-    """Like `as_real`, but for stored values: a Python float takes JAX's default precision.
+    """Like `as_real`, but for stored values: a Python float gets JAX's default precision.
 
-    Left "weak", as it is, a muscle of Python floats would be compiled apart from the same one read from a
-    file, every program twice. What is made within a trace takes on the precision of what it meets.
+    With weak types, a muscle made of Python floats and the same muscle read from a file would be compiled
+    separately. Within a trace, values keep the weak type.
     """
     if in_trace():
         return as_real(values)
     if isinstance(values, float | int | np.number | np.ndarray):
-        # What NumPy converts takes no program of JAX's, which each takes a hundredth of a second.
+        # Conversion in NumPy saves a compiled program, about 10 ms each.
         array = np.array(values)
         return jax.device_put(array if array.dtype.kind == "f" else array.astype(float))
     array = as_real(values)
@@ -53,7 +50,7 @@ def as_number(values: ArrayLike | Sequence[Any]) -> RealArray:
 
 
 def in_trace() -> bool:
-    """Whether JAX is tracing here, as inside `jax.jit`; nothing is compiled to find out."""
+    """Return True while JAX is tracing, for example inside `jax.jit`; compiles nothing."""
     return isinstance(jax.device_put(_NOTHING), Tracer)
 
 
@@ -65,14 +62,7 @@ _jit: Any = eqx.filter_jit
 
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile a function, tracing the arrays in its arguments; inside a trace it is inlined.
-
-    Args:
-        function: of the module's own level, so that it is traced once and not at every call.
-
-    Returns:
-        The same function.
-    """
+    """Compile a module-level function of arrays; inside a trace it is inlined."""
     return promoting(_jit(function, inline=True))
 
 
@@ -87,27 +77,20 @@ def promoting(function: Callable[_P, _T]) -> Callable[_P, _T]:
     return called
 
 
-def compiled_method(method: _Method) -> _Method:
-    """Compile a method of a module as one program when it is called outside a trace.
+def compiled_method(method: _Method, jit: Callable[..., Any] = compiled) -> _Method:
+    """Compile a method of a module whose arguments are numbers or arrays.
 
-    Operation by operation, its first call would compile a program for each and take up to four times as
-    long.
-    Within a trace it is the method itself.
+    Without it, the first call outside `jax.jit` would compile a program for every operation, which takes
+    up to four times as long.
 
     Args:
-        method: of arrays and numbers alone.
-
-    Returns:
-        The same method.
+        method: method of an `equinox.Module`.
+        jit: `compiled`, or `famjax.compile_options.quick_jit`.
     """
-    whole = compiled(method)
+    whole = jit(method)
 
-    @promoting
     @functools.wraps(method)
-    def called(*arguments: Any, **named: Any) -> Any:
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, named))):
-            return method(*arguments, **named)
-        owner, *values = arguments
+    def called(owner: Any, *values: Any, **named: Any) -> Any:
         numbers = {name: as_real(value) for name, value in named.items()}
         return whole(owner, *map(as_real, values), **numbers)
 
@@ -117,15 +100,14 @@ def compiled_method(method: _Method) -> _Method:
 def at_each(function: Callable[..., _T], *arguments: RealArray) -> _T:
     """Apply a function of scalars to every element of arguments whose shapes broadcast.
 
-    Scalars are handed on as they are: a batch of one would be traced, lowered and compiled in
-    twice the time.
+    Scalar arguments are passed directly, because a batch of one takes twice as long to compile.
 
     Args:
-        function: of as many scalars as there are arguments; an array or a pytree of arrays.
-        *arguments: of any shapes that broadcast.
+        function: takes one scalar for each argument; returns an array or a pytree of arrays.
+        *arguments: arrays of any shapes that broadcast.
 
     Returns:
-        The same, every array with the broadcast shape in front of its own.
+        The results, with the broadcast shape as leading axes of every array.
     """
     arrays = jnp.broadcast_arrays(*arguments)
     shape = arrays[0].shape
@@ -141,46 +123,36 @@ _M = TypeVar("_M")
 def of_each(
     function: Callable[..., RealArray], models: Sequence[_M], *arguments: Sequence[RealArray]
 ) -> RealArray:
-    """Apply a function to several models, each with its own arguments, along a leading axis.
+    """Apply a function to several models, each with its own arguments.
 
-    Models of one structure are stacked and mapped over, so that the program holds the function once
-    and not once for each: what is compiled grows with the number of copies. Others are asked in turn.
+    Models of equal structure are stacked and mapped, so the function is compiled once.
 
     Args:
-        function: of a model and its arguments.
-        models: equinox modules, or whatever else the function takes.
-        *arguments: a sequence for each argument, with an entry for each model, all of one shape.
+        function: takes a model and its arguments.
+        models: equinox modules.
+        *arguments: one sequence for each argument, with one entry of the same shape for each model.
 
     Returns:
         Array with a leading axis of models.
     """
+    kinds = [
+        jax.tree.map(lambda x: (x.shape, str(x.dtype)) if eqx.is_array(x) else x, one)
+        for one in models
+    ]
+    if len(models) == 1 or not eqx.tree_equal(*kinds):
+        return jnp.stack([function(*one) for one in zip(models, *arguments, strict=True)])
     split = [eqx.partition(one, eqx.is_array) for one in models]
-    numbers, rest = [one for one, _ in split], [one for _, one in split]
-    if len(models) > 1 and _alike(numbers, rest):
-        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *numbers)
-        return jax.vmap(lambda one, *own: function(eqx.combine(one, rest[0]), *own))(
-            stacked, *(jnp.stack(one) for one in arguments)
-        )
-    return jnp.stack([function(*one) for one in zip(models, *arguments, strict=True)])
-
-
-def _alike(numbers: Sequence[Any], rest: Sequence[Any]) -> bool:
-    """Whether models have one structure, numbers of the same shapes and nothing else that differs."""
-    shapes = [[(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(one)] for one in numbers]
-    trees = [jax.tree.structure(one) for one in numbers]
-    return (
-        bool(shapes[0])
-        and all(one == shapes[0] for one in shapes)
-        and all(one == trees[0] for one in trees)
-        and all(bool(eqx.tree_equal(one, rest[0])) for one in rest)
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(numbers for numbers, _ in split))
+    return jax.vmap(lambda one, *own: function(eqx.combine(one, split[0][1]), *own))(
+        stacked, *map(jnp.stack, arguments)
     )
 
 
 def over_slope(linear: Callable[[RealArray], RealArray], value: RealArray) -> RealArray:
-    """The x at which a linear function of a scalar equals a value: the `tangent_solve` of a root.
+    """Return the x at which a linear function of a scalar equals a value: the `tangent_solve` of a root.
 
-    Where its slope is zero or not finite there is no root, and the value itself is returned: one
-    member of a batch without a root leaves the derivatives of the others as they are.
+    If the slope is zero or not finite there is no root. The value itself is then returned, so that this
+    member of a batch does not affect the derivatives of the others.
     """
     slope = linear(jnp.ones_like(value))
     usable = jnp.isfinite(slope) & (slope != 0)

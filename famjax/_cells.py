@@ -1,4 +1,4 @@
-"""Cells of a table: a text or workbook decoded, its delimiter, decimal sign and names found."""
+"""Cells of a table: decoding of a text or workbook, delimiter, decimal sign and column names."""
 
 import codecs
 import csv
@@ -21,16 +21,16 @@ from ._headers import OTHER_UNITS, any_unit, judge
 from ._stamps import STAMP
 from .boundary.errors import InputError
 
-MOST_BYTES = 500e6  # of a file, and of what a workbook unpacks to
-_MOST_CELLS = 20e6  # of a sheet
-_SAMPLE = 2000  # lines that tell delimiter and decimal sign
+MOST_BYTES = 500e6  # limit of a file, and of an unpacked workbook
+_MOST_CELLS = 20e6  # limit of a sheet
+_SAMPLE = 2000  # number of lines from which delimiter and decimal sign are determined
 NEAREST = 6
-"""Rows above the numbers among which the names are, and below that show what a column holds."""
+"""Number of rows above the numbers searched for names, and below them to judge a column."""
 DAMAGED = (
     ValueError, TypeError, LookupError, AttributeError, ArithmeticError, OSError, EOFError, SyntaxError,
     RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What readers of workbooks make of a damaged one."""
+"""Errors raised by readers of damaged workbooks."""
 _GROUPS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(?:[, ']\d{3})+(?:\.\d*)?"),
     ",": re.compile(r"[+-]?[1-9]\d{0,2}(?:[. ']\d{3})+(?:,\d*)?"),
@@ -40,7 +40,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
-    """What is asked of a table; see `famjax.tables.read_table`."""
+    """Requested columns and options; see `famjax.tables.read_table`."""
 
     needed: tuple[str, ...]
     optional: tuple[str, ...]
@@ -62,7 +62,7 @@ def read_bytes(source: Any) -> bytes:
 
 
 def decoded_text(data: bytes) -> str:
-    """The text of a file: by its mark, else UTF-16, UTF-8 or cp1252 by its bytes."""
+    """Decode a file as UTF-16, with or without byte order mark, UTF-8 or cp1252."""
     head = data[:200].lstrip(b"\xef\xbb\xbf \r\n\t").lower()
     if head.startswith((b"\xd0\xcf\x11\xe0", b"<?xml", b"<!doctype", b"<html", b"<table")):
         raise InputError("it is an old workbook, XML or HTML, not a text: save it as .xlsx or CSV")
@@ -70,7 +70,7 @@ def decoded_text(data: bytes) -> str:
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]
     elif b"\0" in data:
-        # Latin text in UTF-16 has a zero in every second byte: which one tells the order.
+        # Latin text in UTF-16 has a zero in every second byte, which tells the byte order.
         little = data[1:2000:2].count(0) > data[0:2000:2].count(0)
         encodings = ["utf-16-le" if little else "utf-16-be"]
     for encoding in encodings:
@@ -84,9 +84,9 @@ def decoded_text(data: bytes) -> str:
 
 
 def check_workbook(data: bytes) -> None:
-    """Refuse a workbook that would unpack to more than is read, and one that names entities.
+    """Refuse a workbook that unpacks to too much, reaches too far or defines entities.
 
-    Python reads no more of a part than the archive states, and a part of a workbook has no document type.
+    Python reads no more of a part than the archive states. No part of a workbook has a document type.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         if (size := sum(part.file_size for part in archive.infolist())) > MOST_BYTES:
@@ -125,10 +125,10 @@ class Sheet:
 
     Attributes:
         rows: line number (from 1) and cells of every row from the first reading on.
-        names, below, beside: of the columns, the units in a row of their own and other words that stand
-            above or below a name, "" where there are none.
-        decimal: "." or ",".
-        grouped: thousands may be grouped: somewhere that is plain.
+        names, below, beside: for every column its name, its unit from a row of units, and other words
+            above or below the name; "" if missing.
+        decimal: decimal sign, "." or ",".
+        grouped: True if thousands may be grouped, as some numbers show.
         comments: lines that begin with #.
     """
 
@@ -142,7 +142,7 @@ class Sheet:
 
 
 def split_text(text: str, asked: Asked) -> Sheet:
-    """The cells of a text, by the delimiter that makes most of it names and numbers."""
+    """Split a text into cells by the delimiter that yields most names and numbers."""
     lines = text.splitlines()
     stated = re.fullmatch(r'(?i)"?sep=(.)"?\s*', lines[0]) if lines else None
     held = [(n, one) for n, one in enumerate(lines, 1) if one.strip(" \t;,|")][bool(stated) :]
@@ -179,7 +179,7 @@ def sheet_of(
     *,
     plain: bool = False,
 ) -> Sheet:
-    """Where the numbers of these rows are, what is above them, and their decimal sign."""
+    """Find the numbers in these rows, the names above them and the decimal sign."""
     first, width = _block([row for _, row in rows[:_SAMPLE]], asked.fewest)
     if not width:
         raise InputError("no block of numbers")
@@ -199,21 +199,21 @@ def sheet_of(
 
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:
     if delimiter == " ":
-        names = re.split(r"\s{2,}", line.strip())  # a name may hold a blank
+        names = re.split(r"\s{2,}", line.strip())  # a name may contain a blank
         return tuple(names if len(names) > 1 and re.search("[^\\W\\d]", line) else line.split())
     cells = next(csv.reader([line], delimiter=delimiter)) if '"' in line else line.split(delimiter)
     return trimmed_cells(tuple(map(str.strip, cells)))
 
 
 def trimmed_cells(cells: tuple[str, ...]) -> tuple[str, ...]:
-    """Without the empty cells that a spreadsheet has put behind the last column."""
+    """Remove empty cells behind the last column."""
     while cells and not cells[-1]:
         cells = cells[:-1]
     return cells
 
 
 def _ascii(cell: str) -> str:
-    """A number with ASCII signs: no Unicode minus, no narrow blank between thousands."""
+    """Replace the Unicode minus, apostrophe and narrow blanks of a number by ASCII signs."""
     if cell.isascii():
         return cell
     return re.sub("[\u00a0\u2009\u202f]", " ", cell).replace("\u2212", "-").replace("\u2019", "'")
@@ -227,7 +227,7 @@ def looks_number(cell: str) -> bool:
 
 
 def _block(rows: Sequence[tuple[str, ...]], fewest: int) -> tuple[int, int]:
-    """Index of the first row of the block of numbers, and its width; zeros for no block."""
+    """Return the first row of the block of numbers, and its width; zeros if there is none."""
     looks = [sum(map(looks_number, row)) for row in rows]
     widths = [
         len(row) if n >= 2 and 2 * n >= sum(map(bool, row)) else 0
@@ -249,9 +249,9 @@ def _block(rows: Sequence[tuple[str, ...]], fewest: int) -> tuple[int, int]:
 def _header(
     rows: list[tuple[int, tuple[str, ...]]], first: int, width: int, comments: tuple[str, ...]
 ) -> tuple[list[str], list[str], list[str], int]:
-    """Names, units in a row of their own ("" for none), other words beside, and where the numbers begin.
+    """Return names, units from a row of units, other words, and the first row of numbers.
 
-    They begin behind the names, whatever the first rows lack.
+    The numbers begin after the names, even if the first rows are incomplete.
     """
     looks = [sum(map(looks_number, row)) for _, row in rows[:first]]
     above = [list(row) for _, row in rows[:first]][: -NEAREST - 1 : -1]
@@ -284,7 +284,7 @@ def _header(
             below = [*bare, *[""] * n][:n]
             others.remove(row)
             break
-    for row in others:  # groups of columns, and words below the names
+    for row in others:  # groups of columns, and words below names
         if sum(map(bool, row)) > 1 and not any(map(looks_number, row)):
             group = ""
             for k, cell in enumerate([*row, *[""] * n][:n]):
@@ -304,13 +304,13 @@ def _header(
 def _decimal(
     rows: Sequence[tuple[str, ...]], given: str | None, delimiter: str
 ) -> tuple[str, bool]:
-    """The decimal sign of the numbers, and whether thousands are grouped; refuses what nothing tells."""
+    """Return the decimal sign, and whether thousands are grouped; raise an error if it is ambiguous."""
     if given is not None:
         if given not in {".", ","}:
             raise InputError(f"--column decimal={given}: the decimal sign is . or ,")
         return given, True
     certain: dict[str, str] = {}  # sign, and an example of it
-    doubtful: dict[str, str] = {}  # it may stand between thousands
+    doubtful: dict[str, str] = {}  # may separate thousands
     grouped = False
     for cell in (cell for row in rows for cell in row if "." in cell or "," in cell):
         if ":" in cell or not looks_number(cell):
@@ -340,7 +340,7 @@ def _decimal(
 
 
 def numbers_of(cells: Sequence[str], sheet: Sheet) -> np.ndarray:
-    """Values of a column, nan where there is none."""
+    """Return the values of a column; nan for cells that are not numbers."""
     sign, other = sheet.decimal, "," if sheet.decimal == "." else "."
     joined = sign == "," and not any("." in cell for cell in cells)
     if joined or sign == ".":

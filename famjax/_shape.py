@@ -1,14 +1,14 @@
-"""The shape that balances bladder, pressure and threads: modes, local densities, guarded Newton steps.
+"""Equilibrium of bladder, pressure and threads: modes, local densities and guarded Newton steps.
 
-Along the material coordinate Z a muscle has radius r, slope s = r', pull F, and the radial part p of
+At the material coordinate Z a muscle has radius r, slope s = r', pull F and the radial component p of
 its meridional force. The shape is the stationary point of the integral over Z of
 
     G = p s - mu sqrt(m^2 + p^2) + W,    m = P pi r^2 + F,    mu^2 = (B (1 + e))^2 - (2 pi N r)^2
 
-where W is the strain energy of bladder and threads per Z, and e the strain of the threads. Eliminating
-p gives the energy, G = W - m z' with z'^2 = mu^2 - s^2; with p, nothing is singular where a
-shoulder is steep. r is a sum of modes; p and e are unknown at the quadrature stations, where they are
-eliminated one by one. F is the multiplier of the length, the integral of z' = mu m / sqrt(m^2 + p^2).
+where W is the strain energy of bladder and threads per Z, and e is the strain of the threads.
+Eliminating p gives the energy, G = W - m z' with z'^2 = mu^2 - s^2. With p, steep shoulders are not
+singular. r is a sum of modes. p and e are unknowns at the quadrature stations, where they are eliminated
+one by one. F is the multiplier of the length, which is the integral of z' = mu m / sqrt(m^2 + p^2).
 """
 
 import dataclasses
@@ -29,10 +29,10 @@ from .geometries import Bladder
 from .materials import AbstractMaterial
 
 MAX_STEPS = 16
-_PARTS = np.array([1.0, 0.5, 0.25, 0.1, 0.0])  # of a Newton step
-_NEAREST = 0.1  # part of its distance to a bound that a step must leave
-_STEEPEST = 0.7  # slope of the first guess at a fitting, in that of a meridian across the axis
-_STIFF = 1e6  # with which a reduced Hessian resists a change of the length
+_PARTS = np.array([1.0, 0.5, 0.25, 0.1, 0.0])  # fractions of a Newton step
+_NEAREST = 0.1  # fraction of the distance to a bound that a step must leave
+_STEEPEST = 0.7  # largest slope of the first guess, relative to a radial meridian
+_STIFF = 1e6  # penalty of a reduced Hessian on a change of the length
 
 
 class Rule(NamedTuple):
@@ -40,9 +40,9 @@ class Rule(NamedTuple):
 
     Attributes:
         x: stations in the section, 0 to 1, shape (stations,).
-        weights: in Z, shape (stations,).
-        values, slopes: of every mode and its derivative in Z, shape (stations, modes). The first
-            modes are hats, one for each border of the sections; the first and last are the fittings'.
+        weights: quadrature weights in Z, shape (stations,).
+        values, slopes: value and derivative in Z of every mode, shape (stations, modes). The first modes
+            are hat functions, one for each border of the sections, including both fittings.
     """
 
     x: np.ndarray
@@ -51,16 +51,16 @@ class Rule(NamedTuple):
     slopes: np.ndarray
 
     def half(self) -> "Rule":
-        """The first half of the stations, which stand for both halves of a symmetric muscle."""
+        """Return the first half of the stations, with doubled weights, for a symmetric muscle."""
         count = (self.x.size + 1) // 2
         weights = 2 * self.weights[:count]
-        weights[self.x.size // 2 :] /= 2  # the middle stands for itself
+        weights[self.x.size // 2 :] /= 2  # a station in the middle is not doubled
         return Rule(self.x[:count], weights, self.values[:count], self.slopes[:count])
 
 
 @functools.cache
 def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
-    """The rule of every section, of integrated Legendre polynomials up to an order."""
+    """Return the rule of every section, with integrated Legendre polynomials up to an order."""
     nodes, weights = np.polynomial.legendre.leggauss(3 * order // 2 + 4)
     return tuple(
         Rule((1 + nodes) / 2, weights * share / 2, *modes(shares, order, i, nodes))
@@ -71,7 +71,7 @@ def rules(shares: tuple[float, ...], order: int) -> tuple[Rule, ...]:
 def modes(
     shares: tuple[float, ...], order: int, section: int, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of the radius and their derivatives in Z at places -1 to 1 of a section."""
+    """Return the modes of the radius and their derivatives in Z at positions -1 to 1 of a section."""
     borders, bubbles = len(shares) + 1, order - 1
     values = np.zeros((at.size, borders + len(shares) * bubbles))
     slopes = np.zeros_like(values)
@@ -86,7 +86,7 @@ def modes(
 
 
 class Part(eqx.Module):
-    """A section: braid, bladder and law, each as if the whole muscle consisted of it."""
+    """Braid, bladder and material of a section, each described as if it formed the whole muscle."""
 
     braid: AbstractBraid
     bladder: Bladder
@@ -94,11 +94,11 @@ class Part(eqx.Module):
 
     @property
     def elastic(self) -> bool:
-        """Whether the threads stretch."""
+        """True if the threads stretch."""
         return self.braid.threads_tension(0.0) is not None
 
     def place(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, ...]:
-        """Meridian per Z [m], squared [m2], and outer radius of the bladder [m]."""
+        """Return the meridian per Z [m], its square [m2], and the outer radius of the bladder [m]."""
         around = 2 * jnp.pi * self.braid.turns * radius
         thread = self.braid.rest_thread_length * (1 + stretch)
         squared = (thread - around) * (thread + around)
@@ -106,15 +106,13 @@ class Part(eqx.Module):
         return jnp.sqrt(squared), squared, radius - inset
 
     def strains(self, radius: RealArray, stretch: RealArray) -> tuple[RealArray, RealArray]:
-        """Strains [-] of the bladder along the meridian and around, at mid-wall."""
+        """Strains [-] of the bladder along the meridian and around the axis, at mid-wall."""
         meridian, _, outer = self.place(radius, stretch)
         return self.bladder.axial_strain(meridian), self.bladder.hoop_strain(meridian, outer)
 
-    def resistances(
-        self, radius: RealArray, stretch: RealArray, pressure: RealArray
-    ) -> Float[Array, "3"]:
-        """Energy per Z and strain [J] for the strains of bladder and threads."""
-        axial, hoop = self.strains(radius, stretch)
+    def resistances(self, strains: Float[Array, "3"], pressure: RealArray) -> Float[Array, "3"]:
+        """Energy per Z and strain [J] for the strains of the bladder, along and around, and threads."""
+        axial, hoop, stretch = strains
         stress = self.material.stresses(axial, hoop, pressure)
         volume, tension = self.bladder.volume, self.braid.threads_tension(stretch)
         threads = jnp.zeros_like(volume) if tension is None else tension
@@ -125,20 +123,20 @@ class Part(eqx.Module):
         ])  # fmt: skip
 
     def tapered(self, other: Bladder | None, x: np.ndarray) -> "Part":
-        """The section at stations 0 to 1, its bladder's numbers changing linearly to another's."""
+        """Return the section at stations 0 to 1, with a bladder that changes linearly to another one."""
         far = self.bladder if other is None else other
         bladder = jax.tree.map(lambda a, b: a + (b - a) * x.astype(a.dtype), self.bladder, far)
         return Part(self.braid, bladder, self.material)
 
 
-def _full(state: RealArray) -> RealArray:
-    """Radius, slope, pull, radial force and stretch of the threads, which may be none."""
+def full(state: RealArray) -> RealArray:
+    """Return radius, slope, pull, radial force p and stretch e of a state; e is 0 if it is missing."""
     return state if state.shape[-1] == 5 else jnp.concatenate([state, jnp.zeros_like(state[:1])])
 
 
 def _lagrangian(state: RealArray, held: RealArray, part: Part, pressure: RealArray) -> RealArray:
-    """G with W to first order, whose derivatives per strain are held."""
-    radius, slope, force, across, stretch = _full(state)
+    """Return G with W to first order, for given derivatives of W in the strains."""
+    radius, slope, force, across, stretch = full(state)
     along = pressure * jnp.pi * radius**2 + force
     meridian, *_ = part.place(radius, stretch)
     strains = jnp.stack([*part.strains(radius, stretch), stretch])
@@ -146,15 +144,15 @@ def _lagrangian(state: RealArray, held: RealArray, part: Part, pressure: RealArr
 
 
 def _gradient(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
-    full = _full(state)
-    held = part.resistances(full[0], full[4], pressure)
-    return jax.grad(_lagrangian)(state, held, part, pressure)
+    radius, *_, stretch = full(state)
+    strains = jnp.stack([*part.strains(radius, stretch), stretch])
+    return jax.grad(_lagrangian)(state, part.resistances(strains, pressure), part, pressure)
 
 
 def _hessian(
     state: RealArray, part: Part, pressure: RealArray
 ) -> tuple[Float[Array, "n n"], RealArray]:
-    """Second derivatives of G, and beside them its first."""
+    """Return the second and first derivatives of G."""
 
     def both(state: RealArray) -> tuple[RealArray, RealArray]:
         first = _gradient(state, part, pressure)
@@ -166,11 +164,12 @@ def _hessian(
 def _room(
     state: RealArray, part: Part, pressure: RealArray
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """Distances to bounds: r, m and mu^2 above 0; and whether there is a bore, and the law known."""
-    radius, _, force, _, stretch = _full(state)
+    """Return r, m and mu^2, which must stay > 0, and whether bore and stresses exist."""
+    radius, _, force, _, stretch = full(state)
     meridian, squared, outer = part.place(radius, stretch)
     fits = part.bladder.fits(meridian, outer)
-    known = jnp.all(jnp.isfinite(part.resistances(radius, stretch, pressure)))
+    strains = jnp.stack([*part.strains(radius, stretch), stretch])
+    known = jnp.all(jnp.isfinite(part.resistances(strains, pressure)))
     return jnp.stack([radius, pressure * jnp.pi * radius**2 + force, squared]), fits & known
 
 
@@ -179,19 +178,19 @@ Unknowns = tuple[Float[Array, " _"], tuple[Float[Array, "_ _"], ...]]
 
 
 class Balance(eqx.Module):
-    """A muscle at one length and pressure, and the scales of its unknowns.
+    """Equations of a muscle at one length and pressure, with the scales of the unknowns.
 
     Attributes:
-        parts: sections at their stations.
+        parts: sections, with bladders at their stations.
         ends: radius [m] at both fittings, shape (2,).
-        length: L [m]; where a load is given, a guess of it.
+        length: L [m]; a guess if a load is given.
         pressure: P [Pa].
-        load: F [N] that is given in place of the length, or None.
-        force_scale: [N], a constant.
-        shares: of the sections in Z.
-        order: of the polynomials in each.
-        symmetric: whether both halves are alike, so that the shape is found in one of them.
-        halved: whether the stations are those of the first half of a symmetric muscle.
+        load: F [N], given instead of the length, or None.
+        force_scale: scale of forces [N], a constant.
+        shares: fraction of Z in each section.
+        order: degree of the polynomials in each section.
+        symmetric: True if both halves are equal, so that only one is solved.
+        halved: True if the stations are those of the first half of a symmetric muscle.
     """
 
     parts: tuple[Part, ...]
@@ -212,7 +211,7 @@ class Balance(eqx.Module):
         return (whole[0].half(),) if self.halved else whole
 
     def half(self) -> "Balance":
-        """The first half of a symmetric muscle."""
+        """Return the first half of a symmetric muscle."""
         count = self.rules[0].half().x.size
         parts = tuple(
             Part(one.braid, jax.tree.map(lambda leaf: leaf[:count], one.bladder), one.material)
@@ -221,9 +220,9 @@ class Balance(eqx.Module):
         return dataclasses.replace(self, parts=parts, halved=True)
 
     def both_halves(self, y: "Unknowns") -> "Unknowns":
-        """Unknowns of the whole muscle from those of its first half."""
+        """Return the unknowns of the whole muscle from those of its first half."""
         outer, (inner,) = y
-        middle = self.rules[0].x.size % 2  # a station lies there
+        middle = self.rules[0].x.size % 2  # 1 if a station lies there
         # p is odd about the middle, the stretch of the threads even.
         sign = np.array([-1.0, 1.0])[: inner.shape[1]].astype(outer.dtype)
         return outer, (jnp.concatenate([inner, sign * inner[::-1][middle:]]),)
@@ -240,13 +239,13 @@ class Balance(eqx.Module):
 
     @property
     def free(self) -> np.ndarray:
-        """Modes that do not change the radius at the fittings."""
+        """Indices of the modes that do not change the radius at the fittings."""
         modes = np.arange(self.rules[0].values.shape[1])
         return np.delete(modes, [0, len(self.shares)])
 
     @property
     def odd(self) -> np.ndarray:
-        """Which unknowns, modes and pull, are odd about the middle: those that half a muscle lacks."""
+        """Mask of the modes that are odd about the middle, which half a muscle does not have."""
         degree = np.arange(2, self.free.size + 2)
         return np.append((degree % 2 == 1) & self.halved, False)
 
@@ -257,7 +256,7 @@ class Balance(eqx.Module):
         return jnp.where(pull, self.force_scale, self.radius_scale)
 
     def columns(self, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
-        """Radius, slope and pull at the stations: of the fittings' radii, and of modes and pull."""
+        """Return matrices from end radii and from unknowns to radius, slope and pull at the stations."""
         both = np.stack([rule.values, rule.slopes, np.zeros_like(rule.values)], axis=1)
         free, size = self.free, self.free.size
         linear = np.zeros((rule.x.size, 3, size + 1))
@@ -266,17 +265,17 @@ class Balance(eqx.Module):
         return both[..., [0, len(self.shares)]].astype(dtype), linear.astype(dtype)
 
     def outer(self, rule: Rule, y: Float[Array, " unknowns"]) -> Float[Array, "stations 3"]:
-        """Radius, slope and pull at the stations of a section."""
+        """Return radius, slope and pull at the stations of a section."""
         fixed, linear = self.columns(rule)
         return jnp.asarray(fixed) @ self.ends + jnp.asarray(linear) @ (self.scales * y)
 
     def states(self, y: Unknowns) -> list[RealArray]:
-        """Radius, slope, pull, p and perhaps e at the stations of every section."""
+        """Return radius, slope, pull, p and, for elastic threads, e at the stations of every section."""
         outer = [self.outer(rule, y[0]) for rule in self.rules]
         return [jnp.concatenate(pair, axis=1) for pair in zip(outer, y[1], strict=True)]
 
     def each(self, function: Callable[..., Any], y: Unknowns) -> list[Any]:
-        """A function of (state, part, pressure) at the stations of every section."""
+        """Evaluate a function of (state, part, pressure) at the stations of every section."""
 
         def at(part: Part, states: RealArray) -> Any:
             def one(state: RealArray, bladder: Bladder) -> Any:
@@ -287,10 +286,9 @@ class Balance(eqx.Module):
         return [at(*pair) for pair in zip(self.parts, self.states(y), strict=True)]
 
     def guess(self) -> Unknowns:
-        """Cylinders that are all equally shorter, rounded towards the fittings.
+        """Return a first guess: equally contracted cylinders with rounded ends.
 
-        The radius r of -(d r')' d + r = r_cylinder, with d so long that no slope is steeper than
-        the threads allow.
+        The radius solves -(d r')' d + r = r_cylinder, where d limits the slope to what the threads allow.
         """
         dtype, scale = self.ends.dtype, self.radius_scale
         rests = [jnp.mean(part.bladder.rest_length) for part in self.parts]
@@ -334,7 +332,7 @@ Matrix = Float[Array, "modes modes"]
 
 
 def residual(y: Unknowns, balance: Balance) -> Unknowns:
-    """The imbalance, scaled to order one."""
+    """Return the residual of the equilibrium, scaled to order one."""
     outer = jnp.zeros_like(y[0]).at[-1].set(balance.length)
     inner = []
     for rule, g in zip(balance.rules, balance.each(_gradient, y), strict=True):
@@ -348,7 +346,7 @@ def residual(y: Unknowns, balance: Balance) -> Unknowns:
 
 
 def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
-    """Newton's step, and its matrix once p and e are eliminated at every station."""
+    """Return Newton's step, and its matrix after p and e are eliminated at every station."""
     right = jnp.zeros_like(y[0]).at[-1].set(balance.length)
     matrix, back = jnp.zeros((right.size, right.size), right.dtype), []
     for rule, (second, first) in zip(balance.rules, balance.each(_hessian, y), strict=True):
@@ -381,28 +379,22 @@ def newton(y: Unknowns, balance: Balance) -> tuple[Unknowns, Matrix]:
 
 
 def reduced_hessian(matrix: Matrix) -> Float[Array, "free free"]:
-    """Second derivatives of the energy with respect to the modes, penalising a change of length."""
+    """Return the second derivatives of the energy in the modes, with a penalty on the length."""
     across = matrix[:-1, -1]
     give = jnp.maximum(-matrix[-1, -1], 0.0) + 1 / _STIFF
     return matrix[:-1, :-1] + jnp.outer(across, across) / give
-
-
-def ahead(balance: Balance, y: Unknowns) -> tuple[RealArray, Bool[Array, ""]]:
-    """Distances to all bounds, and whether conditions without a distance hold."""
-    rooms, kept = zip(*balance.each(_room, y), strict=True)
-    return jnp.concatenate(rooms), jnp.all(jnp.concatenate(kept))
 
 
 class Point(eqx.Module):
     """State of the solver.
 
     Attributes:
-        size: of the last step.
-        part: of Newton's step that was taken.
-        aim: pull to which a whole step would go, in the balance's scale.
-        matrix: of that step.
-        rooms: distances to the bounds before it; see `_room`.
-        kept: whether a bore was left and the law known.
+        size: size of the last step.
+        part: fraction of Newton's step that was taken.
+        aim: pull after a full step, in the scale of the balance.
+        matrix: matrix of the step.
+        rooms: distances to the bounds before the step; see `_room`.
+        kept: whether bore and stresses existed before the step.
         first: the first guess.
     """
 
@@ -416,10 +408,9 @@ class Point(eqx.Module):
 
 
 class GuardedNewton(optx.AbstractRootFinder):
-    """Newton's method for `residual`, with steps that stay where r, m and mu are above 0.
+    """Newton's method for `residual`, with steps that keep r, m and mu > 0.
 
-    Where it fails it returns the first guess, at which derivatives are finite; the last point is in
-    `stats`.
+    On failure it returns the first guess, at which derivatives are finite; the last point is in `stats`.
     """
 
     rtol: float
@@ -441,8 +432,12 @@ class GuardedNewton(optx.AbstractRootFinder):
         def moved(part: RealArray) -> Unknowns:
             return jax.tree.map(lambda a, b: a + part * b, y, step)
 
+        def ahead(part: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            rooms, kept = zip(*args.each(_room, moved(part)), strict=True)
+            return jnp.concatenate(rooms), jnp.all(jnp.concatenate(kept))
+
         parts = jnp.asarray(_PARTS, y[0].dtype)
-        rooms, kept = jax.vmap(lambda part: ahead(args, moved(part)))(parts)
+        rooms, kept = jax.vmap(ahead)(parts)
         allowed = kept & jnp.all(rooms > _NEAREST * rooms[-1], axis=(1, 2)) & kept[-1]
         part = parts[jnp.argmax(allowed.at[-1].set(True))]  # the last part is 0
         size = self.norm(step[0])
@@ -469,10 +464,10 @@ class Solved(eqx.Module):
     """Result of the solver.
 
     Attributes:
-        y: the unknowns, of the first guess where none balance.
-        found: whether they balance.
+        y: the unknowns; the first guess if there is no solution.
+        found: True if there is a solution.
         last: unknowns at which the solver stopped.
-        point: how it stood there; of the first half alone where the muscle is symmetric.
+        point: state of the solver there, for the first half of a symmetric muscle.
     """
 
     y: Unknowns
@@ -482,7 +477,7 @@ class Solved(eqx.Module):
 
 
 def solve(balance: Balance) -> Solved:
-    """The balance of a muscle, its derivatives by the implicit function theorem."""
+    """Solve the equilibrium, with derivatives by the implicit function theorem."""
     tolerance = float(jnp.finfo(balance.ends.dtype).eps) ** 0.5
     sought = balance.half() if balance.symmetric else balance
     solution = optx.root_find(

@@ -59,9 +59,7 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
     said = CLOCK_UNIT.fullmatch(one.unit.strip())
     if said:
         if said[1][0] in "mM" and (said[3] or said[2][0] not in "sS"):
-            raise InputError(
-                f"the time format {one.unit!r} is unknown: use hh:mm:ss, hh:mm or mm:ss"
-            )
+            raise InputError(f"unknown time format {one.unit!r}: use hh:mm:ss, hh:mm or mm:ss")
         return said[1][0] in "mM"
     if any(stamp["c"] or stamp["half"] or stamp["date"] for stamp in stamps):
         return False
@@ -71,8 +69,7 @@ def _minutes_first(stamps: Sequence[re.Match[str]], one: Column) -> bool:
         return True
     if np.mean(np.diff(whole) == 0) > REPEATED:
         raise InputError(
-            f"the time in {one} does not advance: {whole.size} rows have only {np.unique(whole).size} "
-            "stamps, apparently hours and minutes. Export the time with seconds"
+            f"the time in {one} does not advance, apparently hours and minutes: export it with seconds"
         )
     back = np.flatnonzero(np.diff(whole) < 0)
     if first.max() > 23 or (back.size and first[back].min() >= 59):
@@ -102,8 +99,7 @@ def _days(dates: Sequence[str], one: Column) -> np.ndarray:
     best = sorted(readings, key=lambda days: days[-1])
     if not best or (len(best) > 1 and best[0][-1] > 2 * len(distinct)):
         raise InputError(
-            f"the dates in {one}, {distinct[0]!r} and {distinct[1]!r}, do not rise or are ambiguous: "
-            "write them as 2021-03-04"
+            f"the dates in {one}, such as {distinct[0]!r}, are ambiguous or fall: write them as 2021-03-04"
         )
     number = dict(zip(distinct, best[0], strict=True))
     return np.array([number[date] for date in dates], float)

@@ -1,6 +1,6 @@
-"""The helical braid of inextensible threads: the triangle relation and its inverses.
+"""The helical braid: triangle relation, Gaylord's force, and braids with inextensible or elastic threads.
 
-One thread, unrolled, is the hypotenuse of a right triangle: L = B sin(theta) along the axis and
+One unrolled thread is the hypotenuse of a right triangle: L = B sin(theta) along the axis and
 pi N D = B cos(theta) around it. `theta` is measured from the circumference.
 """
 
@@ -26,7 +26,7 @@ _RIGHT_ANGLE = math.pi / 2 * (1 + 1e-6)  # pi/2 in float32 is larger
 
 
 def thread_length_from_angle(length: Real, braid_angle: Real) -> RealArray:
-    """Thread length B [m], B = L / sin(theta).
+    """Return the thread length B [m], B = L / sin(theta).
 
     Args:
         length: active length L [m], > 0.
@@ -45,7 +45,7 @@ def thread_length_from_angle(length: Real, braid_angle: Real) -> RealArray:
 
 
 def turns_from_angle(length: Real, diameter: Real, braid_angle: Real) -> RealArray:
-    """Turns N [-] of one thread about the axis, N = L / (pi D tan(theta)).
+    """Return the turns N [-] of one thread about the axis, N = L / (pi D tan(theta)).
 
     Args:
         length: active length L [m], > 0.
@@ -62,7 +62,7 @@ def turns_from_angle(length: Real, diameter: Real, braid_angle: Real) -> RealArr
 
 
 def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> RealArray:
-    """Braid diameter D [m], D = sqrt(B^2 - L^2) / (pi N).
+    """Return the braid diameter D [m], D = sqrt(B^2 - L^2) / (pi N).
 
     Args:
         length: active length L [m], 0 < L < B.
@@ -70,7 +70,7 @@ def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> Real
         turns: N [-], > 0.
 
     Returns:
-        D [m], broadcast shape; nan where L > B, which no braid can reach.
+        D [m], broadcast shape; nan for L > B, which no braid can reach.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -80,14 +80,14 @@ def diameter_from_length(length: Real, thread_length: Real, turns: Real) -> Real
 
 
 def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
-    """Braid angle theta [rad], theta = asin(L / B), written with atan2 to be exact near pi/2.
+    """Return the braid angle theta [rad], asin(L / B), computed by atan2 to be exact near pi/2.
 
     Args:
         length: active length L [m], 0 < L < B.
         thread_length: B [m].
 
     Returns:
-        theta [rad], from the circumference, broadcast shape; nan where L > B.
+        theta [rad], from the circumference, broadcast shape; nan for L > B.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -97,15 +97,15 @@ def braid_angle_from_length(length: Real, thread_length: Real) -> RealArray:
 
 
 def braid_angle_from_diameter(diameter: Real, known_diameter: Real, known_angle: Real) -> RealArray:
-    """Braid angle theta [rad] at another diameter of the same braid: cos(theta) / D is constant.
+    """Return the braid angle theta [rad] at another diameter: cos(theta) / D is constant.
 
     Args:
-        diameter: D [m] where the angle is wanted, >= 0.
+        diameter: D [m] of the required angle, >= 0.
         known_diameter: D1 [m], > 0.
         known_angle: theta1 [rad] at D1, from the circumference.
 
     Returns:
-        theta [rad], broadcast shape; nan where D exceeds D1 / cos(theta1) (threads all round).
+        theta [rad], broadcast shape; nan if D exceeds D1 / cos(theta1), where the threads are circles.
 
     References:
         Chambers 2021, section 2.2.
@@ -125,22 +125,22 @@ class AbstractBraid(Parametrised):
         """Thread length B [m] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
 
     def threads_tension(self, strain: Real) -> RealArray | None:  # noqa: ARG002
-        """Tension [N] of all threads together at an engineering strain [-]; None: they do not stretch."""
+        """Total tension [N] of all threads at an engineering strain [-]; None for inextensible threads."""
         return None
 
     def reach(
         self, length: Real, pressure: Real
     ) -> tuple[RealArray, RealArray, Bool[Array, "..."]]:
-        """Length and thread length, masked where they form no triangle, and the mask.
+        """Return length and thread length, masked if they form no triangle, and the mask.
 
         Args:
             length: active length L [m].
             pressure: gauge pressure P [Pa].
 
         Returns:
-            (L, B, reached), of broadcast shape: where 0 < L < B does not hold, L and B are those of
-            a triangle that has nothing to do with the state, so that no nan spoils the derivatives
-            of other states. What is made of them there is to be replaced by nan.
+            (L, B, reached), broadcast shape. Unless 0 < L < B, `reached` is False and L and B are
+            placeholders that form a triangle. The caller must replace results there by nan. A nan
+            here would spoil the derivatives of other states.
         """
         lengths, pressures = jnp.broadcast_arrays(as_real(length), as_real(pressure))
         unloaded = jax.lax.stop_gradient(self.rest_thread_length)
@@ -158,9 +158,9 @@ class Braid(AbstractBraid):
     """A braid of inextensible threads.
 
     Attributes:
-        rest_thread_length: B0 [m], one thread from fitting to fitting.
+        rest_thread_length: B0 [m], length of one thread from fitting to fitting.
         turns: N [-], turns of one thread about the axis, a float.
-        thickness: t_braid [m], two threads crossing; the bladder lies below it.
+        thickness: t_braid [m] of two crossing threads; the bladder lies below them.
     """
 
     rest_thread_length: Float[Given, "..."] = parameter("m", low=0.0)
@@ -171,11 +171,11 @@ class Braid(AbstractBraid):
     def from_rest(
         cls, *, diameter: Real, braid_angle: Real, length: Real, thickness: Real = 0.0
     ) -> "Braid":
-        """The braid that has this diameter and angle at this length.
+        """Create a braid from its diameter and angle at one length.
 
         Args:
             diameter: D0 [m], braid diameter at rest.
-            braid_angle: theta0 [rad], from the circumference, in (0, pi/2].
+            braid_angle: theta0 [rad] at rest, from the circumference, in (0, pi/2].
             length: L0 [m], active length at rest.
             thickness: t_braid [m].
 
@@ -183,7 +183,7 @@ class Braid(AbstractBraid):
             The braid with B = L0 / sin(theta0) and N = L0 / (pi D0 tan(theta0)).
 
         Raises:
-            ValueError: the angle is out of its range, and not traced; degrees are.
+            ValueError: the angle is out of range, for example in degrees; traced angles are not checked.
 
         >>> braid = Braid.from_rest(diameter=0.02, braid_angle=1.1, length=0.3)
         >>> print(f"{braid.diameter(0.3):.4f} {braid.braid_angle(0.3):.4f}")
@@ -194,8 +194,8 @@ class Braid(AbstractBraid):
             wrong = angle[(angle <= 0) | (angle > _RIGHT_ANGLE)]
             if wrong.size:
                 raise ValueError(
-                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; an angle in degrees is "
-                    "given as jnp.deg2rad(61.7)"
+                    f"braid_angle must lie in (0, pi/2] rad, got {wrong[0]:.6g}; convert degrees by "
+                    "jnp.deg2rad(61.7)"
                 )
         return cls(
             rest_thread_length=thread_length_from_angle(length, braid_angle),
@@ -204,7 +204,7 @@ class Braid(AbstractBraid):
         )
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B0 [m], whatever the load, in the broadcast shape of the arguments."""
+        """Thread length B0 [m], independent of the load, broadcast shape."""
         shape = jnp.broadcast_shapes(jnp.shape(length), jnp.shape(pressure))
         return jnp.broadcast_to(self.rest_thread_length, shape)
 
@@ -218,12 +218,12 @@ class Braid(AbstractBraid):
 
     @property
     def neutral_length(self) -> RealArray:
-        """Active length [m] at the neutral angle, B / sqrt(3); a shorter braid does not pull."""
+        """Active length [m] at the neutral angle, B / sqrt(3); a shorter braid pushes."""
         return self.rest_thread_length * math.sin(NEUTRAL_ANGLE)
 
 
 def force_magnification(braid_angle: Real) -> RealArray:
-    """Force magnification [-], 2 tan(theta)^2 - 1: braid force over pressure times section.
+    """Return the force magnification [-], 2 tan(theta)^2 - 1: braid force divided by P pi R^2.
 
     Args:
         braid_angle: theta [rad], from the circumference, in (0, pi/2).
@@ -238,9 +238,9 @@ def force_magnification(braid_angle: Real) -> RealArray:
 
 
 def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
-    """Pull F_G [N] of a cylindrical braid, F_G = P pi R^2 (2 tan(theta)^2 - 1).
+    """Return the pull F_G [N] of a cylindrical braid, F_G = P pi R^2 (2 tan(theta)^2 - 1).
 
-    The bladder's stiffness, the stretch of the threads and the rounded ends are neglected.
+    Bladder stiffness, thread stretch and rounded ends are neglected.
 
     Args:
         pressure: gauge pressure P [Pa].
@@ -259,56 +259,23 @@ def gaylord_force(pressure: Real, radius: Real, braid_angle: Real) -> RealArray:
     return jnp.asarray(pressure * jnp.pi * radius**2 * force_magnification(braid_angle))
 
 
-def braid_angle_from_blocked_force(pressure: Real, force: Real, diameter: Real) -> RealArray:
-    """Braid angle theta_0 [rad] at rest from how blocked force rises with pressure.
-
-    The bladder's force at the rest length does not depend on pressure, nor does the deadband's, so
-    that the slope of the line through the readings is Gaylord's own:
-
-    dF/dP = pi D0^2 / 4 (2 tan(theta_0)^2 - 1)
-
-    The stretch of the threads is neglected.
-
-    Args:
-        pressure: gauge pressures P [Pa] of the readings, shape (..., n), n >= 2, not all the same.
-        force: blocked forces F [N], of that shape.
-        diameter: braid diameter D0 [m] at rest, of shape (...).
-
-    Returns:
-        theta_0 [rad], from the circumference, of shape (...); nan where the force falls so steeply
-        with pressure that no braid does it, dF/dP < -pi D0^2 / 4.
-
-    References:
-        Chambers 2021, section 4, initial braid angle.
-
-    >>> P = jnp.array([2e5, 4e5, 6e5])
-    >>> F = gaylord_force(P, 0.01, 1.1) - 50.0  # the bladder pushes
-    >>> round(float(braid_angle_from_blocked_force(P, F, 0.02)), 6)
-    1.1
-    """
-    P, F = as_real(pressure), as_real(force)
-    away = P - jnp.mean(P, axis=-1, keepdims=True)
-    slope = jnp.sum(away * F, axis=-1) / jnp.sum(away**2, axis=-1)
-    magnification = 4 * slope / (jnp.pi * as_real(diameter) ** 2)
-    return jnp.arctan(jnp.sqrt((magnification + 1) / 2))
-
-
 def thread_tension(
     force: Real, pressure: Real, radius: Real, braid_angle: Real, n_threads: Real
 ) -> RealArray:
-    """Tension T [N] of one thread, T = (F + P pi R^2) / (n sin(theta)); the bladder's is neglected.
+    """Return the tension T [N] of one thread, T = (F + P pi R^2) / (n sin(theta)).
 
-    The threads that cross the muscle's section hold its pull and the pressure on its end.
+    The threads that cross a section carry the pull and the pressure on the end. The tension of the
+    bladder is neglected.
 
     Args:
         force: pull F [N] of the muscle.
         pressure: gauge pressure P [Pa].
         radius: braid radius R [m].
         braid_angle: theta [rad], from the circumference, in (0, pi/2].
-        n_threads: n [-], threads of both families.
+        n_threads: n [-], number of threads in both families.
 
     Returns:
-        T [N], broadcast shape; negative where the threads would have to push.
+        T [N], broadcast shape; negative if the threads would have to push.
 
     References:
         Chambers 2021, section 5.1.
@@ -323,9 +290,8 @@ def thread_tension(
 class AbstractThread(Parametrised):
     """An elastic thread whose stiffness approaches its far modulus from below.
 
-    With the far stiffness k = A_b E_b, a law's strain must start from 0 at T = 0 and rise with the
-    tension at a rate that never grows and tends to 1 / k, so that it stays below T / k + offset.
-    The root solve of `ElasticBraid` converges for every such law.
+    The strain must be 0 at T = 0 and increase with the tension, at a rate that never grows and tends to
+    1 / k, with the far stiffness k = A_b E_b. The root solve of `ElasticBraid` then converges.
     """
 
     modulus: eqx.AbstractVar[RealArray]
@@ -339,7 +305,7 @@ class AbstractThread(Parametrised):
     @property
     @abc.abstractmethod
     def offset_strain(self) -> RealArray:
-        """Strain [-] at which the far line starts, by which the strain exceeds T / k at most."""
+        """Strain [-] at which the far line starts; the strain exceeds T / k by no more."""
 
     @abc.abstractmethod
     def strain(self, tension: Real) -> RealArray:
@@ -355,7 +321,7 @@ class LinearThread(AbstractThread):
 
     Attributes:
         modulus: E_b [Pa], > 0.
-        area: A_b [m2], section of the fibres of one thread.
+        area: A_b [m2], cross-section of the fibres of one thread.
 
     References:
         Chambers 2021, section 5.1.
@@ -387,15 +353,14 @@ class ToeThread(AbstractThread):
 
     eps = T / (A_b E_b) + e_t T / (T + T_t)
 
-    A hyperbola, so that both directions are closed forms, smooth on the whole line and monotone. At
-    rest its modulus is E_b / (1 + A_b E_b e_t / T_t); far out it is the line of modulus E_b that
-    starts at the strain e_t. A slack thread pushes with less than T_t.
+    At rest its modulus is E_b / (1 + A_b E_b e_t / T_t). Far out it approaches the line of modulus E_b
+    that starts at the strain e_t. A slack thread pushes with less than T_t.
 
     Attributes:
         modulus: E_b [Pa], > 0, beyond the toe region.
-        area: A_b [m2], section of the fibres of one thread.
-        toe_strain: e_t [-], >= 0, that straightening adds in the end.
-        toe_tension: T_t [N], > 0, at which half of it is done.
+        area: A_b [m2], cross-section of the fibres of one thread.
+        toe_strain: e_t [-], >= 0, strain added by straightening.
+        toe_tension: T_t [N], > 0, tension at which half of it is reached.
 
     >>> thread = ToeThread(16.9e6, 1.332e-4, 0.002, 2.0)  # psi, in2, lbf
     >>> print(f"{thread.strain(8.5):.4f} {thread.tension(thread.strain(8.5)):.3f}")
@@ -422,7 +387,7 @@ class ToeThread(AbstractThread):
     def tension(self, strain: Real) -> RealArray:
         """Tension T [N] at an engineering strain [-]: the larger root of a quadratic equation."""
         k = self.far_stiffness
-        # T^2 + p T - q = 0. Of the two forms of its root each is free of cancellation on one side.
+        # T^2 + p T - q = 0: each of the two forms of the root is free of cancellation on one side.
         p = self.toe_tension + k * (self.toe_strain - strain)
         q = k * strain * self.toe_tension
         root = jnp.sqrt(
@@ -437,31 +402,26 @@ _MAX_STEPS = 64
 
 @compiled
 def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-    """The strain at which the thread's tension meets the load T = m (1 + eps).
+    """Solve strain(T) = eps with the load T = m (1 + eps), by Newton's method.
 
-    There is one where m < k = A_b E_b, and none beyond: the load then outgrows every tension.
-
-    Newton's method on r(eps) = eps - strain(T(eps)) cannot fail. The law's strain is concave in the
-    tension, so r is convex, and its slope rises to 1 - m / k > 0. By strain(T) <= T / k + e_t, with
-    the offset strain e_t, r is not negative at the start (m / k + e_t) / (1 - m / k), and from there
-    the iterates of a convex function fall to its root monotonically. Its slope at the root is at
-    least that of the secant from eps = -1, where r = -1: every step then leaves at most the part
-    e_t / (1 + e_t) of the error, and near the root its square. A linear thread starts at the root.
+    A solution exists if m < k = A_b E_b; beyond, the load outgrows every tension. The residual
+    r(eps) = eps - strain(T(eps)) is convex, and its slope rises to 1 - m / k > 0. At the start,
+    (m / k + e_t) / (1 - m / k) with the offset strain e_t, it is not negative, so the iterates fall to the
+    root monotonically. For a linear thread the start is the root.
 
     Args:
         thread: the law.
         load: m [N], shape ().
 
     Returns:
-        (strain [-], found): nan and False where there is none. Derivatives of any order are taken
-        by the implicit function theorem.
+        (strain [-], found): nan and False if there is none. Derivatives follow from the implicit
+        function theorem.
     """
     k = thread.far_stiffness
     holds = (load < k) & jnp.isfinite(load)
     m = jnp.where(holds, load, 0.0)
     margin = 1 - m / k
-    # Rounding moves the root by its size over the margin. Counted in 1 / margin^2 that is below the
-    # tolerance up to the limit itself.
+    # Rounding moves the root by its size over the margin; in units of 1 / margin^2 that is small.
     start, unit = jax.lax.stop_gradient((
         (m / k + thread.offset_strain) / margin, 1 / margin**2
     ))  # fmt: skip
@@ -474,7 +434,7 @@ def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArra
     def solve(
         function: Callable[[RealArray], RealArray], start: RealArray
     ) -> tuple[RealArray, RealArray]:
-        # A quarter of a second to import, which only elastic threads need.
+        # 0.25 s, which only elastic threads need.
         import lineax as lx  # noqa: PLC0415
         import optimistix as optx  # noqa: PLC0415
 
@@ -487,62 +447,27 @@ def strain_under_line(thread: AbstractThread, load: RealArray) -> tuple[RealArra
             tags=frozenset({lx.diagonal_tag}),
         )
         successful = solution.result == optx.RESULTS.successful
-        return solution.value, successful.astype(start.dtype)  # JAX derives no truth values here
+        return solution.value, successful.astype(start.dtype)  # JAX cannot differentiate booleans
 
     root, converged = jax.lax.custom_root(residual, start / unit, solve, over_slope, has_aux=True)
     found = holds & (converged > 0)
     return jnp.where(found, root * unit, jnp.nan), found
 
 
-class BraidState(eqx.Module):
-    """A braid at one length and pressure under Gaylord's force.
-
-    Attributes:
-        thread_length: B [m].
-        diameter: D [m].
-        braid_angle: theta [rad], from the circumference.
-        gaylord_force: F_G [N].
-        tension: T [N] of one thread.
-    """
-
-    thread_length: RealArray
-    diameter: RealArray
-    braid_angle: RealArray
-    gaylord_force: RealArray
-    tension: RealArray
-
-
-class BraidStretch(eqx.Module):
-    """The same braid with and without the stretch of its threads.
-
-    Attributes:
-        elastic: with the threads as long as their tension makes them.
-        inelastic: with the threads at their rest length.
-    """
-
-    elastic: BraidState
-    inelastic: BraidState
-
-
 class ElasticBraid(AbstractBraid):
     """A braid of elastic threads that stretch under their tension.
 
-    B = B0 (1 + strain(T)),  T = (F + P pi R^2) / (n sin(theta)),  pi N D = sqrt(B^2 - L^2)
+    B = B0 (1 + strain(T)),  T = (F_G + P pi R^2) / (n sin(theta)) = P L B / (2 pi N^2 n)
 
-    All attributes are scalars. Two things can forbid an equilibrium, and both give nan in sweeps
-    and an error where a method is asked to `throw`:
-
-    - The threads are too soft: a longer thread makes the braid wider, so the tension grows with the
-      stretch. Where it outgrows every force of the thread the braid gives way without limit; under
-      Gaylord's force that is where B0 P L / (2 pi N^2 n A_b E_b) >= 1.
-    - The active length is L >= B: the threads lie along the axis and enclose nothing.
+    The tension under Gaylord's force F_G is proportional to B; the bladder is neglected. There is no
+    equilibrium, and B is nan, if the tension grows faster than the force of the threads, or if L >= B.
 
     Attributes:
         rest_thread_length: B0 [m], one unloaded thread from fitting to fitting.
         turns: N [-], turns of one thread about the axis, a float.
-        thickness: t_braid [m], two threads crossing; the bladder lies below it.
-        n_threads: n [-], threads of both families.
-        thread: the law of one thread.
+        thickness: t_braid [m] of two crossing threads; the bladder lies below them.
+        n_threads: n [-], number of threads in both families.
+        thread: law of one thread.
 
     References:
         Chambers 2021, section 5.1.
@@ -561,108 +486,38 @@ class ElasticBraid(AbstractBraid):
     thread: AbstractThread
 
     def threads_tension(self, strain: Real) -> RealArray:
-        """Tension [N] of all threads together at an engineering strain [-]."""
+        """Total tension [N] of all threads at an engineering strain [-]."""
         return self.n_threads * self.thread.tension(strain)
 
-    def thread_length(self, length: Real, pressure: Real, *, throw: bool = False) -> RealArray:
-        """Thread length B [m] under Gaylord's force, neglecting the bladder.
-
-        F_G + P pi R^2 = P L^2 / (2 pi N^2) at any diameter, so the tension is proportional to B.
-
-        Args:
-            length: active length L [m].
-            pressure: gauge pressure P [Pa], >= 0; B0 at zero.
-            throw: raise where there is no equilibrium; if False, as in `dimensions`, nan there.
-
-        Returns:
-            B [m], broadcast shape. Differentiable to any order in the arguments and in every
-            number of the braid, by the implicit function theorem.
-
-        Raises:
-            RuntimeError: there is no equilibrium, and `throw`.
-        """
-        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        stretched, found = self._stretched(length, pressure)
-        encloses = stretched > length
-        if throw:
-            stretched = eqx.error_if(stretched, ~found, _GIVES_WAY)
-            stretched = eqx.error_if(stretched, found & ~encloses, _TOO_LONG)
-        return jnp.where(found & encloses, stretched, jnp.nan)
-
-    def stretch(self, length: Real, pressure: Real) -> BraidStretch:
-        """B, D, theta, Gaylord's force and the tension, with and without stretch.
-
-        Args:
-            length: active length L [m].
-            pressure: gauge pressure P [Pa], >= 0.
-
-        Returns:
-            The two states, of broadcast shape; nan where there is no equilibrium.
-        """
-        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        rest = jnp.broadcast_to(self.rest_thread_length, length.shape)
-        elastic = self._state(length, pressure, self.thread_length(length, pressure))
-        return BraidStretch(elastic, self._state(length, pressure, rest))
-
     @compiled_method
-    def _stretched(
-        self, length: RealArray, pressure: RealArray
-    ) -> tuple[RealArray, Bool[Array, "..."]]:
-        """B [m] of finite numbers, and whether it is an equilibrium."""
+    def thread_length(self, length: Real, pressure: Real) -> RealArray:
+        """Thread length B [m], broadcast shape; nan without an equilibrium. Differentiable."""
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
         around = 2 * jnp.pi * self.turns**2 * self.n_threads
-        # No nan takes part: it would spoil the derivatives of all others.
-        known = jnp.isfinite(pressure)
-        at_rest = jnp.where(known, pressure, 0.0) * length * self.rest_thread_length / around
-        strains, found = at_each(functools.partial(strain_under_line, self.thread), at_rest)
+        load = jnp.where(known, pressure, 0.0) * length * self.rest_thread_length / around
+        strains, found = at_each(functools.partial(strain_under_line, self.thread), load)
         found &= known
-        return self.rest_thread_length * (1 + jnp.where(found, strains, 0.0)), found
-
-    def _state(
-        self, length: RealArray, pressure: RealArray, thread_length: RealArray
-    ) -> BraidState:
-        diameter = diameter_from_length(length, thread_length, self.turns)
-        angle = braid_angle_from_length(length, thread_length)
-        force = gaylord_force(pressure, diameter / 2, angle)
-        return BraidState(
-            thread_length=thread_length,
-            diameter=diameter,
-            braid_angle=angle,
-            gaylord_force=force,
-            tension=thread_tension(force, pressure, diameter / 2, angle, self.n_threads),
-        )
-
-
-_GIVES_WAY = (
-    "no equilibrium of the braid: its threads stretch without limit, because the wider the braid "
-    "becomes the more the pressure pulls them. Likely causes: the thread's modulus, its area or "
-    "the number of threads is too small or in another unit; the pressure is too high or in another "
-    "unit; an argument is nan. Pass throw=False to get nan instead."
-)
-_TOO_LONG = (
-    "no equilibrium of the braid: the active length must be shorter than the stretched threads, "
-    "and the load does not stretch them to it. Likely causes: the active length and the thread "
-    "length are in different units; the muscle is pulled beyond what its threads allow. Pass "
-    "throw=False to get nan instead."
-)
+        stretched = self.rest_thread_length * (1 + jnp.where(found, strains, 0.0))
+        return jnp.where(found & (stretched > length), stretched, jnp.nan)
 
 
 _HIGHEST_COMPLIANCE = 3e-5  # 1/N
 
 
 class CompliantBraid(AbstractBraid):
-    """A braid whose threads stretch in proportion to their tension, under Gaylord's own force.
+    """A braid whose threads stretch in proportion to their tension, with one compliance.
 
     B = B0 / (1 - C B0 P L / (2 pi N^2)),  C = 1 / (n A_b E_b)
 
-    The closed form of `ElasticBraid` with linear threads. It needs neither the number of threads
-    nor their section, has no root to solve, and is smooth at C = 0, where the braid is
-    inextensible: what an identification wants.
+    The closed form of `ElasticBraid` with linear threads, for identification. It requires neither number
+    nor cross-section of the threads. With C = 0 it is inextensible.
 
     Attributes:
         rest_thread_length: B0 [m].
         turns: N [-].
         thickness: t_braid [m].
-        compliance: C [1/N], >= 0, strain of the threads per tension of all of them together.
+        compliance: C [1/N], >= 0, strain of the threads per total tension of all threads.
 
     References:
         Davis et al. 2003 (stretching braid); Chambers 2021, section 5.1.
@@ -681,17 +536,17 @@ class CompliantBraid(AbstractBraid):
 
     @classmethod
     def of(cls, braid: Braid, compliance: Real) -> "CompliantBraid":
-        """The same braid with compliant threads."""
+        """Return the same braid with compliant threads."""
         return cls(braid.rest_thread_length, braid.turns, braid.thickness, compliance)
 
     def threads_tension(self, strain: Real) -> RealArray:
-        """Tension [N] of all threads together at an engineering strain [-]; the compliance is not 0."""
+        """Total tension [N] of all threads at an engineering strain [-]; the compliance must not be 0."""
         return jnp.asarray(strain / self.compliance)
 
     def thread_length(self, length: Real, pressure: Real) -> RealArray:
-        """Thread length B [m], broadcast shape; nan where the braid would stretch without limit."""
+        """Thread length B [m], broadcast shape; nan if the threads stretch without limit."""
         length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
-        known = jnp.isfinite(pressure)  # no nan takes part: it would spoil others' derivatives
+        known = jnp.isfinite(pressure)  # nan would spoil the derivatives of other states
         at = jnp.where(known, pressure, 0.0) * length
         left = 1 - self.compliance * self.rest_thread_length * at / (2 * jnp.pi * self.turns**2)
         holds = known & (left > 0)

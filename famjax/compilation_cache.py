@@ -20,7 +20,6 @@ from .boundary.errors import InputError
 VARIABLE = "FAMJAX_CACHE_DIR"
 LARGEST = 256 * 2**20
 """Bytes of all folders together; the entries that were written first go first."""
-_FOLDERS, _PROGRAMS = "*-jaxlib-*", "*-cache"
 _FEATURES = ("model name", "flags", "Features", "CPU implementer", "CPU part")
 _SETTINGS = {
     # Without these JAX keeps only what took a second to compile.
@@ -47,8 +46,7 @@ def start_jax() -> str:
         jax.devices()
     except (AssertionError, RuntimeError):  # JAX raises either for a platform without a device
         raise InputError(
-            f"JAX finds no device: JAX_PLATFORMS is {asked!r}, and this machine has none of that kind. Set "
-            "JAX_PLATFORMS=cpu, or unset it"
+            f"JAX finds no device: JAX_PLATFORMS is {asked!r}. Set JAX_PLATFORMS=cpu, or unset it"
         ) from None
     return switch_on()
 
@@ -124,22 +122,16 @@ def _private_folder(folder: Path) -> bool:
     return os.access(folder, os.W_OK | os.X_OK)
 
 
-def _bound(root: Path, largest: int = LARGEST) -> None:
+def _bound(root: Path) -> None:
     """Remove the programs that were written first until the rest is small enough.
 
     JAX's own bound, `jax_compilation_cache_max_size`, needs another package, filelock.
     """
     with contextlib.suppress(OSError):  # another process may be removing files as well
-        files = [(path.stat(), path) for path in root.glob(f"{_FOLDERS}/{_PROGRAMS}")]
+        files = [(path.stat(), path) for path in root.glob("*-jaxlib-*/*-cache")]
         total = sum(one.st_size for one, _ in files)
         for one, path in sorted(files, key=lambda file: file[0].st_mtime):
-            if total <= largest:
+            if total <= LARGEST:
                 break
             path.unlink(missing_ok=True)
             total -= one.st_size
-
-
-def contents(folder: str) -> tuple[int, int]:
-    """Number of programs in a folder, and their size in bytes."""
-    sizes = [path.stat().st_size for path in Path(folder).glob(_PROGRAMS)]
-    return len(sizes), sum(sizes)

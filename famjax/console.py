@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter, Token, validators
-from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 from rich.table import Table
@@ -160,7 +159,6 @@ class Output:
     def __init__(self, folder: Path) -> None:
         check_output(folder)
         self.folder = folder
-        self._there = set(folder.iterdir()) if folder.is_dir() else set()
 
     def write(self, files: Mapping[str, Any]) -> list[Path]:
         """Write files by name, all or none: bytes unchanged, everything else as JSON.
@@ -176,13 +174,8 @@ class Output:
         return write_all(self.folder, contents)
 
     def tell(self, paths: Iterable[Path]) -> None:
-        """Print the names of the written files, and which earlier files they replaced."""
-        written = list(paths)
-        print("written:", ", ".join(map(str, written)))
-        if replaced := [path.name for path in written if path in self._there]:
-            print(
-                f"note: replaced earlier files: {', '.join(replaced)}; use --output for another folder"
-            )
+        """Print the names of the written files."""
+        print("written:", ", ".join(map(str, paths)))
 
 
 def print_json(document: object) -> None:
@@ -215,28 +208,18 @@ def print_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def print_table(
-    title: str,
-    header: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    *,
-    numbers: Literal["left", "right"] = "right",
+    title: str, header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Any = "right"
 ) -> None:
     """Print a text table; all columns but the first are right-aligned by default."""
-    columns = [[name, *(row[k] for row in rows)] for k, name in enumerate(header)]
-    widths = [
-        max(cell_len(line) for one in column for line in one.split("\n")) for column in columns
-    ]
-    total = sum(widths) + 2 * (len(widths) - 1)
     table = Table(box=None, pad_edge=False)
-    for k, (name, width) in enumerate(zip(header, widths, strict=True)):
-        # Given widths save rich from measuring every cell twice.
-        known = width if total <= _WIDEST else None
-        table.add_column(name, justify=numbers if k else "left", overflow="fold", width=known)
+    for k, name in enumerate(header):
+        table.add_column(name, justify=numbers if k else "left", overflow="fold")
     for row in rows:
         table.add_row(*row)
     console = Console(highlight=False)
     # Folded cells are harder to read than long lines.
-    console.width = max(console.width, min(total, _WIDEST))
+    wide = console.options.update(max_width=_WIDEST)
+    console.width = max(console.width, console.measure(table, options=wide).maximum)
     console.print(f"\n{title}" if rows else f"\n{title}: none", markup=False)
     if rows:
         console.print(table)

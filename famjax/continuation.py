@@ -1,7 +1,7 @@
 """Safe continuation of a force model beyond its data: C1, monotone and never negative."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,17 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Given, Real, RealArray, as_number, as_real, compiled
+from ._arrays import Given, Real, RealArray, as_number, as_real, compiled, compiled_method
 from .boundary.errors import InputError
 from .compile_options import quick_jit
 from .muscle import AbstractMuscle
 from .slip import CentredSlip, SlipState
-
-if TYPE_CHECKING:
-    AnyArray = Any  # NumPy's or JAX's
-else:
-    AnyArray = Array | np.ndarray
-
 
 _STRAIGHT = 0.8  # linear fraction of the saturation
 
@@ -129,28 +123,28 @@ class Slopes(NamedTuple):
         stiffening: d2F/dLdP [m].
     """
 
-    force: AnyArray
-    stiffness: AnyArray
-    area: AnyArray
-    stiffening: AnyArray
+    force: Any  # arrays of NumPy or JAX
+    stiffness: Any
+    area: Any
+    stiffening: Any
 
 
-def slopes(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> Slopes:
-    """Return force and derivatives at lengths [m] and pressures [Pa] with the same shape."""
+def slopes(force: Callable, length: RealArray, pressure: RealArray) -> Slopes:
+    """Return a force and its derivatives at lengths [m] and pressures [Pa] with the same shape."""
     along = jnp.ones_like(length), jnp.ones_like(pressure)
 
     def in_length(pressure: RealArray) -> tuple[RealArray, RealArray]:
-        return jax.jvp(lambda L: muscle.force(L, pressure), (length,), along[:1])
+        return jax.jvp(lambda L: force(L, pressure), (length,), along[:1])
 
-    (force, stiffness), (area, stiffening) = jax.jvp(in_length, (pressure,), along[1:])
-    return Slopes(force, stiffness, area, stiffening)
+    (value, stiffness), (area, stiffening) = jax.jvp(in_length, (pressure,), along[1:])
+    return Slopes(value, stiffness, area, stiffening)
 
 
 def grid_slopes(muscle: AbstractMuscle, region: Region) -> Slopes:
     """Return force and derivatives on the grid over a region, each with shape (LENGTHS, PRESSURES)."""
     L = jnp.linspace(region.length[0], region.length[1], LENGTHS)
     P = jnp.linspace(region.pressure[0], region.pressure[1], PRESSURES)
-    return slopes(muscle, *jnp.meshgrid(L, P, indexing="ij"))
+    return slopes(muscle.force, *jnp.meshgrid(L, P, indexing="ij"))
 
 
 def rising(at: Slopes) -> Bool[Array | np.ndarray, "lengths pressures"]:
@@ -270,9 +264,8 @@ def _grown(volume: RealArray, change: RealArray) -> RealArray:
     return jnp.where(change < 0, shrunk, volume + change)
 
 
-_STOP = (
-    0.01  # travel, relative to the rest length, at which a stop carries the region's largest force
-)
+# Travel, relative to the rest length, at which a stop carries the region's largest force.
+_STOP = 0.01
 _ONSET = _STOP / 2
 _AT_ONCE = 1e12  # 1/m and 1/Pa: allows no step
 _SPARE = 1.05  # safety factor for values between grid lines
@@ -309,24 +302,26 @@ class ContinuedMuscle(AbstractMuscle):
     length_ends: Float[Given, "2"] = eqx.field(converter=as_number)
     pressure_ends: Float[Given, "2"] = eqx.field(converter=as_number)
 
-    @classmethod
-    def of(cls, muscle: AbstractMuscle, region: Region, stops: AnyArray, at: Slopes):
-        """Continue a model; this pure function can be traced and mapped over muscles.
-
-        Args:
-            muscle: the model.
-            region: region in which the force rises; see `rising_region`.
-            stops: lengths [m] at which the braid locks and its threads are straight, shape (2,). A
-                value inside the region, or nan, is replaced by the region's edge.
-            at: force and derivatives on a grid over the region.
-        """
-        ends = jnp.fmin(stops[0], region.length[0]), jnp.fmax(stops[1], region.length[1])
-        stiffness = abs(at.force).max() / (_STOP * muscle.rest_length)
-        return cls(muscle, region, jnp.stack(ends), stiffness, *_ends(at))
-
+    @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Continued pull G [N] at any length [m] and pressure [Pa], broadcast shape; can be negative."""
-        return _force(self, *jnp.broadcast_arrays(as_real(length), as_real(pressure)))
+        length, pressure = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        L = jnp.clip(length, self.region.length[0], self.region.length[1])
+        P = jnp.clip(pressure, self.region.pressure[0], self.region.pressure[1])
+        step = bent(length - L, self.length_ends)
+
+        def along(pressure: RealArray) -> RealArray:
+            force, stiffness = jax.jvp(
+                lambda length: self.muscle.force(length, pressure), (L,), (jnp.ones_like(L),)
+            )
+            return force + jnp.maximum(stiffness, 0.0) * step
+
+        force, area = jax.jvp(along, (P,), (jnp.ones_like(P),))
+        force += jnp.maximum(area, 0.0) * bent(pressure - P, self.pressure_ends)
+        stop = self.stop_stiffness, self.stop_onset
+        return (
+            force + stopped(length - self.stops[1], *stop) - stopped(self.stops[0] - length, *stop)
+        )
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Stops [m], extended by their travel under four times the largest force."""
@@ -344,38 +339,19 @@ class ContinuedMuscle(AbstractMuscle):
         return self.muscle.rest_length
 
 
-def _ends(at: Slopes) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+def _ends(at: Slopes) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest 1/X required to keep area and stiffness >= 0 beyond lengths and pressures."""
-    xp = at.force.__array_namespace__()
 
-    def end(falling: AnyArray, held: AnyArray) -> AnyArray:
+    def end(falling: np.ndarray, held: np.ndarray) -> float:
         falls, holds = falling > 0, held > 0
-        rate = xp.where(falls & holds, falling, 0.0) / xp.where(holds, held, 1.0)
-        rate = xp.where(falls & ~holds, _AT_ONCE, rate)
-        return xp.asarray(xp.minimum(_SPARE * rate.max(), _AT_ONCE))
+        rate = np.where(falls & holds, falling, 0.0) / np.where(holds, held, 1.0)
+        rate = np.where(falls & ~holds, _AT_ONCE, rate)
+        return min(_SPARE * rate.max(), _AT_ONCE)
 
     K, A, mixed = at.stiffness, at.area, at.stiffening
-    lengths = xp.stack([end(mixed[0], A[0]), end(-mixed[-1], A[-1])])
-    pressures = xp.stack([end(mixed[:, 0], K[:, 0]), end(-mixed[:, -1], K[:, -1])])
-    return jnp.asarray(lengths), jnp.asarray(pressures)
-
-
-@compiled
-def _force(of: ContinuedMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    L = jnp.clip(length, of.region.length[0], of.region.length[1])
-    P = jnp.clip(pressure, of.region.pressure[0], of.region.pressure[1])
-    step = bent(length - L, of.length_ends)
-
-    def along(pressure: RealArray) -> RealArray:
-        force, stiffness = jax.jvp(
-            lambda length: of.muscle.force(length, pressure), (L,), (jnp.ones_like(L),)
-        )
-        return force + jnp.maximum(stiffness, 0.0) * step
-
-    force, area = jax.jvp(along, (P,), (jnp.ones_like(P),))
-    force += jnp.maximum(area, 0.0) * bent(pressure - P, of.pressure_ends)
-    stop = of.stop_stiffness, of.stop_onset
-    return force + stopped(length - of.stops[1], *stop) - stopped(of.stops[0] - length, *stop)
+    lengths = np.stack([end(mixed[0], A[0]), end(-mixed[-1], A[-1])])
+    pressures = np.stack([end(mixed[:, 0], K[:, 0]), end(-mixed[:, -1], K[:, -1])])
+    return lengths, pressures
 
 
 _SLACK = 1e-3  # width of the blend at zero force, relative to the region's largest force
@@ -437,30 +413,14 @@ class SafeMuscle(AbstractMuscle):
         """
         data = Region.of(length, pressure)
         region, at = rising_region(muscle, data)
-        return cls.within(muscle, region, at, data, hysteresis)
-
-    @classmethod
-    def within(
-        cls,
-        muscle: AbstractMuscle,
-        region: Region,
-        at: Slopes | None = None,
-        data: Region | None = None,
-        hysteresis: CentredSlip | None = None,
-    ) -> "SafeMuscle":
-        """Create a safe muscle from a model that is monotone in a known region; can be traced.
-
-        Args:
-            muscle: the model.
-            region: region in which the force rises.
-            at: force and derivatives on a grid over the region; computed if omitted.
-            data: region of the data; `region` if omitted.
-            hysteresis: hysteresis around the model's force.
-        """
-        at = grid_slopes(muscle, region) if at is None else at
-        continued = ContinuedMuscle.of(muscle, region, _stops(muscle), at)
-        width = as_real(_SLACK * abs(at.force).max())
-        return cls(continued, width, region if data is None else data, hysteresis)
+        lock, straight = muscle.stops()  # nan, or inside the region, for some models
+        stops = jnp.stack([
+            jnp.fmin(lock, region.length[0]), jnp.fmax(straight, region.length[1])
+        ])  # fmt: skip
+        largest = abs(at.force).max()
+        stiffness = largest / (_STOP * muscle.rest_length)
+        continued = ContinuedMuscle(muscle, region, stops, stiffness, *_ends(at))
+        return cls(continued, as_real(_SLACK * largest), data, hysteresis)
 
     @property
     def region(self) -> Region:
@@ -547,8 +507,3 @@ class SafeMuscle(AbstractMuscle):
         if self.hysteresis is not None:
             force += self.hysteresis.added(self.moved(state, length, pressure), length, pressure)
         return taut(force, self.slack_width)
-
-
-@compiled
-def _stops(muscle: AbstractMuscle) -> Float[Array, "2"]:
-    return muscle.stops()

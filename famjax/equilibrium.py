@@ -1,5 +1,6 @@
 """A muscle whose shape follows from mechanics: profile, braid angle and force together."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
+from numpy.polynomial.legendre import legint, legvander
 
-from ._arrays import Given, Real, RealArray, as_real, at_each
-from ._shape import Balance, Part, Solved, modes, reduced_hessian, rules, solve
+from ._arrays import Given, Real, RealArray, as_real, at_each, compiled_method
+from ._shape import Balance, Part, Solved, full, modes, reduced_hessian, rules, solve
 from .boundary.errors import InputError
 from .braids import AbstractBraid
 from .compile_options import quick_jit
@@ -99,6 +101,9 @@ class State(eqx.Module):
     code: Int[Array, "..."]
 
 
+_quick = functools.partial(compiled_method, jit=quick_jit)
+
+
 class EquilibriumMuscle(AbstractMuscle):
     """A muscle with the shape of least energy, its threads pinned where they cross.
 
@@ -162,9 +167,8 @@ class EquilibriumMuscle(AbstractMuscle):
         """
         self.braid, self.bladder, self.material = braid, bladder, material
         self.end_diameter = as_real(end_diameter)
-        self.other_end_diameter = (
-            None if other_end_diameter is None else as_real(other_end_diameter)
-        )
+        other = other_end_diameter
+        self.other_end_diameter = None if other is None else as_real(other)
         self.deadband_pressure = as_real(deadband_pressure)
         self.sections = tuple(sections)
         _check(self)
@@ -178,22 +182,38 @@ class EquilibriumMuscle(AbstractMuscle):
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """From just below the neutral angle to where the braid closes the bladder's bore at rest."""
-        threads, open_lengths = [], []
-        for share, part in parts_of(self):
-            inset = 0.0 if part.bladder.embedded else part.braid.thickness
-            closed = 2 * jnp.pi * part.braid.turns * (part.bladder.smallest_braid_radius + inset)
-            thread = part.braid.rest_thread_length
-            threads.append(share * thread)
-            open_lengths.append(share * jnp.sqrt((thread - closed) * (thread + closed)))
-        return 0.57 * jnp.asarray(sum(threads)), jnp.asarray(sum(open_lengths))
+        thread = sum(share * part.braid.rest_thread_length for share, part in parts_of(self))
+        cylinders = [(s, EstimatedGeometry(p.braid, p.bladder)) for s, p in parts_of(self)]
+        longest = sum(share * one.length_range()[1] for share, one in cylinders)
+        return 0.57 * jnp.asarray(thread), jnp.asarray(longest)
 
+    @_quick
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        return _force(self, as_real(length), as_real(pressure))
 
+        def one(length: RealArray, pressure: RealArray) -> RealArray:
+            balance, solved, code = _balance(self, length, pressure)
+            return jnp.where(code == FOUND, solved.y[0][-1] * balance.force_scale, jnp.nan)
+
+        return at_each(one, as_real(length), as_real(pressure))
+
+    @_quick
     def state(self, length: Real, pressure: Real) -> "State":
         """Pull, volume, energy, margin and reason code, broadcast shape."""
-        return _state(self, as_real(length), as_real(pressure))
+
+        def one(length: RealArray, pressure: RealArray) -> State:
+            balance, solved, code = _balance(self, length, pressure)
+            volume = _length_and_volume(balance, solved)[1]
+            values = (
+                solved.y[0][-1] * balance.force_scale,
+                volume,
+                _energy(balance, solved) + self.deadband_pressure * volume,
+                _margin(balance, solved),
+            )
+            known: Any = (jnp.where(code == FOUND, v, jnp.nan) for v in values)
+            return State(*known, code=code)
+
+        return at_each(one, as_real(length), as_real(pressure))
 
     def volume(self, length: Real, pressure: Real) -> RealArray:
         """Fluid volume V [m3], the volume inside the braid minus the rubber, broadcast shape."""
@@ -226,7 +246,16 @@ class EquilibriumMuscle(AbstractMuscle):
         Returns:
             The shape in arrays of the broadcast shape, with the points as last axis; nan if there is none.
         """
-        return _profile(self, as_real(length), as_real(pressure), points)
+        return self._profile(as_real(length), as_real(pressure), points)
+
+    @quick_jit
+    def _profile(self, length: RealArray, pressure: RealArray, points: int) -> Shape:
+        def one(length: RealArray, pressure: RealArray) -> Shape:
+            balance, solved, code = _balance(self, length, pressure)
+            shape = _shape(balance, solved, points)
+            return jax.tree.map(lambda leaf: jnp.where(code == FOUND, leaf, jnp.nan), shape)
+
+        return at_each(one, length, pressure)
 
     def cut_to_length(self, rest_length: RealArray) -> "EquilibriumMuscle":
         """The muscle with another rest length [m] and the same fittings; see `famjax.cut_to_length`.
@@ -255,8 +284,17 @@ class EquilibriumMuscle(AbstractMuscle):
 
         The length follows from one equilibrium at the given pull, without a root search.
         """
-        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        length, found = self._loaded(load, pressure)
         return required(length, found, "equilibrium length") if throw else length
+
+    @_quick
+    def _loaded(self, load: Real, pressure: Real) -> tuple[RealArray, Bool[Array, "..."]]:
+        def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            balance, solved, code = _balance(self, None, pressure, load)
+            length, _ = _length_and_volume(balance, solved)
+            return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
+
+        return at_each(one, as_real(load), as_real(pressure))
 
 
 def parts_of(muscle: EquilibriumMuscle) -> list[tuple[float, Part]]:
@@ -286,27 +324,25 @@ def _modes_for(muscle: EquilibriumMuscle) -> int:
 
 def _check(muscle: EquilibriumMuscle) -> None:
     """Refuse impossible dimensions; traced numbers are not checked."""
-    total = sum(share for share, _ in parts_of(muscle))
-    if any(share <= 0 for share, _ in parts_of(muscle)) or abs(total - 1) > 1e-9:
-        raise InputError(f"the shares of the sections must be > 0 and sum to 1, got {total:.6g}")
-    bladders = [part.bladder for _, part in parts_of(muscle)]
-    bladders += [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
-    for one in bladders:
+    shares, parts = zip(*parts_of(muscle), strict=True)
+    if min(shares) <= 0 or abs(sum(shares) - 1) > 1e-9:
+        raise InputError(
+            f"the shares of the sections must be > 0 and sum to 1, got {sum(shares):.6g}"
+        )
+    far = [one.far_bladder for one in muscle.sections if one.far_bladder is not None]
+    for one in [*(part.bladder for part in parts), *far]:
         for name in ("rest_length", "rest_diameter", "rest_thickness"):
             value = getattr(one, name)
             if not isinstance(value, Tracer) and not float(value) > 0:
                 raise InputError(f"the {name} of a bladder must be > 0, got {float(value):.4g} m")
-    other = muscle.other_end_diameter
-    ends = muscle.end_diameter, muscle.end_diameter if other is None else other
-    for diameter, (_, part) in zip(ends, (parts_of(muscle)[0], parts_of(muscle)[-1]), strict=True):
-        numbers = diameter, part.braid.rest_thread_length, part.braid.turns
-        if any(isinstance(one, Tracer) for one in numbers):
+    for radius, part in zip(_ends(muscle), (parts[0], parts[-1]), strict=True):
+        widest = part.braid.rest_thread_length / (np.pi * part.braid.turns)
+        if any(isinstance(one, Tracer) for one in (radius, widest)):
             continue
-        given, thread, turns = map(float, numbers)
-        if not 0 < given < thread / (np.pi * turns):
+        if not 0 < 2 * float(radius) < float(widest):
             raise InputError(
-                f"an end diameter must be > 0 and less than the {thread / (np.pi * turns):.4g} m at "
-                f"which the threads run around the muscle, got {given:.4g} m"
+                f"an end diameter must be > 0 and less than the {float(widest):.4g} m at which the "
+                f"threads run around the muscle, got {2 * float(radius):.4g} m"
             )
 
 
@@ -382,49 +418,11 @@ def _code(balance: Balance, solved: Solved) -> Int[Array, ""]:
     return jnp.where(solved.found, jnp.where(stable, FOUND, UNSTABLE), why)
 
 
-@quick_jit
-def _force(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    def one(length: RealArray, pressure: RealArray) -> RealArray:
-        balance, solved, code = _balance(muscle, length, pressure)
-        return jnp.where(code == FOUND, solved.y[0][-1] * balance.force_scale, jnp.nan)
-
-    return at_each(one, length, pressure)
-
-
-@quick_jit
-def _length_at_load(
-    muscle: EquilibriumMuscle, load: RealArray, pressure: RealArray
-) -> tuple[RealArray, Bool[Array, "..."]]:
-    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        balance, solved, code = _balance(muscle, None, pressure, load)
-        length, _ = _length_and_volume(balance, solved)
-        return jnp.where(code == FOUND, length, jnp.nan), code == FOUND
-
-    return at_each(one, load, pressure)
-
-
-@quick_jit
-def _state(muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray) -> State:
-    def one(length: RealArray, pressure: RealArray) -> State:
-        balance, solved, code = _balance(muscle, length, pressure)
-        volume = _length_and_volume(balance, solved)[1]
-        values = (
-            solved.y[0][-1] * balance.force_scale,
-            volume,
-            _energy(balance, solved) + muscle.deadband_pressure * volume,
-            _margin(balance, solved),
-        )
-        force, volume, energy, margin = (jnp.where(code == FOUND, v, jnp.nan) for v in values)
-        return State(force, volume, energy, margin, code)
-
-    return at_each(one, length, pressure)
-
-
 def _axial_rate(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
     """Z' = mu m / sqrt(m^2 + p^2) at one station."""
-    radius, _, force, across, *stretch = state
+    radius, _, force, across, stretch = full(state)
     along = pressure * jnp.pi * radius**2 + force
-    meridian, *_ = part.place(radius, stretch[0] if stretch else jnp.zeros_like(radius))
+    meridian, *_ = part.place(radius, stretch)
     return meridian * along / jnp.hypot(along, across)
 
 
@@ -442,23 +440,15 @@ def _length_and_volume(balance: Balance, solved: Solved) -> tuple[RealArray, Rea
 
 
 def _energy(balance: Balance, solved: Solved) -> RealArray:
-    nodes, weights = ((_RULE[0] + 1) / 2, _RULE[1] / 2)
+    """Strain energy [J] along a straight path of strains from rest."""
+    nodes, weights = (1 + _RULE[0]) / 2, _RULE[1] / 2
 
     def stored(state: RealArray, part: Part, pressure: RealArray) -> RealArray:
-        radius, stretch = state[0], state[4] if part.elastic else jnp.zeros_like(state[0])
-        axial, hoop = part.strains(radius, stretch)
-
-        def rate(share: RealArray) -> RealArray:
-            stresses = part.material.stresses(share * axial, share * hoop, pressure)
-            work = stresses[0] * axial / (1 + share * axial) + stresses[1] * hoop / (
-                1 + share * hoop
-            )
-            tension = part.braid.threads_tension(share * stretch)
-            threads = 0.0 if tension is None else tension * part.braid.rest_thread_length * stretch
-            return part.bladder.volume * work + threads
-
-        at: Any = nodes.astype(radius.dtype)
-        return jnp.sum(weights.astype(radius.dtype) * jax.vmap(rate)(at))
+        radius, *_, stretch = full(state)
+        strains = jnp.stack([*part.strains(radius, stretch), stretch])
+        rates = jax.vmap(lambda share: part.resistances(share * strains, pressure))
+        at, along = (jnp.asarray(one, radius.dtype) for one in (nodes, weights))
+        return along @ rates(at) @ strains
 
     each = zip(balance.rules, balance.each(stored, solved.y), strict=True)
     return jnp.asarray(sum(jnp.sum(rule.weights.astype(w.dtype) * w) for rule, w in each))
@@ -474,20 +464,8 @@ def _margin(balance: Balance, solved: Solved) -> RealArray:
     return least * balance.force_scale / balance.radius_scale
 
 
-@quick_jit
-def _profile(
-    muscle: EquilibriumMuscle, length: RealArray, pressure: RealArray, points: int
-) -> Shape:
-    def one(length: RealArray, pressure: RealArray) -> Shape:
-        balance, solved, code = _balance(muscle, length, pressure)
-        shape = _shape(balance, solved, points)
-        return jax.tree.map(lambda leaf: jnp.where(code == FOUND, leaf, jnp.nan), shape)
-
-    return at_each(one, length, pressure)
-
-
 def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
-    """The shape at points of every section, by the polynomials through its stations."""
+    """Return the shape at points of every section, by the polynomials through its stations."""
     dtype, start, found = balance.ends.dtype, jnp.zeros_like(balance.length), []
     at = np.linspace(-1, 1, points)
     radii = jnp.zeros(len(balance.shares) * balance.order + 1, dtype)
@@ -497,50 +475,30 @@ def _shape(balance: Balance, solved: Solved, points: int) -> Shape:
     for i, (rule, part, state) in enumerate(
         zip(balance.rules, balance.parts, balance.states(solved.y), strict=True)
     ):
-        # Values at Gauss stations to Legendre coefficients, and from there anywhere.
-        size, stations = rule.x.size, 2 * rule.x - 1
-        legendre = np.polynomial.legendre.legvander(stations, size - 1)
-        share = balance.shares[i]
-        back = (legendre * (rule.weights / share)[:, None]).T * (2 * np.arange(size) + 1)[:, None]
-        there = np.polynomial.legendre.legvander(at, size)
-        through = (there[:, :-1] @ back).astype(dtype)
-        lower = np.concatenate([-np.ones((points, 1)), there[:, :-2]], axis=1)
-        grown = (there[:, 1:] - lower) / (2 * np.arange(size) + 1) / 2 * share
-        z = start + (grown @ back).astype(dtype) @ rates[i]
-        whole = (np.ones((1, size)) * rule.weights).astype(dtype) @ rates[i]
-        start = start + whole[0]
-        values = modes(balance.shares, balance.order, i, at)[0].astype(dtype)
-        radius = values @ radii
-        stretch = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
-        across = through @ state[:, 3]
+        size = rule.x.size
+        to_series = np.linalg.inv(legvander(2 * rule.x - 1, size - 1))  # from values at stations
+        through = (legvander(at, size - 1) @ to_series).astype(dtype)
+        grown = legvander(at, size) @ legint(np.eye(size), lbnd=-1) @ to_series
+        z = start + (grown * balance.shares[i] / 2).astype(dtype) @ rates[i]
+        start = z[-1]
+        radius: Any = modes(balance.shares, balance.order, i, at)[0].astype(dtype) @ radii
+        stretch: Any = through @ state[:, 4] if part.elastic else jnp.zeros_like(radius)
         bladder = jax.tree.map(lambda leaf, t=through: t @ leaf, part.bladder)
         own = Part(part.braid, bladder, part.material)
-        along: Any = z, radius, stretch, across
-        found.append(_points(own, balance, state[0, 2], *along))
+        meridian, _, outer = own.place(radius, stretch)
+        axial, hoop = own.strains(radius, stretch)
+        stress = own.material.stresses(axial, hoop, balance.pressure)[0]
+        along = balance.pressure * jnp.pi * radius**2 + state[0, 2]
+        rubber = bladder.volume * stress / (1 + axial) / bladder.rest_length
+        carried = jnp.hypot(along, through @ state[:, 3]) - rubber
+        shape = Shape(
+            position=z,
+            radius=radius,
+            braid_angle=jnp.arctan2(meridian, 2 * jnp.pi * part.braid.turns * radius),
+            thread_tension=carried * part.braid.rest_thread_length * (1 + stretch) / meridian,
+            axial_strain=axial,
+            hoop_strain=hoop,
+            thickness=bladder.thickness(meridian, outer),
+        )
+        found.append(shape)
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *found)
-
-
-def _points(
-    part: Part,
-    balance: Balance,
-    force: RealArray,
-    z: RealArray,
-    radius: RealArray,
-    stretch: RealArray,
-    across: RealArray,
-) -> Shape:
-    meridian, _, outer = part.place(radius, stretch)
-    axial, hoop = part.strains(radius, stretch)
-    stress = part.material.stresses(axial, hoop, balance.pressure)[0]
-    carried = jnp.hypot(balance.pressure * jnp.pi * radius**2 + force, across)
-    rubber = part.bladder.volume * stress / (1 + axial) / part.bladder.rest_length
-    thread = part.braid.rest_thread_length * (1 + stretch)
-    return Shape(
-        position=z,
-        radius=radius,
-        braid_angle=jnp.arctan2(meridian, 2 * jnp.pi * part.braid.turns * radius),
-        thread_tension=(carried - rubber) * thread / meridian,
-        axial_strain=axial,
-        hoop_strain=hoop,
-        thickness=part.bladder.thickness(meridian, outer),
-    )

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ._arrays import Given, Real, RealArray, as_real, compiled_method
@@ -70,27 +69,21 @@ class Dimensions(eqx.Module):
         Results at these states must be replaced by nan afterwards. A nan here would, in reverse mode,
         contaminate the derivatives of all other states with respect to shared parameters.
         """
-        thread = self.thread_length  # must exceed the length, which is 1
-        return dataclasses.replace(
-            self._kept(reached, 1.0),
-            length=jnp.where(reached, self.length, 1.0),
-            thread_length=None if thread is None else jnp.where(reached, thread, 2.0),
-            rates=None if self.rates is None else self.rates.where(reached),
-        )
+        rates = None if self.rates is None else self.rates.where(reached)
+        filled = self._filled(reached, 1.0, 2.0)  # a thread is longer than the muscle
+        return dataclasses.replace(filled, length=jnp.where(reached, self.length, 1.0), rates=rates)
 
     def unless(self, reached: Bool[Array, "..."]) -> "Dimensions":
         """Replace the dimensions of impossible states by nan."""
-        thread = self.thread_length
-        return dataclasses.replace(
-            self._kept(reached, jnp.nan),
-            thread_length=None if thread is None else jnp.where(reached, thread, jnp.nan),
-        )
+        return self._filled(reached, jnp.nan, jnp.nan)
 
-    def _kept(self, reached: Bool[Array, "..."], other: float) -> "Dimensions":
+    def _filled(self, reached: Bool[Array, "..."], other: float, long: float) -> "Dimensions":
         names = ("radius", "braid_angle", "thickness", "axial_strain", "volume")
         kept = {name: jnp.where(reached, getattr(self, name), other) for name in names}
-        hoop_strain = jnp.where(reached[..., None], self.hoop_strain, other)
-        return dataclasses.replace(self, hoop_strain=hoop_strain, **kept)
+        kept["hoop_strain"] = jnp.where(reached[..., None], self.hoop_strain, other)
+        if self.thread_length is not None:
+            kept["thread_length"] = jnp.where(reached, self.thread_length, long)
+        return dataclasses.replace(self, **kept)
 
 
 class AbstractGeometry(Parametrised):
@@ -131,11 +124,6 @@ class AbstractGeometry(Parametrised):
     @abc.abstractmethod
     def rest_length(self) -> RealArray:
         """Rest length L0 [m]: active length at zero contraction."""
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] at which a derivative of the dimensions is discontinuous."""
-        return jnp.asarray(np.zeros(0))  # requires no compilation
 
     def inner_volume(self, length: Real, pressure: Real) -> RealArray:
         """Fluid volume V [m3]: volume within the braid minus rubber.
@@ -178,36 +166,6 @@ class AbstractGeometry(Parametrised):
             f"a {type(self).__name__} cannot be cut to another length: a measured or assumed shape is "
             "valid for one length only. In your own geometry, define cut_to_length(rest_length)"
         )
-
-
-def cylinder_volume(length: Real, radius: Real) -> RealArray:
-    """Volume [m3] of a cylinder, V = pi R^2 L; rounded ends are neglected.
-
-    Args:
-        length: active length L [m].
-        radius: R [m].
-
-    Returns:
-        V [m3], broadcast shape.
-    """
-    return jnp.asarray(jnp.pi * radius**2 * length)
-
-
-def tube_volume(length: Real, outer_diameter: Real, thickness: Real) -> RealArray:
-    """Volume [m3] of the rubber in a tube, V = pi t (D - t) L.
-
-    Args:
-        length: L [m].
-        outer_diameter: D [m].
-        thickness: wall t [m], 0 < t <= D / 2.
-
-    Returns:
-        V [m3], broadcast shape.
-
-    >>> round(float(tube_volume(9.28125, 0.875, 0.0625)), 3)  # inches: Chambers 2021, 1.481 in3
-    1.481
-    """
-    return jnp.asarray(jnp.pi * thickness * (outer_diameter - thickness) * length)
 
 
 def bladder_thickness(length: Real, outer_radius: Real, bladder_volume: Real) -> RealArray:
@@ -261,11 +219,6 @@ class Bladder(Parametrised):
         """Braid radius [m], without the braid's thickness, at which the bore closes at L0."""
         solid_radius = jnp.sqrt(self.volume / (jnp.pi * self.rest_length))
         return solid_radius / 2 if self.embedded else solid_radius
-
-    @property
-    def rest_radius(self) -> RealArray:
-        """Outer radius [m] at rest; mid-wall radius if `embedded`."""
-        return self.rest_diameter / 2
 
     def fits(self, length: Real, radius: Real) -> Bool[Array, "..."]:
         """Return True where the rubber fits in a length [m] and radius [m]; see `thickness`."""
@@ -338,7 +291,8 @@ def cylinder_dimensions(
     """
     bladder_radius = radius if bladder.embedded else radius - braid.thickness
     reached = reached & bladder.fits(length, bladder_radius)
-    rest_length, rest_radius = jax.lax.stop_gradient((bladder.rest_length, bladder.rest_radius))
+    rest = bladder.rest_length, bladder.rest_diameter / 2
+    rest_length, rest_radius = jax.lax.stop_gradient(rest)
     wall_length = jnp.where(reached, length, rest_length)
     wall_radius = jnp.where(reached, bladder_radius, rest_radius)
     return Dimensions(
@@ -351,7 +305,7 @@ def cylinder_dimensions(
         hoop_strain=bladder.hoop_strain(wall_length, wall_radius)[..., None],
         station_weights=jnp.ones(1, length.dtype),
         bladder_volume=bladder.volume,
-        volume=cylinder_volume(length, radius),
+        volume=jnp.pi * radius**2 * length,
         thread_length=thread_length,
     ).unless(reached)
 
@@ -507,12 +461,6 @@ class EndEffectGeometry(AbstractGeometry):
             for end in self.cylinder.length_range()
         )
         return shortest, longest
-
-    @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m], mapped back from the cylinder."""
-        lengths = self.cylinder.breakpoints
-        return tondu_lopez_length(lengths, self.rest_length, 1 / self.end_factor)
 
     @property
     def rest_length(self) -> RealArray:

@@ -1,4 +1,4 @@
-"""Stress laws of the bladder: engineering strain in, true stress out."""
+"""Stress laws of the bladder: true stress as a function of engineering strain."""
 
 import abc
 from collections.abc import Callable, Mapping
@@ -8,24 +8,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ._arrays import Given, Real, RealArray, as_real, promoting
 from .parameters import Declared, Parametrised, checked_values, number, parameter
 
 STRESS_SCALE = 1e6
-"""Of coefficients in Pa, by which a search scales them."""
+"""Scale [Pa] of coefficients in a search."""
 
 
 class AbstractMaterial(Parametrised):
-    """A bladder material in the force balance: two strains in, two true stresses out.
+    """A bladder material: true stresses as functions of two strains.
 
     Class variables:
-        directions_interact: the stress in one direction depends on the strain in the other, so that
-            the law has no one-dimensional tangent modulus.
-        depends_on_pressure: the stresses depend on the pressure, so that stability is asked for at
-            every pressure.
-        law_name: by which the command line knows the law; "" for laws that it does not.
+        directions_interact: False if each stress depends on the strain in its own direction only; only
+            such a law has a tangent modulus in one direction.
+        depends_on_pressure: True if the stresses depend on the pressure, so that stability must be
+            checked at every pressure.
+        law_name: name of the law on the command line; "" if it has none.
     """
 
     directions_interact: ClassVar[bool] = True
@@ -48,101 +48,37 @@ class AbstractMaterial(Parametrised):
         """
 
 
-def tangent_modulus(material: AbstractMaterial, strain: Real, pressure: Real = 0.0) -> RealArray:
-    """Tangent modulus dsigma/deps [Pa] of one direction, which a law without interaction has.
-
-    Args:
-        material: stress law whose two directions do not interact.
-        strain: eps [-], engineering.
-        pressure: gauge pressure P [Pa]; ignored by laws that do not depend on it.
-
-    Returns:
-        The modulus [Pa], broadcast shape.
-
-    Raises:
-        ValueError: the two directions of the law interact, so that there is no such modulus.
-
-    >>> from famjax import PolynomialMaterial
-    >>> print(f"{tangent_modulus(PolynomialMaterial([2.0, 3.0]), 0.5):.1f}")
-    5.0
-    """
-    if material.directions_interact:
-        raise ValueError(
-            f"{type(material).__name__} has no tangent modulus of one direction: its stress depends "
-            "on both strains. Use path_modulus along the path of the muscle, and path stability as "
-            "constraint; a law of one direction says so by directions_interact = False"
-        )
-    strains, pressures = jnp.broadcast_arrays(as_real(strain), as_real(pressure))
-    along = jnp.ones_like(strains)
-    return jax.jvp(lambda e: material.stresses(e, e, pressures)[0], (strains,), (along,))[1]
-
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-
-
 class AbstractUniaxialLaw(AbstractMaterial):
-    """A law whose two directions do not interact: each true stress depends on its own strain alone.
-
-    The law is given by a potential phi(eps) with sigma = dphi/deps, its integral over engineering
-    strain. As sigma is a true stress, the energy stored is another integral, W in `energy`.
-    """
+    """A law without interaction: each true stress depends on the strain in its own direction only."""
 
     directions_interact: ClassVar[bool] = False
     depends_on_pressure: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def potential(self, strain: Real) -> RealArray:
-        """Potential phi [Pa] of one direction at engineering strain eps [-], phi(0) = 0."""
-
     def stress(self, strain: Real) -> RealArray:
-        """True stress sigma = dphi/deps [Pa] of one direction at engineering strain eps [-]."""
-        return derivative(self.potential, as_real(strain))
-
-    def tangent_modulus(self, strain: Real) -> RealArray:
-        """Tangent modulus dsigma/deps [Pa] at engineering strain eps [-]."""
-        return derivative(self.stress, as_real(strain))
+        """True stress sigma [Pa] of one direction at engineering strain eps [-]."""
 
     @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
+        """True stresses (sigma_z, sigma_c) [Pa]."""
         del pressure
         return self.stress(axial_strain), self.stress(hoop_strain)
 
-    def energy(self, axial_stretch: Real, hoop_stretch: Real) -> RealArray:
-        """Energy W [J/m3] per unit volume, the sum over both directions of int sigma dlambda / lambda.
-
-        Gauss-Legendre quadrature with 32 nodes from the unstrained state.
-
-        Args:
-            axial_stretch: lambda_z [-], > 0.
-            hoop_stretch: lambda_c [-], > 0.
-
-        Returns:
-            W [J/m3], broadcast shape.
-        """
-
-        def one(strain: RealArray) -> RealArray:
-            part = strain[..., None] * np.asarray((1 + _NODES) / 2, strain.dtype)
-            weights = np.asarray(_WEIGHTS / 2, strain.dtype)
-            return strain * jnp.sum(weights * self.stress(part) / (1 + part), axis=-1)
-
-        return one(as_real(axial_stretch) - 1) + one(as_real(hoop_stretch) - 1)
-
 
 class SaturatingMaterial(AbstractUniaxialLaw):
-    """The two-term saturating law: a stiff start that softens to a constant modulus; odd.
+    """The saturating law, an odd function that is stiff at first and softens to a constant modulus.
 
     sigma = E_inf eps + S (1 - exp(-|eps|/s)) sign(eps)
 
     Attributes:
         final_modulus: E_inf [Pa], tangent modulus at large strain.
-        saturation_stress: S [Pa], to which the second term rises.
-        strain_scale: s [-], > 0, strain over which it does.
+        saturation_stress: S [Pa], limit of the second term.
+        strain_scale: s [-], > 0, strain scale of the second term.
 
     >>> law = SaturatingMaterial(2e5, 1e5, 0.2)
-    >>> print(f"{law.stress(0.0):.0f} {law.tangent_modulus(0.0):.0f}")
+    >>> print(f"{law.stress(0.0):.0f} {jax.grad(law.stress)(0.0):.0f}")
     0 700000
     """
 
@@ -156,14 +92,6 @@ class SaturatingMaterial(AbstractUniaxialLaw):
 
     law_name: ClassVar[str] = "saturating"
 
-    def potential(self, strain: Real) -> RealArray:
-        """Potential phi [Pa], E_inf eps^2/2 + S (|eps| + s (exp(-|eps|/s) - 1))."""
-        eps, s = as_real(strain), self.strain_scale
-        # Not jnp.abs: its derivative at zero is zero, and the tangent modulus there would be E_inf.
-        size = jnp.where(eps >= 0, eps, -eps)
-        saturating = size + s * jnp.expm1(-size / s)
-        return self.final_modulus * eps**2 / 2 + self.saturation_stress * saturating
-
     def stress(self, strain: Real) -> RealArray:
         """True stress sigma [Pa] of one direction at engineering strain eps [-]."""
         eps = as_real(strain)
@@ -171,21 +99,16 @@ class SaturatingMaterial(AbstractUniaxialLaw):
         rising = -sign * jnp.expm1(-sign * eps / self.strain_scale)
         return self.final_modulus * eps + self.saturation_stress * rising
 
-    @property
-    def initial_modulus(self) -> RealArray:
-        """Tangent modulus [Pa] at zero strain, E_inf + S/s."""
-        return self.final_modulus + self.saturation_stress / self.strain_scale
-
 
 def odd_powers(strain: Real, order: int) -> Float[Array, "... order"]:
-    """The odd powers sign(eps) |eps|^n for n = 1 to `order`, smooth enough for gradients at zero.
+    """Return the odd powers sign(eps) |eps|^n for n = 1 to `order`, with finite gradients at zero.
 
     Args:
         strain: eps [-].
         order: highest power, >= 1.
 
     Returns:
-        Array of shape (..., order): a stress law is this, times E_n, summed.
+        Array of shape (..., order).
 
     >>> [round(float(value), 3) for value in odd_powers(-0.2, 3)]
     [-0.2, -0.04, -0.008]
@@ -197,7 +120,7 @@ def odd_powers(strain: Real, order: int) -> Float[Array, "... order"]:
     return jnp.stack(powers, axis=-1)
 
 
-class PolynomialMaterial(AbstractMaterial):
+class PolynomialMaterial(AbstractUniaxialLaw):
     """The reference work's law, sigma = sum over n of E_n sign(eps) |eps|^n, in both directions.
 
     Attributes:
@@ -215,22 +138,20 @@ class PolynomialMaterial(AbstractMaterial):
         "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="E_{}"
     )
 
-    directions_interact: ClassVar[bool] = False
-    depends_on_pressure: ClassVar[bool] = False
     law_name: ClassVar[str] = "polynomial"
 
     def __check_init__(self) -> None:
-        """Refuse coefficients that are not one row."""
+        """Refuse coefficients that do not form one row."""
         shape = np.shape(self.coefficients)
         if len(shape) != 1 or not shape[0]:
             raise ValueError(
-                f"the coefficients E_1, E_2, ... must be one row of shape (order,), got shape {shape}: for "
-                "many laws at once make each within jax.vmap"
+                f"the coefficients E_1, E_2, ... must form one row of shape (order,), got shape {shape}; "
+                "create many laws within jax.vmap"
             )
 
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "PolynomialMaterial":
-        """The law of this order, by default the cubic one."""
+        """Create the law of an order, by default the cubic one."""
         fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
@@ -238,22 +159,27 @@ class PolynomialMaterial(AbstractMaterial):
         """True stress sigma [Pa] at engineering strain eps [-]; odd, sigma(-eps) = -sigma(eps)."""
         return odd_powers(strain, self.coefficients.shape[-1]) @ self.coefficients
 
-    @promoting
-    def stresses(
-        self, axial_strain: Real, hoop_strain: Real, pressure: Real
-    ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
-        del pressure
-        return self.stress(axial_strain), self.stress(hoop_strain)
 
+class PressurePolynomialMaterial(AbstractMaterial):
+    """The polynomial law with coefficients that depend on pressure, given at pressure nodes.
 
-class _BetweenNodes(AbstractMaterial):
-    """A polynomial law whose coefficients are given at pressure nodes."""
+    Between nodes E_n is interpolated linearly. With two nodes the law is linear in pressure and is
+    extrapolated. With more nodes it is nan outside their range.
+
+    Attributes:
+        node_pressures: [Pa], shape (nodes,), increasing, at least two.
+        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
+        odd: True for powers sign(eps) |eps|^n; False for plain powers eps^n.
+
+    References:
+        Robinson et al. 2015; Chambers 2021, section 7.1.
+    """
 
     node_pressures: Float[Given, " nodes"] = number("Pa")
     node_coefficients: Float[Given, "nodes order"] = parameter(
         "Pa", kind="stress", scale=STRESS_SCALE, linear=True, name="E_{1}_at_node_{0}"
     )
+    odd: bool = eqx.field(static=True, default=True)
 
     directions_interact: ClassVar[bool] = False
 
@@ -264,78 +190,29 @@ class _BetweenNodes(AbstractMaterial):
                 f"{self.node_pressures.shape[0]}; use PolynomialMaterial for one"
             )
 
-    @abc.abstractmethod
-    def powers(self, strain: RealArray) -> Float[Array, "... order"]:
-        """What the coefficients multiply [-]."""
-
-    def known(self, pressure: Real) -> Bool[Array, "..."]:
-        """Whether the law is known at gauge pressure P [Pa]: at the nodes or between them."""
-        at, nodes = as_real(pressure), self.node_pressures
-        if nodes.shape[0] == 2:
-            return jnp.isfinite(at)
-        return (at >= nodes[0]) & (at <= nodes[-1])
-
     @promoting
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa]; the two directions do not interact."""
-        known = self.known(pressure)
-        # Inside the law there is no nan, which would spoil the derivatives of other states.
-        coefficients = self.interpolated(jnp.where(known, pressure, self.node_pressures[0]))
+        """True stresses (sigma_z, sigma_c) [Pa]; nan at pressures [Pa] outside the nodes' range."""
+        at, nodes, values = as_real(pressure), self.node_pressures, self.node_coefficients
+        known = (at >= nodes[0]) & (at <= nodes[-1]) if nodes.size > 2 else jnp.isfinite(at)
+        at = jnp.where(known, at, nodes[0])  # nan would spoil the derivatives of other states
+        cell = jnp.clip(jnp.searchsorted(nodes, at) - 1, 0, nodes.size - 2)
+        share = ((at - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))[..., None]
+        coefficients = values[cell] + share * (values[cell + 1] - values[cell])
 
         def stress(strain: Real) -> RealArray:
-            powers = self.powers(as_real(strain))
+            powers = odd_powers(strain, values.shape[-1])
+            if not self.odd:
+                powers = as_real(strain)[..., None] ** np.arange(1, values.shape[-1] + 1)
             return jnp.where(known, jnp.sum(powers * coefficients, axis=-1), jnp.nan)
 
         return stress(axial_strain), stress(hoop_strain)
 
-    def interpolated(self, at: RealArray) -> Float[Array, "... order"]:
-        """Coefficients E_n [Pa] at a pressure [Pa] at which they are known, shape (..., order)."""
-        nodes, values = self.node_pressures, self.node_coefficients
-        cell = jnp.clip(jnp.searchsorted(nodes, at) - 1, 0, nodes.shape[0] - 2)
-        share = ((at - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))[..., None]
-        return values[cell] + share * (values[cell + 1] - values[cell])
-
-
-class PressurePolynomialMaterial(_BetweenNodes):
-    """The polynomial law with coefficients that depend on pressure, given at pressure nodes.
-
-    Between nodes E_n is interpolated linearly. With two nodes the law is linear in pressure and
-    holds outside them too; with more it is known at the nodes' range only, and nan outside.
-
-    Attributes:
-        node_pressures: [Pa], shape (nodes,), increasing, at least two.
-        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
-
-    References:
-        Robinson et al. 2015; Chambers 2021, section 7.1.
-    """
-
-    def powers(self, strain: RealArray) -> Float[Array, "... order"]:
-        """Odd powers of the strain, see `odd_powers`."""
-        return odd_powers(strain, self.node_coefficients.shape[-1])
-
-
-class PlainPowerMaterial(_BetweenNodes):
-    """The polynomial law with plain powers, sigma = sum over n of E_n(P) eps^n, in both directions.
-
-    Even powers pull in compression too, so that unlike `PressurePolynomialMaterial`, with which it
-    shares all else, this law is not odd. In a shortening muscle the axial strain is negative.
-
-    Attributes:
-        node_pressures: [Pa], shape (nodes,), increasing, at least two.
-        node_coefficients: E_n [Pa] at the nodes, shape (nodes, order).
-    """
-
-    def powers(self, strain: RealArray) -> Float[Array, "... order"]:
-        """The strain, its square, ..."""
-        order = self.node_coefficients.shape[-1]
-        return jnp.stack([strain**n for n in range(1, order + 1)], axis=-1)
-
 
 def derivative(function: Callable[[RealArray], RealArray], at: RealArray) -> RealArray:
-    """Derivative, element by element, of a function that acts element by element."""
+    """Return the derivative of a function that acts on each element separately."""
     return jax.jvp(function, (at,), (jnp.ones_like(at),))[1]
 
 
@@ -358,7 +235,7 @@ class AbstractHyperelastic(AbstractMaterial):
     @property
     @abc.abstractmethod
     def initial_shear_modulus(self) -> RealArray:
-        """Shear modulus mu [Pa] at zero strain; a law of which it is not > 0 is no material."""
+        """Shear modulus mu [Pa] at zero strain; it must be > 0."""
 
     @property
     def initial_modulus(self) -> RealArray:
@@ -452,19 +329,6 @@ class MooneyRivlinMaterial(AbstractHyperelastic):
         I2 = 1 / axial**2 + 1 / hoop**2 + (axial * hoop) ** 2
         return self.c10 * (_first_invariant(axial, hoop) - 3) + self.c01 * (I2 - 3)
 
-    @promoting
-    def stresses(
-        self, axial_strain: Real, hoop_strain: Real, pressure: Real
-    ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa], 2 (lambda_i^2 - lambda_r^2) (C10 + lambda_j^2 C01)."""
-        del pressure
-        axial, hoop = (1 + as_real(axial_strain)) ** 2, (1 + as_real(hoop_strain)) ** 2
-        radial = 1 / (axial * hoop)
-        return (
-            2 * (axial - radial) * (self.c10 + hoop * self.c01),
-            2 * (hoop - radial) * (self.c10 + axial * self.c01),
-        )
-
     @property
     def initial_shear_modulus(self) -> RealArray:
         """Shear modulus [Pa] at zero strain, 2 (C10 + C01)."""
@@ -489,7 +353,7 @@ class YeohMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, *, order: int = 3, **fields: Any) -> "YeohMaterial":
-        """The law of this many terms, by default three."""
+        """Create the law with a number of terms, by default three."""
         fields.setdefault("coefficients", np.full(order, STRESS_SCALE))
         return super().template(**fields)
 
@@ -508,10 +372,10 @@ class YeohMaterial(AbstractHyperelastic):
 
 
 class OgdenMaterial(AbstractHyperelastic):
-    """The Ogden law of any number of terms.
+    """The Ogden law with any number of terms.
 
     W = sum over p of mu_p / alpha_p (lambda_z^alpha_p + lambda_c^alpha_p + lambda_r^alpha_p - 3).
-    Some programs write 2 mu_p / alpha_p^2 instead: their mu_p is alpha_p / 2 times this one.
+    Some programs use 2 mu_p / alpha_p^2 as factor; their mu_p is alpha_p / 2 times this one.
 
     Attributes:
         moduli: mu_p [Pa], shape (terms,).
@@ -567,30 +431,30 @@ class OgdenMaterial(AbstractHyperelastic):
 
     @classmethod
     def template(cls, **fields: Any) -> "OgdenMaterial":
-        """The law with one term, neo-Hookean."""
+        """Create the law with one term, which is neo-Hookean."""
         exponent = 2.0
         fields.setdefault("moduli", [2 * STRESS_SCALE / exponent])
         fields.setdefault("exponents", [exponent])
         return super().template(**fields)
 
     def parameters(self) -> dict[str, RealArray]:
-        """Shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
+        """Return shear modulus G = mu alpha / 2 and exponent of one term; mu_p and alpha_p of several."""
         if self.moduli.shape != (1,):
             return super().parameters()
         return dict(zip(_ONE_TERM, (self.initial_shear_modulus, self.exponents[0]), strict=True))
 
     def declared(self) -> dict[str, Declared]:
-        """Declarations of the parameters."""
+        """Return the declarations of the parameters."""
         return super().declared() if self.moduli.shape != (1,) else dict(_ONE_TERM)
 
     def with_parameters(self, values: Mapping[str, Real]) -> "OgdenMaterial":
-        """The law with other values; with one term, mu = 2 G / alpha.
+        """Return the law with other values; with one term, mu = 2 G / alpha.
 
-        Exponents nearer to 0 than 1e-6 are moved by that, so that the limit, Hencky's law, is met to
+        Exponents closer to 0 than 1e-6 are moved by 1e-6, so the limit, Hencky's law, is approximated to
         about 1e-6.
 
         Raises:
-            ValueError: an unknown name, or a value that is an array.
+            ValueError: a name is unknown, or a value is an array.
         """
         if self.moduli.shape != (1,):
             return super().with_parameters(values)
@@ -613,64 +477,3 @@ _ONE_TERM = {
     ),
     "ogden_exponent": Declared("", "ogden_exponent", low=-15.0, high=15.0),
 }
-
-
-class MonotoneMaterial(AbstractUniaxialLaw):
-    """A law whose tangent modulus is linear between knots and constant beyond the last; odd.
-
-    With all nodal moduli >= 0 the stress rises everywhere: Drucker-stable in every state.
-
-    Attributes:
-        knots: strain magnitudes [-] of the nodes, increasing, the first 0.
-        moduli: tangent moduli [Pa] at the knots, shape (knots,).
-
-    >>> law = MonotoneMaterial((0.0, 0.1), [4.0, 2.0])
-    >>> print(f"{law.stress(0.1):.2f} {law.stress(-0.2):.2f} {law.tangent_modulus(0.05):.1f}")
-    0.30 -0.50 3.0
-    """
-
-    knots: tuple[float, ...] = eqx.field(static=True)
-    moduli: Float[Given, " knots"] = parameter(
-        "Pa", kind="stress", low=0.0, scale=STRESS_SCALE, linear=True, name="modulus_at_{}"
-    )
-
-    law_name: ClassVar[str] = "monotone"
-
-    @classmethod
-    def template(
-        cls, *, knots: tuple[float, ...] = (0.0, 0.03, 0.1, 0.3), **fields: Any
-    ) -> "MonotoneMaterial":
-        """The law with these knots and the same modulus at each of them."""
-        fields.setdefault("moduli", np.full(len(knots), STRESS_SCALE))
-        return super().template(knots=knots, **fields)
-
-    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """The name of a modulus, with its knot: modulus_at_0.03."""
-        if field != "moduli":
-            return super().parameter_name(field, index)
-        return f"modulus_at_{self.knots[index[0]]:g}"
-
-    def __check_init__(self) -> None:
-        if len(self.knots) < 2 or self.knots[0] != 0 or not np.all(np.diff(self.knots) > 0):
-            raise ValueError(
-                "the knots of a monotone law are two or more increasing strains, the first of "
-                f"them 0, got {self.knots}"
-            )
-        if self.moduli.shape != (len(self.knots),):
-            raise ValueError(
-                f"a monotone law with {len(self.knots)} knots needs as many moduli, got shape "
-                f"{self.moduli.shape}"
-            )
-
-    def potential(self, strain: Real) -> RealArray:
-        """Potential phi [Pa], the modulus integrated twice: a cubic in each cell."""
-        strain = as_real(strain)
-        knots = np.asarray(self.knots)
-        width = np.diff(knots)
-        rise = jnp.diff(self.moduli) / width
-        size = jnp.where(strain >= 0, strain, -strain)[..., None]
-        # Each cell adds what its own change of modulus, and its end, contribute beyond it.
-        inside = jnp.clip(size - knots[:-1], 0, width)
-        beyond = jnp.maximum(size - knots[1:], 0)
-        kinks = rise * (inside**3 / 6 + inside**2 / 2 * beyond + inside * beyond**2 / 2)
-        return self.moduli[0] * size[..., 0] ** 2 / 2 + jnp.sum(kinks, axis=-1)

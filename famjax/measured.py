@@ -1,10 +1,11 @@
 """Lengths, areas and volumes of a measured shape, by quadrature over the axis.
 
-Each smooth piece of a profile is integrated by Gauss-Legendre quadrature after the substitution
-x = u^2 (3 - 2 u). The substitution also handles ends with a vertical tangent, dR/dz ~ 1 / sqrt(z).
+A profile is integrated by Gauss-Legendre quadrature after the substitution x = u^2 (3 - 2 u), which
+also handles ends with a vertical tangent, dR/dz ~ 1 / sqrt(z).
 """
 
 import functools
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -13,15 +14,14 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ._arrays import Real, RealArray, as_real, at_each, compiled, compiled_method
+from ._arrays import Real, RealArray, as_real, at_each, compiled_method
 from .braids import AbstractBraid
 from .geometries import AbstractGeometry, Bladder, Dimensions, cylinder_dimensions
-from .profiles import AbstractProfile
 from .surfaces import AbstractMeasuredFamily
 
 QUADRATURE_ORDER = 64
-"""Default number of stations per smooth piece. The relative error is below 1e-8 for Fourier profiles
-with up to five terms and for every assumed shape, and below 1e-12 for the reference work's profiles."""
+"""Default number of stations. The relative error is below 1e-8 for Fourier profiles with up to five
+terms, and below 1e-12 for the reference work's profiles."""
 
 
 class Meridian(eqx.Module):
@@ -31,25 +31,28 @@ class Meridian(eqx.Module):
         length: L [m].
         radius: R [m], shape (..., stations).
         slope: dR/dz [-], shape (..., stations).
-        weights: quadrature weights, sum 1, shape (..., stations), or (stations,) if they do not depend
-            on the length.
+        weights: quadrature weights, sum 1, shape (stations,).
     """
 
     length: RealArray
     radius: Float[Array, "... stations"]
     slope: Float[Array, "... stations"]
-    weights: Float[Array, "... stations"]
+    weights: Float[Array, " stations"]
 
     @classmethod
     def of(
-        cls, profile: AbstractProfile, length: Real, *, order: int = QUADRATURE_ORDER
+        cls,
+        diameter: Callable[[RealArray, RealArray], RealArray],
+        length: Real,
+        *,
+        order: int = QUADRATURE_ORDER,
     ) -> "Meridian":
-        """Evaluate a profile's outline at the quadrature stations.
+        """Evaluate an outline at the quadrature stations.
 
         Args:
-            profile: D(x, L).
+            diameter: D(x, L), such as the method of a profile.
             length: active length L [m], > 0.
-            order: quadrature stations in each smooth piece, >= 1.
+            order: number of quadrature stations, >= 1.
 
         Returns:
             The meridian; its arrays have the shape of the length and a last axis of stations.
@@ -57,16 +60,14 @@ class Meridian(eqx.Module):
         Raises:
             RuntimeError: the diameter is not positive everywhere.
 
-        >>> from famjax.profiles import Cylinder
-        >>> print(f"{Meridian.of(Cylinder(2.0), 3.0).volume:.3f}")
+        >>> from famjax.profiles import FourierProfile
+        >>> print(f"{Meridian.of(FourierProfile(2.0, [0.0], [0.0], 1.0).diameter, 3.0).volume:.3f}")
         9.425
         """
         length = as_real(length)
-        x, weights = quadrature(profile.breakpoints(length), order)
-        diameter, rate = jax.jvp(
-            lambda x: profile.diameter(x, length[..., None]), (x,), (jnp.ones_like(x),)
-        )
-        radius = _positive(diameter / 2, "the diameter of a profile must be > 0 from x = 0 to 1")
+        x, weights = (jnp.asarray(one.astype(length.dtype)) for one in quadrature(order))
+        D, rate = jax.jvp(lambda x: diameter(x, length[..., None]), (x,), (jnp.ones_like(x),))
+        radius = _positive(D / 2, "the diameter of a profile must be > 0 from x = 0 to 1")
         return cls(length, radius, rate / (2 * length[..., None]), weights)
 
     def inset(self, thickness: Real) -> "Meridian":
@@ -150,34 +151,14 @@ class Meridian(eqx.Module):
         return (radius - inward * thickness) / bladder.rest_mid_radius - 1
 
 
-def quadrature(
-    breakpoints: Float[Array, "... kinks"], order: int = QUADRATURE_ORDER
-) -> tuple[Float[Array, "... stations"], Float[Array, "... stations"]]:
-    """Return stations in [0, 1] and weights for integrands that are smooth between breakpoints.
+@functools.cache
+def quadrature(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the Gauss-Legendre rule in u on [0, 1]: stations x = u^2 (3 - 2 u), weights w 6 u (1 - u).
 
-    Args:
-        breakpoints: positions [-], increasing, strictly between 0 and 1, shape (..., kinks).
-        order: stations in each of the kinks + 1 pieces, >= 1.
-
-    Returns:
-        (x, weights), each with shape (..., order (kinks + 1)) and the breakpoints' dtype; the weights
-        sum to 1.
+    The weights sum to 1.
     """
     if order < 1:
         raise ValueError(f"the quadrature order must be >= 1, got {order}")
-    dtype = breakpoints.dtype
-    ends = (*breakpoints.shape[:-1], 1)
-    edges = jnp.concatenate([jnp.zeros(ends, dtype), breakpoints, jnp.ones(ends, dtype)], axis=-1)
-    share, weight = (rule.astype(dtype) for rule in _unit_rule(order))
-    width = jnp.diff(edges, axis=-1)[..., None]
-    x = edges[..., :-1, None] + width * share
-    shape = (*ends[:-1], -1)
-    return x.reshape(shape), (width * weight).reshape(shape)
-
-
-@functools.cache
-def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Legendre rule in u on [0, 1]: stations x = u^2 (3 - 2 u) and weights w 6 u (1 - u)."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     u = (nodes + 1) / 2
     shares = 3 * weights * u * (1 - u)
@@ -185,6 +166,7 @@ def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positive(radius: RealArray, must: str) -> RealArray:
+    """Raise an error if a radius or diameter [m] is not positive; a nan remains."""
     return eqx.error_if(
         radius,
         radius <= 0,
@@ -213,11 +195,6 @@ class _OfProfiles(AbstractGeometry):
         return self.family.length_range()
 
     @property
-    def breakpoints(self) -> Float[Array, " lengths"]:
-        """Active lengths [m] of the measured profiles."""
-        return self.family.lengths
-
-    @property
     def rest_length(self) -> RealArray:
         """Rest length L0 [m], taken from the bladder."""
         return self.bladder.rest_length
@@ -235,7 +212,7 @@ class MeasuredGeometry(_OfProfiles):
     Attributes:
         family: measured profiles, and the braid that scales them with pressure.
         bladder: rubber tube under, or embedded in, the braid.
-        order: quadrature stations in each smooth piece of the profiles.
+        order: number of quadrature stations.
 
     Raises:
         RuntimeError: the wall closes the bore within the range of lengths. Raised at construction, or
@@ -259,9 +236,16 @@ class MeasuredGeometry(_OfProfiles):
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
-        diameter, thickness, axial_strain, hoop_strain, volume = _measures(
-            self.family, self.bladder, self.order, length, pressure
-        )
+        bladder, inset = self.bladder, 0.0 if self.bladder.embedded else self.braid.thickness
+
+        def one(length: RealArray, pressure: RealArray) -> tuple[RealArray, ...]:
+            diameter = functools.partial(self.family.diameter, pressure=pressure)
+            outline = Meridian.of(diameter, length, order=self.order)
+            line = outline.inset(inset)
+            strains = line.axial_strain(bladder.rest_length), line.hoop_strain(bladder)
+            return outline.mean_diameter, line.thickness(bladder.volume), *strains, outline.volume
+
+        diameter, thickness, axial_strain, hoop_strain, volume = at_each(one, length, pressure)
         return Dimensions(
             length=length,
             radius=diameter / 2,
@@ -270,7 +254,7 @@ class MeasuredGeometry(_OfProfiles):
             thickness=thickness,
             axial_strain=axial_strain,
             hoop_strain=hoop_strain,
-            station_weights=quadrature(self.family.kinks, self.order)[1],
+            station_weights=jnp.asarray(quadrature(self.order)[1].astype(length.dtype)),
             bladder_volume=self.bladder.volume,
             volume=volume,
             thread_length=thread_length,
@@ -285,7 +269,7 @@ class AverageDiameterGeometry(_OfProfiles):
     Attributes:
         family: measured profiles, and the braid that scales them with pressure.
         bladder: rubber tube under, or embedded in, the braid.
-        order: quadrature stations in each smooth piece of the profiles.
+        order: number of quadrature stations.
 
     References:
         Chambers 2021, chapter 6, "measured average diameter".
@@ -299,7 +283,10 @@ class AverageDiameterGeometry(_OfProfiles):
     def dimensions(self, length: Real, pressure: Real) -> Dimensions:
         """Dimensions at active length L [m] and gauge pressure P [Pa], of broadcast shape."""
         length, pressure, thread_length, reached = _states(self.family, length, pressure)
-        radius = _mean_diameter(self.family, self.order, length, pressure) / 2
+        x, weights = (one.astype(length.dtype) for one in quadrature(self.order))
+        diameter = self.family.diameter(x, length[..., None], pressure[..., None])
+        must = "the diameter of a profile must be > 0 from x = 0 to 1"
+        radius = _positive(diameter / 2, must) @ weights
         angle = _braid_angle(length, 2 * radius, self.braid)
         return cylinder_dimensions(
             length, radius, angle, thread_length, self.braid, self.bladder, reached
@@ -322,39 +309,6 @@ def _states(
     measured = jax.lax.stop_gradient(family.middle_pressure())
     thread_length = jnp.where(reached, found, 2 * at)
     return at, jnp.where(reached, pressure, measured), thread_length, reached
-
-
-@compiled
-def _measures(
-    family: AbstractMeasuredFamily,
-    bladder: Bladder,
-    order: int,
-    length: RealArray,
-    pressure: RealArray,
-) -> tuple[RealArray, ...]:
-    """Mean diameter [m], thickness [m], axial strain, hoop strain at the stations, volume [m3]."""
-    inset = 0.0 if bladder.embedded else family.braid.thickness
-
-    def one(length: RealArray, pressure: RealArray) -> tuple[RealArray, ...]:
-        outline = Meridian.of(family.at(pressure), length, order=order)
-        line = outline.inset(inset)
-        return (
-            outline.mean_diameter,
-            line.thickness(bladder.volume),
-            line.axial_strain(bladder.rest_length),
-            line.hoop_strain(bladder),
-            outline.volume,
-        )
-
-    return at_each(one, length, pressure)
-
-
-@compiled
-def _mean_diameter(
-    family: AbstractMeasuredFamily, order: int, length: RealArray, pressure: RealArray
-) -> RealArray:
-    x, weights = quadrature(family.kinks, order)
-    return jnp.sum(weights * family.diameter(x, length[..., None], pressure[..., None]), axis=-1)
 
 
 def _braid_angle(length: RealArray, diameter: RealArray, braid: AbstractBraid) -> RealArray:

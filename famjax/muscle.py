@@ -22,6 +22,7 @@ from ._arrays import (
     as_real,
     at_each,
     compiled,
+    compiled_method,
     of_each,
     over_slope,
 )
@@ -90,13 +91,18 @@ class AbstractMuscle(Parametrised):
             "or pass a function of the gauge pressure [Pa] that returns the volume [m3]"
         )
 
+    @compiled_method
     def stiffness(self, length: Real, pressure: Real) -> RealArray:
         """Axial stiffness dF/dL [N/m] at constant pressure, broadcast shape; positive resists."""
-        return _stiffness(self, as_real(length), as_real(pressure))
+        check_one_muscle(self)
+        slopes = jax.value_and_grad(self.force)
+        force, stiffness = at_each(slopes, as_real(length), as_real(pressure))
+        return jnp.where(jnp.isnan(force), jnp.nan, stiffness)
 
+    @compiled_method
     def blocked_force(self, pressure: Real) -> RealArray:
         """Blocked force [N], the pull at zero contraction and gauge pressure P [Pa]."""
-        return _force(self, self.rest_length, as_real(pressure))
+        return self.force(self.rest_length, pressure)
 
     def length_at_load(self, load: Real, pressure: Real, *, throw: bool = True) -> RealArray:
         """Longest active length L [m] at which the contracting muscle carries a load.
@@ -113,7 +119,7 @@ class AbstractMuscle(Parametrised):
         Raises:
             RuntimeError: there is no such length, and `throw` is True.
         """
-        length, found = _length_at_load(self, as_real(load), as_real(pressure))
+        length, found = self._balanced(load, pressure)
         return required(length, found, "equilibrium length") if throw else length
 
     def free_contraction(self, pressure: Real, *, throw: bool = True) -> RealArray:
@@ -149,48 +155,28 @@ class AbstractMuscle(Parametrised):
         Raises:
             RuntimeError: the force has no zero between 0 and `highest`, and `throw` is True.
         """
-        pressure, found = _onset_pressure(self, as_real(length), as_real(highest))
+        pressure, found = self._onset(length, highest)
         return required(pressure, found, "onset pressure") if throw else pressure
 
+    @compiled_method
+    def _balanced(self, load: Real, pressure: Real) -> tuple[RealArray, Bool[Array, "..."]]:
+        check_one_muscle(self)
+        ends = self.length_range()
 
-@compiled
-def _force(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    return muscle.force(length, pressure)
+        def one(load: RealArray, P: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            return longest_equilibrium(lambda length: self.force(length, P), *ends, load)
 
+        return at_each(one, as_real(load), as_real(pressure))
 
-@compiled
-def _stiffness(muscle: AbstractMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    check_one_muscle(muscle)
-    force, stiffness = at_each(jax.value_and_grad(muscle.force), length, pressure)
-    return jnp.where(jnp.isnan(force), jnp.nan, stiffness)
+    @compiled_method
+    def _onset(self, length: Real, highest: Real) -> tuple[RealArray, Bool[Array, "..."]]:
+        check_one_muscle(self)
 
+        def one(L: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
+            none = jnp.zeros_like(top)
+            return longest_equilibrium(lambda pressure: self.force(L, pressure), none, top, none)
 
-@compiled
-def _length_at_load(
-    muscle: AbstractMuscle, load: RealArray, pressure: RealArray
-) -> tuple[RealArray, Bool[Array, "..."]]:
-    check_one_muscle(muscle)
-    shortest, longest = muscle.length_range()
-
-    def one(load: RealArray, pressure: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        return longest_equilibrium(
-            lambda length: muscle.force(length, pressure), shortest, longest, load
-        )
-
-    return at_each(one, load, pressure)
-
-
-@compiled
-def _onset_pressure(
-    muscle: AbstractMuscle, length: RealArray, highest: RealArray
-) -> tuple[RealArray, Bool[Array, "..."]]:
-    check_one_muscle(muscle)
-
-    def one(length: RealArray, top: RealArray) -> tuple[RealArray, Bool[Array, ""]]:
-        none = jnp.zeros_like(top)
-        return longest_equilibrium(lambda pressure: muscle.force(length, pressure), none, top, none)
-
-    return at_each(one, length, highest)
+        return at_each(one, as_real(length), as_real(highest))
 
 
 def check_one_muscle(*parts: eqx.Module) -> None:
@@ -209,39 +195,29 @@ def check_one_muscle(*parts: eqx.Module) -> None:
 def _check(part: eqx.Module, where: str) -> None:
     axes = _axes(type(part))
     for field in dataclasses.fields(part):
-        value = getattr(part, field.name, None)
-        at = f"{where}.{field.name}"
-        if field.name in axes and value is not None:
-            if jnp.ndim(value) != axes[field.name]:
-                wanted = "one number" if not axes[field.name] else f"{axes[field.name]} axes"
-                raise ValueError(
-                    f"an instance is one muscle: {at} must have {wanted}, got the shape "
-                    f"{jnp.shape(value)}. For many muscles, map a function that creates one with "
-                    "jax.vmap or equinox.filter_vmap"
-                )
-        elif isinstance(value, eqx.Module):
-            _check(value, at)
-        elif isinstance(value, tuple | list):
-            for i, one in enumerate(value):
-                if isinstance(one, eqx.Module):
-                    _check(one, f"{at}[{i}]")
+        value, at = getattr(part, field.name, None), f"{where}.{field.name}"
+        count = axes.get(field.name)
+        if count is not None and value is not None and jnp.ndim(value) != count:
+            wanted = f"{count} axes" if count else "one number"
+            raise ValueError(
+                f"an instance is one muscle: {at} must have {wanted}, got the shape "
+                f"{jnp.shape(value)}. For many muscles, map a function that creates one with "
+                "jax.vmap or equinox.filter_vmap"
+            )
+        parts = value if isinstance(value, tuple | list) else (value,)
+        for i, one in enumerate(parts):
+            if isinstance(one, eqx.Module):
+                _check(one, at if one is value else f"{at}[{i}]")
 
 
 @functools.cache
 def _axes(cls: type[eqx.Module]) -> dict[str, int]:
     """Number of axes of every declared number in a class, from its annotation; 0 by default.
 
-    A class with unresolvable annotations is not checked.
+    Annotations that are strings are not checked.
     """
     declared = [field for field in dataclasses.fields(cls) if declaration(field) is not None]
-    if any(isinstance(field.type, str) for field in declared):
-        try:
-            hints: dict[str, Any] = typing.get_type_hints(cls)
-        except NameError:
-            return {}
-    else:
-        hints = {field.name: field.type for field in declared}
-    return {field.name: _axes_of(hints[field.name]) for field in declared}
+    return {f.name: _axes_of(f.type) for f in declared if not isinstance(f.type, str)}
 
 
 def _axes_of(annotation: Any) -> int:
@@ -572,6 +548,7 @@ class MountedMuscle(AbstractMuscle):
         """Return the same rig with another muscle."""
         return MountedMuscle(muscle, self.compliance, self.exponent)
 
+    @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at measured length x [m] and gauge pressure P [Pa], broadcast shape.
 
@@ -579,7 +556,31 @@ class MountedMuscle(AbstractMuscle):
         falls as it shortens. Differentiable to any order with respect to arguments and parameters by the
         implicit function theorem; nan if there is no such force.
         """
-        return _forces(self, as_real(length), as_real(pressure))
+
+        def one(length: RealArray, pressure: RealArray) -> RealArray:
+            rigid = jax.lax.stop_gradient(self.muscle.force(length, pressure))
+            scale = jnp.where(jnp.isfinite(rigid) & (rigid != 0), rigid, 1.0)
+
+            def residual(share: RealArray) -> RealArray:
+                shortened = length - self.gives_way(share * scale)
+                return share - self.muscle.force(shortened, pressure) / scale
+
+            fine = jnp.finfo(scale.dtype)
+            share = bisected(
+                residual,
+                # The bracket extends beyond the rigid force, the solution for zero compliance.
+                jnp.full_like(scale, -0.1),
+                jnp.full_like(scale, 1.1),
+                tolerance=4 * float(fine.eps),
+                max_steps=fine.nmant + 2,
+            )
+            # Near zero force, accept a residual within the effect of a rounded length.
+            nearby = self.muscle.force(length * (1 + _ROUNDED_RIG * fine.eps), pressure)
+            rounding = jnp.nan_to_num(jnp.abs(nearby - rigid) / jnp.abs(scale))
+            found = jnp.abs(residual(share)) < _FOUND + rounding
+            return jnp.where(found & jnp.isfinite(rigid), share * scale, jnp.nan)
+
+        return at_each(one, as_real(length), as_real(pressure))
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Length range [m] of the muscle; without load the mountings do not deflect."""
@@ -610,34 +611,6 @@ class MountedMuscle(AbstractMuscle):
         return self.muscle.rest_length
 
 
-@compiled
-def _forces(mounted: MountedMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    def one(length: RealArray, pressure: RealArray) -> RealArray:
-        rigid = jax.lax.stop_gradient(mounted.muscle.force(length, pressure))
-        scale = jnp.where(jnp.isfinite(rigid) & (rigid != 0), rigid, 1.0)
-
-        def residual(share: RealArray) -> RealArray:
-            shortened = length - mounted.gives_way(share * scale)
-            return share - mounted.muscle.force(shortened, pressure) / scale
-
-        fine = jnp.finfo(scale.dtype)
-        share = bisected(
-            residual,
-            # The bracket extends beyond the rigid force, the solution for zero compliance.
-            jnp.full_like(scale, -0.1),
-            jnp.full_like(scale, 1.1),
-            tolerance=4 * float(fine.eps),
-            max_steps=fine.nmant + 2,
-        )
-        # Near zero force, accept a residual within the effect of a rounded length.
-        nearby = mounted.muscle.force(length * (1 + _ROUNDED_RIG * fine.eps), pressure)
-        rounding = jnp.nan_to_num(jnp.abs(nearby - rigid) / jnp.abs(scale))
-        found = jnp.abs(residual(share)) < _FOUND + rounding
-        return jnp.where(found & jnp.isfinite(rigid), share * scale, jnp.nan)
-
-    return at_each(one, length, pressure)
-
-
 class MeanMuscle(AbstractMuscle):
     """Weighted mean of several models of one muscle, F = sum w_i F_i.
 
@@ -659,8 +632,7 @@ class MeanMuscle(AbstractMuscle):
         Raises:
             ValueError: there are no members, or the number of weights differs.
         """
-        self.members = tuple(members)
-        count = len(self.members)
+        self.members, count = tuple(members), len(members)
         self.weights = as_real(jnp.full(count, 1 / max(count, 1)) if weights is None else weights)
         if not count or self.weights.shape != (count,):
             raise ValueError(
@@ -668,9 +640,13 @@ class MeanMuscle(AbstractMuscle):
                 f"shape {self.weights.shape}"
             )
 
+    @compiled_method
     def force(self, length: Real, pressure: Real) -> RealArray:
         """Static pull F [N] at active length L [m] and gauge pressure P [Pa], broadcast shape."""
-        return _mean_force(self, *jnp.broadcast_arrays(as_real(length), as_real(pressure)))
+        L, P = jnp.broadcast_arrays(as_real(length), as_real(pressure))
+        count = len(self.members)
+        forces = of_each(lambda one, L, P: one.force(L, P), self.members, [L] * count, [P] * count)
+        return jnp.einsum("i,i...->...", self.weights, forces)
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Shortest and longest active length [m] common to all members."""
@@ -691,15 +667,6 @@ class MeanMuscle(AbstractMuscle):
     def rest_length(self) -> RealArray:
         """Rest length L0 [m] of the first member."""
         return self.members[0].rest_length
-
-
-@compiled
-def _mean_force(mean: MeanMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    count = len(mean.members)
-    forces = of_each(
-        lambda one, L, P: one.force(L, P), mean.members, [length] * count, [pressure] * count
-    )
-    return jnp.einsum("i,i...->...", mean.weights, forces)
 
 
 def flatten(

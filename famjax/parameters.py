@@ -1,4 +1,4 @@
-"""The declaration of a number in the class that holds it: unit, kind, range, scale."""
+"""Declarations of numbers in the classes that hold them: unit, kind, range and scale."""
 
 import dataclasses
 import math
@@ -35,7 +35,7 @@ class WithUnit:
     """Unit and kind of a declared number.
 
     Attributes:
-        unit: SI unit, "" for a pure number; of an array with unlike entries, one for each.
+        unit: SI unit, "" for a pure number; one for each entry of an array with different units.
     """
 
     unit: str | tuple[str, ...] = ""
@@ -47,11 +47,11 @@ class Declared(WithUnit):
 
     Attributes:
         unit: SI unit, "" for a pure number.
-        name: by which it is free, bounded and reported.
-        kind: of quantity: which units a user may give it in.
-        low, high: sensible range in `unit`; infinite where there is no end to it.
-        scale: magnitude in `unit`, for solvers; None where range or value give one.
-        linear: the force is affine in it, together with all others declared so.
+        name: name in options and reports.
+        kind: kind of quantity, which determines the units that a user may choose.
+        low, high: sensible range in `unit`; infinite for no limit.
+        scale: magnitude in `unit`, for solvers; None to derive it from range or value.
+        linear: True if the force is affine in all numbers declared so together.
     """
 
     name: str | tuple[str, ...] = ""
@@ -62,7 +62,7 @@ class Declared(WithUnit):
     linear: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a range that is none."""
+        """Refuse an impossible range or scale."""
         if not self.low <= self.high:
             raise ValueError(
                 f"the range of a parameter goes from low to high, got {self.low} and {self.high}"
@@ -71,7 +71,7 @@ class Declared(WithUnit):
             raise ValueError(f"the scale of a parameter is finite and > 0, got {self.scale}")
 
     def entry(self, name: str, index: tuple[int, ...]) -> "Declared":
-        """The declaration of one entry, under its name."""
+        """Return the declaration of one entry of an array, with its name."""
         if isinstance(self.unit, str):
             return dataclasses.replace(self, name=name)
         unit = self.unit[index[0]]
@@ -89,23 +89,24 @@ def parameter(
     name: str | tuple[str, ...] | None = None,
     default: Any = dataclasses.MISSING,
 ) -> Any:
-    """A field for a number that can be identified, or an array of them.
+    """Declare a field for a number, or an array of numbers, that can be identified.
 
-    A scalar by default. Where the field is annotated with axes, as `Float[Array, " order"]`, each
-    entry is a parameter; its name is `name` formatted with the entry's place, counted from 1.
+    The field is a scalar unless its annotation has axes, as in `Float[Array, " order"]`. Then each entry
+    is a parameter, and its name is `name` formatted with the index of the entry, counted from 1.
 
     Args:
-        unit: SI unit, such as "Pa", "m", "rad", "N/m"; "" for a pure number. Of an array whose
-            entries have unlike units, one for each.
-        kind: of quantity. By default "pressure" for Pa, "length" for m, "angle" for rad, "force" for
-            N, "compliance" for m/N, "strain compliance" for 1/N, and the unit itself for any other.
-            Say `kind="stress"` for a stress or a modulus.
+        unit: SI unit, such as "Pa", "m", "rad", "N/m"; "" for a pure number; one for each entry of an
+            array with different units.
+        kind: kind of quantity. By default "pressure" for Pa, "length" for m, "angle" for rad, "force"
+            for N, "compliance" for m/N, "strain compliance" for 1/N, and the unit itself for any other.
+            Use `kind="stress"` for a stress or a modulus.
         low: lower end of the sensible range, in `unit`.
-        high: its upper end.
-        scale: magnitude, in `unit`; by default taken from the range, or from the value at hand.
-        linear: the force is affine in this number and in all others declared so.
-        name: if not the field's own; for arrays with places, as in "E_{}", or one for each entry.
-        default: of the field; None for one that may be absent.
+        high: upper end of the sensible range.
+        scale: magnitude, in `unit`; by default derived from the range or the present value.
+        linear: True if the force is affine in this number and all others declared so.
+        name: name if it differs from the field's; for arrays a pattern such as "E_{}", or one name for
+            each entry.
+        default: default of the field; None for an optional number.
 
     Returns:
         The field, for the body of a class derived from `Parametrised`.
@@ -133,11 +134,11 @@ def parameter(
 
 
 def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
-    """A field for a known number, or an array of them, that is never identified.
+    """Declare a field for a number, or an array of numbers, that is never identified.
 
     Args:
         unit: SI unit, "" for a pure number.
-        default: of the field.
+        default: default of the field.
 
     Returns:
         The field, for the body of an `equinox.Module`.
@@ -146,7 +147,7 @@ def number(unit: str = "", *, default: Any = dataclasses.MISSING) -> Any:
 
 
 def declaration(field: dataclasses.Field[Any]) -> WithUnit | None:
-    """The declaration of a field; None for a field that holds something else."""
+    """Return the declaration of a field; None if it does not hold a declared number."""
     return field.metadata.get(QUANTITY)
 
 
@@ -174,13 +175,13 @@ else:
 class Parametrised(eqx.Module, metaclass=_Declaring):
     """A module with declared parameters: its own and those of the modules in its fields.
 
-    Of two parameters with one name the later one gets the field that it stands in as prefix, as in
-    "terms_2.stiffness". Where the natural parameters are not the fields, a class overrides
-    `parameters`, `declared` and `with_parameters` together.
+    If two parameters have the same name, the later one is prefixed with its field, as in
+    "terms_2.stiffness". A class whose natural parameters are not its fields overrides `parameters`,
+    `declared` and `with_parameters` together.
     """
 
     def parameters(self) -> dict[str, RealArray]:
-        """The present values by name, in the declared units, each of shape ()."""
+        """Return the present values by name, in the declared units, each of shape ()."""
         inside: dict[_Where, dict[str, RealArray]] = {
             where: child.parameters() for where, child in _children(self)
         }
@@ -194,20 +195,17 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return found
 
     def declared(self) -> dict[str, Declared]:
-        """The declarations by name: unit, kind, range, scale, linearity."""
+        """Return the declarations by name: unit, kind, range, scale, linearity."""
         return {name: place.declared for name, place in _places(self).items()}
 
     def with_parameters(self: _Self, values: Mapping[str, Real]) -> _Self:
-        """The same module with other values of some parameters.
+        """Return the module with other values of some parameters; differentiable and traceable.
 
         Args:
-            values: by name, in the declared units, each of shape ().
-
-        Returns:
-            The module. Differentiable in the values, and traceable.
+            values: values by name, in the declared units, each of shape ().
 
         Raises:
-            ValueError: an unknown name, or a value that is an array.
+            ValueError: a name is unknown, or a value is an array.
         """
         places = _places(self)
         own: dict[str, dict[tuple[int, ...], RealArray]] = {}
@@ -221,7 +219,7 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         module = self  # no constructor runs again
         for field, new in own.items():
             old = getattr(module, field)
-            # One stack of all entries, not one scatter for each: less to compile.
+            # One stack of all entries compiles faster than one scatter for each.
             every = [new[at] if at in new else old[at] for at in np.ndindex(jnp.shape(old))]
             array = jnp.stack(every).reshape(jnp.shape(old)) if jnp.ndim(old) else every[0]
             module = _with(module, field, array)
@@ -235,14 +233,11 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
         return module
 
     def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """The name of one entry of a declared field; by default as the declaration says.
+        """Return the name of one entry of a declared field, by default from its declaration.
 
         Args:
             field: name of the field.
-            index: place in the array, () for a scalar.
-
-        Returns:
-            The name.
+            index: index in the array, () for a scalar.
         """
         spec = declaration(next(one for one in dataclasses.fields(self) if one.name == field))
         assert isinstance(spec, Declared)
@@ -256,7 +251,20 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
 
     @classmethod
     def template(cls: type[_Self], **fields: Any) -> _Self:
-        """An instance to start from; see `famjax.parameters.template`."""
+        """Create an instance with every scalar parameter in the middle of its range.
+
+        If a range has no middle, the parameter is one scale inside its only end, or equal to its scale.
+
+        Args:
+            fields: known fields; fields with neither a default nor a declaration are required.
+
+        Raises:
+            ValueError: a field is missing that has no default and is not a scalar parameter.
+
+        >>> from famjax.materials import NeoHookeanMaterial
+        >>> NeoHookeanMaterial.template().parameters().keys()
+        dict_keys(['shear_modulus'])
+        """
         given = dict(fields)
         for field in dataclasses.fields(cls):
             none = field.default is field.default_factory is dataclasses.MISSING
@@ -267,17 +275,17 @@ class Parametrised(eqx.Module, metaclass=_Declaring):
             array = bool(getattr(annotation, "dims", ())) and annotation.index_variadic is None
             if not isinstance(spec, Declared) or array:
                 raise ValueError(
-                    f"the field {field.name!r} of {cls.__name__} has no default and is no scalar "
-                    f"parameter: give it, as in template({cls.__name__}, {field.name}=...)"
+                    f"the field {field.name!r} of {cls.__name__} has no default and is not a scalar "
+                    f"parameter: pass it, as in {cls.__name__}.template({field.name}=...)"
                 )
-            given[field.name] = middle(spec)
-        # JAX compiles a program for each shape that it takes in as a number or NumPy array; not so here.
+            given[field.name] = _middle(spec)
+        # Conversion by device_put compiles nothing.
         host = (float, np.ndarray)
         return cls(**{n: jax.device_put(v) if isinstance(v, host) else v for n, v in given.items()})
 
 
 def _described(part: eqx.Module) -> list[str]:
-    """A module as lines: its class, and below it every field with value and unit."""
+    """Describe a module in lines: its class, then every field with value and unit."""
     lines = [type(part).__name__]
     for field in dataclasses.fields(part):
         value, spec = getattr(part, field.name), declaration(field)
@@ -295,48 +303,20 @@ def _described(part: eqx.Module) -> list[str]:
     return lines
 
 
-_Family = TypeVar("_Family", bound=Parametrised)
-
-
-def template(cls: type[_Family], **fields: Any) -> _Family:
-    """An instance of a class whose parameters are in the middle of their ranges.
-
-    Where a range has no middle, a parameter is its scale above its lower end, or its scale. So a law
-    can be named by its class alone.
-
-    Args:
-        cls: the class.
-        fields: what is known; what has neither a default nor a declaration must be among them.
-
-    Returns:
-        The instance.
-
-    Raises:
-        ValueError: a field is missing that has no default and is no scalar parameter.
-
-    >>> from famjax.materials import NeoHookeanMaterial
-    >>> template(NeoHookeanMaterial).parameters().keys()
-    dict_keys(['shear_modulus'])
-    """
-    return cls.template(**fields)
-
-
-def middle(declared: Declared) -> float:
-    """The middle of a range, or a value one scale from its only end, or the scale."""
+def _middle(declared: Declared) -> float:
+    """Return the middle of a range, or a value one scale from its only end, or the scale."""
     scale = 1.0 if declared.scale is None else declared.scale
     low, high = declared.low, declared.high
-    if np.isfinite(low) and np.isfinite(high):
-        return (low + high) / 2
-    if np.isfinite(low):
-        return low + scale
-    return high - scale if np.isfinite(high) else scale
+    if math.isinf(high):
+        return scale if math.isinf(low) else low + scale
+    return high - scale if math.isinf(low) else (low + high) / 2
 
 
 def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str, RealArray]:
-    """The values as scalars.
+    """Return the values as scalars.
 
     Raises:
-        ValueError: an unknown name, or a value that is an array.
+        ValueError: a name is unknown, or a value is an array.
     """
     known = module.declared()
     for name, value in values.items():
@@ -346,23 +326,23 @@ def checked_values(module: Parametrised, values: Mapping[str, Real]) -> dict[str
             )
         if jnp.ndim(value) != 0:
             raise ValueError(
-                f"a parameter is one number; got the shape {jnp.shape(value)} for {name!r}. For "
-                "many muscles at once map the function that makes one, by jax.vmap"
+                f"a parameter is one number; got the shape {jnp.shape(value)} for {name!r}. For many "
+                "muscles, map a function that creates one with jax.vmap"
             )
     return {name: as_number(value) for name, value in values.items()}
 
 
 _Where: TypeAlias = tuple[str, int | None]
-"""A field, and the place in it where it holds several modules."""
+"""A field, and the index in it if it holds several modules."""
 
 
 class _Place(NamedTuple):
-    """Where a parameter stands.
+    """Location of a parameter.
 
     Attributes:
-        declared: with its name.
-        where: its field of the module, or that of the child module which holds it.
-        entry: the index in an array, or the name within the child.
+        declared: declaration with its name.
+        where: field of the module that holds the parameter or its child module.
+        entry: index in an array, or name within the child module.
     """
 
     declared: Declared
@@ -371,7 +351,7 @@ class _Place(NamedTuple):
 
 
 def _places(module: Parametrised) -> dict[str, _Place]:
-    """Every parameter of a module and of its children, by name."""
+    """Return the location of every parameter of a module and its children, by name."""
     found: dict[str, _Place] = {}
     children = dict(_children(module))
     for field in dataclasses.fields(module):
@@ -393,7 +373,7 @@ def _places(module: Parametrised) -> dict[str, _Place]:
 
 
 def _children(module: Parametrised) -> Iterator[tuple[_Where, Parametrised]]:
-    """The modules in the fields of a module: a field itself, or those in a tuple or list."""
+    """Yield the modules in the fields of a module, including those in tuples and lists."""
     for field in dataclasses.fields(module):
         value = getattr(module, field.name, None)
         if isinstance(value, Parametrised):
@@ -412,16 +392,16 @@ _Model = TypeVar("_Model", bound=Parametrised)
 
 
 class Apart(eqx.Module, Generic[_Model]):
-    """The free parameters of a model, scaled and bounded, and the model itself.
+    """The scaled and bounded free parameters of a model, and the model itself.
 
-    A parameter with two finite bounds is scaled to 0 at the lower and 1 at the upper one; another
-    is divided by its scale.
+    A parameter with two finite bounds is scaled to 0 at the lower and 1 at the upper one. Any other
+    parameter is divided by its scale.
 
     Attributes:
-        whole: the model, whose other parameters stay.
-        names: of the free parameters.
-        scaled: their present values, scaled, shape (free,).
-        low, high: their bounds, scaled, shape (free,); infinite where there is none.
+        whole: the model; its other parameters do not change.
+        names: names of the free parameters.
+        scaled: scaled present values, shape (free,).
+        low, high: scaled bounds, shape (free,); infinite for no bound.
         offset, scale: value = offset + scale * scaled, in the declared units, shape (free,).
     """
 
@@ -435,40 +415,32 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def si(self) -> Float[Array, " free"]:
-        """The present values in their declared units, beside `scaled`."""
+        """Present values in the declared units."""
         return self.offset + self.scale * self.scaled
 
     def values(self, scaled: Real) -> dict[str, RealArray]:
-        """The parameters by name, in their declared units."""
+        """Return the parameters by name, in their declared units."""
         values = self.offset + self.scale * as_real(scaled)
         return {name: values[i] for i, name in enumerate(self.names)}
 
     def muscle(self, scaled: Real) -> _Model:
-        """The model with these scaled parameters; safe under jit, grad and vmap.
+        """Return the model with these scaled parameters; works under jit, grad and vmap.
 
-        It is for the caller to keep `scaled` between `low` and `high`, or to work in R^n with
-        `unbounded` and `scaled_from_unbounded`.
+        The caller must keep `scaled` between `low` and `high`, or work in R^n with `unbounded` and
+        `scaled_from_unbounded`.
         """
         return self.whole.with_parameters(self.values(scaled))
 
     def scaled_from_unbounded(self, z: Real) -> Float[Array, " free"]:
-        """From R^n to the box, smooth and one to one: scaled parameters strictly within bounds.
+        """Map R^n to the box, smoothly and one to one: scaled parameters strictly within their bounds.
 
-        A logistic curve between two bounds, softplus above or below one, and z itself where there
-        is none.
+        The map is a logistic curve between two bounds, softplus for one bound, and z itself without
+        bounds.
         """
         z = as_real(z)
-        both, below, above = self._finite
-        low, high = jnp.where(below, self.low, 0.0), jnp.where(above, self.high, 0.0)
-        return jnp.select(
-            [both, below, above],
-            [
-                low + (high - low) * jax.nn.sigmoid(z),
-                low + jax.nn.softplus(z),
-                high - jax.nn.softplus(-z),
-            ],
-            z,
-        )
+        lower, upper, low, high = self._ends
+        curves = [jax.nn.sigmoid(z), low + jax.nn.softplus(z), high - jax.nn.softplus(-z)]
+        return jnp.select([lower & upper, lower, upper], curves, z)
 
     @property
     def unbounded(self) -> Float[Array, " free"]:
@@ -479,31 +451,23 @@ class Apart(eqx.Module, Generic[_Model]):
         """
         inside = (self.scaled > self.low) & (self.scaled < self.high)
         if not isinstance(inside, Tracer) and not np.all(inside):
-            outside = [
-                n for n, good in zip(self.names, np.asarray(inside), strict=True) if not good
-            ]
+            outside = [n for n, one in zip(self.names, np.asarray(inside), strict=True) if not one]
             raise ValueError(
-                f"{', '.join(outside)}: no point of R^n stands for a value at or beyond its bounds. "
-                "Start strictly within them, or give other bounds"
+                f"{', '.join(outside)}: no point of R^n corresponds to a value at or beyond its bounds. "
+                "Start strictly within them, or choose other bounds"
             )
-        both, below, above = self._finite
-        width = jnp.where(both, self.high - self.low, 1.0)
-        share = jnp.where(both, (self.scaled - self.low) / width, 0.5)
-        up = jnp.where(below & ~both, self.scaled - self.low, 1.0)
-        down = jnp.where(above & ~both, self.high - self.scaled, 1.0)
-        return jnp.select(
-            [both, below, above],
-            [jnp.log(share) - jnp.log1p(-share), _inverse_softplus(up), -_inverse_softplus(down)],
-            self.scaled,
-        )
+        lower, upper, low, high = self._ends
+        share = jnp.where(lower & upper, self.scaled, 0.5)
+        up = _inverse_softplus(jnp.where(lower & ~upper, self.scaled - low, 1.0))
+        down = -_inverse_softplus(jnp.where(upper & ~lower, high - self.scaled, 1.0))
+        logit = jnp.log(share) - jnp.log1p(-share)
+        return jnp.select([lower & upper, lower, upper], [logit, up, down], self.scaled)
 
     @property
-    def _finite(
-        self,
-    ) -> tuple[Bool[Array, " free"], Bool[Array, " free"], Bool[Array, " free"]]:
-        """Which parameters have both bounds, a lower one, an upper one."""
-        below, above = jnp.isfinite(self.low), jnp.isfinite(self.high)
-        return below & above, below, above
+    def _ends(self) -> tuple[Bool[Array, " free"], Bool[Array, " free"], RealArray, RealArray]:
+        """Whether each parameter has a lower and an upper bound, and the bounds, 0 if infinite."""
+        lower, upper = jnp.isfinite(self.low), jnp.isfinite(self.high)
+        return lower, upper, jnp.where(lower, self.low, 0.0), jnp.where(upper, self.high, 0.0)
 
 
 def take_apart(
@@ -512,19 +476,19 @@ def take_apart(
     *,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Apart[_Model]:
-    """Split a model into a flat vector of free parameters of order one, with bounds, and the rest.
+    """Split a model into a vector of free parameters of order one, with bounds, and the rest.
 
     Args:
         model: a muscle, or any other module with declared parameters.
-        free: names of the parameters that may change; by default all that are declared.
-        bounds: (low, high) in the declared units by name, in place of the declared ranges.
+        free: names of the parameters that may change; by default all declared ones.
+        bounds: (low, high) in the declared units by name, instead of the declared ranges.
 
     Returns:
-        `Apart`: `.scaled`, `.low`, `.high`, `.names`, and `.muscle(scaled)`, the way back.
+        `Apart` with `.scaled`, `.low`, `.high`, `.names`, and the inverse `.muscle(scaled)`.
 
     Raises:
-        ValueError: an unknown name, one that is given twice, bounds of a parameter that is not
-            free, or a lower bound that is not below the upper one.
+        ValueError: a name is unknown or repeated, a bounded parameter is not free, or a lower bound is
+            not below the upper one.
 
     >>> from famjax.materials import NeoHookeanMaterial
     >>> apart = take_apart(NeoHookeanMaterial(2e5), bounds={"shear_modulus": (0.0, 1e6)})
@@ -547,7 +511,7 @@ def take_apart(
         if not low < high:
             raise ValueError(
                 f"the lower bound of {name!r} must be below the upper one, got {low} and {high}. "
-                "To hold a parameter leave it out of `free`"
+                "To hold a parameter, omit it from `free`"
             )
     at = jnp.stack([values[name] for name in names]) if names else jnp.zeros(0)
     ends = [given.get(name, (known[name].low, known[name].high)) for name in names]
@@ -568,7 +532,7 @@ def take_apart(
 
 
 def _scale(declared: Declared, value: RealArray) -> RealArray:
-    """The declared scale, or the size of the value at hand, or 1 where it is zero."""
+    """Return the declared scale, or else the magnitude of the present value, or 1 if it is zero."""
     if declared.scale is not None:
         return jnp.asarray(declared.scale, value.dtype)
     size = jax.lax.stop_gradient(jnp.abs(value))
@@ -576,5 +540,5 @@ def _scale(declared: Declared, value: RealArray) -> RealArray:
 
 
 def _inverse_softplus(x: RealArray) -> RealArray:
-    """Z with log(1 + exp(z)) = x > 0."""
+    """Return z with log(1 + exp(z)) = x > 0."""
     return x + jnp.log(-jnp.expm1(-x))

@@ -4,18 +4,10 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from . import plant
 from .boundary.errors import InputError
 from .boundary.toml_file import Form, from_entries, read_toml
 from .continuation import SafeMuscle
-from .plant import (
-    AbstractCircuit,
-    AbstractFriction,
-    DahlFriction,
-    HydraulicCircuit,
-    Plant,
-    PneumaticCircuit,
-    SlipFriction,
-)
 
 _TABLES = ("circuit", "load", "friction", "controller", "step")
 _UNITS = {"Pa": "pressure", "s": "time", "m": "length", "N": "force", "m3": "volume"}
@@ -33,7 +25,7 @@ def read_plan(plan: Path) -> dict[str, Any]:
     return tables
 
 
-def read_plant(plan: Path, muscle: SafeMuscle) -> Plant:
+def read_plant(plan: Path, muscle: SafeMuscle) -> plant.Plant:
     """Build a plant of prescribed length from a muscle and a plan's circuit and friction.
 
     Ignores the tables [load] and [[step]].
@@ -43,24 +35,24 @@ def read_plant(plan: Path, muscle: SafeMuscle) -> Plant:
     """
     tables = read_plan(plan)
     circuit, friction = circuit_of(tables, plan), friction_of(tables, plan, muscle)
-    return Plant(circuit, muscle, friction=friction)
+    return plant.Plant(circuit, muscle, friction=friction)
 
 
-def circuit_of(tables: dict[str, Any], plan: Path) -> AbstractCircuit:
+def circuit_of(tables: dict[str, Any], plan: Path) -> plant.AbstractCircuit:
     """Build the circuit from the table [circuit]."""
     entries = dict(tables.get("circuit", {}))
     fluid = entries.pop("fluid", "air")
     if fluid not in ("air", "water"):
         raise InputError(f"{plan}: [circuit]: fluid must be 'air' or 'water', got {fluid!r}")
-    made = PneumaticCircuit() if fluid == "air" else HydraulicCircuit()
+    made = plant.PneumaticCircuit() if fluid == "air" else plant.HydraulicCircuit()
     return _with_numbers(made, entries, f"{plan}: [circuit]: ")
 
 
-def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> AbstractFriction | None:
+def friction_of(tables: dict[str, Any], plan: Path, muscle: SafeMuscle) -> Any:
     """Build the friction from the table [friction], or else from the muscle's hysteresis."""
     if "friction" in tables:
-        return _with_numbers(DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
-    return None if muscle.hysteresis is None else SlipFriction(muscle.hysteresis)
+        return _with_numbers(plant.DahlFriction(), tables["friction"], f"{plan}: [friction]: ")
+    return muscle.hysteresis
 
 
 def _with_numbers(part: Any, entries: dict[str, Any], where: str) -> Any:

@@ -1,9 +1,9 @@
-"""The Maxwell-slip element, a spring in series with a dry slider, and its coordinates in a muscle."""
+"""Maxwell-slip elements, springs in series with dry sliders, and their coordinates in a muscle."""
 
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import equinox as eqx
 import jax
@@ -13,26 +13,24 @@ from jaxtyping import Array, Float, Num
 
 from ._arrays import Given, Real, RealArray, as_number, as_real, compiled_method
 
-if TYPE_CHECKING:
-    Either: TypeAlias = Any  # NumPy's or JAX's, as the arguments are
-else:
-    Either: TypeAlias = Real
+Either: TypeAlias = Any  # an array of NumPy or JAX, as the arguments are
+History: TypeAlias = Float[Array | np.ndarray, " n"] | Sequence[float]
 
 
 def slip(deflection: Either, change: Either, threshold: Either) -> Either:
-    """Deflection of an element after its coordinate has moved one way by `change`.
+    """Return the deflection of an element after its coordinate has changed monotonically.
 
         s <- min(max(s + dq, -delta), delta)
 
-    Exact for a motion of any size that does not turn round. Takes NumPy's arrays or JAX's.
+    Exact for a change of any size. Accepts arrays of NumPy or JAX.
 
     Args:
-        deflection: s before.
-        change: dq, of the same unit.
-        threshold: delta > 0 at which the slider gives way.
+        deflection: s before the change.
+        change: dq, in the same unit.
+        threshold: delta > 0, the deflection at which the slider moves.
 
     Returns:
-        s afterwards, broadcast shape.
+        s after the change, broadcast shape.
 
     References:
         Rizos & Fassois 2004, Chaos 14(2), 431-445: the element and its identification.
@@ -46,9 +44,9 @@ def slip(deflection: Either, change: Either, threshold: Either) -> Either:
 
 
 def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
-    """Rates of the coordinates of wall and braid in the strain, 1 + P/E and P/E [-].
+    """Return the derivatives of both coordinates in the strain, 1 + P/E and P/E [-].
 
-    Takes NumPy's arrays or JAX's; see `MaxwellSlip`.
+    Accepts arrays of NumPy or JAX; see `MaxwellSlip`.
 
     Args:
         pressure: gauge pressure P [Pa].
@@ -61,9 +59,9 @@ def slip_shares(pressure: Either, modulus: Either) -> tuple[Either, Either]:
 def slip_coordinates(
     length: Either, pressure: Either, rest_length: Either, modulus: Either
 ) -> tuple[Either, Either]:
-    """Coordinates of wall and braid [-], -eps (1 + P/E) and -eps P/E, broadcast shape.
+    """Return the coordinates of wall and braid [-], -eps (1 + P/E) and -eps P/E, broadcast shape.
 
-    Takes NumPy's arrays or JAX's; see `MaxwellSlip`.
+    Accepts arrays of NumPy or JAX; see `MaxwellSlip`.
 
     Args:
         length: L [m].
@@ -77,11 +75,11 @@ def slip_coordinates(
 
 
 class SlipElements(eqx.Module):
-    """Elements side by side on one coordinate.
+    """Parallel elements on one coordinate.
 
     Attributes:
         threshold: delta of each element, in the unit of the coordinate, > 0, shape (k,).
-        strength: force [N] of each element while it slides, >= 0, shape (k,).
+        strength: force [N] of each sliding element, >= 0, shape (k,).
     """
 
     threshold: Float[Given, " k"] = eqx.field(converter=as_number)
@@ -89,30 +87,21 @@ class SlipElements(eqx.Module):
 
     @classmethod
     def none(cls) -> "SlipElements":
-        """No elements."""
+        """Create an empty set of elements."""
         return cls(jnp.zeros(0), jnp.zeros(0))
 
     def force(self, deflection: Float[Array, "*n k"]) -> RealArray:
-        """Sum [N] of strength times s / delta, shape (*n,)."""
+        """Return the sum [N] of strength times s / delta, shape (*n,)."""
         return jnp.sum(self.strength * deflection / self.threshold, axis=-1)
-
-    def energy(self, deflection: Float[Array, "*n k"]) -> RealArray:
-        """Energy stored in the springs, force times the unit of the coordinate, shape (*n,)."""
-        return jnp.sum(self.strength * deflection**2 / (2 * self.threshold), axis=-1)
-
-    def heat(self, deflection: Float[Array, "n k"], change: Float[Array, " m"]) -> RealArray:
-        """Sum of strength times path slid, of deflections in order and the motions between them."""
-        slid = jnp.abs(change[:, None] - jnp.diff(deflection, axis=0))
-        return jnp.sum(self.strength * slid)
 
 
 class SlipState(eqx.Module):
     """State of the elements after a history.
 
     Attributes:
-        coordinates: of wall and braid [-].
-        wall: deflections of the elements on the first, shape (k,).
-        braid: deflections of those on the second, shape (m,).
+        coordinates: coordinates of wall and braid [-].
+        wall: deflections of the elements on the first coordinate, shape (k,).
+        braid: deflections of the elements on the second coordinate, shape (m,).
     """
 
     coordinates: Float[Array, "2"]
@@ -121,26 +110,26 @@ class SlipState(eqx.Module):
 
 
 class MaxwellSlip(eqx.Module):
-    """The part of a pull that depends on the history: elements on two coordinates.
+    """The history-dependent part of a pull: elements on two coordinates.
 
         q_w = -eps (1 + P/E),   q_b = -eps P/E,   eps = (L0 - L)/L0
 
         F_h = (1 + P/E) sum_w S_i s_i/delta_i  +  (P/E) sum_b S_i s_i/delta_i
 
-    Both coordinates are the strain of the wall along the axis: as it is, enlarged by a pressure
-    that is not small beside the modulus E of rubber, and the part that the pressure adds. Elements
-    on the second have the strength of dry friction under the pressure's normal force. At constant
-    pressure both coordinates move with the contraction, and full sliding takes c0 + c1 P. At
-    constant length they move in proportion to contraction and pressure: a muscle at rest length
-    has no loop, and one that is held shorter pulls less while it is filled than while it is vented.
+    The first coordinate is the axial strain of the wall, enlarged by a pressure that is not small
+    compared with the modulus E of rubber. The second is the part added by the pressure; its elements
+    model dry friction under the normal force of the pressure. At constant pressure both coordinates
+    follow the contraction, and full sliding requires c0 + c1 P. At constant length they are
+    proportional to contraction and pressure. A muscle at rest length therefore has no loop, and a
+    shortened muscle pulls less during filling than during venting.
 
-    A force f on a coordinate q pulls with f dq/dL and takes up the volume -f dq/dP, so that machine
-    and fluid together do the work f dq on it. Over any history that is what the springs store and
-    the sliders turn into heat; over a closed one it is never negative, as strengths are not.
+    A force f on a coordinate q pulls with f dq/dL and displaces the volume -f dq/dP, so machine and
+    fluid together do the work f dq. It is stored in the springs or dissipated by the sliders, so a
+    closed cycle never yields energy.
 
     Attributes:
-        wall: elements on q_w, thresholds [-]; their strength is that without pressure.
-        braid: elements on q_b, thresholds [-]; their strength is that at the pressure E.
+        wall: elements on q_w, thresholds [-]; strengths at zero pressure.
+        braid: elements on q_b, thresholds [-]; strengths at the pressure E.
         rest_length: L0 [m].
         modulus: E [Pa].
 
@@ -150,7 +139,7 @@ class MaxwellSlip(eqx.Module):
         pneumatic muscles.
 
     >>> slip = MaxwellSlip(SlipElements.none(), SlipElements([0.01], [30.0]), 0.3, 1e6)
-    >>> P = [0.0, 4e5, 2e5]  # filled, then vented, at a contraction of 0.1
+    >>> P = [0.0, 4e5, 2e5]  # filling, then venting, at a contraction of 0.1
     >>> print(slip.along([0.27] * 3, P))
     [  0. -12.   6.]
     """
@@ -166,14 +155,14 @@ class MaxwellSlip(eqx.Module):
         return slip_coordinates(L, P, self.rest_length, self.modulus)
 
     def start(self, length: Real, pressure: Real) -> SlipState:
-        """The state with all springs relaxed at a length [m] and a gauge pressure [Pa]."""
+        """Return the state with relaxed springs at a length [m] and a gauge pressure [Pa]."""
         q = jnp.stack(self.coordinates(length, pressure))
         return SlipState(
             q, jnp.zeros_like(self.wall.threshold), jnp.zeros_like(self.braid.threshold)
         )
 
     def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
-        """The state after a motion to a length [m] and a pressure [Pa] that does not turn round."""
+        """Return the state after a monotone motion to a length [m] and a pressure [Pa]."""
         q = jnp.stack(self.coordinates(length, pressure))
         change = q - state.coordinates
         return SlipState(
@@ -183,35 +172,21 @@ class MaxwellSlip(eqx.Module):
         )
 
     def force(self, state: SlipState, pressure: Real) -> RealArray:
-        """The elements' part of the pull F_h [N]; positive after the muscle was lengthened."""
+        """Return the elements' pull F_h [N]; positive after lengthening."""
         wall, braid = slip_shares(as_real(pressure), self.modulus)
         return wall * self.wall.force(state.wall) + braid * self.braid.force(state.braid)
 
-    def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """Force [N] that the history adds to the static force at that pressure, at the state's length."""
-        del length
+    def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
+        """Return the force [N] added to the static force [N], on which it does not depend."""
+        del length, force
         return self.force(state, pressure)
 
-    def volume(self, state: SlipState, length: Real) -> RealArray:
-        """The elements' share of the fluid volume [m3], which makes them passive."""
-        shortened = self.rest_length - as_real(length)
-        both = self.wall.force(state.wall) + self.braid.force(state.braid)
-        return shortened / self.modulus * both
-
-    def energy(self, state: SlipState) -> RealArray:
-        """Energy [J] stored in the springs."""
-        return self.rest_length * (self.wall.energy(state.wall) + self.braid.energy(state.braid))
-
     @compiled_method
-    def states(
-        self,
-        length: Float[Array | np.ndarray, " n"] | Sequence[float],
-        pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
-    ) -> SlipState:
-        """The state at each point of a history that starts relaxed, by `jax.lax.scan`.
+    def states(self, length: History, pressure: History) -> SlipState:
+        """Return the state at each point of a history that starts relaxed.
 
         Args:
-            length: L [m] in the order of time, shape (n,); every turning point must be among them.
+            length: L [m] in time order, shape (n,), including every turning point.
             pressure: gauge pressure P [Pa], shape (n,).
 
         Returns:
@@ -226,42 +201,36 @@ class MaxwellSlip(eqx.Module):
         return jax.lax.scan(step, self.start(L[0], P[0]), (L, P))[1]
 
     @compiled_method
-    def along(
-        self,
-        length: Float[Array | np.ndarray, " n"] | Sequence[float],
-        pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
-    ) -> Float[Array, " n"]:
-        """F_h [N] along a history that starts relaxed, shape (n,); see `states`."""
+    def along(self, length: History, pressure: History) -> Float[Array, " n"]:
+        """Return F_h [N] along a history that starts relaxed, shape (n,); see `states`."""
         return jax.vmap(self.force)(self.states(length, pressure), as_real(pressure))
 
     @compiled_method
-    def heat(
-        self,
-        length: Float[Array | np.ndarray, " n"] | Sequence[float],
-        pressure: Float[Array | np.ndarray, " n"] | Sequence[float],
-    ) -> Float[Array, ""]:
-        """Energy [J] that the sliders dissipate over a history; never negative."""
-        states = self.states(length, pressure)
+    def heat(self, length: History, pressure: History) -> Float[Array, ""]:
+        """Return the energy [J] dissipated over a history; never negative."""
+        states, heat = self.states(length, pressure), jnp.zeros_like(self.rest_length)
         change = jnp.diff(states.coordinates, axis=0)
-        wall = self.wall.heat(states.wall, change[:, 0])
-        return self.rest_length * (wall + self.braid.heat(states.braid, change[:, 1]))
+        for k, (elements, s) in enumerate(((self.wall, states.wall), (self.braid, states.braid))):
+            slid = jnp.abs(change[:, k, None] - jnp.diff(s, axis=0))
+            heat += jnp.sum(elements.strength * slid)
+        return self.rest_length * heat
 
 
 Cycle = Literal["ramp", "stroke"]
-"""Pressure up and down at one length, or shorter and longer at one pressure."""
+"""Pressure up and down at constant length, or a stroke at constant pressure."""
 
 
 def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, Either]:
-    """Deflections of relaxed elements when a path reaches a point, reverses and returns to it.
+    """Return the deflections of relaxed elements when a path reaches a point, and when it returns.
 
     Args:
-        path: coordinate at the start, at other ends of motions, at the point, at the turn and at the
-            point again. Between two of them it moves one way.
-            Arrays of one shape (*n,), NumPy's or JAX's.
-        threshold: of the elements, shape (k,).
+        path: coordinate at the start, at other turning points, at the point, at the last turn and at
+            the point again; arrays of NumPy or JAX with one shape (*n,). The coordinate changes
+            monotonically between them.
+        threshold: thresholds of the elements, shape (k,).
 
     Returns:
-        (deflection on the way there, and on the way back), shape (*n, k).
+        (deflection on the way there, deflection on the way back), shape (*n, k).
     """
     s: list[Either] = [0.0 * path[0][..., None] * threshold]
     for before, after in itertools.pairwise(path):
@@ -271,12 +240,12 @@ def there_and_back(path: Sequence[Either], threshold: Either) -> tuple[Either, E
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceCycle:
-    """The cycle whose mean of branches is the static map.
+    """The cycle whose two branches have the static map as mean.
 
     Attributes:
-        kind: what moves, the pressure or the length.
+        kind: "ramp" if the pressure moves, "stroke" if the length moves.
         start, turn: ends of the motion, gauge pressures [Pa] or lengths [m].
-        cycled: the same cycle went before; otherwise all is relaxed at the start.
+        cycled: True if the same cycle preceded it; False if the elements are relaxed at the start.
     """
 
     kind: Cycle
@@ -286,15 +255,15 @@ class ReferenceCycle:
 
 
 class CentredSlip(eqx.Module):
-    """Hysteresis around a static map: zero mean over both branches of the map's cycles.
+    """Hysteresis around a static map, with zero mean over both branches of the map's cycle.
 
-    The mean of two branches is not where relaxed elements would be: below their thresholds they
-    are springs. Their mean over the cycle, which depends on length and pressure alone, is
-    therefore subtracted: a static force, which changes neither branch against the other.
+    Elements below their thresholds act as springs, so their mean over a cycle is not zero. This mean
+    depends only on length and pressure and is subtracted as a static force. The difference between the
+    branches stays the same.
 
     Attributes:
         slip: the elements.
-        cycle: of the static map.
+        cycle: cycle of the static map.
     """
 
     slip: MaxwellSlip
@@ -303,9 +272,9 @@ class CentredSlip(eqx.Module):
     def middle(
         self, length: Num[Array | np.ndarray, "*n"], pressure: Num[Array | np.ndarray, "*n"]
     ) -> Float[Array, "*n"]:
-        """Mean [N] of the elements' force over both branches of the cycle through a point.
+        """Return the mean [N] of the elements' force over both branches of the cycle through a point.
 
-        Beyond the turn of the reference cycle, the cycle turns at the point itself.
+        A point beyond the turn of the reference cycle is its own turn.
         """
         there, back = self._ends(length, pressure)
         start, at, turn = (
@@ -321,10 +290,10 @@ class CentredSlip(eqx.Module):
         return total
 
     def start(self, length: Real, pressure: Real) -> SlipState:
-        """The state at the start of a history, at a length [m] and a pressure [Pa], both scalars.
+        """Return the state at the start of a history, at a length [m] and a pressure [Pa], both scalars.
 
-        Reached from the start of the reference cycle: from the vented muscle of that length, or from
-        the longest length under that pressure. After a cycle, if one went before.
+        The state is reached from the start of the reference cycle: from the vented muscle at this
+        length, or from the longest length at this pressure, after a full cycle if `cycled`.
         """
         there, back = self._ends(as_real(length), as_real(pressure))
         state = self.slip.start(*there)
@@ -333,23 +302,24 @@ class CentredSlip(eqx.Module):
         return self.slip.moved(state, length, pressure)
 
     def moved(self, state: SlipState, length: Real, pressure: Real) -> SlipState:
-        """The state after a motion to a length [m] and a pressure [Pa] that does not turn round."""
+        """Return the state after a monotone motion to a length [m] and a pressure [Pa]."""
         return self.slip.moved(state, length, pressure)
 
-    def added(self, state: SlipState, length: Real, pressure: Real) -> RealArray:
-        """Force [N] that the history adds to the static map at that length and pressure."""
+    def added(self, state: SlipState, length: Real, pressure: Real, force: Real = 0.0) -> RealArray:
+        """Return the force [N] added to the static force [N], on which it does not depend."""
+        del force
         return self.slip.force(state, pressure) - self.middle(as_real(length), as_real(pressure))
 
     def along(
         self, length: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
     ) -> Float[Array, " n"]:
-        """Hysteresis [N] to be added to the static map along a history, shape (n,).
+        """Return the hysteresis [N] to add to the static map along a history, shape (n,).
 
-        The history begins where the reference cycle does: vented at the first length, or at the
-        longest length under the first pressure.
+        The history starts as the reference cycle does: vented at the first length, or at the longest
+        length under the first pressure.
 
         Args:
-            length: L [m] in the order of time, shape (n,); every turning point must be among them.
+            length: L [m] in time order, shape (n,), including every turning point.
             pressure: gauge pressure P [Pa], shape (n,).
         """
         there, back = self._ends(length[:1], pressure[:1])
@@ -361,7 +331,7 @@ class CentredSlip(eqx.Module):
     def _ends(
         self, length: Num[Array | np.ndarray, "*n"], pressure: Num[Array | np.ndarray, "*n"]
     ) -> tuple[tuple, tuple]:
-        """Length and pressure at the start and at the turn of the cycle through each point."""
+        """Return length and pressure at the start and at the turn of the cycle through each point."""
         if self.cycle.kind == "ramp":
             low, high = jnp.minimum, jnp.maximum
             return (

@@ -8,43 +8,15 @@ import dataclasses
 import hashlib
 import io
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ._cells import (
-    DAMAGED,
-    MOST_BYTES,
-    NEAREST,
-    Asked,
-    Sheet,
-    cell_text,
-    check_workbook,
-    decoded_text,
-    looks_number,
-    numbers_of,
-    read_bytes,
-    sheet_of,
-    split_text,
-    trimmed_cells,
-)
-from ._headers import (
-    MODE,
-    SIZES,
-    Column,
-    any_unit,
-    joined_mode,
-    judge,
-    kind_of,
-    remedy_for,
-    shortened,
-    split_unit,
-    tokens_of,
-    unit_size,
-)
+from . import _cells, _headers
+from ._cells import Asked, Sheet, looks_number
+from ._headers import Column, kind_of, remedy_for, shortened, unit_size
 from ._stamps import REPEATED, STAMP, clock_seconds
 from .boundary.errors import InputError, import_extra, meant
 from .boundary.units import UNITS, parse_quantity, si_unit
@@ -90,11 +62,9 @@ class Table:
     def said(self) -> str:
         """Describe the source of each quantity: one line, or a table if columns were named or ignored."""
         if not self.others and not any(one.named for one in self.taken.values()):
-            each = (
-                f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}"
-                for q, one in self.taken.items()
-            )
-            return f"columns: {'; '.join(each)}"
+            each = self.taken.items()
+            told = [f"{q} from {one.name!r}, first {one.first:.6g} {one.unit}" for q, one in each]
+            return f"columns: {'; '.join(told)}"
         rows = [
             f"{quantity:<12} {one.name!r:<28} first {one.first:.6g} {one.unit}{', as given' * one.named}"
             for quantity, one in self.taken.items()
@@ -104,15 +74,9 @@ class Table:
 
 
 def read_table(
-    source: Any,
-    needed: Sequence[str],
-    *,
-    optional: Iterable[str] = (),
-    columns: Mapping[str, str] | None = None,
-    strict: bool = False,
-    absolute: bool = False,
-    fewest: int = 1,
-) -> Table:
+    source: Any, needed: Sequence[str], *, optional: Iterable[str] = (),
+    columns: Mapping[str, str] | None = None, strict: bool = False, absolute: bool = False, fewest: int = 1,
+) -> Table:  # fmt: skip
     """Read a table in any usual format; nothing is interpolated and no unit is guessed.
 
     Reads text in UTF-8, UTF-16 or cp1252, separated by tabs, semicolons, commas, bars or blanks, with
@@ -145,11 +109,11 @@ def read_table(
         check_size(source)
         where, name = str(source), Path(source).name
     try:
-        data = read_bytes(source)
+        data = _cells.read_bytes(source)
         if data.startswith(b"PK\x03\x04"):
             table = _of_workbook(data, asked)
         else:
-            table = _of_sheet(split_text(decoded_text(data), asked), asked)
+            table = _of_sheet(_cells.split_text(_cells.decoded_text(data), asked), asked)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     return dataclasses.replace(table, source=name or where, sha256=hashlib.sha256(data).hexdigest())
@@ -163,12 +127,12 @@ def text_lines(path: str | Path) -> list[str]:
     """
     check_size(path)
     try:
-        return decoded_text(read_bytes(path)).splitlines()
+        return _cells.decoded_text(_cells.read_bytes(path)).splitlines()
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def check_size(path: str | Path, most: float = MOST_BYTES) -> None:
+def check_size(path: str | Path, most: float = _cells.MOST_BYTES) -> None:
     """Refuse a file that is too large, before reading it.
 
     Raises:
@@ -182,30 +146,33 @@ def check_size(path: str | Path, most: float = MOST_BYTES) -> None:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if size > most:
         raise InputError(
-            f"{path} has {size / 1e6:.0f} MB, and the limit is {most / 1e6:.0f} MB: export less data"
+            f"{path} has {size / 1e6:.0f} MB, the limit is {most / 1e6:.0f} MB: export less data"
         )
 
 
 def _of_workbook(data: bytes, asked: Asked) -> Table:
     """Read the only sheet of a workbook that contains the table."""
     try:
-        check_workbook(data)
+        _cells.check_workbook(data)
         pandas = import_extra("pandas", "tables")
         import_extra("openpyxl", "tables")
         how = {"header": None, "dtype": object, "engine": "openpyxl", "keep_default_na": False}
         sheets = pandas.read_excel(io.BytesIO(data), sheet_name=None, **how)
     except InputError:
         raise
-    except DAMAGED as error:
+    except _cells.DAMAGED as error:
         raise InputError(f"it is not a readable workbook ({error}): save it as CSV") from None
     found, refused = {}, []
     for name, frame in sheets.items():
-        rows = [trimmed_cells(tuple(map(cell_text, row))) for row in frame.itertuples(index=False)]
+        rows = [
+            _cells.trimmed_cells(tuple(map(_cells.cell_text, row)))
+            for row in frame.itertuples(index=False)
+        ]
         numbered = [(k, row) for k, row in enumerate(rows, 1) if row]
         comments = [" ".join(filter(None, row)) for _, row in numbered if row[0].startswith("#")]
         body = [(k, row) for k, row in numbered if not row[0].startswith("#")]
         try:
-            found[str(name)] = _of_sheet(sheet_of(body, tuple(comments), asked), asked)
+            found[str(name)] = _of_sheet(_cells.sheet_of(body, tuple(comments), asked), asked)
         except InputError as error:
             refused.append(f"sheet {str(name)!r}: {error}")
     if len(found) > 1:
@@ -229,9 +196,9 @@ def _find(
         mine = [one for one in held if one.quantity == quantity and one.plain and not one.reason]
         # For load and load rate, the unit decides.
         fitting = [one for one in mine if unit_size(one.unit, kind) is not None]
-        mine = fitting or [one for one in mine if not any_unit(one.unit)] or mine
+        mine = fitting or [one for one in mine if not _headers.any_unit(one.unit)] or mine
         if quantity == "time" and len(mine) > 1:
-            mine = [one for one in mine if len(tokens_of(one.title)) == 1] or mine
+            mine = [one for one in mine if len(_headers.tokens_of(one.title)) == 1] or mine
         if not mine:
             return None
         one = mine[0]
@@ -246,10 +213,8 @@ def _find(
     size = unit_size(one.unit, kind)
     if size is not None:
         return one._replace(size=size[0], absolute=one.absolute if size[1] is None else size[1])
-    every = [unit for unit in SIZES[kind] if unit]
-    lacks = (
-        f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit, in its name or below"
-    )
+    every = [unit for unit in _headers.SIZES[kind] if unit]
+    lacks = f"the unknown unit {shortened(one.unit)}" if one.unit else "no unit, in name or below"
     hint = ": a contraction is (L0 - L)/L0, a fraction or in %" if kind == "contraction" else ""
     raise InputError(
         f"{one} has {lacks}{hint}; known units of {kind} are: {', '.join(every)}"
@@ -260,16 +225,15 @@ def _find(
 def _wanted(quantity: str, held: Sequence[Column], wanted: str) -> Column:
     """Find the column that the user assigned by name or number, and apply the given unit."""
     wanted = wanted.strip()
-    title, unit = split_unit(joined_mode(wanted))
-    said = [bool(match[1]) for match in MODE.finditer(unit)]
-    unit = MODE.sub("", unit).strip(" ,()")
-    for match in (
-        lambda one: one.name == wanted,
-        lambda one: title in (one.name, one.title),
-        lambda one: title.casefold() in (one.name.casefold(), one.title.casefold()),
-        lambda one: title == str(one.place + 1),
+    title, unit = _headers.split_unit(_headers.joined_mode(wanted))
+    said = [bool(match[1]) for match in _headers.MODE.finditer(unit)]
+    unit = _headers.MODE.sub("", unit).strip(" ,()")
+    for found in (
+        [one for one in held if one.name == wanted],
+        [one for one in held if title in (one.name, one.title)],
+        [one for one in held if title.casefold() in (one.name.casefold(), one.title.casefold())],
+        [one for one in held if title == str(one.place + 1)],
     ):
-        found = [one for one in held if match(one)]
         if len(found) == 1:
             one = found[0]
             absolute = said[0] if said else None if unit and unit != one.unit else one.absolute
@@ -289,12 +253,10 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
         if one.quantity == quantity or (one.reason and unit_size(one.unit, kind) is not None)
     ]
     known = [f"{quantity}_{unit}" for unit in UNITS.get(kind, {})]
-    spelt = ("_".join(re.findall(r"[^\W_]+", one.name)) for one in held)
-    hint = next(filter(None, (meant(name, known) for name in spelt)), "")
     example = "1 [N]" if held[0].name == "column 1" else "NAME [unit]"
     return InputError(
         f"no column for {quantity}{': ' * bool(near)}{'; '.join(near)}; the table has "
-        f"{', '.join(shortened(one.name)[1:-1] for one in held)}{hint}: name it with its unit, such as "
+        f"{', '.join(shortened(one.name)[1:-1] for one in held)}: name it with its unit, such as "
         f"{known[-1]}, or assign a column, {remedy_for(quantity, example)}"
     )
 
@@ -302,11 +264,10 @@ def _missing(quantity: str, held: Sequence[Column]) -> InputError:
 def _find_all(sheet: Sheet, asked: Asked, clock: Callable[[int], bool]) -> dict[str, Column]:
     """Find the columns of all quantities by name."""
     held = []
-    for k, (name, below, beside) in enumerate(
-        zip(sheet.names, sheet.below, sheet.beside, strict=True)
-    ):
-        one = judge(name, below)
-        held.append(one._replace(place=k, reason=one.reason or judge(beside).reason))
+    named = zip(sheet.names, sheet.below, sheet.beside, strict=True)
+    for k, (name, below, beside) in enumerate(named):
+        one = _headers.judge(name, below)
+        held.append(one._replace(place=k, reason=one.reason or _headers.judge(beside).reason))
     found: dict[str, Column] = {}
     for quantity in (*asked.needed, *asked.optional):
         both = {}
@@ -327,76 +288,68 @@ def _of_sheet(sheet: Sheet, asked: Asked) -> Table:
     if asked.strict:  # up to the last row with a number, to exclude a footer
         last = max(k for k, (_, row) in enumerate(body) if any(map(looks_number, row)))
         body = body[: last + 1]
-        for line, row in body:
-            if len(row) > width:
-                raise InputError(
-                    f"row {line} has {len(row)} cells, the header has {width}: write decimal points, or "
-                    "name every column"
-                )
+        for line in (line for line, row in body if len(row) > width):
+            raise InputError(
+                f"row {line} has more cells than the header: write decimal points, or name every column"
+            )
     lines = np.array([line for line, _ in body])
     blank = ("",) * width
     padded = [(*row, *blank[len(row) :]) if len(row) <= width else blank for _, row in body]
     cells = list(zip(*padded, strict=True))
 
     def clock(place: int) -> bool:
-        return any(":" in cell for cell in cells[place][:NEAREST])
+        return any(":" in cell for cell in cells[place][: _cells.NEAREST])
 
     found = _find_all(sheet, asked, clock)
     values = {
         quantity: clock_seconds(_dated(one.place, names, cells), one)
         if quantity == "time" and clock(one.place)
-        else numbers_of(cells[one.place], sheet)
+        else _cells.numbers_of(cells[one.place], sheet)
         for quantity, one in found.items()
     }
     bad = np.any([np.isnan(column) for column in values.values()], axis=0)
     if asked.strict and bad.any():
         k = int(np.argmax(bad))
         quantity = next(quantity for quantity, column in values.items() if np.isnan(column[k]))
-        _refuse_cell(quantity, cells[found[quantity].place][k], int(lines[k]))
+        cell = cells[found[quantity].place][k]
+        fault = f"{shortened(cell)}, not a number" if cell else "missing"
+        raise InputError(
+            f"row {lines[k]}: {quantity} is {fault}; remove the row, or write the reading with a decimal "
+            "point and no thousands separators"
+        )
     if bad.all():
         raise InputError("no row has numbers in all required columns")
     others = {}
     for k in sorted(set(range(width)) - {one.place for one in found.values()}):
-        if any(map(looks_number, cells[k][:NEAREST])):
+        if any(map(looks_number, cells[k][: _cells.NEAREST])):
             label = f"{names[k]} ({sheet.below[k]})" if sheet.below[k] else names[k]
             label = label if names.count(names[k]) == 1 else f"{label} [{k + 1}]"
-            others[label] = numbers_of(cells[k], sheet)[~bad]
+            others[label] = _cells.numbers_of(cells[k], sheet)[~bad]
     unread = tuple(line for line in lines[bad].tolist() if line < lines[~bad][-1])
     kept = {quantity: column[~bad] for quantity, column in values.items()}
-    return _in_si(kept, found, others, lines[~bad], asked, unread=unread, comments=sheet.comments)
+    taken = {name: one._replace(first=float(kept[name][0])) for name, one in found.items()}
+    return Table(
+        _in_si(kept, found, asked), taken, others, lines[~bad], unread, comments=sheet.comments
+    )
 
 
 def _dated(place: int, names: Sequence[str], cells: Sequence[Sequence[str]]) -> Sequence[str]:
     """Prepend the date from a separate column to times of day."""
     for k, name in enumerate(names):
-        if k != place and {"date", "datum"} & set(tokens_of(name)):
+        if k != place and {"date", "datum"} & set(_headers.tokens_of(name)):
             both = [" ".join(one) for one in zip(cells[k], cells[place], strict=True)]
             if STAMP.fullmatch(both[0]):
                 return both
     return cells[place]
 
 
-def _refuse_cell(quantity: str, cell: str, line: int) -> None:
-    hint = " (write a decimal point, and no thousands separators)" if "," in cell else ""
-    fault = f"is {shortened(cell)}, not a number{hint}"
-    if cell.lstrip("+-").casefold() in {"nan", "inf", "infinity"}:
-        fault = f"is {cell}; every value must be finite"
-    fault = fault if cell else "is missing; remove the row, or write the reading"
-    raise InputError(f"row {line}: {quantity} {fault}")
-
-
 def _in_si(
-    values: Mapping[str, np.ndarray],
-    found: Mapping[str, Column],
-    others: dict[str, np.ndarray],
-    lines: np.ndarray,
-    asked: Asked,
-    **rest: Any,
-) -> Table:
+    values: dict[str, np.ndarray], found: dict[str, Column], asked: Asked
+) -> dict[str, np.ndarray]:
     """Convert columns to SI, and absolute pressures to gauge."""
     columns = {quantity: one.size * values[quantity] for quantity, one in found.items()}
     for quantity, one in found.items():
-        if not one.named and len(lines) > 2:
+        if not one.named and columns[quantity].size > 2:
             _check_values(quantity, columns[quantity], one, asked)
     one = found.get("pressure")
     if one is not None and one.absolute and not asked.absolute:
@@ -406,8 +359,7 @@ def _in_si(
                 "pressure, --column atmosphere=101.3kPa, or a column of gauge pressure"
             )
         columns["pressure"] -= parse_quantity(asked.columns["atmosphere"], "pressure")
-    taken = {key: one._replace(first=float(values[key][0])) for key, one in found.items()}
-    return Table(columns, taken, others, lines, **rest)
+    return columns
 
 
 def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) -> None:
@@ -422,9 +374,7 @@ def _check_values(quantity: str, values: np.ndarray, one: Column, asked: Asked) 
     at_one = _ATMOSPHERE[0] < low < _ATMOSPHERE[1]
     stands = low == high and at_one
     stands |= _BAROMETER[0] < low < high < _BAROMETER[1] and high - low < 0.01 * high
-    plain = math.isclose(
-        float(f"{raw.min():.2g}"), raw.min()
-    )  # 30 inHg is a setting, not a reading
+    plain = math.isclose(float(f"{raw.min():.2g}"), raw.min())  # 30 inHg is a setting
     if stands or (at_one and high > 1.3 * low and not plain):
         remedy = f'--column pressure="{one.title} [{one.unit}'
         raise InputError(
@@ -452,7 +402,6 @@ def check_time(table: Table, most: float = REPEATED) -> np.ndarray:
         )
     if step.size and np.mean(step == 0) > most:
         raise InputError(
-            f"the time does not advance in {np.sum(step == 0)} of {time.size} rows: export it with "
-            "fractions of a second"
+            f"the time does not advance in {np.sum(step == 0)} rows: export it with fractions of a second"
         )
     return np.concatenate([[True], step > 0])

@@ -1,15 +1,11 @@
 """Force terms, and their sum."""
 
 import abc
-import functools
-import operator
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float
 
 from ._arrays import Given, Real, RealArray, as_real
@@ -45,10 +41,6 @@ class AbstractForceTerm(Parametrised):
         if not isinstance(other, AbstractForceTerm):
             return NotImplemented
         return SumOfTerms((self, other))
-
-    def __radd__(self, other: object) -> "AbstractForceTerm":
-        """Return the term itself for 0 + term, as required by sum([...])."""
-        return self if isinstance(other, int) and other == 0 else NotImplemented
 
 
 class SumOfTerms(AbstractForceTerm):
@@ -87,23 +79,20 @@ class SumOfTerms(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """Sum of the terms' forces [N], broadcast shape."""
-        forces = [_of_term(term, at, pressure) for term in self.terms]
-        return functools.reduce(operator.add, forces)
-
-
-def _of_term(term: AbstractForceTerm, at: Dimensions, pressure: Real) -> RealArray:
-    """Force [N] of a term, checked to be one number for each state."""
-    force = term.force(at, pressure)
-    wanted = jnp.shape(at.length)
-    shape = force.shape if isinstance(force, jax.Array | np.ndarray) else np.shape(force)
-    alone = not isinstance(force, tuple | list | None)
-    if not alone or len(shape) > len(wanted) or jnp.broadcast_shapes(shape, wanted) != wanted:
-        came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
-        raise ValueError(
-            f"force(at, pressure) of {type(term).__name__} must return one force [N] for each state, "
-            f"here of the shape {wanted}, that of at.length; got {came}"
-        )
-    return jnp.asarray(force)
+        wanted = jnp.shape(at.length)
+        total: Any = 0.0  # of no precision of its own
+        for term in self.terms:
+            force = term.force(at, pressure)
+            alone = not isinstance(force, tuple | list | None)
+            shape = jnp.shape(force) if alone else ()
+            if not alone or jnp.broadcast_shapes(shape, wanted) != wanted:
+                came = f"the shape {shape}" if alone else f"a {type(force).__name__}"
+                raise ValueError(
+                    f"force(at, pressure) of {type(term).__name__} must return one force [N] for each "
+                    f"state, here of the shape {wanted}, that of at.length; got {came}"
+                )
+            total = total + force
+        return jnp.asarray(total)
 
 
 HIGHEST_DEADBAND = 200e3
@@ -167,10 +156,16 @@ def bladder_hoop_force(
     return -jnp.asarray(hoop_stress * thickness * length**2 / (2 * jnp.pi * radius * turns**2))
 
 
-def _wall_forces(
+def wall_forces(
     material: AbstractMaterial, at: Dimensions, pressure: Real
 ) -> tuple[RealArray, RealArray]:
-    """Pulls [N] of the axial means of axial and hoop stress; nan where the law is undefined."""
+    """Return the pulls [N] of axial and hoop stress, broadcast shape; nan where the law is undefined.
+
+    Args:
+        material: stress law of the bladder.
+        at: dimensions of the muscle; stresses that vary along the axis are replaced by their mean.
+        pressure: gauge pressure P [Pa].
+    """
     stresses = material.stresses(
         at.axial_strain[..., None], at.hoop_strain, as_real(pressure)[..., None]
     )
@@ -179,45 +174,9 @@ def _wall_forces(
         jnp.sum(at.station_weights * jnp.where(known[..., None], stress, 0.0), axis=-1)
         for stress in stresses
     )
-    pulls = (
-        bladder_axial_force(axial, at.bladder_volume, at.length),
-        bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns),
-    )
-    return jnp.where(known, pulls[0], jnp.nan), jnp.where(known, pulls[1], jnp.nan)
-
-
-class BladderAxial(AbstractForceTerm):
-    """The pull of the axial stress alone, sigma_z V / L.
-
-    Attributes:
-        material: stress law of the bladder.
-
-    References:
-        Ferraresi 2001; Chambers 2021, section 6.2.
-    """
-
-    material: AbstractMaterial
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N], broadcast shape; negative where the shortened bladder pushes."""
-        return _wall_forces(self.material, at, pressure)[0]
-
-
-class BladderHoop(AbstractForceTerm):
-    """The pull lost to the hoop stress alone, -sigma_c t L^2 / (2 pi R N^2).
-
-    Attributes:
-        material: stress law of the bladder.
-
-    References:
-        Ferraresi 2001; Chambers 2021, section 6.2.
-    """
-
-    material: AbstractMaterial
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N], broadcast shape; negative where the stretched bladder restrains the braid."""
-        return _wall_forces(self.material, at, pressure)[1]
+    along = bladder_axial_force(axial, at.bladder_volume, at.length)
+    around = bladder_hoop_force(hoop, at.thickness, at.length, at.radius, at.turns)
+    return jnp.where(known, along, jnp.nan), jnp.where(known, around, jnp.nan)
 
 
 class BladderWall(AbstractForceTerm):
@@ -236,7 +195,7 @@ class BladderWall(AbstractForceTerm):
 
     def force(self, at: Dimensions, pressure: Real) -> RealArray:
         """Pull [N] of the bladder, broadcast shape; negative where it resists."""
-        axial, hoop = _wall_forces(self.material, at, pressure)
+        axial, hoop = wall_forces(self.material, at, pressure)
         return axial + hoop
 
 
@@ -273,39 +232,15 @@ class VirtualWork(AbstractForceTerm):
         Raises:
             ValueError: the dimensions contain no rates, or no thread length although required.
         """
-        if at.rates is None:
+        if at.rates is None or (self.at_thread_length and at.thread_length is None):
             raise ValueError(
-                "virtual work needs the rate of the volume: dimensions with their `rates`, as "
-                "Muscle gives them to its terms, or geometry.dimensions_with_rates"
+                "virtual work needs the rate of the volume, from geometry.dimensions_with_rates, and at "
+                "constant thread length a geometry whose dimensions have a thread_length"
             )
         rate = at.rates.volume
         if self.at_thread_length:
-            if at.thread_length is None or at.rates.thread_length is None:
-                raise ValueError(
-                    "virtual work at constant thread length needs a geometry whose dimensions say "
-                    "their thread_length; this one does not"
-                )
-            B, L = at.thread_length, at.length
-            rate = rate - at.rates.thread_length * 2 * B * at.volume / ((B - L) * (B + L))
+            B, L, stretch = at.thread_length, at.length, at.rates.thread_length
+            assert B is not None
+            assert stretch is not None
+            rate = rate - stretch * 2 * B * at.volume / ((B - L) * (B + L))
         return jnp.asarray(-(pressure - self.deadband_pressure) * rate)
-
-
-class Spring(AbstractForceTerm):
-    """A linear spring in parallel with the muscle, F = F_0 + k (L - L_s).
-
-    Attributes:
-        stiffness: k [N/m], >= 0; a stretched spring pulls with the muscle.
-        rest_length: L_s [m], active length of the muscle at which the spring pulls with F_0 only.
-            Only F_0 - k L_s can be identified from a force.
-        preload: F_0 [N].
-    """
-
-    stiffness: Float[Given, "..."] = parameter("N/m", low=0.0)
-    rest_length: Float[Given, "..."] = parameter("m", low=0.0, name="spring_length")
-    preload: Float[Given, "..."] = parameter("N", linear=True, name="spring_preload", default=0.0)
-
-    def force(self, at: Dimensions, pressure: Real) -> RealArray:
-        """Pull [N] of the spring, broadcast shape; negative if compressed."""
-        shape = jnp.broadcast_shapes(jnp.shape(at.length), jnp.shape(pressure))
-        pull = self.preload + self.stiffness * (at.length - self.rest_length)
-        return jnp.broadcast_to(pull, shape)

@@ -1,6 +1,7 @@
 """Work along an isobar: work on the load and its sources."""
 
 import functools
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +12,6 @@ from ._arrays import Real, RealArray, as_real, at_each
 from .boundary.errors import InputError
 from .compile_options import quick_jit
 from .equilibrium import EquilibriumMuscle
-from .geometries import Dimensions
 from .muscle import AbstractMuscle, Muscle
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
@@ -110,11 +110,8 @@ def _work(
 
 def _rates(muscle: Muscle, pressure: RealArray, length: RealArray) -> tuple[RealArray, RealArray]:
     """Force [N], and rate dU/dL [N] of the energy stored in bladder and threads."""
-
-    def dimensions(length: RealArray) -> Dimensions:
-        return muscle.geometry.dimensions(length, pressure)
-
-    at, rate = jax.jvp(dimensions, (length,), (jnp.ones_like(length),))
+    at = muscle.geometry.dimensions_with_rates(length, pressure)
+    rate: Any = at.rates
     stresses = muscle.material.stresses(at.axial_strain[None], at.hoop_strain, pressure)
     work = stresses[0] * rate.axial_strain / (1 + at.axial_strain)
     work += stresses[1] * rate.hoop_strain / (1 + at.hoop_strain)

@@ -39,8 +39,6 @@ from .prediction import predict as predict
 from .report import (
     plot_fit as plot_fit,
     plot_isobars as plot_isobars,
-    plot_law as plot_law,
-    plot_residuals as plot_residuals,
     write_fit as write_fit,
 )
 from .result import Identification as Identification

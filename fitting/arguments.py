@@ -1,6 +1,7 @@
 """Argument checks that raise InputError with a one-sentence message."""
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,13 @@ _SHOWN = 60
 """Longest value that a message shows in full."""
 
 
-def is_number(value: object) -> bool:
+def is_number(value: Any) -> bool:
     """True for a single real number; False for strings, booleans and arrays."""
-    if isinstance(value, str | bytes | bool):
+    if isinstance(value, bool) or not (
+        issubclass(type(value), numbers.Real) or hasattr(value, "dtype")
+    ):
         return False
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):
-        return False
-    return array.ndim == 0 and array.dtype.kind in "iuf"
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
 
 
 def check_whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
@@ -111,3 +110,17 @@ def shown(value: object) -> str:
     plain = "\n" not in text and len(text) <= _SHOWN
     kind = type(value).__name__
     return text if plain else f"{'an' if kind[0] in 'aeiouAEIOU' else 'a'} {kind}"
+
+
+def check_float64() -> None:
+    """Check that JAX computes in float64.
+
+    Raises:
+        RuntimeError: it computes in float32.
+    """
+    import jax  # noqa: PLC0415 -- commands read arguments before they start JAX
+
+    if not jax.config.read("jax_enable_x64"):
+        raise RuntimeError(
+            'fits need float64: call jax.config.update("jax_enable_x64", True) before any other use of JAX'
+        )

@@ -21,20 +21,18 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeAlias
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import famjax
-from famjax.boundary.units import Quantity, Sentence, si_unit
+from famjax.boundary.units import Quantity, Sentence
 from famjax.compile_options import as_arrays, quick_jit
 from famjax.muscle import flatten
 
 from .data import ForceData
 from .engine import report_of
-from .ladder import in_shared_program
 from .result import Identification
 from .validation import Bootstrap, LeftOut
 
@@ -73,11 +71,6 @@ class Along:
     def variance(self, at: Column) -> Column:
         """Variance [N^2] at lengths or pressures."""
         return self.scale**2 * spline_variance(self.levels, np.asarray(at, float))
-
-    def as_dict(self, kind: str) -> dict[str, Any]:
-        """JSON-ready, in SI, for "length" or "pressure"."""
-        levels = {f"levels_{si_unit(kind)}": self.levels.tolist()}
-        return levels | {"scale_N": self.scale, "freedom": self.freedom}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,34 +122,30 @@ class ModelError:
         """Description of what the interval covers."""
         along = {"lengths": self.length, "pressures": self.pressure}
         judged = [name for name, one in along.items() if one.freedom > PRIOR_FREEDOM]
-        assumed = "assumed from other muscles"
-        seen = f"seen on {' and '.join(judged)} left out" if judged else assumed
-        few = f". With too few lengths to leave one out, the error in length is {assumed}"
-        return (
-            f"single readings. They include the noise of the readings, the model error {seen} (it grows "
-            "with the distance from the measured states), and the disagreement of models that fit "
-            f"equally well{'' if 'lengths' in judged else few}"
+        seen = (
+            f"seen on {' and '.join(judged)} left out" if judged else "assumed from other muscles"
         )
+        few = "" if "lengths" in judged else ". With so few lengths, that in length is assumed"
+        grows = "it grows with the distance from the measured states"
+        included = f"the noise of the readings, the model error {seen} ({grows})"
+        alike = "the disagreement of models that fit equally well"
+        return f"single readings. They include {included}, and {alike}{few}"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, in SI."""
-        return {
-            "noise_N": self.noise,
-            "floor_N": self.floor,
-            "factor_95": self.factor(),
-            "length": self.length.as_dict("length"),
-            "pressure": self.pressure.as_dict("pressure"),
-            "covers": self.covers,
-        }
+        document: dict[str, Any] = dataclasses.asdict(self)
+        for kind in ("length", "pressure"):
+            document[kind]["levels"] = document[kind]["levels"].tolist()
+        return document | {"units": "SI", "covers": self.covers, "factor_95": self.factor()}
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "ModelError":
         """Inverse of `as_dict`."""
-        length, pressure = (
-            Along(np.array(one[f"levels_{si_unit(name)}"]), one["scale_N"], one["freedom"])
-            for name, one in ((name, document[name]) for name in ("length", "pressure"))
-        )
-        return cls(document["noise_N"], length, pressure, document["floor_N"])
+        kinds = ("length", "pressure")
+        along = {
+            k: Along(**document[k] | {"levels": np.array(document[k]["levels"])}) for k in kinds
+        }
+        return cls(noise=document["noise"], floor=document["floor"], **along)
 
 
 def model_error(
@@ -204,7 +193,7 @@ def _along(levels: np.ndarray, left_out: LeftOut | None, noise: float, prior: fl
 
 
 def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
-    """Error variance of a natural cubic spline with covariance |h|^3, relative to the range.
+    """Error variance of a natural cubic spline (kriging with covariance |h|^3), relative to the range.
 
     Args:
         known: levels at which the function is known, ascending.
@@ -217,52 +206,14 @@ def spline_variance(known: Float[np.ndarray, " levels"], at: Column) -> Column:
     x, t = (known - known[0]) / span, (np.asarray(at, float) - known[0]) / span
     if x.size == 1:  # one level does not determine a drift
         return np.abs(t - x[0]) ** 3
-    gap = np.diff(x)
-    own, shared = _slopes(gap)
-    i = np.clip(np.searchsorted(x, t, side="right") - 1, 0, gap.size - 1)
-    beyond = np.maximum(np.maximum(x[0] - t, t - x[-1]), 0.0)
-    h, u = gap[i], np.clip((t - x[i]) / gap[i], 0.0, 1.0)
-    left, right = h * u * (1 - u) ** 2, -h * u**2 * (1 - u)  # Hermite weights of the slopes
-    between = left**2 * own[i] + 2 * left * right * shared[i] + right**2 * own[i + 1]
-    pinned = (h * u * (1 - u)) ** 3 / 3
-    ends = beyond**2 * np.where(t < x[0], own[0], own[-1]) + beyond**3 / 3
-    return 12 * (between + pinned + ends)  # |h|^3 is 12 times twice integrated white noise
-
-
-def _slopes(gap: Float[np.ndarray, " gaps"]) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the slope at each level, and covariance of neighbouring slopes.
-
-    Between two levels, a function whose second derivative is white noise is a Hermite cubic plus
-    independent noise. The slopes therefore have the tridiagonal precision of the cubic's bending energy;
-    one sweep from each end gives the required elements of its inverse.
-    """
-    diagonal = 4 * (np.append(1 / gap, 0.0) + np.append(0.0, 1 / gap))
-    beside = 2 / gap
-    down, up = diagonal.copy(), diagonal.copy()
-    for i in range(gap.size):
-        down[i + 1] -= beside[i] ** 2 / down[i]
-        up[-i - 2] -= beside[-i - 1] ** 2 / up[-i - 1]
-    own = 1 / (down + up - diagonal)
-    return own, -beside / down[:-1] * own[1:]
+    drift = np.vander(x, 2)
+    system = np.block([[np.abs(x[:, None] - x) ** 3, drift], [drift.T, np.zeros((2, 2))]])
+    right = np.vstack([np.abs(x[:, None] - t) ** 3, np.vander(t, 2).T])
+    return np.maximum(-np.sum(right * np.linalg.solve(system, right), axis=0), 0.0)
 
 
 ROWS = 512
 """Rows per call; fewer are padded, more are split."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Pull:
-    """Forces at lengths and pressures.
-
-    Attributes:
-        force: force measured by the rig [N].
-        muscle_force: force of the muscle alone at the same length [N].
-        std: standard deviation of `force` [N] from the parameters and lengths.
-    """
-
-    force: Column
-    muscle_force: Column
-    std: Column
 
 
 def _in_rows(function: Callable[..., Any], length: Column, pressure: Column) -> list[np.ndarray]:
@@ -283,9 +234,8 @@ def pull(
     pressure: Column,
     *,
     rest_length: float | None = None,
-    length_std: float = 0.0,
-) -> Pull:
-    """Forces of a muscle, with standard errors by linear theory.
+) -> tuple[Column, Column]:
+    """Forces measured by the rig [N], with standard errors [N] by linear theory; nan where there is none.
 
     Args:
         mounted: the identified muscle in its rig.
@@ -293,28 +243,20 @@ def pull(
         length: active lengths [m] as measured by the rig.
         pressure: gauge pressures [Pa].
         rest_length: L0 [m] of another muscle, see `famjax.cut_to_length`.
-        length_std: standard deviation of the lengths [m].
-
-    Returns:
-        The forces; nan where the muscle has none.
 
     Raises:
         ValueError: the muscle cannot be cut to another length.
     """
-    if spread is None:
-        numbers = jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))
-        spread = np.zeros((0, sum(np.size(one) for one in numbers)))
-    rig = "gives way" if np.asarray(mounted.compliance).any() else "rigid"
+    rig = "compliant" if np.asarray(mounted.compliance).any() else "rigid"
     of = None if rest_length is None else np.asarray(rest_length)
-    arrays, std = as_arrays(mounted), np.asarray(length_std)
-    return Pull(*_in_rows(lambda L, P: _pull(arrays, of, spread, std, L, P, rig), length, pressure))
+    arrays = as_arrays(mounted)
+    force, std = _in_rows(lambda L, P: _pull(arrays, of, spread, L, P, rig), length, pressure)
+    return force, std
 
 
 def force_of(mounted: famjax.MountedMuscle, length: Column, pressure: Column) -> Column:
     """Force measured by the rig [N] at lengths [m] and pressures [Pa]; nan where there is none."""
-    whole = in_shared_program(mounted)
-    rigid = whole is mounted and not np.asarray(mounted.compliance).any()
-    muscle = as_arrays(mounted.muscle if rigid else whole)
+    muscle = as_arrays(mounted if np.asarray(mounted.compliance).any() else mounted.muscle)
     found = _in_rows(lambda L, P: [_force(muscle, L, P)], length, pressure)
     return found[0] if found else np.zeros(0)
 
@@ -330,36 +272,25 @@ def _force(
 def _pull(
     mounted: famjax.MountedMuscle,
     rest_length: Array | np.ndarray | None,
-    spread: Array | np.ndarray,
-    length_std: Array | np.ndarray,
+    spread: Array | np.ndarray | None,
     length: Array | np.ndarray,
     pressure: Array | np.ndarray,
     rig: str,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     flat, unflat = flatten(mounted)
 
-    def alone(mounted: famjax.MountedMuscle) -> famjax.AbstractMuscle:
-        if rest_length is None:
-            return mounted.muscle
-        return famjax.cut_to_length(mounted.muscle, rest_length)
-
-    def force(flat: Array, length: Array) -> Array:
+    def force(flat: Array) -> Array:
         changed = unflat(flat)
-        one = alone(changed)
-        whole = changed.with_muscle(one) if rig == "gives way" else one
+        one = changed.muscle
+        if rest_length is not None:
+            one = famjax.cut_to_length(one, rest_length)
+        whole = changed.with_muscle(one) if rig == "compliant" else one
         return whole.force(length, pressure)
 
-    def along(direction: Array, lengths: Array) -> tuple[Array, Array]:
-        return jax.jvp(force, (flat, jnp.asarray(length)), (direction, lengths))
-
-    # The last direction shifts all lengths by their standard deviation.
-    directions = jnp.concatenate([spread, jnp.zeros((1, flat.size))])
-    last = jnp.broadcast_to(length_std, (1, len(length)))
-    lengths = jnp.concatenate([jnp.zeros((len(spread), len(length))), last])
-    found, slopes = jax.vmap(along, out_axes=(None, 0))(directions, lengths)
-    std = jnp.sqrt(jnp.sum(slopes**2, axis=0))
-    muscle_force = alone(mounted).force(length, pressure) if rig == "gives way" else found
-    return found, muscle_force, std
+    if spread is None:
+        return force(flat), jnp.zeros(len(length))
+    found, along = jax.linearize(force, flat)
+    return found, jnp.sqrt(jnp.sum(jax.vmap(along)(jnp.asarray(spread)) ** 2, axis=0))
 
 
 def muscle_spread(
@@ -401,8 +332,7 @@ def numbers_by_parameters(result: Identification) -> Float[np.ndarray, "numbers 
 
 def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p directions"]:
     """R with R R^T = C; rows without variance are zero."""
-    std = np.sqrt(np.diag(covariance))
-    std = np.where(std > 0, std, 0.0)
+    std = np.nan_to_num(np.sqrt(np.diag(covariance)))
     scale = np.outer(std, std)
     correlation = np.where(scale > 0, covariance / np.where(scale > 0, scale, 1.0), 0.0)
     variance, directions = np.linalg.eigh(correlation)

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,31 +21,17 @@ from .response import CONSTRAINTS
 
 _REACH = (0.55, 1.07)  # range of lengths of rubber muscles, relative to the rest length
 _LONGEST_AT_LEAST = 0.85  # longest length in most tests, relative to the rest length
-_WORDS = {"in": "inches"}
 _USUAL = 0.25  # m: usual rest length of a muscle
 _ALIKE = 0.5  # decades within which two guesses are equally likely
-_SAME_LENGTH = 1e-6  # relative tolerance for equal rest lengths
 
 
-def check_law(law: Law, constraint: str, dependence: str) -> None:
+def check_law(law: Law, constraint: str) -> None:
     """Check that the options are valid and can be combined."""
     if constraint not in CONSTRAINTS:
         raise InputError(f"the constraint is one of {', '.join(CONSTRAINTS)}, got {constraint!r}")
-    if dependence not in ("fixed", "linear"):
-        raise InputError(
-            f"the pressure dependence is one of fixed, linear, got {dependence!r}; use "
-            "fitting.sweep for coefficients that are free at each pressure"
-        )
-    if dependence == "linear" and not isinstance(law.material, famjax.PolynomialMaterial):
-        raise InputError(
-            f"only the polynomial law may depend on pressure, got {type(law.material).__name__}"
-        )
+    of = type(law.material).__name__
     if constraint == "slope" and law.material.directions_interact:
-        raise InputError(
-            "the slope constraint is for laws whose two directions do not interact (polynomial, "
-            "saturating, monotone, and those of a class with directions_interact = False), not for "
-            f"{type(law.material).__name__}; the drucker constraint covers both directions together"
-        )
+        raise InputError(f"the two directions of {of} interact: use drucker in place of slope")
 
 
 def known_bounds(
@@ -57,19 +43,14 @@ def known_bounds(
         InputError: the rest length differs from the specimen's, or a known parameter has bounds.
     """
     rest = float(geometry.rest_length)
-    if abs(rest / data.specimen.rest_length - 1) > _SAME_LENGTH:
-        raise InputError(
-            f"the rest lengths of geometry and specimen must be equal, got {rest * 1e3:.6g} mm and "
-            f"{data.specimen.rest_length * 1e3:.6g} mm: set rest_length of the specimen"
-        )
+    if abs(rest / data.specimen.rest_length - 1) > 1e-6:
+        both = f"{rest * 1e3:.6g} mm and {data.specimen.rest_length * 1e3:.6g} mm"
+        raise InputError(f"the rest lengths of geometry and specimen must be equal, got {both}")
     at = geometry.dimensions(rest, 0.0)
     known = {"braid_diameter": 2 * float(at.radius), "braid_angle": float(at.braid_angle)}
     said = [name for name in known if name in given and name not in geometry.declared()]
     if said:
-        raise InputError(
-            f"{said[0]}: the known geometry already defines it ({known[said[0]]:.6g} in SI at rest); leave "
-            "its bounds out, or leave geometry out to identify a cylinder"
-        )
+        raise InputError(f"{said[0]}: the known geometry already defines it: leave out its bounds")
     return {name: (value, value) for name, value in known.items() if name not in given}
 
 
@@ -85,33 +66,21 @@ def check_specimen(
     cylinder = KINDS.keys() - standard_table(data.specimen).keys()
     named = sorted(cylinder & table.keys() - source.declared.keys())
     if named and getattr(source, "known", None) is not None:
-        raise InputError(
-            f"{', '.join(named)}: a known geometry has no such parameter; leave geometry out to "
-            "identify a cylinder"
-        )
+        raise InputError(f"a known geometry has no {' or '.join(named)}: leave it out")
     if "braid_compliance" in named and getattr(source, "thread", None) is not None:
-        raise InputError(
-            "braid_compliance applies only to threads without a law; this geometry already has a thread law"
-        )
+        raise InputError("braid_compliance is for threads without a law: this geometry has one")
     if censored and "series_compliance" in table:
-        raise InputError(
-            "censored readings cannot be combined with series_compliance, since the deflection of the rig "
-            "is known only for measured forces. Omit one of them"
-        )
+        raise InputError("censored readings cannot be combined with series_compliance")
     _check_lengths(data, table)
     priors = [name for name, entry in table.items() if entry.prior is not None]
     if noise is not None and not (is_number(noise) and 0 < noise < math.inf):
         raise InputError(f"the noise of a reading must be a force > 0 in N, got {noise!r}")
     if noise is not None and data.force_std is not None:
-        raise InputError(
-            "the readings have standard deviations of their own (force_std): leave noise out"
-        )
+        raise InputError("the readings have a force_std of their own: leave noise out")
     if priors and noise is None and data.force_std is None:
         raise InputError(
-            f"the prior of {', '.join(priors)} is weighted against the force noise, which is "
-            "unknown: give noise, the standard deviation of one reading in N (--error "
-            "noise_N=1.5), or a "
-            "column force_std in the data"
+            f"the prior of {', '.join(priors)} is weighted against the force noise, which is unknown: give "
+            "noise, the standard deviation of a reading in N (--error noise_N=1.5), or a column force_std"
         )
 
 
@@ -135,70 +104,46 @@ def _check_lengths(data: ForceData, table: Mapping[str, Entry]) -> None:
         )
     else:
         return
-    likely = _likely_length_fault(data)
     raise InputError(
         f"reading {reading + 1} has the length {data.length[reading] * 1e3:.5g} mm, {said} (rest length "
-        f"{rest * 1e3:.5g} mm, braid angle at most {math.degrees(steepest):.4g} deg). Check the unit of "
-        "the length column and the rest length, and that all readings are of one muscle"
-        f"{'. ' * bool(likely)}{likely}"
+        f"{rest * 1e3:.5g} mm). Check both and their units, and that all readings are of one muscle"
+        f"{_likely_length_fault(data)}"
     )
 
 
-def check_count(
-    data: Sequence[ForceData],
-    law: Law,
-    dependence: str,
-    table: Mapping[str, Entry],
-    *,
-    own_law: bool = False,
-) -> None:
+def check_count(data: Sequence[ForceData], law: Law, table: Mapping[str, Entry]) -> None:
     """Check that there are enough readings for the parameters and enough lengths for the coefficients.
 
     Specimens identified together are pooled: a shared parameter counts once.
     """
     readings = sum(int(one.loaded.sum()) for one in data)
-    levels = np.unique(data[0].pressures.level[data[0].loaded])
-    if dependence == "linear" and levels.size < 2:
-        raise InputError(
-            f"a law that is linear in pressure needs readings at two pressures or more; all {readings} "
-            f"loaded readings are at {levels[0] / 1e3:.5g} kPa. Use a law that is fixed in pressure"
-        )
     free = {name for name, entry in table.items() if not entry.fixed}
     geometry, laws = len(free - law.coefficients.keys()), len(free & law.coefficients.keys())
-    laws *= len(data) if own_law else 1 + (dependence == "linear")
     if geometry + laws == 0:
         raise InputError("every parameter is fixed by its bounds: there is nothing to identify")
     if readings < geometry + laws:
         raise InputError(
             f"{readings} loaded readings cannot determine {geometry + laws} parameters "
-            f"({geometry} of the geometry, {laws} coefficients): give more readings, a lower order, or "
-            "fix parameters by bounds"
+            f"({geometry} of the geometry, {laws} coefficients): measure more, or fix parameters"
         )
-    each = [np.unique(one.lengths.level[one.strained]).size for one in data]
-    strained = min(each) if own_law else sum(each)
-    if laws and strained < law.order:
-        rest = ", ".join(f"{one.specimen.rest_length * 1e3:.5g}" for one in data)
+    strained = sum(np.unique(one.lengths.level[one.strained]).size for one in data)
+    if laws and strained < law.order and not law.material.depends_on_pressure:
         raise InputError(
             f"a law of order {law.order} needs loaded readings at {law.order} or more lengths away from "
-            f"the rest length, {rest} mm, where the bladder is not strained; there are {strained}. Use a "
-            "lower order, or measure at more lengths"
+            f"the rest length; there are {strained}: use a lower order, or measure at more lengths"
         )
 
 
 _ROUGH = 1e-3  # tolerance of the forces in a compliant rig, for a feasibility check
 _AFFINE = 1e-7  # rounding of an affine force, relative to the largest column
-_SEEN_TO_BE_AFFINE: set[tuple] = set()
 
 
 def check_affine(problem: Problem) -> None:
     """Check that the force is affine in the coefficients that are declared linear.
 
-    The derivatives at zero and at nonzero coefficients must agree. The result is cached, since it does not
-    depend on the numbers.
+    The derivatives at zero and at nonzero coefficients must agree.
     """
     batch = Batch([problem])
-    if batch.layout.forms in _SEEN_TO_BE_AFFINE:
-        return
     middle, n = problem.low + (problem.high - problem.low) / 2, len(problem.linear)
     for part in problem.parts:
         middle[list(part.rig)[:1]] = 0.0
@@ -214,14 +159,11 @@ def check_affine(problem: Problem) -> None:
     change = np.nanmax(np.abs(with_them - none), axis=0, initial=0.0)
     bent = np.flatnonzero(change > _AFFINE * np.nanmax(np.abs([none, with_them]), initial=0.0))
     if bent.size:
-        raise InputError(
-            f"{', '.join(dict.fromkeys(problem.linear[k] for k in bent))}: declared linear, but the force "
-            "is not affine in it. Declare it without linear=True and with a finite range (low and high)"
-        )
-    _SEEN_TO_BE_AFFINE.add(batch.layout.forms)
+        named = ", ".join(dict.fromkeys(problem.linear[k] for k in bent))
+        raise InputError(f"the force is not affine in {named}: declare it without linear=True")
 
 
-def check_solvable(problem: Problem) -> None:
+def check_solvable(problem: Problem, data: Sequence[ForceData]) -> None:
     """Check that the convex fit has a solution in the middle of the bounds."""
     point = solve(problem, problem.low + (problem.high - problem.low) / 2, tolerance=_ROUGH)
     count = problem.force.size
@@ -230,51 +172,40 @@ def check_solvable(problem: Problem) -> None:
         lengths = np.concatenate([part.inputs.length for part in problem.parts])
         raise InputError(
             f"there is no force at the loaded reading {lost[0] + 1} (length {lengths[lost[0]] * 1e3:.5g} "
-            "mm): the geometry has no dimensions there, as the bladder does not fit in the braid or the "
-            "length is outside what was measured or can be reached, or a law or term is no number. Check "
-            "wall_thickness, nominal_diameter and bladder_diameter of the specimen (diameters, not radii), "
-            "its rest length, their units, and force(at, pressure) of terms of your own"
+            "mm): the bladder does not fit in the braid, the length cannot be reached or was not measured, "
+            "or a law or term is no number. Check wall_thickness, nominal_diameter and bladder_diameter of "
+            "the specimen (diameters, not radii), its rest length, their units, and terms of your own"
+            f"{_likely_length_fault(data[0])}"
         )
     if not np.isfinite(point.G).all():
         raise InputError(
-            "the constraint cannot be posed: the actuation path, which runs to the shortest length "
-            "in the map, slack readings included, leaves the range in which the geometry is "
-            "known. Leave out "
-            "readings that are shorter than the last measured shape, or use --constraint none"
+            "the constraint cannot be posed: the actuation path, which includes slack readings, leaves the "
+            "range of the geometry. Leave out shorter readings, or use --constraint none"
         )
     if point.status in {Status.RANK_DEFICIENT, Status.INFEASIBLE}:
         raise InputError(point.status.message)
 
 
 def _likely_length_fault(data: ForceData) -> str:
-    """Return a sentence on the likeliest fault of a map with unreachable lengths, or ""."""
+    """Return ". It looks as if" and the likely unit of lengths or rest length, or ""."""
     rest, length = data.specimen.rest_length, data.length[data.loaded]
+    known, said = UNITS["length"], data.units.get("length", "mm")
+    words = {unit: unit for unit in known} | {"in": "inches"}
+    # Factor on lengths relative to the rest length, corrected rest length, fault.
+    slips = [
+        (known[true] / known[said], rest, f"the lengths were in {words[true]}, not {words[said]}")
+        for true in known.keys() - {said}
+    ]
+    for said, true in itertools.permutations(("mm", "cm", "m", "in"), 2):
+        scale = known[true] / known[said]
+        fault = f"the rest length was in {words[true]}, not {words[said]}"
+        slips.append((1 / scale, rest * scale, fault))
     low, high = float(length.min()) / rest, float(length.max()) / rest
     # Both kinds of change reconcile the lengths; the more usual muscle is likelier.
     found = sorted(
-        (
-            abs(math.log10(then / _USUAL)),
-            f"{what} in {_WORDS.get(true, true)}, not {_WORDS.get(said, said)}",
-        )
-        for scale, then, what, true, said in _unit_slips(data)
+        (abs(math.log10(then / _USUAL)), fault)
+        for scale, then, fault in slips
         if _LONGEST_AT_LEAST <= high * scale <= _REACH[1] and low * scale >= _REACH[0]
     )
-    likely = [sentence for away, sentence in found if away < found[0][0] + _ALIKE][:2]
-    return f"It looks as if {', or '.join(likely)}." if likely else ""
-
-
-def _unit_slips(data: ForceData) -> Iterator[tuple[float, float, str, str, str]]:
-    """Yield possible unit errors of the lengths or of the rest length.
-
-    Yields:
-        Factor on lengths relative to the rest length, corrected rest length, subject of the message, true
-        unit and given unit.
-    """
-    rest, said = data.specimen.rest_length, data.units.get("length", "mm")
-    known = UNITS["length"]
-    for true in known:
-        if true != said:
-            yield known[true] / known[said], rest, "the lengths were", true, said
-    for typed, true in itertools.permutations(("mm", "cm", "m", "in"), 2):
-        scale = known[true] / known[typed]
-        yield 1 / scale, rest * scale, "the rest length was", true, typed
+    likely = [fault for away, fault in found if away < found[0][0] + _ALIKE][:2]
+    return f". It looks as if {', or '.join(likely)}" if likely else ""

@@ -3,22 +3,20 @@
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
+from famjax.boundary.tasks import AnyExecutor, run_tasks
 from famjax.boundary.units import finite_or_none, from_si, unit_system
 
 from .arguments import check_whole
 from .bands import ModelError, disagreement, model_error, where_they_differ
 from .data import ForceData, groups_of_levels
-from .evidence import Evidence
 from .identification import solve
 from .ladder import MODEL_ERROR, ladder
 from .mechanics import check_ends, equilibrium_candidate
@@ -37,15 +35,12 @@ from .race import (
 )
 from .result import Identification, Outlook
 from .search import check_objective
-from .series import OtherLengths, accounts, other_lengths
+from .series import FROM_ONE, accounts
 from .validation import LeftOut, levels_of_groups
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
+_NO_FORCE = "no family of the ladder has a force at every reading: narrow the bounds"
 _COMPARED = 4  # starts of each family
 _HOPELESS = 4.0  # times the least RMSE in sample: nothing is left out of such a family
-_NO_FORCE = "no family of the ladder has a force at every reading: narrow the bounds"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,8 +53,6 @@ class Choice:
             the error of these, the families that fit the data alike, and muscles of other lengths.
         tried: all families, that of the choice first, the others by their held-out errors.
         dropped: what the map cannot carry, in sentences.
-        other_lengths: what predictions of muscles of other lengths are made of, None where the map or
-            what a user says leaves but one account of it.
         open_question: a sentence on where families that fit alike differ by more than the map can settle,
             and which readings would; "" where they agree.
     """
@@ -68,11 +61,9 @@ class Choice:
     chosen: Identification
     tried: tuple[Tried, ...]
     dropped: tuple[str, ...]
-    other_lengths: OtherLengths | None = None
     open_question: str = ""
 
     def __repr__(self) -> str:
-        """The chosen model in a line; `clear` and `tried` tell the rest."""
         return f"<Choice {self.data.specimen.name}: {self.name} of {len(self.tried)} families>"
 
     @property
@@ -104,38 +95,25 @@ class Choice:
         if not others:
             return f"Only {self.name} could be tried: the map is too small for more."
         near = [one.candidate.name for one in others if one.held_out <= NEAR * first.held_out]
-        second = min(others, key=lambda one: one.held_out)
+        found = f"{self.name} predicts readings left out best."
         if near:
             found = (
                 f"Not clear: {' and '.join(near)} and {self.name} predict readings left out about "
                 f"equally well; {self.name} is kept."
             )
-        elif np.isfinite(second.held_out):
-            found = (
-                f"{self.name} predicts readings left out best; {second.candidate.name}, the next, "
-                f"errs {second.held_out / first.held_out:.3g} times as much."
-            )
-        else:
-            found = f"{self.name} predicts readings left out best."
-        alike = [one.candidate.name for one in others if one.alike]
-        if alike:
+        if self.alike:
             found += (
-                f" {', '.join(alike)} fit{'s' if len(alike) == 1 else ''} the readings about as well "
-                f"(RMSE within {ALIKE:g} times the smallest); the error band covers what the models "
-                "disagree about."
+                f" The RMSE of {', '.join(self.alike)} is within {ALIKE:g} times the smallest: the error "
+                "band covers what these models disagree about."
             )
         return found
 
     def _repr_html_(self) -> str:
+        from .evidence import Evidence  # noqa: PLC0415 -- evidence needs a choice's parts
         from .report import Findings  # noqa: PLC0415 -- it draws
 
-        return Findings(
-            self.chosen, Evidence(error=self.error, left_out=self.left_out), self
-        ).html()
-
-    def plot(self, axes: "Axes | None" = None, system: str = "metric") -> "Axes":
-        """Readings and chosen model, force against contraction; see `plot_isobars`."""
-        return self.chosen.plot(axes, system)
+        evidence = Evidence(error=self.error, left_out=self.left_out)
+        return Findings(self.chosen, evidence, self).html()
 
     def predict(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
@@ -168,29 +146,29 @@ def choose(
 ) -> Choice:
     """Choose the model of a force map from a ladder of families by cross-validation.
 
-    Each family is fitted to all readings and again without each length and without groups of
-    neighbouring pressures. The one with the smallest held-out error is chosen; on a map of too few
-    lengths to leave one out, the first on the ladder of those within half of it. Nothing is left out of
-    a family that misses the readings by four times the least. A family whose optimum cannot be
-    certified is passed over where another errs little more.
+    Each family is fitted to all readings, and again without each length and without groups of
+    neighbouring pressures. The family with the smallest held-out error is chosen. If the map has too few
+    lengths to leave one out, the choice is the first on the ladder within 1.5 times the smallest error.
+    Families with more than four times the smallest RMSE are not cross-validated. A family without a
+    certified optimum is passed over if another has at most twice its error.
 
     Args:
         data: the map.
-        constraint: on the coefficients, as in `identify`; likewise of every family what follows.
-        bounds: intervals by parameter name; the ladder varies none of these.
-        parameters: bounds, held values and priors; the ladder varies none of these, either.
+        constraint: constraint on the coefficients of every family, as in `identify`.
+        bounds: intervals by parameter name, which the ladder does not vary.
+        parameters: bounds, held values and priors, which the ladder does not vary.
         noise: standard deviation of one reading [N]; taken from the data if omitted.
-        objective: of the fit of the chosen family.
+        objective: objective for the chosen family.
         ends: "equilibrium" tries Ogden's law with the shape from mechanics as well, see `identify`.
-        starts: of the fit of the chosen family; others are compared with a few.
-        seed: of the starts.
-        progress: called with (what is done, steps done, steps).
+        starts: number of starts for the chosen family; families are compared with at most four.
+        seed: random seed for the starts.
+        progress: called with (task, steps done, steps).
 
     Returns:
         The choice.
 
     Raises:
-        InputError: what `identify` refuses of the plainest family.
+        InputError: the data cannot support the simplest family; see `identify`.
         RuntimeError: float64 is off.
     """
     check_whole("starts", starts, 1)
@@ -203,99 +181,78 @@ def choose(
             f"{np.unique(data.lengths.level[data.loaded]).size} lengths cannot determine any model: "
             "measure the force at two lengths or more, of which one is shorter than the rest length"
         )
-    plainest = posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle
+    posed_of(weighed, candidates[0], constraint)  # refused here: it is no muscle
 
     def tell(what: str) -> Callable[[int, int], None] | None:
-        told = progress
-        return None if told is None else lambda done, total: told(what, done, total)
+        return None if progress is None else functools.partial(progress, what)
 
     elsewhere = accounts(candidates, data, {*(bounds or {}), *(parameters or {})})
     if check_ends(ends, {}) == "equilibrium":
         candidates = (*candidates, equilibrium_candidate(weighed, bounds, parameters, seed))
-    # Those whose rig is rigid come first: they wait for none that gives way.
-    rigid_first = sorted([*candidates, *elsewhere], key=lambda one: one.rig)
     found = fitted(
-        weighed, constraint, min(starts, _COMPARED), seed, rigid_first, tell("fitting all families")
-    )
-    outcomes = dict(zip(map(id, rigid_first), found, strict=True))
-    families, refused = [], {}
-    for candidate in candidates:
-        one = outcomes[id(candidate)]
-        if isinstance(one, Fitted):
-            families.append(one)
-        else:
-            refused.setdefault(one, []).append(candidate.name)
-    dropped = (*dropped, *(f"Left out: {'; '.join(of)}. {why}" for why, of in refused.items()))
+        weighed, constraint, min(starts, _COMPARED), seed, [*candidates, *elsewhere],
+        tell("fitting all families"),
+    )  # fmt: skip
+    told = list(zip(candidates, found, strict=False))
+    families = [fit for _, fit in told if isinstance(fit, Fitted)]
+    for why in dict.fromkeys(one for _, one in told if isinstance(one, str)):
+        dropped += (f"Left out: {'; '.join(one.name for one, of in told if of == why)}. {why}",)
     if not families:
-        solve(plainest, plainest.starts(starts, seed), seed=seed)
         raise InputError(_NO_FORCE)
     least = min(one.rmse for one in families)
-    judged = [one for one in families if one.rmse <= _HOPELESS * least]
-    judged.sort(key=lambda one: one.candidate.rig)
-    errors = left_out_of(judged, seed, tell("leaving readings out"))
-    left_out = dict(zip([one.candidate.name for one in judged], errors, strict=True))
+    # Rigid rigs come first, so that they do not wait for the iteration of compliant ones.
+    judged = sorted(
+        (k for k, one in enumerate(families) if one.rmse <= _HOPELESS * least),
+        key=lambda k: families[k].candidate.rig,
+    )
+    errors = left_out_of([families[k] for k in judged], seed, tell("leaving readings out"))
+    left_out = dict(zip(judged, errors, strict=True))
     tried = ranked(
-        [(one.candidate, one.rmse, left_out.get(one.candidate.name)) for one in families],
+        [(one.candidate, one.rmse, left_out.get(k)) for k, one in enumerate(families)],
         data.max_force,
     )
     order = preferred(tried)
 
-    def identify(place: int) -> Identification:
-        posed, near = families[place].posed, families[place].ends
-        points = np.concatenate([near, posed.starts(starts, seed)])[:starts]
-        told = tell(f"identifying: {tried[place].candidate.name}")
-        return solve(posed, points, objective=objective, seed=seed, progress=told)[0]
-
-    place, chosen = _identified(tried, order, identify)
+    # The first family with a certified optimum whose error is close to the smallest; else the best.
+    fits: dict[int, Identification] = {}
+    near = LITTLE_MORE * min(one.held_out for one in tried)
+    for place in order:
+        if fits and tried[place].held_out > near:
+            break
+        posed = families[place].posed
+        points = np.concatenate([families[place].ends, posed.starts(starts, seed)])[:starts]
+        with contextlib.suppress(InputError):
+            fits[place], *_ = solve(
+                posed, points, objective=objective, seed=seed,
+                progress=tell(f"identifying: {tried[place].candidate.name}"),
+            )  # fmt: skip
+            if fits[place].converged:
+                break
+    if not fits:
+        raise InputError(_NO_FORCE)
+    place = next((k for k, fit in fits.items() if fit.converged), next(iter(fits)))
     passed = [tried[k].candidate.name for k in order[: order.index(place)]]
-    dropped = (*dropped, *(f"{name} was not kept: its fit did not converge." for name in passed))
+    dropped += tuple(f"{name} was not kept: its fit did not converge." for name in passed)
+    winner, chosen = tried[place], fits[place]
     alike = {
         one.candidate.name: one.mounted
         for k, one in enumerate(families) if tried[k].alike and k != place
     }  # fmt: skip
-    others = other_lengths(
-        [one for one in map(outcomes.get, map(id, elsewhere)) if isinstance(one, Fitted)],
-        data.max_force,
-    )
-    winner = tried[place]
+    others = [one for one in found[len(candidates) :] if isinstance(one, Fitted)]
     outlook = Outlook(
         model_error(data, chosen.residuals, winner.left_out, winner.candidate.unknowns), alike=alike
     )
-    if others is not None:
-        members = dict(zip(others.names, others.members, strict=True))
-        outlook = dataclasses.replace(outlook, other_lengths=members, between=others.between)
+    if others:
+        members = {one.candidate.name: one.mounted for one in others}
+        between = FROM_ONE * data.max_force
+        outlook = dataclasses.replace(outlook, other_lengths=members, between=between)
     return Choice(
         data=data,
         chosen=dataclasses.replace(chosen, data=data, outlook=outlook),
         tried=(winner, *(tried[k] for k in order if k != place)),
         dropped=dropped,
-        other_lengths=others,
         open_question=where_they_differ(data, chosen.mounted, alike.values()),
     )
-
-
-def _identified(
-    tried: Sequence[Tried], order: Sequence[int], identify: Callable[[int], Identification]
-) -> tuple[int, Identification]:
-    """The first family with a certified optimum whose error is close to the smallest.
-
-    Its place and its fit; the first fit of any where none of them has an optimum.
-
-    Raises:
-        InputError: none has a fit.
-    """
-    near = LITTLE_MORE * min(one.held_out for one in tried)
-    fits: dict[int, Identification] = {}
-    for place in order:
-        if fits and tried[place].held_out > near:
-            break
-        with contextlib.suppress(InputError):
-            fits[place] = identify(place)
-            if fits[place].converged:
-                return place, fits[place]
-    if not fits:
-        raise InputError(_NO_FORCE)
-    return next(iter(fits.items()))
 
 
 def weigh(data: ForceData, noise: float | None = None) -> ForceData:
@@ -346,34 +303,21 @@ def choice_table(choice: Choice, system: str) -> tuple[str, tuple[str, ...], lis
     """Title, header and rows of text: the chosen family, then the others by their held-out errors."""
     unit = unit_system(system)["force"]
 
-    def force(value: float | None) -> str:
-        if value is None or not np.isfinite(value):
-            return ""
-        return f"{from_si(value, unit, 'force'):.4g}"
-
-    def part(one: Tried) -> str:
-        if one is choice.tried[0]:
-            return "chosen"
-        return "fits alike" if one.alike else ""
+    def force(value: float) -> str:
+        return f"{from_si(value, unit, 'force'):.4g}" if np.isfinite(value) else ""
 
     kinds = [kind for kind in _HEADER if kind in choice.tried[0].columns]
     rows = [
         (
             one.candidate.name, str(one.candidate.unknowns), force(one.rmse),
-            *(force(one.columns.get(kind)) for kind in kinds), force(one.held_out), part(one),
+            *(force(one.columns.get(kind, np.inf)) for kind in kinds), force(one.held_out),
+            "chosen" if one is choice.tried[0] else "fits alike" * one.alike,
         )
         for one in choice.tried
     ]  # fmt: skip
     title = f"Models tried, RMSE in {unit}. The held-out error is the geometric mean of the columns out."
-    header = (
-        "family",
-        "unknowns",
-        "in sample",
-        *map(_HEADER.__getitem__, kinds),
-        "held-out error",
-        "",
-    )
-    return title, header, rows
+    out = (_HEADER[kind] for kind in kinds)
+    return title, ("family", "unknowns", "in sample", *out, "held-out error", ""), rows
 
 
 _STARTS = 4
@@ -410,7 +354,6 @@ def validate_choice(
     *,
     most: int = MOST,
     executor: AnyExecutor = None,
-    resume: Path | str | None = None,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> NestedValidation:
@@ -425,30 +368,19 @@ def validate_choice(
         most: groups; with more levels neighbouring ones are left out together.
         executor: what chooses without the levels, each a task: this process, processes or a cluster,
             see `famjax.boundary.tasks.AnyExecutor`; the numbers are the same.
-        resume: JSONL file to which each finished level is written, created if missing; a validation
-            that was stopped goes on from there.
         progress: called with (levels done, levels).
         options: as `choose` was given; a fold has four starts at the most.
 
     Raises:
-        InputError: the file of another validation, or the executor is gone.
+        InputError: the executor is gone.
     """
     options["starts"] = min(options.get("starts", _STARTS), _STARTS)
     data = choice.data
     levels = data.levels(groups)[data.loaded]
     group = groups_of_levels(levels, np.unique(levels), most)
-    count = int(group.max()) + 1
-    settings = {
-        "version": famjax.__version__,
-        "data": data.sha256,
-        "tolerances": [data.pressure_tolerance, data.length_tolerance],
-        "groups": groups,
-        "options": {name: repr(value) for name, value in sorted(options.items())},
-    }
-    store = Store(resume, "validation", settings, count)
-    run_tasks(
-        functools.partial(_fold, data, groups, group, options), range(count), executor=executor,
-        store=store, progress=progress,
+    store = run_tasks(
+        functools.partial(_fold, data, groups, group, options), range(int(group.max()) + 1),
+        executor=executor, progress=progress,
         names=[f"{groups} {value:.6g}" for value in levels_of_groups(levels, group)],
     )  # fmt: skip
     error, inside, width = np.zeros(levels.size), np.zeros(levels.size, bool), np.zeros(levels.size)

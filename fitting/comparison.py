@@ -5,41 +5,31 @@ Every model, published or not, is a family of parameters and is fitted, refitted
 
 import dataclasses
 import functools
-import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 import famjax
-from famjax import peers
 from famjax.boundary.errors import InputError, check_seed, class_named, class_path
 from famjax.boundary.tasks import AnyExecutor, Store, run_tasks
 from famjax.boundary.units import finite_or_none
-from famjax.compile_options import as_arrays
 
-from .arguments import check_names, check_whole
+from .arguments import check_float64, check_names, check_whole
 from .checks import check_affine
 from .choice import MOST, choose, validate_choice
-from .data import ForceData, check_maps, data_frame
-from .engine import predict
+from .data import ForceData, check_maps
 from .identification import identify
 from .model_families import ModelFamily, peer_families
 from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs
-from .search import End, descend_many, latin_hypercube
+from .search import End, best_of, descend_many, latin_hypercube
 from .summary import joint_derivatives
 from .validation import LeftOut, leave_out_each, validate
-
-if TYPE_CHECKING:
-    import pandas
-    from matplotlib.figure import Figure
 
 KINDS = ("pressure", "length")
 """Kinds of levels that are left out in turn."""
@@ -47,11 +37,9 @@ KINDS = ("pressure", "length")
 _RIDGE = 1e-9  # for columns of unit length: far below the weight of any reading
 _STARTS = 4  # for each refit of famjax's own models, as in `validate`
 
-OwnModel: TypeAlias = (
-    tuple[str, Mapping[str, Any]] | ModelFamily | famjax.AbstractMuscle | type | str
-)
-"""A user's own model: (name, options of `identify`), such as `("gent", {"law": Gent})`; a model with
-declared parameters, or its family; or the class, or `module:Class`, of a model, law, geometry or term."""
+OwnModel: TypeAlias = ModelFamily | famjax.AbstractMuscle | type | str
+"""A user's own model: a model with declared parameters, or its family; or the class, or `module:Class`,
+of a model, law, geometry or term."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,11 +66,6 @@ class PeerFit:
         """Parameters by name [SI]."""
         numbers = (*self.end.point.parameters.tolist(), *self.end.point.x.tolist())
         return dict(zip(self.problem.names + self.problem.linear, numbers, strict=True))
-
-    @property
-    def model(self) -> famjax.AbstractMuscle:
-        """The fitted model."""
-        return self.family.build({name: jnp.asarray(v) for name, v in self.values.items()})
 
     @property
     def at_bound(self) -> tuple[str, ...]:
@@ -123,8 +106,7 @@ def fit_peer(
         InputError: an unknown name, no starts, too few readings, or a model without force at a reading.
         RuntimeError: float64 is off.
     """
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError('fits need float64: jax.config.update("jax_enable_x64", True)')
+    check_float64()
     check_whole("starts", starts, 1)
     known = peer_families(data)
     if isinstance(name, str) and name not in known:
@@ -136,16 +118,16 @@ def fit_peer(
             f"{family.label} has {needed} parameters, but the map has {points} loaded readings: "
             "give more readings, or choose a peer with fewer parameters"
         )
-    problem, searched = _posed(family, data), len(family.nonlinear)
+    problem, searched = _posed(family, data), len(family.searched)
     begin = latin_hypercube(searched, starts if searched else 1, seed)
-    ends = descend_many([problem] * len(begin), list(begin))
-    costs = np.array([one.cost for one in ends])
-    if not np.isfinite(costs).any():
+    try:
+        best = best_of(descend_many([problem] * len(begin), list(begin)))
+    except InputError:
         raise InputError(
             f"{family.label} has no finite force at some reading from any start: it may not hold for a "
             "muscle longer than its rest length; check lengths and rest length"
-        )
-    return PeerFit(family, problem, ends[int(np.nanargmin(costs))])
+        ) from None
+    return PeerFit(family, problem, best)
 
 
 def _posed(family: ModelFamily, data: ForceData) -> Problem:
@@ -160,20 +142,17 @@ def _posed(family: ModelFamily, data: ForceData) -> Problem:
         data.length[at], data.pressure[at], data.force[at], nothing, nothing, np.zeros((1, 0))
     )
     weight = np.ones(count) if data.force_std is None else 1 / data.force_std[at]
-    searched = [d for d in family.declared if not d.linear]
-    linear = [d for d in family.declared if d.linear]
+    models = family.family
     part = Part(
-        data.specimen.name, as_arrays(family), inputs, data.force[at], weight,
-        np.arange(len(searched)), np.arange(len(linear)),
+        data.specimen.name, models, inputs, data.force[at], weight, np.arange(len(models.nonlinear)),
         {kind: data.levels(kind)[at] for kind in KINDS}, np.zeros(count, int),
     )  # fmt: skip
+    low, high = (np.array([getattr(d, end) for d in family.searched]) for end in ("low", "high"))
+    least, most = (np.array([getattr(d, end) for d in family.linear]) for end in ("low", "high"))
     problem = Problem(
-        parts=(part,), names=family.nonlinear, linear=family.linear, ridge=_RIDGE,
-        low=np.array([d.low for d in searched]), high=np.array([d.high for d in searched]),
-        coefficient_min=np.array([d.low for d in linear]),
-        coefficient_max=np.array([d.high for d in linear]),
-    )  # fmt: skip
-    if linear:
+        (part,), models.nonlinear, low, high, models.linear, least, most, ridge=_RIDGE
+    )
+    if models.linear:
         check_affine(problem)
     return problem
 
@@ -221,27 +200,15 @@ def _identified(data: ForceData, starts: int, seed: int, options: Mapping[str, A
 
 
 def _of_family(data: ForceData, starts: int, seed: int, family: ModelFamily) -> _Fit:
-    """A published model; without free parameters it predicts with its own constants."""
-    if not family.declared:
-        problem = _posed(family, data)
-        at = problem.parts[0].inputs
-        force = predict(problem, 0, np.zeros(0), np.zeros(0), at.length, at.pressure)
-        error = force - data.force[data.loaded]
-
-        def fixed(kind: str) -> LeftOut:
-            level = data.left_out_as(kind)[data.loaded]
-            return LeftOut(kind, level, np.unique(level, return_inverse=True)[1], error)
-
-        return _Fit(0, error, fixed)
+    """A model with declared parameters."""
     fit = fit_peer(family, data, starts=starts, seed=seed)
     notes = () if fit.end.converged else ("the best descent did not converge",)
-    count = 8 if family.nonlinear else 1
 
     def left_out(kind: str) -> LeftOut:
         level = data.left_out_as(kind)[data.loaded]
         if not all(fit.determines(level != one) for one in np.unique(level)):
             raise InputError("the other readings do not determine its predictions")
-        fits, kinds = [(fit.problem, fit.end.u)], {kind: (None, count)}
+        fits, kinds = [(fit.problem, fit.end.u)], {kind: (None, 8 if family.searched else 1)}
         return leave_out_each(fits, kinds, seed=seed, settled=True, least=2)[0][kind]
 
     error = fit.predicted - data.force[data.loaded]
@@ -253,46 +220,17 @@ _Model: TypeAlias = tuple[str, str, Callable[[ForceData, int, int], _Fit]]
 
 
 def _models(data: ForceData) -> dict[str, _Model]:
-    """All models available for a map by name, fitted ones first."""
+    """All models available for a map by name."""
     own = {
         "famjax_choice": ("famjax, its own choice (nested)", "", _chosen),
         "famjax_cubic": ("famjax, odd cubic", "", functools.partial(_identified, options={"order": 3})),
         "famjax_ogden": ("famjax, Ogden", "", functools.partial(_identified, options={"law": "ogden"})),
     }  # fmt: skip
-    families = peer_families(data) | _published(data)
-    return own | {name: _as_model(family) for name, family in families.items()}
+    return own | {name: _as_model(family) for name, family in peer_families(data).items()}
 
 
 def _as_model(family: ModelFamily) -> _Model:
     return family.label, family.note, functools.partial(_of_family, family=family)
-
-
-def _published(data: ForceData) -> dict[str, ModelFamily]:
-    """Models with published or nominal constants for a muscle of this size; nothing is fitted."""
-    bore, rest = data.specimen.nominal_diameter, data.specimen.rest_length
-    if bore is None:
-        return {}
-    # Festo muscles have a nominal angle of 28.6 deg to the axis.
-    angle = math.radians(90 - 28.6)
-    braid = famjax.Braid.from_rest(diameter=bore, braid_angle=angle, length=rest)
-    found: dict[str, tuple[str, Any]] = {
-        "gaylord_nominal": ("Gaylord 1958, bore and 28.6 deg", peers.Gaylord(braid))
-    }
-    for muscle, size in {"10 mm": 10e-3, "20-200": 20e-3, "20-400": 20e-3}.items():
-        if math.isclose(bore, size, rel_tol=1e-6):
-            found[f"sarosi_published_{muscle.replace(' ', '_')}"] = (
-                f"Sarosi 2012, constants of {muscle}",
-                peers.Sarosi.published(muscle, rest_length=rest),
-            )
-    if data.specimen.name in {"DMSP-10-250", "DMSP-20-300"}:
-        model = peers.Martens.published(data.specimen.name)
-        found["martens_published"] = "Martens & Boblan 2017, their constants", model
-    return {key: ModelFamily(model, (), label=label) for key, (label, model) in found.items()}
-
-
-def comparable_models(data: ForceData) -> tuple[str, ...]:
-    """Names of all models available for a map, fitted ones first."""
-    return tuple(_models(data))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -302,8 +240,8 @@ class ComparisonRow:
     Attributes:
         name: name of the model.
         label: authors and variant.
-        n_parameters: number of fitted parameters; 0 for published constants.
-        rmse, mae, max_error: errors in sample.
+        n_parameters: number of fitted parameters.
+        rmse, max_error: errors in sample.
         lopo_rmse: error with each pressure left out in turn.
         lolo_interior_rmse: error with each length left out, without the shortest and longest.
         lolo_rmse: error with each length left out.
@@ -315,7 +253,6 @@ class ComparisonRow:
     label: str
     n_parameters: int = 0
     rmse: float = math.nan
-    mae: float = math.nan
     max_error: float = math.nan
     lopo_rmse: float = math.nan
     lolo_interior_rmse: float = math.nan
@@ -332,7 +269,7 @@ class ComparisonRow:
         }  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True, repr=False)
+@dataclasses.dataclass(frozen=True)
 class Comparison:
     """Comparison table of a force map, sorted by the error on held-out interior lengths.
 
@@ -344,24 +281,11 @@ class Comparison:
     data: ForceData
     rows: tuple[ComparisonRow, ...]
 
-    def __repr__(self) -> str:
-        return f"Comparison({self.data.specimen.name}: {len(self.rows)} models)"
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """Return one row for each model, with units in the column names.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
-        return data_frame(row.as_dict() for row in self.rows).drop(columns="at_bound")
-
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready table with units in the keys."""
         return {
             "specimen": self.data.specimen.name,
-            "source": self.data.source,
             "sha256": self.data.sha256,
-            "rest_length_m": self.data.specimen.rest_length,
             "n_loaded": int(self.data.loaded.sum()),
             "max_force_N": self.data.max_force,
             "models": [row.as_dict() for row in self.rows],
@@ -377,7 +301,7 @@ def compare(
     seed: int = 0,
     executor: AnyExecutor = None,
     resume: Path | str | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare published models and others on one force map.
 
@@ -386,7 +310,7 @@ def compare(
 
     Args:
         data: the force map.
-        models: names among `comparable_models(data)`; all by default.
+        models: names of published models or famjax_choice, famjax_cubic, famjax_ogden; all by default.
         own: further models, see `OwnModel`.
         starts: number of starts of each nonlinear fit.
         seed: seed of the starts.
@@ -394,7 +318,7 @@ def compare(
             `famjax.boundary.tasks.AnyExecutor`.
         resume: JSONL file for finished rows, created if missing, from which an interrupted comparison
             continues. Own models are identified by their names.
-        progress: called with (models done, total, name of the next one).
+        progress: called with (models done, total).
 
     Returns:
         The table. A model that cannot be fitted to this map has a note and no errors.
@@ -406,7 +330,7 @@ def compare(
     check_maps(data)
     check_seed(seed)
     check_whole("starts", starts, 1)
-    known = comparable_models(data)
+    known = tuple(_models(data))
     chosen = known if models is None else check_names("models", models)
     for name in chosen:
         if name not in known:
@@ -424,14 +348,8 @@ def compare(
         "tolerances": [data.pressure_tolerance, data.length_tolerance],
     }  # fmt: skip
     store = Store(resume, "comparison", settings, len(tasks))
-
-    def tell(done: int, total: int) -> None:
-        if progress is not None:
-            following = (name for index, name in enumerate(names) if index not in store)
-            progress(done, total, next(following, ""))
-
     row = functools.partial(_row, data, starts, seed)
-    run_tasks(row, tasks, executor=executor, store=store, progress=tell, names=names)
+    run_tasks(row, tasks, executor=executor, store=store, progress=progress, names=names)
     rows = [ComparisonRow(**{**part, "at_bound": tuple(part["at_bound"])}) for part in store]
     return Comparison(data, tuple(sorted(rows, key=_place)))
 
@@ -449,18 +367,12 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
     """Name and model of a user's own model.
 
     Raises:
-        InputError: an unknown class or option, or a class that cannot be fitted alone.
+        InputError: an unknown class, or a class that cannot be fitted alone.
     """
     if isinstance(given, famjax.AbstractMuscle):
         given = ModelFamily.of(given)
     if isinstance(given, ModelFamily):
         return given.label, _as_model(given)
-    if isinstance(given, tuple):
-        path, options = given
-        unknown = options.keys() - inspect.signature(identify).parameters.keys()
-        if unknown:
-            raise InputError(f"{path}: identify has no option {', '.join(sorted(unknown))}")
-        return path, (path, "", functools.partial(_identified, options=dict(options)))
     kind: Any = given
     if isinstance(given, str):
         kind = class_named(given, famjax.parameters.Parametrised, "model")
@@ -473,10 +385,12 @@ def _own_model(given: OwnModel, data: ForceData) -> tuple[str, _Model]:
         except ValueError as error:
             raise InputError(f"{path} cannot be fitted by its class alone: {error}") from None
     if issubclass(kind, famjax.materials.AbstractMaterial):
-        return _own_model((path, {"law": kind}), data)
-    is_geometry = issubclass(kind, famjax.geometries.AbstractGeometry)
-    parts, declared = own_parts([data], *((kind, ()) if is_geometry else (None, (kind,))))
-    return _own_model((path, {**parts, "parameters": taking_part(declared, {})}), data)
+        options: dict[str, Any] = {"law": kind}
+    else:
+        is_geometry = issubclass(kind, famjax.geometries.AbstractGeometry)
+        parts, declared = own_parts([data], *((kind, ()) if is_geometry else (None, (kind,))))
+        options = {**parts, "parameters": taking_part(declared, {})}
+    return path, (path, "", functools.partial(_identified, options=options))
 
 
 def _row(
@@ -500,50 +414,10 @@ def _row(
     return dataclasses.asdict(
         ComparisonRow(
             name, label, fit.n_parameters,
-            rmse=float(np.sqrt(np.mean(size**2))), mae=float(size.mean()), max_error=float(size.max()),
+            rmse=float(np.sqrt(np.mean(size**2))), max_error=float(size.max()),
             lopo_rmse=pressure.rmse if pressure else math.nan,
             lolo_interior_rmse=length.interior_rmse if length else math.nan,
             lolo_rmse=length.rmse if length else math.nan,
             at_bound=fit.at_bound, note="; ".join([*notes, *fit.notes]),
         )
     )  # fmt: skip
-
-
-def plot_comparison(comparison: Comparison) -> "Figure":
-    """Plot a comparison, best model on top, with errors on a logarithmic axis.
-
-    Args:
-        comparison: result of `compare`.
-
-    Returns:
-        A figure, not shown; save it with `savefig`.
-    """
-    from matplotlib.figure import Figure  # noqa: PLC0415 -- when something is drawn
-
-    rows = [row for row in comparison.rows if math.isfinite(row.rmse)]
-    data, limit, places = comparison.data, comparison.data.max_force, range(len(rows))
-    figure = Figure(figsize=(9.0, 1.6 + 0.27 * len(rows)), layout="constrained")
-    axes = figure.subplots()
-    for key, label, marker in (
-        ("rmse", "all readings fitted", "o"),
-        ("lopo_rmse", "each pressure left out", "d"),
-        ("lolo_interior_rmse", "each inner length left out", "s"),
-        ("lolo_rmse", "each length left out", "|"),
-    ):
-        axes.plot([min(getattr(row, key), limit) for row in rows], places, marker, label=label)
-    axes.axvline(limit, color="0.8", lw=0.8, ls="--")
-    axes.grid(axis="y", color="0.93")
-    axes.set(
-        xscale="log",
-        xlabel="root mean square error, N (dashed: the largest force, and beyond)",
-        ylim=(len(rows) - 0.5, -0.5),
-    )
-    named = [f"{row.label} [{row.n_parameters}]{' *' if row.at_bound else ''}" for row in rows]
-    axes.set_yticks(list(places), named, fontsize=8)
-    figure.legend(frameon=False, fontsize=8, ncols=4, loc="outside lower center")
-    axes.set_title(
-        f"{data.specimen.name}: {int(data.loaded.sum())} loaded readings, up to "
-        f"{limit:.4g} N\n[parameters], * at a bound",
-        fontsize=10,
-    )
-    return figure

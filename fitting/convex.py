@@ -21,7 +21,7 @@ References:
 import dataclasses
 import enum
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -151,57 +151,38 @@ def solve_qp(
     # Comparisons with nan are all false: a constraint that has no number would bind nowhere.
     known = jnp.isfinite(jnp.sum(G) + jnp.sum(h) + jnp.sum(A) + jnp.sum(b))
     status = jnp.where(known, status, int(Status.STALLED))
-    face = _Face(
-        to_x @ near.y, to_x, near.inverse, near.multipliers / own, near.rows, near.used, own
-    )
-    x = jnp.where(status == int(Status.OPTIMAL), _on_face(*given, face), jnp.nan)
+    x = jnp.where(status == int(Status.OPTIMAL), _on_face(*given, near, to_x, own), jnp.nan)
     multipliers, active = jnp.zeros_like(h), jnp.zeros(h.shape, bool)
     if h.size:
-        multipliers = multipliers.at[face.rows].add(face.multipliers)
-        active = active.at[face.rows].max(face.used)
+        multipliers = multipliers.at[near.rows].add(near.multipliers / own)
+        active = active.at[near.rows].max(near.used)
     still = jax.lax.stop_gradient(x)
     certificate = certificate_of(A, b, G, h, still, multipliers, to_x)
     return Optimum(x, multipliers, active, *certificate, condition, status)
 
 
-class _Face(NamedTuple):
-    """The face on which an optimum lies: x = to_x y; slots of rows, with P above N* (`inverse`).
-
-    Attributes:
-        x, to_x: shapes (n,) and (n, n).
-        inverse: of the unit normals in y, shape (2 n, n).
-        multipliers, rows, used, size: of the slots; `size` is the length of a row in y, shape (n,).
-    """
-
-    x: Float[Array, " n"]
-    to_x: Float[Array, "n n"]
-    inverse: Float[Array, "rows n"]
-    multipliers: Float[Array, " n"]
-    rows: Int[Array, " n"]
-    used: Bool[Array, " n"]
-    size: Float[Array, " n"]
-
-
 @jax.custom_jvp
-def _on_face(A: Array, b: Array, G: Array, h: Array, face: _Face) -> Float[Array, " n"]:
-    """The minimiser on its face."""
-    del A, b, G, h
-    return face.x
+def _on_face(
+    A: Array, b: Array, G: Array, h: Array, near: "NearestPoint", to_x: Array, own: Array
+) -> Float[Array, " n"]:
+    """The minimiser x = to_x y on its face; `own` are the lengths of the rows in y, slot by slot."""
+    del A, b, G, h, own
+    return to_x @ near.y
 
 
 @_on_face.defjvp
 def _on_face_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    A, b, G, _, face = primals
-    dA, db, dG, dh, _ = tangents
-    n, x = face.x.shape[0], face.x
+    A, b, G, _, near, to_x, own = primals
+    dA, db, dG, dh, *_ = tangents
+    x = to_x @ near.y
     gradient = dA.T @ (A @ x - b) + A.T @ (dA @ x - db)
     push, shift = jnp.zeros_like(x), jnp.zeros_like(x)
     if G.shape[0]:
-        rows = jnp.where(face.used[:, None], dG[face.rows], 0.0)
-        push = face.multipliers @ rows
-        shift = (jnp.where(face.used, dh[face.rows], 0.0) - rows @ x) / face.size
-    P, pseudo = face.inverse[:n], face.inverse[n:]
-    return x, face.to_x @ (P @ (face.to_x.T @ (push - gradient)) + shift @ pseudo)
+        rows = jnp.where(near.used[:, None], dG[near.rows], 0.0)
+        push = (near.multipliers / own) @ rows
+        shift = (jnp.where(near.used, dh[near.rows], 0.0) - rows @ x) / own
+    P, pseudo = jnp.split(near.inverse, 2)
+    return x, to_x @ (P @ (to_x.T @ (push - gradient)) + shift @ pseudo)
 
 
 def certificate_of(
@@ -216,10 +197,10 @@ def certificate_of(
     """Objective, KKT residual and duality gap of a point, on the problem as it was given.
 
     Args:
-        A: of the programme.
-        b: likewise.
-        G: likewise.
-        h: likewise.
+        A: design matrix of the programme.
+        b: its data.
+        G: its constraint rows.
+        h: their offsets.
         x: the point.
         multipliers: of the rows.
         to_x: R^-1 of A = Q R, by which the rows are measured in the metric of the data.
@@ -353,21 +334,6 @@ def nearest_point(
         y = y + P @ dual + along
         multipliers = multipliers + pseudo @ (along - dual)
     return dataclasses.replace(found, y=y, multipliers=multipliers)
-
-
-def cholesky(
-    matrix: Float[AnyArray, "*batch n n"],
-) -> Float[AnyArray, "*batch n n"]:
-    """The lower triangle L with L L^T = matrix; nan where the matrix is not positive definite."""
-    n = matrix.shape[-1]
-    if n > _WRITTEN_OUT:
-        return jnp.linalg.cholesky(matrix)
-    index, rest, columns = np.arange(n), matrix, []
-    for j in range(n):
-        column = jnp.where(index >= j, rest[..., j] / jnp.sqrt(rest[..., j, j])[..., None], 0.0)
-        rest = rest - column[..., :, None] * column[..., None, :]
-        columns.append(column)
-    return jnp.stack(columns, axis=-1)
 
 
 def inverse_lower(

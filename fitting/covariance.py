@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -35,12 +34,7 @@ class Covariance:
         noise is unequal, the sandwich if there are few readings (Angrist & Pischke 2009, Mostly
         Harmless Econometrics, section 8.1).
         """
-        return np.fmax(self.plain_stderr, self.sandwich_stderr)
-
-    @property
-    def plain_stderr(self) -> Float[np.ndarray, " p"]:
-        """Standard errors under the assumption of equal noise in all readings."""
-        return np.sqrt(np.diag(self.matrix))
+        return np.fmax(np.sqrt(np.diag(self.matrix)), self.sandwich_stderr)
 
     @property
     def sandwich_stderr(self) -> Float[np.ndarray, " p"]:
@@ -82,10 +76,10 @@ def covariance(
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
     curved = jacobian if bent is None else np.concatenate([jacobian, bent])
-    root, directions, condition = free_root(curved, active, held)
-    freedom = residual.size - directions
+    root, condition = free_root(curved, active, held)
+    freedom = residual.size - root.shape[1]
     nothing = np.full((p, p), np.nan)
-    if directions == 0 or freedom <= 0 or condition > CONDITION_LIMIT:
+    if not condition <= CONDITION_LIMIT or freedom <= 0:
         return Covariance(nothing, nothing, condition, freedom)
     variance = residual @ residual / freedom
     if n_priors:
@@ -103,26 +97,15 @@ def covariance(
     return Covariance(matrix, sandwich, condition, freedom)
 
 
-class FreeRoot(NamedTuple):
-    """Square-root factor of Z (Z^T J^T J Z)^-1 Z^T.
-
-    Attributes:
-        root: R with R R^T = Z (Z^T J^T J Z)^-1 Z^T, shape (p, directions).
-        directions: number of free directions.
-        condition: condition number of the scaled Jacobian in these directions; nan if there are none.
-    """
-
-    root: Float[np.ndarray, "p directions"]
-    directions: int
-    condition: float
-
-
 def free_root(
     jacobian: Float[np.ndarray, "k p"],
     active: Float[np.ndarray, "a p"],
     held: Bool[np.ndarray, " p"],
-) -> FreeRoot:
-    """Return the square-root factor in the directions Z that held parameters and constraints leave free.
+) -> tuple[Float[np.ndarray, "p directions"], float]:
+    """Square-root factor of Z (Z^T J^T J Z)^-1 Z^T, and the condition number of the scaled J in Z.
+
+    Z spans the directions that held parameters and constraints leave free. The factor is zero, and the
+    condition infinite, if J is singular in Z; the condition is nan if no direction is free.
 
     Args:
         jacobian: Jacobian of the weighted residual in all parameters.
@@ -138,9 +121,7 @@ def free_root(
     _, singular, directions = np.linalg.svd(fixed_rows, full_matrices=True)
     rank = int(np.sum(singular > 1e-10))
     Z = directions[rank:].T
-    if Z.shape[1] == 0:
-        return FreeRoot(np.zeros((p, 0)), 0, math.nan)
     _, s, Vt = np.linalg.svd(jacobian / scale @ Z, full_matrices=False)
-    if not s[-1] > 0:
-        return FreeRoot(np.zeros((p, 0)), Z.shape[1], math.inf)
-    return FreeRoot(Z @ (Vt.T / s) / scale[:, None], Z.shape[1], float(s[0] / s[-1]))
+    if not s.size or not s[-1] > 0:
+        return np.zeros((p, Z.shape[1])), math.inf if s.size else math.nan
+    return Z @ (Vt.T / s) / scale[:, None], float(s[0] / s[-1])

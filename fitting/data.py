@@ -9,42 +9,34 @@ import functools
 import hashlib
 import importlib.resources
 import io
+import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from famjax.boundary.errors import InputError, import_extra
-from famjax.boundary.units import Quantity, Sentence, factor, to_si, unit_system
+from famjax.boundary.files import write_all
+from famjax.boundary.units import Quantity, factor, parse_quantity, unit_system
 from famjax.tables import Table, read_table
 
 from .arguments import check_mapping, check_numbers, check_path, is_number, shown
-from .specimen import (
-    SPECIMEN_LENGTHS,
-    Specimen,
-    check_plausible,
-    describe,
-    parse_specimen,
-    said_number,
-)
+from .specimen import SPECIMEN_LENGTHS, Specimen, check_plausible, describe, parse_specimen
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
 COLUMNS = {
-    "force": "force",
-    "pressure": "pressure",
-    "length": "length",
-    "force_std": "force",
-    "pressure_std": "pressure",
-    "length_std": "length",
-}
+    "force": "force", "pressure": "pressure", "length": "length",
+    "force_std": "force", "pressure_std": "pressure", "length_std": "length",
+}  # fmt: skip
 """The columns of a force map and the kind of unit of each."""
 
+_NEEDED = ("force", "pressure", "length")
 _STDS = tuple(name for name in COLUMNS if name.endswith("_std"))
 
 MOST_APART = 40
@@ -52,7 +44,7 @@ MOST_APART = 40
 
 _MAY_BE_ZERO = {"pressure", "pressure_std", "length_std"}
 _HINTS = {
-    "pressure": ": subtract the reading of the vented gauge",
+    "pressure": " (gauge pressure, not absolute): subtract the reading of the vented gauge",
     "length": ": put contractions into a column contraction (fractions) or contraction_% (percent)",
 }
 _PUSHES = 3.0  # ratio of push to pull beyond which the sign of the force must be wrong
@@ -103,16 +95,10 @@ def levels_of(
         tolerance: in SI, >= 0; None to derive it.
         beside: level of the other quantity for each reading. If None, repeated values count as nominal.
 
-    Raises:
-        InputError: the tolerance is negative, or it joins values into a level at least as wide as the
-            gap to the next one.
-
     >>> levels_of(np.array([79.97e3, 80.03e3, 80.0e3, 120.1e3, 119.9e3]), "pressure").level / 1e3
     array([ 80.,  80.,  80., 120., 120.])
     """
     given = tolerance is not None
-    if given and not (np.isfinite(tolerance) and tolerance >= 0):
-        raise InputError(f"the tolerance of a {what} must be >= 0, got {tolerance}")
     distinct, place = np.unique(values, return_inverse=True)
     if tolerance is None:
         tolerance = _tolerance_of_gaps(distinct, values.size)
@@ -123,25 +109,15 @@ def levels_of(
     numbers = np.arange(group[-1] + 1)
     low = distinct[np.searchsorted(group, numbers)]
     high = distinct[np.searchsorted(group, numbers, "right") - 1]
-    width = high - low
-    if given and tolerance > 0 and width.max() >= (low[1:] - high[:-1]).min(initial=np.inf):
-        worst = int(np.argmax(width))
-        ends = (tolerance, low[worst], high[worst])
-        said, first, last = (Quantity(value, what).in_units("metric") for value in ends)
-        raise InputError(
-            f"a tolerance of {said} joins all readings between {first} and {last} into one {what}, "
-            "which is wider than the gap to its neighbour: give a smaller tolerance"
-        )
-    label = group[place]
-    count = np.bincount(label)
+
+    label, count, note = group[place], np.bincount(group[place]), ""
     mean = np.where(high > low, np.bincount(label, values) / count, low)
-    note = ""
     if tolerance > 0 and count.size < distinct.size:
-        note = Sentence(
-            f"Readings whose {what}s differ by less than ",
-            Quantity(tolerance, what),
-            f" share one {what} (tolerance {'given' if given else 'derived from the gaps'}): "
-            f"{distinct.size} values form {count.size} levels.",
+        said = Quantity(tolerance, what).in_units("metric")
+        note = (
+            f"Readings whose {what}s differ by less than {said} share one {what} (tolerance "
+            f"{'given' if given else 'derived from the gaps'}): {distinct.size} values form {count.size} "
+            "levels."
         )
     elif count.size > max(2, _FRACTION * values.size):
         note = (
@@ -252,37 +228,23 @@ class ForceData:
     taken: str = dataclasses.field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        self._check_arguments()
-        for name in COLUMNS:
-            if getattr(self, name) is not None or not name.endswith("_std"):
+        if not isinstance(self.specimen, Specimen):
+            raise InputError(f"specimen must be a fitting.Specimen, got {shown(self.specimen)}")
+        for name in ("pressure_tolerance", "length_tolerance", "force_limit"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and 0 <= value < math.inf):
+                raise InputError(f"{name} must be a number >= 0 in SI, got {shown(value)}")
+        for name in (*COLUMNS, "count"):
+            if getattr(self, name) is not None or name in _NEEDED:
                 object.__setattr__(self, name, self._checked_column(name))
         if self.slack_below is None:
             self._find_slack()
         self._check_pulls()
-        for name in ("force", "pressure", "length"):
+        for name in _NEEDED:
             largest = float(getattr(self, name).max())
             check_plausible(f"the largest {name}", largest, name, self.units.get(name, ""))
         if self.count is None:
             self._average_copies()
-        elif np.shape(self.count) != np.shape(self.force):
-            raise InputError(
-                "count must have the same length as force; omit it to let it be computed"
-            )
-
-    def _check_arguments(self) -> None:
-        if not isinstance(self.specimen, Specimen):
-            raise InputError(
-                f"specimen must be a fitting.Specimen (name, rest length, wall thickness), got "
-                f"{shown(self.specimen)}"
-            )
-        check_mapping("units", self.units, "from columns to units")
-        for name in ("pressure_tolerance", "length_tolerance"):
-            tolerance = getattr(self, name)
-            if tolerance is not None and not is_number(tolerance):
-                raise InputError(f"{name} must be a number in SI, got {shown(tolerance)}")
-        limit = self.force_limit
-        if limit is not None and not (is_number(limit) and 0 < limit < math.inf):
-            raise InputError(f"force_limit must be a force > 0 in N, got {limit!r}")
 
     def _checked_column(self, name: str) -> Float[np.ndarray, " n"]:
         values, shape = check_numbers(name, getattr(self, name)), np.shape(self.force)
@@ -291,19 +253,15 @@ class ForceData:
                 f"all columns must be one-dimensional and equally long; force has shape "
                 f"{shape}, {name} has shape {values.shape}"
             )
-        for k in np.flatnonzero(~np.isfinite(values)):
-            raise InputError(
-                f"{name} of reading {k + 1} is {values[k]}; every value must be finite: remove the "
-                "reading"
-            )
+        must, wrong = "finite", ~np.isfinite(values)
         if name != "force":
             zero = name in _MAY_BE_ZERO
-            gauge = " (gauge pressure, not absolute)" if name == "pressure" else ""
-            for k in np.flatnonzero((values < 0) | ((values == 0) & (not zero))):
-                raise InputError(
-                    f"{name}{gauge} must be {'>=' if zero else '>'} 0; reading {k + 1} has "
-                    f"{values[k]:.6g} in SI units{_HINTS.get(name, '')}"
-                )
+            must = f"finite and {'>=' if zero else '>'} 0{_HINTS.get(name, '')}"
+            wrong |= (values < 0) | ((values == 0) & (not zero))
+        for k in np.flatnonzero(wrong):
+            raise InputError(
+                f"{name} of reading {k + 1} is {values[k]:.6g} in SI units; it must be {must}"
+            )
         return values
 
     def _find_slack(self) -> None:
@@ -312,26 +270,24 @@ class ForceData:
         small = noise <= _NEAR_ZERO * float(self.force.max(initial=0.0))
         found = _EXTREMES * noise if small else 0.0
         object.__setattr__(self, "slack_below", found)
-        count = int(((self.force > 0) & (self.force <= found)).sum())
-        if count:
-            note = Sentence(
-                f"{count} reading{'s' * (count > 1)} of at most ", Quantity(found, "force", 2),
-                " count as slack: readings below zero show noise of this size.",
-            )  # fmt: skip
+        if count := int(((self.force > 0) & (self.force <= found)).sum()):
+            size = Quantity(found, "force", 2).in_units("metric")
+            said = f"{count} readings of at most {size} count as slack"
+            note = f"{said}: readings below zero show noise of this size."
             object.__setattr__(self, "notes", (*self.notes, note))
 
     def _check_pulls(self) -> None:
-        sign = "Pulling forces must be positive: check the sign of the force column"
+        check = (
+            "Pulling forces must be positive: check the sign of the force column, and force_limit"
+        )
         if not self.loaded.any():
             raise InputError(
-                f"all pulling readings are at or above the limit of the load cell, "
-                f"{self.force_limit:.6g} N: nothing to fit. Check force_limit and its unit"
-                if self.saturated.any()
-                else f"all {self.force.size} readings are slack (force <= 0): nothing to fit. {sign}"
+                f"all {self.force.size} readings are slack (force <= 0) or at the limit of the load cell: "
+                f"nothing to fit. {check}"
             )
         low, high = float(self.force.min()), self.max_force
         if -low > _PUSHES * high:
-            raise InputError(f"the forces range from {low:.4g} N to only {high:.4g} N. {sign}")
+            raise InputError(f"the forces range from {low:.4g} N to only {high:.4g} N. {check}")
 
     def _average_copies(self) -> None:
         """Merge identical readings into one, weighted by their number."""
@@ -340,33 +296,22 @@ class ForceData:
         starts = np.flatnonzero(np.append(True, (np.diff(rows[order], axis=0) != 0).any(axis=1)))
         if starts.size == n:
             return
-        first = order[starts]
-        in_order = np.argsort(first)
-        count = np.diff(starts, append=n)[in_order]
-        first = first[in_order]
+        first, count = order[starts], np.diff(starts, append=n)
+        kept, count = np.sort(first), count[np.argsort(first)]
+        note = (
+            f"{n - kept.size} of {n} readings repeat another to the last digit. They are averaged and "
+            "weighted by their number. If they are copies, remove them."
+        )
         for name in COLUMNS:
             if (values := getattr(self, name)) is not None:
-                object.__setattr__(self, name, values[first])
-        if self.force_std is not None:
-            object.__setattr__(self, "force_std", self.force_std / np.sqrt(count))
+                values = values[kept] / (np.sqrt(count) if name == "force_std" else 1.0)
+                object.__setattr__(self, name, values)
         object.__setattr__(self, "count", count.astype(float))
-        k = int(np.argmax(count))
-        note = Sentence(
-            f"{n - count.size} of {n} readings repeat another to the last digit, such as ",
-            Quantity(self.force[k], "force"), " at ", Quantity(self.pressure[k], "pressure"), " and ",
-            Quantity(self.length[k], "length"),
-            f" ({count[k]} times). They are averaged and weighted by their number. If they are copies, "
-            "remove them.",
-        )  # fmt: skip
         object.__setattr__(self, "notes", (*self.notes, note))
 
     def __repr__(self) -> str:
-        length, pressure = self.length * 1e3, self.pressure / 1e3
-        return (
-            f"ForceData({self.specimen.name}, {self.source}: {self.force.size} readings, "
-            f"{self.loaded.sum()} of them loaded, {length.min():.4g} to {length.max():.4g} mm, "
-            f"{pressure.min():.4g} to {pressure.max():.4g} kPa, up to {self.max_force:.5g} N)"
-        )
+        known = f"{self.force.size} readings, up to {self.max_force:.5g} N"
+        return f"ForceData({self.specimen.name}, {self.source}: {known})"
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the readings in SI, one column per quantity, and a column `loaded`.
@@ -378,19 +323,14 @@ class ForceData:
         return import_extra("pandas", "tables").DataFrame(self._repeated(held))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Return the columns of `to_pandas` over the dimension `reading`, with the specimen as attributes.
+        """Return the columns of `to_pandas` over a dimension `reading`, and the specimen as an attribute.
 
         Raises:
             InputError: xarray is not installed.
         """
-        held = self._repeated({**self.columns(), "loaded": self.loaded})
-        known = {
-            key: int(one) if isinstance(one, bool) else one
-            for key, one in dataclasses.asdict(self.specimen).items()
-            if one is not None
-        }
-        variables = {name: ("reading", values) for name, values in held.items()}
-        return import_extra("xarray", "tables").Dataset(variables, attrs=known)
+        import_extra("xarray", "tables")
+        known = {"specimen": json.dumps(dataclasses.asdict(self.specimen))}
+        return self.to_pandas().rename_axis("reading").to_xarray().assign_attrs(known)
 
     @classmethod
     def from_pandas(
@@ -417,7 +357,7 @@ class ForceData:
         >>> ForceData.from_pandas(frame, {"nominal_diameter": 10e-3}).pressure
         array([300000., 300000.])
         """
-        if not callable(getattr(frame, "to_csv", None)) or not hasattr(frame, "columns"):
+        if not (hasattr(frame, "to_csv") and hasattr(frame, "columns")):
             raise InputError(f"frame must be a pandas.DataFrame, got {shown(frame)}")
         text = io.StringIO(f"sep=,\n{frame.to_csv(index=False)}")
         text.name = "data frame"  # type: ignore[attr-defined]
@@ -433,19 +373,16 @@ class ForceData:
         """Build a force map from an xarray data set; see `from_pandas`.
 
         Variables over several dimensions, such as length and pressure, give one reading per combination.
-        If `specimen` is None, it is read from the attributes, where `to_xarray` writes it.
+        If `specimen` is None, it is read from the attribute that `to_xarray` writes.
 
         Raises:
             InputError: see `read_csv`.
         """
-        if not hasattr(dataset, "data_vars") or not hasattr(dataset, "to_dataframe"):
+        if not hasattr(dataset, "to_dataframe"):
             raise InputError(f"dataset must be an xarray.Dataset, got {shown(dataset)}")
-        frame = (
-            dataset.to_dataframe().dropna().reset_index().drop(columns="reading", errors="ignore")
-        )
-        fields = {field.name for field in dataclasses.fields(Specimen)}
-        known = {key: one for key, one in dataset.attrs.items() if key in fields}
-        known |= {"embedded": bool(known["embedded"])} if "embedded" in known else {}
+        frame = dataset.to_dataframe().dropna().reset_index()
+        frame = frame.drop(columns="reading", errors="ignore")
+        known = json.loads(dataset.attrs.get("specimen", "{}"))
         return cls.from_pandas(frame, known if specimen is None else specimen, columns)
 
     def _repeated(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -536,19 +473,9 @@ class ForceData:
 
     @property
     def sha256(self) -> str:
-        """Hash of the SI values and the specimen, independent of the file format."""
-        digest = hashlib.sha256()
-        for name in COLUMNS:
-            values = getattr(self, name)
-            digest.update(name.encode())
-            if values is not None:
-                digest.update(np.ascontiguousarray(values, "<f8").tobytes())
-        digest.update(repr(dataclasses.astuple(self.specimen)).encode())
-        if self.count is not None:
-            digest.update(self.count.tobytes())
-        if self.force_limit is not None:
-            digest.update(f"force_limit {self.force_limit!r}".encode())
-        return digest.hexdigest()
+        """Hash of the SI values and the known specimen, independent of the file format."""
+        lines = [one for one in csv_text(self).splitlines() if not one.startswith("# note")]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 _NOT_ASSUMED = {"wall_thickness": "wall_thickness", "bladder_diameter": "embedded"}
@@ -598,12 +525,10 @@ def load_bundled(name: str, specimen: Mapping[str, Any] | None = None) -> ForceD
     known = bundled_map_name(name) if isinstance(name, str) else None
     if known is None:
         raise InputError(f"unknown bundled map {name!r}; available: {', '.join(bundled_names())}")
-    with importlib.resources.as_file(
-        importlib.resources.files("fitting") / "maps" / f"{known.lower()}.csv"
-    ) as path:
-        return dataclasses.replace(
-            read_csv(path, specimen), source=f"bundled map {known}", taken=""
-        )
+    folder = importlib.resources.files("fitting") / "maps"
+    with importlib.resources.as_file(folder / f"{known.lower()}.csv") as path:
+        found = read_csv(path, specimen)
+    return dataclasses.replace(found, source=f"bundled map {known}", taken="")
 
 
 def read_csv(
@@ -630,9 +555,6 @@ def read_csv(
     Raises:
         InputError: the file is invalid; the message names the row.
     """
-    given = specimen if isinstance(specimen, Specimen) else None
-    if given is None:
-        check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
     check_mapping("columns", columns, "from quantities to column names")
     if hasattr(path, "columns") and hasattr(path, "to_csv"):
         return ForceData.from_pandas(path, specimen, columns)
@@ -640,53 +562,37 @@ def read_csv(
         raise InputError(f"a force map needs a path or an open text file, got {shown(path)}")
     table = read_table(path, _NEEDED, optional=_STDS, columns=columns, strict=True)
     known = parse_specimen(_entries(table.comments, "specimen"))
-    if isinstance(specimen, Mapping):
-        known |= {key: value for key, value in specimen.items() if value is not None}
+    if isinstance(specimen, Specimen):  # it replaces that of the file
+        known = {key: value for key, value in known.items() if key == "force_limit"}
+        specimen = dataclasses.asdict(specimen)
+    check_mapping("specimen", specimen, "from fields of Specimen to values in SI")
+    known |= {key: value for key, value in (specimen or {}).items() if value is not None}
     try:
-        tolerances: dict[str, Any] = dict(map(_tolerance, _entries(table.comments, "level")))
-        return _map(table, given, known, tolerances)
+        return _map(table, known)
     except InputError as error:
         where = path if isinstance(path, str | Path) else table.source
         raise InputError(f"{where}: {error}") from None
 
 
-_NEEDED = ("force", "pressure", "length")
 _LEAST_CONTRACTION = 0.006  # smallest plausible maximum of a contraction column
 
 
-def _map(
-    table: Table, given: Specimen | None, known: dict[str, Any], tolerances: Mapping[str, Any]
-) -> ForceData:
-    """Build the map from a table and the specimen, or from the known fields of the specimen."""
-    arrays = dict(table.columns)
+def _map(table: Table, known: dict[str, Any]) -> ForceData:
+    """Build the map from a table and the known fields of the specimen."""
+    arrays, limit = dict(table.columns), known.pop("force_limit", None)
     for unknown in sorted(known.keys() - {one.name for one in dataclasses.fields(Specimen)}):
-        if unknown != "force_limit":
-            raise InputError(f"unknown specimen entry {unknown!r}")
-    notes = [*_column_notes(table), *_near_zero(arrays)]
-    _lengths_of_contractions(arrays, given.rest_length if given else known.get("rest_length"))
-    limit = known.pop("force_limit", None)
-    muscle: dict[str, Any] = {"specimen": given}
-    if given is None:
-        longest = float(arrays["length"].max())
-        muscle = describe({"name": Path(table.source).stem, **known}, longest)._asdict()
-        notes = [*muscle.pop("notes"), *notes]
+        raise InputError(f"unknown specimen entry {unknown!r}")
+    tolerances: dict[str, Any] = dict(map(_tolerance, _entries(table.comments, "level")))
+    notes = [f"Ignored columns: {', '.join(table.others)}."] if table.others else []
+    notes += _near_zero(arrays)
+    _lengths_of_contractions(arrays, known.get("rest_length"))
+    longest = float(arrays["length"].max())
+    muscle = describe({"name": Path(table.source).stem, **known}, longest)
     return ForceData(
-        **arrays, **muscle, **tolerances, notes=tuple(notes), source=table.source, units=table.units,
-        force_limit=limit, taken=table.said(),
+        **arrays, **tolerances, specimen=muscle.specimen, assumed=muscle.assumed,
+        notes=(*muscle.notes, *notes), source=table.source, units=table.units, force_limit=limit,
+        taken=table.said(),
     )  # fmt: skip
-
-
-def _column_notes(table: Table) -> Iterable[str]:
-    """Yield notes on columns that the user named, and on ignored columns."""
-    named = [
-        f"{quantity} is {one.name!r} in {one.unit or '-'}"
-        for quantity, one in table.taken.items()
-        if one.named
-    ]
-    if named:
-        yield f"As specified, {', '.join(named)}."
-    if table.others:
-        yield f"Ignored columns: {', '.join(table.others)}."
 
 
 def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
@@ -695,8 +601,8 @@ def _near_zero(arrays: dict[str, np.ndarray]) -> Iterable[str]:
     below = pressure < 0
     if below.any() and pressure.min() >= -_NEAR_ZERO * pressure.max():
         arrays["pressure"] = np.where(below, 0.0, pressure)
-        least = Quantity(float(pressure.min()), "pressure", 3)
-        yield Sentence(f"{below.sum()} pressures below zero, down to ", least, ", are set to 0.")
+        least = Quantity(float(pressure.min()), "pressure", 3).in_units("metric")
+        yield f"{below.sum()} pressures below zero, down to {least}, are set to 0."
 
 
 def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None:
@@ -713,11 +619,6 @@ def _lengths_of_contractions(arrays: dict[str, Any], rest: float | None) -> None
         raise InputError(
             f"the largest contraction is {largest:.2%}: the values may be fractions labelled as "
             'percent. If so, give --column contraction="NAME [-]"'
-        )
-    if largest >= 1:
-        raise InputError(
-            f"contraction, (L0 - L)/L0, must be below 1, got {largest:.6g}: put percent into a column "
-            "contraction_%, lengths into a column such as length_mm"
         )
     arrays["length"] = rest * (1 - arrays.pop("contraction"))
     if "contraction_std" in arrays:
@@ -738,9 +639,7 @@ def _tolerance(entry: str) -> tuple[str, float]:
         raise InputError(
             f"level {entry!r} must read pressure_tolerance_kPa = 5 or length_tolerance_mm = 0.1"
         )
-    return name, to_si(
-        said_number(value, f"the level's {key}"), unit, name.removesuffix("_tolerance")
-    )
+    return name, parse_quantity(value + unit, name.removesuffix("_tolerance"))
 
 
 def csv_text(data: ForceData, system: str = "si") -> str:
@@ -773,11 +672,8 @@ def csv_text(data: ForceData, system: str = "si") -> str:
             lines.append(f"# specimen: {key} = {value if key == 'name' else str(value).lower()}")
     if data.force_limit is not None:
         add("specimen", "force_limit", data.force_limit, "force")
-    for kind, tolerance in (
-        ("pressure", data.pressure_tolerance),
-        ("length", data.length_tolerance),
-    ):
-        if tolerance is not None:
+    for kind in ("pressure", "length"):
+        if (tolerance := getattr(data, f"{kind}_tolerance")) is not None:
             add("level", f"{kind}_tolerance", tolerance, kind)
     columns = data._repeated(data.columns(system))
     lines.append(",".join(columns))
@@ -801,12 +697,8 @@ def write_csv(data: ForceData, path: str | Path, system: str = "si") -> Path:
         InputError: the unit system is unknown, or the file cannot be written.
     """
     check_maps(data)
-    path, text = check_path("path", path), csv_text(data, system)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from None
-    return path
+    path = check_path("path", path)
+    return write_all(path.parent, {path.name: csv_text(data, system).encode()})[0]
 
 
 def check_maps(*data: object) -> None:
@@ -823,7 +715,7 @@ def check_maps(*data: object) -> None:
             )
 
 
-def several_maps(data: object) -> tuple[ForceData, ...]:
+def several_maps(data: Any) -> tuple[ForceData, ...]:
     """Return a sequence of force maps as a tuple.
 
     Raises:
@@ -833,9 +725,8 @@ def several_maps(data: object) -> tuple[ForceData, ...]:
         raise InputError(
             "force maps must be given in a list, got a single one: use fitting.identify for one map"
         )
-    if isinstance(data, str | Path) or not isinstance(data, Iterable):
-        check_maps(data)
-    maps: tuple[Any, ...] = tuple(cast("Iterable[Any]", data))
+    several = isinstance(data, Iterable) and not isinstance(data, str)
+    maps: tuple[Any, ...] = tuple(data) if several else (data,)
     check_maps(*maps)
     return maps
 

@@ -1,15 +1,11 @@
-"""Posterior density of an identification, with the coefficients integrated where they are normal.
+"""Posterior density of an identification.
 
 Readings are y = F(u) + C(u) x + noise, with u in a box and a flat or normal prior of x on the set allowed
-by the constraint. For given u and noise, the coefficients are normal apart from the constraint. Then
-p(y | u) is the mass of this normal, exp(-r^2/2) / det(Q)^1/2 with Q = A^T A of the weighted columns. The
-active rows of the constraint, its faces, have slacks s = N x - h that are sampled, s >= 0; the normal
-density of s replaces that part of the mass. With censored readings nothing is normal, so the coefficients
-are sampled.
+by the constraint. The active rows of the constraint, its faces, have slacks s = N x - h >= 0, which are
+sampled in place of as many coefficients. Censored readings contribute the probability of their side.
 
 References:
-    Golub & Pereyra 1973 (separable models); Tobin 1958 (censored readings); Rosenblatt 1952, Ann. Math.
-    Statist. 23(3) (the map of the box).
+    Tobin 1958 (censored readings); Rosenblatt 1952, Ann. Math. Statist. 23(3) (the map of the box).
 """
 
 import dataclasses
@@ -19,13 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import log_ndtr
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from famjax.boundary.errors import InputError
 
-from .convex import cholesky, inverse_lower
 from .engine import Point
-from .problem import Problem, PureProblem
+from .problem import PureProblem
 from .result import Identification
 from .search import descend_many
 from .summary import joint_derivatives
@@ -94,20 +89,16 @@ class BoxMap(eqx.Module):
 
     def __call__(self, z: Float[Array, " d"]) -> tuple[Float[Array, " d"], Float[Array, ""]]:
         """Point of the box and log |dv/dz|."""
-        log_slope, t, v = jnp.zeros(()), [], []
+        log_slope, t, v = jnp.zeros(()), jnp.zeros_like(z), jnp.zeros_like(z)
         for j in range(z.shape[0]):
-            root = jnp.asarray(self.root[j])
-            width, curve = root[j], jnp.asarray(self.curve[j])
-            centre = curve[0]
-            if j:
-                centre = centre + t[0] * (curve[1] + t[0] * (curve[2] + t[0] * curve[3]))
-            centre = centre + sum((root[i] * t[i] for i in range(1, j)), start=jnp.zeros(()))
+            width = self.root[j, j]
+            centre = jnp.polyval(jnp.asarray(self.curve[j, ::-1]), t[0])
+            centre = centre + jnp.asarray(self.root[j, 1:]) @ t[1:]
             ends = (centre - self.low[j]) / width, (self.high[j] - centre) / width
             t_j, slope = _within(*ends, z[j])
             log_slope = log_slope + jnp.log(width) + slope
-            t.append(t_j)
-            v.append(centre + width * t_j)
-        return jnp.zeros_like(z).at[jnp.asarray(self.order)].set(jnp.stack(v)), log_slope
+            t, v = t.at[j].set(t_j), v.at[j].set(centre + width * t_j)
+        return jnp.zeros_like(z).at[jnp.asarray(self.order)].set(v), log_slope
 
 
 def _within(alpha: Array, beta: Array, z: Array) -> tuple[Array, Array]:
@@ -121,229 +112,141 @@ def _within(alpha: Array, beta: Array, z: Array) -> tuple[Array, Array]:
     return below - above, span + up + down - below - above
 
 
-def _posed_at_faces(
-    problem: Problem, point: Point, scale: Float[np.ndarray, "n n"], spread: Float[np.ndarray, " m"]
-) -> tuple[Problem, Int[np.ndarray, " r"], tuple[int, ...], tuple[int, ...]]:
-    """Pose the constraint only at its faces: active rows, then the nearest ones, of different directions.
-
-    Args:
-        problem: problem of the fit.
-        point: its optimum.
-        scale: transformation to coefficients that are about standard normal.
-        spread: standard deviations of the slacks of all rows.
-
-    Returns:
-        (problem at the faces; rows of the faces and then of held coefficients in the original problem;
-        places of the faces, and of the held coefficients, whose slack is zero, among the new rows).
-    """
-    G, n = point.G @ scale, len(problem.linear)
-    slack = point.G @ point.x - point.h
-    size = np.linalg.norm(G, axis=1)
-    # The last rows are the bounds on coefficients, lower ones first.
-    n_path = len(G) - 2 * n
-    held = n_path + np.flatnonzero(problem.coefficient_min == problem.coefficient_max)
-    both = {*held.tolist(), *(held + n).tolist()}
-    directions = [G[row] / size[row] for row in held]
-    chosen = []
-    push = point.multipliers * size[point.rows]
-    away = np.where(spread > 0, slack / np.where(spread > 0, spread, 1.0), np.inf)
-    nearest = np.argsort(away, kind="stable")
-    # Rows within three standard deviations exclude draws.
-    order = [*point.rows[np.argsort(-push, kind="stable")].tolist(),
-             *nearest[away[nearest] < 3.0].tolist()]  # fmt: skip
-    for row in order:
-        if row in both or not size[row] > 0 or len(directions) == len(scale):
-            continue
-        known = np.linalg.qr(np.array(directions).reshape(-1, len(scale)).T)[0]
-        direction = G[row] / size[row]
-        if np.linalg.norm(direction - known @ (known.T @ direction)) > 0.01:
-            chosen.append(row)
-            directions.append(direction)
-    rows = np.array(sorted(chosen), int)
-    parts, places, first, first_new = [], [], 0, 0
-    for part in problem.parts:
-        paths, count = part.inputs.stations.shape
-        count *= problem.constraint in {"slope", "drucker"}
-        here = rows[(rows >= first) & (rows < first + paths * count)] - first
-        path, station = np.divmod(here, max(count, 1))
-        places += (first_new + path * here.size + np.arange(here.size)).tolist()
-        parts.append(part.with_stations(np.tile(part.inputs.stations[path, station], (paths, 1))))
-        first, first_new = first + paths * count, first_new + paths * here.size
-    places += (first_new - n_path + rows[rows >= n_path]).tolist()
-    at_held = tuple((first_new - n_path + held).tolist())
-    posed = dataclasses.replace(problem, parts=tuple(parts))
-    return posed, np.concatenate([rows, held]), tuple(places), at_held
-
-
-class Density(eqx.Module):
-    """Logarithm of the posterior at points z of R^d.
-
-    The sampled vector v = box(z) contains geometry, log of the noise, slacks and coefficients. The
-    coefficients are x = centre + scale c, with c about standard normal.
-
-    Attributes:
-        fit: problem with its constraint posed at the faces.
-        force: readings [N]; the limit if censored.
-        side: 0 for a reading, 1 if the force is at most the limit, -1 if it is at least the limit.
-        geometry: number of parameters in the unit box.
-        noise_sampled: true if the noise is sampled.
-        slacks: places of the faces among the rows of the constraint.
-        held: places of the bounds of held coefficients, which are equations.
-        joint: true if the coefficients are sampled and not integrated.
-        centre: shape (n,).
-        scale: shape (n, n).
-        face_scale: scale of the rows of faces and held coefficients [Pa], shape (r,).
-        others: rows on c left free by these at the optimum, shape (n - r, n).
-        noise: known standard deviation, in the unit of a weighted residual.
-        prior_noise: noise for which the rows of priors were weighted.
-        box: map to v.
-    """
-
-    fit: PureProblem
-    force: Float[np.ndarray, " points"]
-    side: Int[np.ndarray, " points"]
-    geometry: int = eqx.field(static=True)
-    noise_sampled: bool = eqx.field(static=True)
-    slacks: tuple[int, ...] = eqx.field(static=True)
-    held: tuple[int, ...] = eqx.field(static=True)
-    joint: bool = eqx.field(static=True)
-    centre: Float[np.ndarray, " n"]
-    scale: Float[np.ndarray, "n n"]
-    face_scale: Float[np.ndarray, " r"]
-    others: Float[np.ndarray, "o n"]
-    noise: Float[np.ndarray, ""]
-    prior_noise: Float[np.ndarray, ""]
-    box: BoxMap
-
-    def __call__(self, z: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log p(v | y) + log |dv/dz|, up to a constant."""
-        v, log_slope = self.box(z)
-        return self.log_posterior(v) + log_slope
-
-    def parts(self, v: Float[Array, " d"]) -> tuple[Array, Array, Array, Array]:
-        """Geometry in the unit box, noise, scaled slacks, other coefficients."""
-        p, r = self.geometry, len(self.slacks)
-        first = p + self.noise_sampled
-        sigma = jnp.exp(v[p]) if self.noise_sampled else jnp.asarray(self.noise)
-        slack = jnp.concatenate([v[first : first + r], jnp.zeros(len(self.held))])
-        return v[:p], sigma, slack, v[first + r :]
-
-    def log_posterior(self, v: Float[Array, " d"]) -> Float[Array, ""]:
-        """Log p(v | y), up to a constant."""
-        u, sigma, slack, rest = self.parts(v)
-        p = self.fit.parameters(u)
-        A, b, N, offset = self._programme(p, sigma)
-        rows, means = self.fit.priors
-        prior = jnp.asarray((rows @ p - means) / self.prior_noise)
-        measured = jnp.sum(jnp.asarray(self.side == 0))
-        found = -measured * jnp.log(sigma) - prior @ prior / 2
-        if self.joint:
-            c, log_volume = self._coefficients(N, offset, slack, rest)
-            return found + log_volume + self._log_likelihood(A @ c - b, p, c, sigma)
-        lower, inverse, middle = _normal(A, b)
-        r = A @ middle - b
-        found = found - r @ r / 2 - jnp.sum(jnp.log(jnp.diagonal(lower)))
-        if slack.size:
-            # The density of the slacks is that of N c - offset, with c normal.
-            half = N @ inverse.T
-            spread = cholesky(half @ half.T)
-            away = inverse_lower(spread) @ (slack - (N @ middle - offset))
-            found = found - away @ away / 2 - jnp.sum(jnp.log(jnp.diagonal(spread)))
-        return found
-
-    def draw(
-        self, whole: PureProblem, v: Float[Array, " d"], key: Array
-    ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
-        """Draw parameters [SI], coefficients and noise, and check the constraint.
-
-        Args:
-            whole: the problem with its whole constraint.
-            v: sampled vector.
-            key: random key for the coefficients.
-        """
-        u, sigma, slack, rest = self.parts(v)
-        p = self.fit.parameters(u)
-        A, b, N, offset = self._programme(p, sigma)
-        if self.joint:
-            c, _ = self._coefficients(N, offset, slack, rest)
-        else:
-            _, inverse, middle = _normal(A, b)
-            c = middle + inverse.T @ jax.random.normal(key, middle.shape)
-            if slack.size:
-                half = N @ inverse.T
-                back = jnp.linalg.solve(half @ half.T, slack - (N @ c - offset))
-                c = c + inverse.T @ (half.T @ back)
-        x = jnp.asarray(self.centre + self.scale @ c)
-        _, _, G, h = self._posed(whole, p)
-        rounding = 1e-9 * jnp.max(jnp.abs(x), initial=0.0)
-        held = jnp.min(G @ x - h, initial=jnp.inf) >= -rounding
-        return p, x, sigma, held & jnp.all(jnp.isfinite(x))
-
-    def _posed(self, of: PureProblem, p: Array) -> tuple[Array, Array, Array, Array]:
-        """A, b, G and h about zero coefficients, with the weights of the readings."""
-        force = jnp.asarray(self.force)
-        none = jnp.zeros(self.centre.shape)
-        return of.programme(p, none, force, jnp.ones(force.shape), force)
-
-    def _programme(self, p: Array, sigma: Array) -> tuple[Array, Array, Array, Array]:
-        """A, b of the standardised residual A c - b, and N, offset of the slacks N c - offset."""
-        A, b, G, h = self._posed(self.fit, p)
-        count = self.force.shape[0]
-        scale = jnp.where(jnp.arange(A.shape[0]) < count, 1 / sigma, 1 / self.prior_noise)
-        at = np.array(self.slacks + self.held, int)
-        N, h = G[at] / self.face_scale[:, None], h[at] / self.face_scale
-        b = scale * (b - A @ self.centre)
-        offset = h - N @ self.centre
-        return scale[:, None] * (A @ self.scale), b, jnp.asarray(N @ self.scale), offset
-
-    def _coefficients(
-        self, N: Array, offset: Array, slack: Array, rest: Array
-    ) -> tuple[Array, Array]:
-        """Coefficients from slacks and others, and log |dc| of the volume element."""
-        if not slack.size:
-            return jnp.asarray(self.others.T @ rest), jnp.zeros(())
-        rows = jnp.concatenate([N, jnp.asarray(self.others)])
-        c = jnp.linalg.solve(rows, jnp.concatenate([slack + offset, rest]))
-        return c, -jnp.linalg.slogdet(rows)[1]
-
-    def _log_likelihood(self, residual: Array, p: Array, c: Array, sigma: Array) -> Array:
-        """Log likelihood of readings and priors, without the determinant of the noise."""
-        count = self.force.shape[0]
-        if self.fit.compliant:
-            x = jnp.asarray(self.centre + self.scale @ c)
-            exact, _ = self.fit.exact(p, x, jnp.asarray(self.force), jnp.asarray(self.force))
-            residual = jnp.concatenate([exact[:count] / sigma, residual[count:]])
-        priors, r, side = residual[count:], residual[:count], jnp.asarray(self.side)
-        censored = log_ndtr(jnp.where(side == 0, 0.0, -side * r))
-        return jnp.sum(jnp.where(side == 0, -(r**2) / 2, censored)) - priors @ priors / 2
-
-
-def _normal(A: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Lower triangle of A^T A, its inverse, and the least-squares coefficients."""
-    lower = cholesky(A.T @ A)
-    inverse = inverse_lower(lower)
-    return lower, inverse, inverse.T @ (inverse @ (A.T @ b))
-
-
 Noise = float | tuple[float, float]
 """Known standard deviation of a reading, or the ends of its interval."""
 
 
-def density_of(result: Identification, noise: Noise) -> tuple[Density, PureProblem]:
-    """Set up the posterior density, and the problem with its whole constraint.
+class Density(eqx.Module):
+    """Logarithm of the posterior at points z of R^d, about standard normal.
+
+    The vector v = box(z) contains the geometry, slacks, other combinations of the coefficients, and the
+    logarithm of an unknown noise. The coefficients are x = centre + scale c, with c about standard normal.
+
+    Attributes:
+        problem: the problem with its whole constraint.
+        force: readings [N]; the limit if censored.
+        side: 0 for a reading, 1 if the force is at most the limit, -1 if it is at least the limit.
+        geometry: number of parameters in the unit box.
+        faces: rows of the constraint whose slack is sampled.
+        centre: shape (n,).
+        scale: shape (n, n).
+        face_scale: scale of the rows of faces [Pa], shape (r,).
+        others: rows on c left free by these at the optimum, shape (n - r, n).
+        noise: known standard deviation, in the unit of a weighted residual; None if sampled.
+        prior_noise: noise for which the rows of priors were weighted.
+        box: map to v.
+    """
+
+    problem: PureProblem
+    force: Float[np.ndarray, " points"]
+    side: Int[np.ndarray, " points"]
+    geometry: int = eqx.field(static=True)
+    faces: tuple[int, ...] = eqx.field(static=True)
+    centre: Float[np.ndarray, " n"]
+    scale: Float[np.ndarray, "n n"]
+    face_scale: Float[np.ndarray, " r"]
+    others: Float[np.ndarray, "o n"]
+    noise: Float[np.ndarray, ""] | None
+    prior_noise: Float[np.ndarray, ""]
+    box: BoxMap
+
+    def __call__(self, z: Float[Array, " d"]) -> Float[Array, ""]:
+        """Log p(z | y), up to a constant; -inf where the whole constraint does not hold."""
+        return self._evaluate(z)[0]
+
+    def draw(
+        self, z: Float[Array, " d"]
+    ) -> tuple[Float[Array, " q"], Float[Array, " n"], Float[Array, ""]]:
+        """Parameters [SI], coefficients and noise."""
+        return self._evaluate(z)[1:]
+
+    def _evaluate(self, z: Float[Array, " d"]) -> tuple[Array, Array, Array, Array]:
+        """Log density, parameters, coefficients and noise."""
+        v, found = self.box(z)
+        first, last = self.geometry, self.geometry + len(self.faces)
+        known = last + len(self.others)
+        p = self.problem.parameters(v[:first])
+        sigma = jnp.exp(v[-1]) if self.noise is None else jnp.asarray(self.noise)
+        force, none = jnp.asarray(self.force), jnp.zeros(self.centre.shape)
+        A, b, G, h = self.problem.programme(p, none, force, force)
+        at = np.array(self.faces, int)
+        N = (G[at] / self.face_scale[:, None]) @ self.scale
+        offset = (h[at] - G[at] @ self.centre) / self.face_scale
+        rows = jnp.concatenate([N, jnp.asarray(self.others)])
+        c = jnp.linalg.solve(rows, jnp.concatenate([v[first:last] + offset, v[last:known]]))
+        x = self.centre + self.scale @ c
+        residual, count = A @ x - b, self.force.shape[0]
+        if self.problem.compliant:
+            exact, _ = self.problem.exact(p, x, force, force)
+            residual = jnp.concatenate([exact[:count], residual[count:]])
+        prior_rows, means = self.problem.priors
+        priors = jnp.concatenate([residual[count:], prior_rows @ p - means]) / self.prior_noise
+        side, r = jnp.asarray(self.side), residual[:count] / sigma
+        each = jnp.where(
+            side == 0, -(r**2) / 2 - jnp.log(sigma), log_ndtr(jnp.where(side == 0, 0.0, -side * r))
+        )
+        found += jnp.sum(each) - priors @ priors / 2 - jnp.linalg.slogdet(rows)[1]
+        rounding = 1e-9 * jnp.max(jnp.abs(x), initial=0.0)
+        held = jnp.min(G @ x - h, initial=jnp.inf) >= -rounding
+        return jnp.where(held & jnp.isfinite(found), found, -jnp.inf), p, x, sigma
+
+
+def _faces(
+    point: Point, scale: Float[np.ndarray, "n n"], spread: Float[np.ndarray, " m"]
+) -> tuple[int, ...]:
+    """Rows of the constraint whose slack is sampled.
+
+    These are the active rows, then the nearest ones within three standard deviations, of different
+    directions.
+
+    Args:
+        point: optimum of the fit.
+        scale: transformation to coefficients that are about standard normal.
+        spread: standard deviations of the slacks of all rows.
+    """
+    G = point.G @ scale
+    slack = point.G @ point.x - point.h
+    size = np.linalg.norm(G, axis=1)
+    push = point.multipliers * size[point.rows]
+    away = np.where(spread > 0, slack / np.where(spread > 0, spread, 1.0), np.inf)
+    nearest = np.argsort(away, kind="stable")
+    order = [*point.rows[np.argsort(-push, kind="stable")], *nearest[away[nearest] < 3.0]]
+    faces, directions = list[int](), list[np.ndarray]()
+    for row in order:
+        if not size[row] > 0 or len(directions) == len(scale):
+            continue
+        known = np.linalg.qr(np.array(directions).reshape(-1, len(scale)).T)[0]
+        direction = G[row] / size[row]
+        if np.linalg.norm(direction - known @ (known.T @ direction)) > 0.01:
+            faces.append(int(row))
+            directions.append(direction)
+    return tuple(faces)
+
+
+def density_of(result: Identification, noise: Noise) -> Density:
+    """Set up the posterior density.
 
     Args:
         result: from `identify`.
         noise: in the unit of the weighted residual; its logarithm is uniform in an interval.
 
     Raises:
-        InputError: the readings do not determine the coefficients, or nothing is free.
+        InputError: the readings do not determine the coefficients, one is held, or nothing is free.
     """
     problem, point = result.problem, result.end.point
     free, q, count = problem.free, len(problem.names), problem.force.size
-    p = free.size
+    p, n = free.size, len(problem.linear)
+    if (problem.coefficient_min == problem.coefficient_max).any():
+        raise InputError("a held coefficient cannot be sampled: use another law or order")
     _, jacobian, slopes = joint_derivatives(point)
-    sigma, freedom = _scatter(result, noise), _freedom(result)
+    freedom = max(int((problem.side == 0).sum()) - p - n, 1)
+    if not isinstance(noise, tuple):
+        sigma = noise
+    else:
+        own = point.residual[:count][problem.side == 0]
+        inside = (noise[1] / noise[0]) ** 1e-3
+        scatter = np.sqrt(own @ own / freedom)
+        sigma = float(np.clip(scatter, noise[0] * inside, noise[1] / inside))
     rows = np.full(point.residual.size, 1 / problem.noise)
     rows[:count] = 1 / sigma
     residual, jacobian = rows * point.residual, rows[:, None] * jacobian
@@ -356,54 +259,45 @@ def density_of(result: Identification, noise: Noise) -> tuple[Density, PureProbl
 
     J, slope = of_sampled(jacobian), of_sampled(slopes)
     # 12 = 1 / variance of a uniform distribution in the unit box
-    H = J.T @ J + np.diag(np.repeat([12.0, 0.0], [p, len(scale)]))
+    H = J.T @ J + np.diag(np.repeat([12.0, 0.0], [p, n]))
     spread = np.sqrt(np.einsum("mi,ij,mj->m", slope, np.linalg.inv(H), slope))
-    posed, rows, slacks, held = _posed_at_faces(problem, point, scale, spread)
-    slope, slack = slope[rows], (point.G @ point.x - point.h)[rows]
-    size = np.linalg.norm(slope[:, p:], axis=1)
-    slope, slack = slope / size[:, None], slack / size
-    count, r = len(scale), len(slacks)
-    others = np.linalg.svd(slope[:, p:], full_matrices=True)[2][len(slope) :]
-    others = others if len(slope) else np.eye(count)
-    censored = bool((problem.side != 0).any())
-    joint = censored or any(part.rig for part in problem.parts)
-    covariance = np.linalg.inv(H + 1e12 * slope[r:].T @ slope[r:])  # the slack of held rows is zero
-    others = others if joint else others[:0]
-    sampled = np.zeros((p + r + len(others), p + count))
-    sampled[:p, :p] = np.eye(p)
-    sampled[p : p + r] = slope[:r]
-    sampled[p + r :, p:] = others
-    mean, spread = sampled @ -covariance @ (J.T @ residual), sampled @ covariance @ sampled.T
-    mean[: p + r] += np.concatenate([result.end.u, slack[:r]])
+    faces = _faces(point, scale, spread)
+    rows, r = list(faces), len(faces)
+    size = np.linalg.norm(slope[rows, p:], axis=1)
+    N = slope[rows] / size[:, None]
+    others = np.linalg.svd(N[:, p:], full_matrices=True)[2][r:] if r else np.eye(n)
+    sampled = np.concatenate([np.eye(p, p + n), N, np.pad(others, ((0, 0), (p, 0)))])
+    inverse = np.linalg.inv(H)
+    spread = sampled @ inverse @ sampled.T
+    slack = (point.G @ point.x - point.h)[rows] / size
+    mean = -sampled @ inverse @ (J.T @ residual)
+    mean[: p + r] += np.concatenate([result.end.u, slack])
     reach = 1e4 * np.sqrt(np.diag(spread))  # practically unbounded
     low, high = mean - reach, mean + reach
     low[:p], high[:p] = 0.0, 1.0
     low[p : p + r], high[p : p + r] = 0.0, np.maximum(mean, 0.0)[p : p + r] + reach[p : p + r]
     if isinstance(noise, tuple):
-        logs = np.log(sigma), *np.log(noise)
-        mean, low, high = (
-            np.insert(v, p, at) for v, at in zip((mean, low, high), logs, strict=True)
-        )
-        spread = np.insert(np.insert(spread, p, 0.0, axis=0), p, 0.0, axis=1)
-        spread[p, p] = 1 / (2 * freedom)
+        mean = np.append(mean, np.log(sigma))
+        low, high = (np.append(v, at) for v, at in zip((low, high), np.log(noise), strict=True))
+        spread = np.pad(spread, (0, 1))
+        spread[-1, -1] = 1 / (2 * freedom)
     if not mean.size:
         raise InputError("there is nothing to sample, as every parameter is held: free one")
     box = BoxMap.of(low, high, mean, spread)
-    density = Density(
-        fit=PureProblem.of(posed),
+    return Density(
+        problem=PureProblem.of(problem),
         force=problem.force,
         side=problem.side,
-        geometry=p, noise_sampled=isinstance(noise, tuple), slacks=slacks, held=held, joint=joint,
+        geometry=p, faces=faces,
         centre=point.x, scale=scale, face_scale=size, others=others,
-        noise=np.asarray(sigma),
+        noise=None if isinstance(noise, tuple) else np.asarray(noise),
         prior_noise=np.asarray(problem.noise),
-        box=_along_ridge(result, box, sigma, others @ np.linalg.inv(scale)),
+        box=_along_ridge(result, box, sigma, p + r, others @ np.linalg.inv(scale)),
     )  # fmt: skip
-    return density, PureProblem.of(problem)
 
 
 def _along_ridge(
-    result: Identification, box: BoxMap, sigma: float, on_x: Float[np.ndarray, "o n"]
+    result: Identification, box: BoxMap, sigma: float, first: int, on_x: Float[np.ndarray, "o n"]
 ) -> BoxMap:
     """Let the map follow the ridge along its leading parameter, through optima with this one held."""
     problem, end = result.problem, result.end
@@ -426,27 +320,8 @@ def _along_ridge(
     found = np.array([ends[k].u for k in near])
     ridge = {int(at): found[:, k] for k, at in enumerate(rest)}
     x = np.array([ends[k].point.x - end.point.x for k in near])
-    ridge |= {len(box.order) - len(on_x) + k: x @ row for k, row in enumerate(on_x)}
+    ridge |= {first + k: x @ row for k, row in enumerate(on_x)}
     return box.along(leads[near], ridge)
-
-
-def _freedom(result: Identification) -> int:
-    """Number of readings minus unknowns, at least one."""
-    problem = result.problem
-    spent = problem.free.size + len(problem.linear)
-    return max(int((problem.side == 0).sum()) - spent, 1)
-
-
-def _scatter(result: Identification, noise: Noise) -> float:
-    """Known noise, or else that of the best fit, clipped to its interval."""
-    if not isinstance(noise, tuple):
-        return noise
-    problem = result.problem
-    own = result.end.point.residual[: problem.force.size][problem.side == 0]
-    found = float(np.sqrt(own @ own / _freedom(result)))
-    low, high = np.log(noise)
-    margin = 1e-3 * (high - low)
-    return float(np.exp(np.clip(np.log(max(found, noise[0])), low + margin, high - margin)))
 
 
 def _whitening(
@@ -462,8 +337,6 @@ def _whitening(
     length = np.linalg.norm(columns, axis=0)
     R = np.linalg.qr(columns / np.where(length > 0, length, 1.0), mode="r")
     if not np.linalg.svd(R, compute_uv=False).min() > 1e-8:
-        raise InputError(
-            f"the readings do not determine {', '.join(dict.fromkeys(names))}, which have no posterior "
-            "with a flat prior: give priors (parameters=, --prior), or use a lower order"
-        )
+        named = ", ".join(dict.fromkeys(names))
+        raise InputError(f"the readings do not determine {named}: give priors, or a lower order")
     return np.linalg.inv(R) / length[:, None]

@@ -10,16 +10,17 @@ References:
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from famjax.compile_options import quick_jit
+
 from .convex import Status, bucket
 from .problem import Part, Problem
 from .programs import (
-    BULK,
     MEMBERS,
     Layout,
     Projected,
@@ -27,16 +28,15 @@ from .programs import (
     form_of,
     joined,
     linear_program,
-    numbers_program,
     projected_program,
     report_program,
 )
-from .response import Linear, Report
+from .response import Linear, MuscleFamily, Report
 
 REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
 _ROUNDS = 60  # in which the censored readings that pull settle
-_HALVES = 0.5 ** np.arange(30)  # of a step
+_FULL_STEPS = 8  # of these rounds
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
 
 
@@ -143,25 +143,19 @@ class Batch:
     Args:
         problems: the problems.
         layouts: layout of each problem; computed if omitted.
-        bulk: true if hundreds of fits follow; see `linear_program`.
     """
 
+    size = MEMBERS
+
     def __init__(
-        self,
-        problems: Sequence[Problem],
-        layouts: Sequence[Layout] | None = None,
-        *,
-        bulk: bool = False,
+        self, problems: Sequence[Problem], layouts: Sequence[Layout] | None = None
     ) -> None:
         self.problems, self.like = list(problems), problems[0]
         layouts = layouts or [Layout(problem) for problem in problems]
         self.layout = at = layouts[0]
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
         shared = all(part.within is not None for part in self.like.parts)
-        self.size = BULK if bulk or shared else MEMBERS
-        self._program = linear_program(
-            at.forms, self.like.constraint, at.sizes, bulk=bulk, shared=shared
-        )
+        self._program = linear_program(at.forms, self.like.constraint, at.sizes, shared=shared)
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
@@ -251,10 +245,9 @@ class Batch:
     ) -> Chunk:
         """Fit linear models about given coefficients and rig forces."""
         linear, slopes = self.linear(members, parameters, about, reached)
-        keep = np.broadcast_to(1.0 * (self._side == 0), reached.shape)
-        if self._side.any():
-            keep = self._settled(members, parameters, linear, slopes)
-        found = self._project(members, parameters, linear, slopes, keep)
+        of = Weighing(*(leaf[members] for leaf in self._of))
+        targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
+        keep, found = self._settled(linear, slopes, of._replace(targets=targets))
         linear, found = jax.tree.map(np.asarray, (linear, found))
         problems = [self.problems[k] for k in members]
         return Chunk(problems, self.layout, parameters, linear, found, reached, about, keep)
@@ -309,54 +302,33 @@ class Batch:
         )
         return self._program(own, parameters, about, readings)
 
-    def _project(
-        self,
-        members: Int[np.ndarray, " b"],
-        parameters: Float[np.ndarray, "b q"],
-        linear: Linear,
-        slopes: Linear,
-        keep: Float[np.ndarray, "b readings"],
-    ) -> Projected:
-        """Convex fits to the readings that count."""
-        of = Weighing(*(leaf[members] for leaf in self._of))
-        targets = of.targets + (parameters[:, None] @ of.d_targets)[:, 0]
-        of = of._replace(weight=of.weight * keep, targets=targets)
-        return projected_program()(linear, slopes, of)
-
     def _settled(
-        self,
-        members: Int[np.ndarray, " b"],
-        parameters: Float[np.ndarray, "b q"],
-        linear: Linear,
-        slopes: Linear,
-    ) -> Float[np.ndarray, "b readings"]:
-        """Find the readings that count at the optimum: all normal ones, and violated censored ones.
+        self, linear: Linear, slopes: Linear, of: Weighing
+    ) -> tuple[Float[np.ndarray, "b readings"], Projected]:
+        """Convex fits, and the readings that count: all normal ones, and violated censored ones.
 
         A slack muscle means F <= 0, a load cell at its limit F >= limit. Each adds
         max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This is convex in the
         coefficients. Least squares over the violated ones has the same gradient at the optimum, so its
         multipliers and certificate hold for the whole problem.
         """
-        side, weight = self._side, self._of.weight[members]
-        force, columns = (np.asarray(leaf) for leaf in linear[:2])
-        A, b = weight[..., None] * columns, weight * (self._of.force[members] - force)
-        keep = np.broadcast_to(1.0 * (side == 0), b.shape)
-        x: np.ndarray | None = None
-        settled = np.zeros(len(b), bool)
-        for _ in range(_ROUNDS):
-            found = self._project(members, parameters, linear, slopes, keep)
-            target = np.asarray(found.optimum.x)
-            excess = side * ((A @ target[:, :, None])[:, :, 0] - b)
+        side, keep = self._side, np.broadcast_to(1.0 * (self._side == 0), of.weight.shape)
+        settled, at = np.zeros(len(keep), bool), np.zeros(0)
+        for done in range(_ROUNDS):
+            found = projected_program()(linear, slopes, of._replace(weight=of.weight * keep))
+            x = np.asarray(found.optimum.x)
+            excess = side * of.weight * (_force_of(linear, x) - of.force)
             size = _ROUNDING * np.abs(excess).max(axis=1, keepdims=True)
             settled = (side == 0) | ((excess > 0) == (keep > 0)) | ~(np.abs(excess) > size)
-            settled = settled.all(axis=1) | ~np.isfinite(target).all(axis=1)
+            settled = settled.all(axis=1) | ~np.isfinite(x).all(axis=1)
             if settled.all():
-                break
-            x = target if x is None else _lower(side, A, b, found, x, target)
-            pulls = side * ((A @ x[:, :, None])[:, :, 0] - b) > 0
+                return keep, found
+            at = x if done < _FULL_STEPS else (at + x) / 2  # half steps end a cycle
+            pulls = side * (_force_of(linear, at) - of.force) > 0
             keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
         # One that does not settle has no fit.
-        return np.where(settled[:, None], keep, np.nan)
+        keep = np.where(settled[:, None], keep, np.nan)
+        return keep, projected_program()(linear, slopes, of._replace(weight=of.weight * keep))
 
 
 def _weighing(problem: Problem, at: Layout) -> Weighing:
@@ -377,25 +349,6 @@ def _weighing(problem: Problem, at: Layout) -> Weighing:
     rows[len(known) + unused - n, unused] = 1.0
     force, weight = at.spread(problem.force), at.spread(problem.weight, missing=0.0)
     return Weighing(force, weight, low, high, rows, targets, d_targets, np.asarray(problem.ridge))
-
-
-def _lower(
-    side: Int[np.ndarray, " readings"],
-    A: Float[np.ndarray, "b readings n"],
-    b: Float[np.ndarray, "b readings"],
-    found: Projected,
-    x: Float[np.ndarray, "b n"],
-    target: Float[np.ndarray, "b n"],
-) -> Float[np.ndarray, "b n"]:
-    """Backtrack: the best of the points x + (target - x) / 2^k by the whole objective."""
-    others, b_others = (np.asarray(leaf)[:, side.size :] for leaf in (found.A, found.b))
-    A, b = np.concatenate([A, others], axis=1), np.concatenate([b, b_others], axis=1)
-    side = np.concatenate([side, np.zeros(others.shape[1], int)])
-    tried = x + _HALVES[:, None, None] * (target - x)
-    residual = (A @ tried[..., None])[..., 0] - b
-    residual = np.where((side == 0) | (side * residual > 0), residual, 0.0)
-    best = (residual**2).sum(axis=-1).argmin(axis=0)
-    return tried[best, np.arange(len(x))]
 
 
 def solve(
@@ -445,25 +398,24 @@ def predict(
         pressure: gauge [Pa].
     """
     batch, part = Batch([problem]), problem.parts[place]
-    at = batch.layout
+    at, members = batch.layout, np.zeros(batch.size, int)
     size = bucket(max(one.force.size for one in problem.parts), 64)
     here = at.readings[problem.readings[place].start] + np.arange(size)
     about = np.tile(np.pad(x, (0, at.sizes.coefficients - x.size)), (batch.size, 1))
-    given, found = np.tile(batch._padded(parameters), (batch.size, 1)), []
-    count = batch.size * size
-    for begin in range(0, length.size, count):
-        rows = np.minimum(np.arange(begin, begin + count), length.size - 1)
-        own = np.repeat(np.stack([batch._length, batch._pressure])[:, None], batch.size, axis=1)
+    given, found = np.tile(batch._padded(parameters), (batch.size, 1)), [np.zeros(0)]
+    for begin in range(0, length.size, batch.size * size):
+        rows = np.minimum(begin + np.arange(batch.size * size), length.size - 1)
+        own = np.tile(np.stack([batch._length, batch._pressure])[:, None], (1, batch.size, 1))
         own[:, :, here] = np.stack([length[rows], pressure[rows]]).reshape(2, batch.size, size)
         reached = np.zeros((batch.size, at.sizes.readings))
         for _ in range(_REACHES if part.rig else 1):
-            linear, _ = batch.linear(np.zeros(batch.size, int), given, about, reached, *own)
+            linear, _ = batch.linear(members, given, about, reached, *own)
             before, reached = reached, _force_of(linear, about)
             move, largest = (np.abs(one[:, here]) for one in (reached - before, reached))
             if not np.nanmax(move, initial=0.0) > REACHED * np.nanmax(largest, initial=0.0):
                 break
         found.append(reached[:, here].ravel())
-    return np.concatenate([*found, np.zeros(0)])[: length.size]
+    return np.concatenate(found)[: length.size]
 
 
 def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b readings"]:
@@ -472,31 +424,30 @@ def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, 
     return force + (columns @ x[:, :, None])[:, :, 0]
 
 
-def alone(part: Part) -> Part:
-    """The part with a program of its own."""
-    return dataclasses.replace(part, within=None)
+@quick_jit
+def _built(family: MuscleFamily, values: dict[str, Any]) -> Any:
+    return family.build(values)
 
 
-def numbers_of(part: Part, point: Point) -> Float[np.ndarray, " l"]:
-    """The numbers of the model of a part at a fit, leaf by leaf."""
-    form, arrays = form_of(alone(part), part.force.size)
-    searched = point.parameters[part.at][: len(part.family.nonlinear)]
-    return np.asarray(numbers_program(form)(arrays, searched, point.x[part.coefficients]))
+def muscle_at(problem: Problem, point: Point, place: int) -> Any:
+    """Return the muscle of a part at a fit."""
+    part = problem.parts[place]
+    names = (*part.family.nonlinear, *part.family.linear)
+    numbers = np.split(np.concatenate([point.parameters[part.at], point.x]), len(names))
+    return _built(part.family, {n: v.reshape(()) for n, v in zip(names, numbers, strict=True)})
 
 
 def report_of(part: Part, point: Point, place: int) -> Report:
     """What is reported of a part at a fit, in NumPy's arrays."""
-    form, arrays = form_of(alone(part), bucket(part.force.size, 64))
+    size = bucket(part.force.size, 64)
+    form, arrays = form_of(dataclasses.replace(part, within=None), size)
     reached = point.reached[point.problem.readings[place]]
-    reached = np.pad(reached, (0, bucket(part.force.size, 64) - part.force.size), mode="edge")
-    found = report_program(form)(
-        arrays, point.parameters[part.at], point.x[part.coefficients], reached
-    )
+    reached = np.pad(reached, (0, size - part.force.size), mode="edge")
+    found = report_program(form)(arrays, point.parameters[part.at], point.x, reached)
     paths = part.inputs.path_end.size
     values = Report(*(np.asarray(leaf) for leaf in found))
     return values._replace(
         path_modulus=values.path_modulus[:paths],
         slope=values.slope[:paths],
         largest_strain=values.largest_strain[:paths],
-        path_end=values.path_end[:paths],
     )

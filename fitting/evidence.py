@@ -16,7 +16,7 @@ References:
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -25,14 +25,14 @@ from jaxtyping import Float
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, NotNegative
-from famjax.boundary.units import Quantity, finite_or_none, si_unit
+from famjax.boundary.units import Quantity, finite_or_none
 
 from .bands import ModelError, model_error, numbers_by_parameters
 from .covariance import free_root
 from .data import ForceData, Specimen
 from .engine import Point, predict, report_of
 from .posing import Geometry, source_of
-from .posterior import Posterior, posterior_as_dict, posterior_table, posterior_warnings, sample
+from .posterior import Posterior, posterior_as_dict, posterior_warnings, sample
 from .problem import Part
 from .records.hysteresis import (
     HysteresisFit,
@@ -43,7 +43,6 @@ from .records.hysteresis import (
 from .result import Identification
 from .summary import held_and_active, joint_derivatives
 from .validation import (
-    LEVELS,
     Bootstrap,
     LeftOut,
     Profile,
@@ -118,10 +117,7 @@ class SharedErrors:
             rest = specimen.rest_length
             return dataclasses.replace(data, length=rest - (rest - length) * (1 + by))
         if getattr(specimen, name) is None:
-            raise InputError(
-                "an error of bladder_diameter was given, but no bladder_diameter: without one, the "
-                "bladder fills the braid; remove the error"
-            )
+            raise InputError(f"{name} has an error, but there is no {name}: leave the error out")
         if name == "rest_length":
             length = length + by
         specimen = dataclasses.replace(specimen, **{name: getattr(specimen, name) + by})
@@ -199,15 +195,6 @@ def moves_of(
     }
 
 
-def drawn_moves(geometry_of: Callable[[int], Geometry]) -> list[Move]:
-    """Convert the uncertainty of a measured shape into random geometries.
-
-    Args:
-        geometry_of: returns the geometry of a draw, numbered from 0 to `DRAWS` - 1.
-    """
-    return [Move(None, geometry_of(draw)) for draw in range(DRAWS)]
-
-
 def carry(result: Identification, moves: Moves) -> Carried:
     """Propagate shared errors to the parameters and forces of a fit.
 
@@ -228,7 +215,7 @@ def carry(result: Identification, moves: Moves) -> Carried:
     part = problem.parts[result.place]
     _, jacobian, rows = joint_derivatives(point)
     held, rows, bent = held_and_active(problem, result.end, rows)
-    root = free_root(np.concatenate([jacobian, bent]), rows, held).root
+    root, _ = free_root(np.concatenate([jacobian, bent]), rows, held)
     readings = jacobian[: part.force.size]
     slopes = numbers_by_parameters(result)
     force, numbers = _at(part, point)
@@ -243,13 +230,8 @@ def carry(result: Identification, moves: Moves) -> Carried:
         if not np.isfinite(steps).all():
             raise InputError(f"with the error of {source} the muscle has no force at some readings")
         effects.append(np.sqrt(np.mean(np.square(steps), axis=0)))
-    count = len(problem.names) + len(problem.linear)
-    return Carried(
-        problem.names + result.coefficient_names,
-        tuple(moves),
-        np.array(effects).reshape(len(moves), count),
-        np.array(directions).reshape(-1, numbers.size),
-    )
+    names = problem.names + result.coefficient_names
+    return Carried(names, tuple(moves), np.array(effects), np.array(directions))
 
 
 def _at(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray]:
@@ -266,14 +248,11 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
     """Return the part with changed readings and geometry."""
     moved = data if move.data is None else move.data
     if moved.force.shape != data.force.shape:
-        raise InputError(
-            f"the map changed by the error of {source} must have the {data.force.size} readings of the "
-            f"fit, got {moved.force.size}"
-        )
+        raise InputError(f"{source}: the map must have the {data.force.size} readings of the fit")
     family = part.family
     family = dataclasses.replace(
         family, rest=np.asarray(moved.specimen.rest_length),
-        source=source_of(moved, move.geometry, family.nonlinear).as_arrays(),
+        source=source_of(moved, move.geometry, family.nonlinear),
     )  # fmt: skip
     loaded = np.flatnonzero(data.loaded)
     censored = np.flatnonzero(data.slack | data.saturated)[: part.force.size - loaded.size]
@@ -283,9 +262,7 @@ def _moved(part: Part, data: ForceData, move: Move, source: str) -> Part:
     )
     force = part.force + (moved.force - data.force)[rows] * (part.side == 0)
     if jax.tree.structure(family) != jax.tree.structure(part.family):
-        raise InputError(
-            f"the geometry changed by the error of {source} must be of the kind that was fitted"
-        )
+        raise InputError(f"{source}: the geometry must be of the kind that was fitted")
     return dataclasses.replace(part, family=family, inputs=inputs, force=force)
 
 
@@ -355,29 +332,28 @@ def gather(
     def told(what: str) -> Callable[[int, int], None]:
         return functools.partial(progress, what)
 
+    kinds = left_out_kinds(result) if validation else ()
+    drawn = sampled = None
+    if replicates:
+        drawn = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
+    if posterior:
+        sampled = sample(result, noise=noise, seed=seed, progress=told("posterior"))
     error, left_out = _error(result) if known is None else known
-    evidence = Evidence(
-        validations=tuple(
-            validate(result, kind, progress=told(f"leave one {kind} out"))
-            for kind in (left_out_kinds(result) if validation else ())
-        ),
+    return Evidence(
+        validations=tuple(validate(result, k, progress=told(f"leave one {k} out")) for k in kinds),
         profiles=profile(result, progress=told("profile likelihood")) if profiles else (),
+        bootstrap=drawn,
         error=error,
         left_out=left_out,
+        posterior=sampled,
         shared=carry(result, shared) if shared else None,
     )
-    more: dict[str, Any] = {}
-    if replicates:
-        more["bootstrap"] = bootstrap(result, replicates, seed=seed, progress=told("bootstrap"))
-    if posterior:
-        more["posterior"] = sample(result, noise=noise, seed=seed, progress=told("posterior"))
-    return dataclasses.replace(evidence, **more)
 
 
 def _error(result: Identification) -> tuple[ModelError | None, Mapping[str, LeftOut]]:
     """Prediction error from held-out lengths and groups of neighbouring pressures."""
     problem = result.problem
-    if result.dependence != "fixed" or len(problem.parts) > 1:
+    if len(problem.parts) > 1 or result.law.material.depends_on_pressure:
         return None, {}
     kinds = {kind: (groups_of(problem, kind), 1) for kind in ("length", "pressure")}
     found = leave_out_each([(problem, result.end.u)], kinds)[0]
@@ -401,16 +377,13 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
             "rmse_N": finite_or_none(one.rmse),
             "interior_rmse_N": finite_or_none(one.interior_rmse),
             "left_out": one.values.tolist(),
-            "group_rmse_N": _finite(one.group_rmse),
+            "group_rmse_N": [finite_or_none(value) for value in one.group_rmse],
         }
     if evidence.profiles:
         document["profiles"] = {
             one.name: {
                 "verdict": one.verdict,
-                "unit": si_unit(one.kind),
-                "values": one.values.tolist(),
-                "excess": _finite(one.excess),
-                **{f"interval_{100 * at:.0f}": _finite(ends) for at, ends in one.intervals.items()},
+                "interval_95": [finite_or_none(end) for end in one.interval],
             }
             for one in evidence.profiles
         }
@@ -419,10 +392,8 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
         document["bootstrap"] = {
             "replicates": len(drawn.samples),
             "failed": drawn.failed,
-            "units": "SI",
             "stderr": {name: finite_or_none(value) for name, value in drawn.stderr.items()},
             "interval_95": {name: drawn.interval(name) for name in drawn.names},
-            "band_95_N": drawn.band().tolist(),
         }
     if evidence.hysteresis is not None:
         document["hysteresis"] = hysteresis_as_dict(evidence.hysteresis)
@@ -433,69 +404,55 @@ def evidence_as_dict(evidence: Evidence) -> dict[str, Any]:
     return document
 
 
-def _finite(values: Iterable[float]) -> list[float | None]:
-    return [finite_or_none(value) for value in values]
-
-
 def evidence_tables(evidence: Evidence, result: Identification, system: str) -> list[Table]:
-    """Evidence as tables of text in a unit system."""
+    """Evidence as tables of text in a unit system: errors left out, and all errors of parameters."""
 
-    def text(value: float, kind: str, digits: int, none: str = "none") -> str:
+    def text(value: float, kind: str, digits: int, none: str = "open") -> str:
         known = math.isfinite(value)
         return Quantity(value, kind, digits).in_units(system) if known else none
-
-    def interval(ends: tuple[float, float], kind: str) -> str:
-        return " to ".join(text(end, kind, 5, none="open") for end in ends)
 
     tables: list[Table] = []
     if evidence.validations:
         rows = [("in sample", result.errors.rmse, math.nan)]
         rows += [
-            (f"leave one {one.groups} out", one.rmse, one.interior_rmse)
-            for one in evidence.validations
+            (f"leave one {v.groups} out", v.rmse, v.interior_rmse) for v in evidence.validations
         ]
-        shown = [
-            (what, *(text(error, "force", 4, "") for error in errors)) for what, *errors in rows
-        ]
+        shown = [(what, *(text(error, "force", 4, "") for error in two)) for what, *two in rows]
         tables.append(("Validation", ("", "RMSE", "without the extremes"), shown))
-    if evidence.profiles:
-        shown = [
-            (one.name, *(interval(one.intervals[at], one.kind) for at in LEVELS), one.verdict)
-            for one in evidence.profiles
-        ]
-        levels = tuple(f"{100 * at:.0f} %" for at in LEVELS)
-        tables.append(("Profile likelihood", ("parameter", *levels, "verdict"), shown))
-    if evidence.bootstrap is not None:
-        drawn = evidence.bootstrap
-        shown = [
-            (
-                one.name, text(drawn.stderr[one.name], one.kind, 2),
-                interval(drawn.interval(one.name), one.kind),
-            )
-            for one in result.estimates
-            if one.name in drawn.names
-        ]  # fmt: skip
-        failed = f", {drawn.failed} more did not converge" if drawn.failed else ""
-        title = f"Bootstrap, {len(drawn.samples)} replicates{failed}"
-        tables.append((title, ("parameter", "std. error", "95 %"), shown))
     if evidence.hysteresis is not None:
         tables.append(hysteresis_table(evidence.hysteresis, system))
-    if evidence.posterior is not None:
-        tables.append(posterior_table(evidence.posterior, system))
+    stderr = {one.name: one.stderr for one in result.estimates}
+    kinds = {one.name: one.kind for one in result.estimates}
+    title, columns = ["Errors of parameters"], dict[str, dict[str, tuple[float, ...]]]()
     if evidence.shared is not None:
-        scatter = np.sqrt(np.diag(result.covariance))
-        every = np.vstack([scatter, evidence.shared.effects])
-        every = np.vstack([every, np.sqrt(np.sum(every**2, axis=0))])
-        names, sources = evidence.shared.names, evidence.shared.sources
+        for source, errors in evidence.shared.by_source().items():
+            columns[source.replace("_", " ")] = {name: (error,) for name, error in errors.items()}
+        columns["all together"] = {
+            name: (math.hypot(stderr.get(name, math.nan), error),)
+            for name, error in evidence.shared.std.items()
+        }
+    if evidence.profiles:
+        columns["95 % by profile likelihood"] = {p.name: p.interval for p in evidence.profiles}
+    if (drawn := evidence.bootstrap) is not None:
+        title.append(f"bootstrap of {len(drawn.samples)} replicates, {drawn.failed} more failed")
+        columns["95 % by the bootstrap"] = {name: drawn.interval(name) for name in drawn.names}
+    if (posterior := evidence.posterior) is not None:
+        title.append(repr(posterior))
+        kinds |= dict(zip(posterior.names, posterior.kinds, strict=True))
+        columns["95 % of the posterior"] = {
+            name: (one.low, one.high) for name, one in posterior.summary.items()
+        }
+    if columns:
         shown = []
-        for one in result.estimates:
-            errors = every[:, names.index(one.name)] if one.name in names else [math.nan]
-            if math.isfinite(errors[0]):
-                # Effects at the level of rounding are zero.
-                kept = [error if error > 1e-9 * errors[-1] else 0.0 for error in errors]
-                shown.append((one.name, *(text(error, one.kind, 2) for error in kept)))
-        header = "parameter", "scatter", *(s.replace("_", " ") for s in sources), "all together"
-        tables.append(("Standard errors by source", header, shown))
+        for name, kind in kinds.items():
+            cells = [
+                " to ".join(text(end, kind, 2 if len(ends) == 1 else 5) for end in ends)
+                for ends in (column.get(name, ()) for column in columns.values())
+            ]
+            if any(cells):
+                scatter = text(stderr.get(name, math.nan), kind, 2, "")
+                shown.append((name, scatter, *cells))
+        tables.append(("; ".join(title), ("parameter", "scatter", *columns), shown))
     return tables
 
 

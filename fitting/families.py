@@ -8,10 +8,9 @@ parameters, which the fit searches.
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -21,7 +20,7 @@ from famjax.boundary.errors import InputError, class_named, class_path
 from .arguments import check_whole
 from .data import Specimen
 from .parameters import Entry
-from .response import AbstractFamily, Values
+from .response import Values
 
 _MAX_ORDER = 8
 
@@ -71,7 +70,6 @@ def known_laws() -> dict[str, type[famjax.materials.AbstractMaterial]]:
         famjax.materials.OgdenMaterial,
         famjax.materials.MooneyRivlinMaterial,
         famjax.materials.SaturatingMaterial,
-        famjax.materials.MonotoneMaterial,
         famjax.materials.NeoHookeanMaterial,
         famjax.materials.YeohMaterial,
     )
@@ -126,29 +124,14 @@ def law_named(law: LawGiven, order: int | None) -> Law:
     return Law(material)
 
 
-class SpecimenNumbers(eqx.Module):
-    """Dimensions of a specimen as arrays, so that all specimens share one compiled program.
+class AbstractGeometrySource(eqx.Module):
+    """Builds a geometry from parameter values.
 
     Attributes:
-        rest_length, wall_thickness, bladder_diameter, braid_thickness, embedded: see `Specimen`.
+        derived_names: names of further quantities for the report, which `derived` returns.
     """
 
-    rest_length: Float[np.ndarray, ""]
-    wall_thickness: Float[np.ndarray, ""]
-    bladder_diameter: Float[np.ndarray, ""] | None
-    braid_thickness: Float[np.ndarray, ""]
-    embedded: bool = eqx.field(static=True)
-
-    @classmethod
-    def of(cls, specimen: Specimen) -> "SpecimenNumbers":
-        """Convert the dimensions of a specimen."""
-        *sizes, embedded = (getattr(specimen, one.name) for one in dataclasses.fields(cls))
-        arrays: Any = (None if one is None else np.asarray(one, float) for one in sizes)
-        return cls(*arrays, embedded=embedded)
-
-
-class AbstractGeometrySource(eqx.Module):
-    """Builds a geometry from parameter values."""
+    derived_names: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
@@ -173,59 +156,66 @@ class AbstractGeometrySource(eqx.Module):
         """Build the muscle from these parameters, the law and any further force terms."""
         return assembled(self.geometry(values), material, values["deadband_pressure"], further)
 
-    def as_arrays(self) -> "AbstractGeometrySource":
-        """Return this source with array dimensions, so that specimens share a compiled program."""
-        return self
-
 
 class EstimatedSource(AbstractGeometrySource):
-    """Cylinder in a braid estimated from D0 and theta0, with inextensible or elastic threads.
+    """Cylinder in a braid estimated from D0 and theta0, with inextensible or compliant threads.
 
     The parameters are `braid_diameter` and `braid_angle` of the unloaded braid. Optional ones are
     `rest_length`, `braid_compliance`, and for rounded ends either `end_factor` k or the dead length
     `end_length` l, with k = L0/(L0 - l). The dead length does not depend on the muscle's length.
 
-    Attributes:
+    The dimensions of the specimen are arrays, so that all specimens share one compiled program.
+
+    Args:
         specimen: rest length, wall thickness and bladder position.
-        n_threads: number of threads n [-] of an elastic braid; None if inextensible.
-        thread: law of one thread; None if inextensible.
     """
 
-    specimen: Specimen | SpecimenNumbers
-    n_threads: float | None = None
-    thread: famjax.braids.AbstractThread | None = None
+    rest_length: Float[np.ndarray, ""]
+    wall_thickness: Float[np.ndarray, ""]
+    bladder_diameter: Float[np.ndarray, ""] | None
+    braid_thickness: Float[np.ndarray, ""]
+    embedded: bool = eqx.field(static=True)
+    derived_names: ClassVar[tuple[str, ...]] = ("thread_length", "turns")
 
-    def __check_init__(self) -> None:
-        if (self.n_threads is None) != (self.thread is None):
-            raise ValueError(
-                "an elastic braid needs both the number of threads and the law of one thread; "
-                "omit both for inextensible threads"
-            )
+    def __init__(self, specimen: Specimen) -> None:
+        self.rest_length = np.asarray(specimen.rest_length, float)
+        self.wall_thickness = np.asarray(specimen.wall_thickness, float)
+        inner = specimen.bladder_diameter
+        self.bladder_diameter = None if inner is None else np.asarray(inner, float)
+        self.braid_thickness = np.asarray(specimen.braid_thickness, float)
+        self.embedded = specimen.embedded
 
     @property
     def stretches(self) -> bool:
-        """True if the threads are elastic."""
-        return self.thread is not None
-
-    def as_arrays(self) -> "EstimatedSource":
-        """The same source with the specimen's numbers as arrays."""
-        assert isinstance(self.specimen, Specimen)
-        return EstimatedSource(SpecimenNumbers.of(self.specimen), self.n_threads, self.thread)
+        """False: the dimensions depend on pressure only by `braid_compliance`."""
+        return False
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """Build the cylinder, with its end effect if there is one."""
-        specimen, diameter = self.specimen, values["braid_diameter"]
-        rest_length = values.get("rest_length", specimen.rest_length)
-        inset = 0.0 if specimen.embedded else 2 * specimen.braid_thickness
-        bladder = famjax.Bladder(
-            rest_length=rest_length,
-            rest_diameter=(
-                diameter - inset if specimen.bladder_diameter is None else specimen.bladder_diameter
-            ),
-            rest_thickness=specimen.wall_thickness,
-            embedded=specimen.embedded,
+        diameter, rest_length = (
+            values["braid_diameter"],
+            values.get("rest_length", self.rest_length),
         )
-        cylinder = famjax.EstimatedGeometry(self._braid(values, rest_length), bladder)
+        inner = self.bladder_diameter
+        if inner is None:
+            inner = diameter - (0.0 if self.embedded else 2 * self.braid_thickness)
+        braid = famjax.Braid.from_rest(
+            diameter=diameter,
+            braid_angle=values["braid_angle"],
+            length=rest_length,
+            thickness=self.braid_thickness,
+        )
+        if "braid_compliance" in values:
+            braid = famjax.braids.CompliantBraid.of(braid, values["braid_compliance"])
+        cylinder = famjax.EstimatedGeometry(
+            braid,
+            famjax.Bladder(
+                rest_length=rest_length,
+                rest_diameter=inner,
+                rest_thickness=self.wall_thickness,
+                embedded=self.embedded,
+            ),
+        )
         if "end_factor" in values:
             return famjax.geometries.EndEffectGeometry(cylinder, values["end_factor"])
         if "end_length" in values:
@@ -233,20 +223,12 @@ class EstimatedSource(AbstractGeometrySource):
             return famjax.geometries.EndEffectGeometry(cylinder, factor)
         return cylinder
 
-    def _braid(self, values: Values, rest_length: famjax.Real) -> famjax.braids.AbstractBraid:
-        braid = famjax.Braid.from_rest(
-            diameter=values["braid_diameter"],
-            braid_angle=values["braid_angle"],
-            length=rest_length,
-            thickness=self.specimen.braid_thickness,
-        )
-        if self.thread is not None and self.n_threads is not None:
-            return famjax.ElasticBraid(
-                braid.rest_thread_length, braid.turns, braid.thickness, self.n_threads, self.thread
-            )
-        if "braid_compliance" in values:
-            return famjax.braids.CompliantBraid.of(braid, values["braid_compliance"])
-        return braid
+    def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
+        """Thread length [m] and turns of the braid."""
+        plain = {name: value for name, value in values.items() if not name.startswith("end_")}
+        geometry = self.geometry(plain)
+        assert isinstance(geometry, famjax.EstimatedGeometry)
+        return geometry.braid.rest_thread_length, geometry.braid.turns
 
 
 class KnownSource(AbstractGeometrySource):
@@ -306,11 +288,8 @@ class WrappedSource(AbstractGeometrySource):
         wrap: Any = self.wrap
         try:
             if isinstance(wrap, type) and issubclass(wrap, famjax.geometries.AbstractGeometry):
-                fields: Any = dataclasses.fields(wrap)
-                first, *others = (one for one in fields if one.init)
-                known = all(one.default is not dataclasses.MISSING for one in others)
-                make: Any = wrap
-                made = make(inner) if known else make.template(**{first.name: inner})
+                first, *_ = (one.name for one in dataclasses.fields(wrap) if one.init)
+                made = wrap.template(**{first: inner})
             else:
                 made = wrap(inner)
         except (TypeError, ValueError) as error:
@@ -324,10 +303,6 @@ class WrappedSource(AbstractGeometrySource):
                 f"famjax.geometries.AbstractGeometry; got a {type(made).__name__}"
             )
         return made
-
-    def as_arrays(self) -> "WrappedSource":
-        """The same source with the specimen's numbers as arrays."""
-        return WrappedSource(self.inner.as_arrays(), self.wrap, self.identified)
 
     def geometry(self, values: Values) -> famjax.geometries.AbstractGeometry:
         """Build the outer geometry from these parameters."""
@@ -355,70 +330,3 @@ def assembled(
     if "deadband_pressure" in further.declared():  # it replaces the standard pressure term
         return famjax.Muscle(geometry, wall + further)
     return famjax.Muscle(geometry, wall + famjax.terms.PressurisedBraid(deadband) + further)
-
-
-class MuscleFamily(AbstractFamily):
-    """Muscles of a specimen.
-
-    Attributes:
-        nonlinear: names of the searched parameters.
-        source: geometry source with array dimensions.
-        law: bladder law.
-        rest: rest length L0 [m] of the specimen.
-        terms: further force terms, or None.
-        nodes: two pressures [Pa] between which the coefficients vary linearly; None if constant.
-    """
-
-    nonlinear: tuple[str, ...] = eqx.field(static=True)
-    source: AbstractGeometrySource
-    law: Law
-    rest: Float[np.ndarray, ""]
-    terms: famjax.terms.SumOfTerms | None = None
-    nodes: Float[np.ndarray, " nodes"] | None = None
-
-    @property
-    def linear(self) -> tuple[str, ...]:
-        """Names of the coefficients, node by node."""
-        names = tuple(self.law.coefficients)
-        if self.nodes is None:
-            return names
-        return tuple(f"{name}@{k}" for k in range(len(self.nodes)) for name in names)
-
-    @property
-    def stretches(self) -> bool:
-        """Whether dimensions depend on pressure."""
-        return self.source.stretches or "braid_compliance" in self.nonlinear
-
-    def build(self, values: Values) -> famjax.AbstractMuscle:
-        """Build the muscle from these values."""
-        if self.nodes is None:
-            material = self.law.with_values(values)
-        else:
-            coefficients = jnp.stack([values[name] for name in self.linear])
-            material = famjax.materials.PressurePolynomialMaterial(
-                self.nodes, coefficients.reshape(len(self.nodes), -1)
-            )
-        further = None
-        if self.terms is not None:
-            free = [name for name in self.terms.declared() if name in self.nonlinear]
-            further = self.terms.with_parameters({name: values[name] for name in free})
-        return self.source.muscle(values, material, further)
-
-    def rest_length(self, values: Values) -> Float[Array, ""]:
-        """Rest length L0 [m], where every path starts."""
-        return jnp.asarray(values.get("rest_length", self.rest))
-
-    @property
-    def derived_names(self) -> tuple[str, ...]:
-        """Names of the derived quantities; empty unless the braid is estimated."""
-        return ("thread_length", "turns") if isinstance(self.source, EstimatedSource) else ()
-
-    def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
-        """Thread length [m] and turns of an estimated braid."""
-        if not isinstance(self.source, EstimatedSource):
-            return ()
-        geometry = self.source.geometry(values)
-        if isinstance(geometry, famjax.geometries.EndEffectGeometry):
-            geometry = geometry.cylinder
-        assert isinstance(geometry, famjax.EstimatedGeometry)
-        return geometry.braid.rest_thread_length, geometry.braid.turns

@@ -19,7 +19,7 @@ from .posing import EXCHANGES, Geometry, Posed, pose
 from .result import Identification
 from .search import best_of, check_objective, descend_all, descend_reweighted, refine
 from .shapes import Pictures
-from .summary import optimal, summarise
+from .summary import summarise
 
 
 def identify(
@@ -28,7 +28,6 @@ def identify(
     law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
-    dependence: str = "fixed",
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
@@ -51,14 +50,13 @@ def identify(
 
     Args:
         data: the force map; slack readings are censored.
-        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "monotone", "neo-hookean",
+        law: "polynomial", "ogden", "mooney-rivlin", "saturating", "neo-hookean",
             "yeoh"; or your own subclass of `famjax.materials.AbstractMaterial` with parameters
             declared by `famjax.parameter`, given as a class, an instance, or "module:Class".
         order: order of the polynomial law, 1 to 8; default 3.
         constraint: "none", "positive" (every coefficient >= 0), "slope" (stress increases over the
             strain range) or "drucker" (positive second-order work along the actuation path). It
             also holds between the stations.
-        dependence: pressure dependence of the polynomial coefficients, "fixed" (none) or "linear".
         bounds: intervals (min, max) in SI by parameter name, in place of those in `standard_table`.
             Equal bounds fix the parameter.
         parameters: bounds with units, fixed values and priors. Optional parameters are fitted only if
@@ -71,11 +69,10 @@ def identify(
             linearly, with the noise estimated from the median residual; or "mean_rmse", the mean
             over pressures of the RMSE (Chambers 2021, equation 7.6). Validation and uncertainty keep
             the final weights. To weight a region more, give its readings a smaller `force_std`.
-        geometry: source of the muscle's dimensions. None: a cylinder in an inextensible braid.
-            `EstimatedSource(specimen, n_threads, thread)`: a cylinder in an elastic braid. A geometry,
-            such as `famjax.MeasuredGeometry`: used as given, except for parameters named in `bounds`
-            or `parameters`. A function or class that wraps the estimated geometry: its declared
-            parameters are fitted if named.
+        geometry: source of the muscle's dimensions. None: a cylinder in an inextensible braid. A
+            geometry, such as `famjax.MeasuredGeometry`: used as given, except for parameters named in
+            `bounds` or `parameters`. A function or class that wraps the estimated geometry, for example
+            with elastic threads: its declared parameters are fitted if named.
         terms: further force terms, such as `famjax.terms.Spring`; their declared parameters are fitted
             if named. A term with a `deadband_pressure` replaces Gaylord's.
         ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
@@ -102,19 +99,18 @@ def identify(
     check_whole("starts", starts, 1)
     check_objective(objective, censored=censored)
     asked: dict[str, Any] = {
-        "law": law, "order": order, "constraint": constraint, "dependence": dependence,
-        "bounds": bounds, "parameters": parameters, "geometry": geometry, "terms": terms,
+        "law": law, "order": order, "constraint": constraint, "bounds": bounds,
+        "parameters": parameters, "geometry": geometry, "terms": terms,
     }  # fmt: skip
     if check_ends(ends, asked) == "equilibrium":
         asked = equilibrium_options((data,), law, order, bounds, parameters, seed)
-    elif pictures is not None:
+    if pictures is not None and (ends != "equilibrium" or objective != "sum_of_squares"):
         raise InputError(
-            "pictures can be fitted together with the force only if ends='equilibrium'. To use the "
-            "measured shape, pass geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
+            "pictures can be fitted together with the force only if ends='equilibrium' and "
+            "objective='sum_of_squares'. To use the measured shape, pass "
+            "geometry=fitting.shape_surface(pictures).geometry(data.specimen)"
         )
     shapes = None if pictures is None else read_pictures(pictures)
-    if shapes is not None and objective != "sum_of_squares":
-        raise InputError(f"with pictures, the objective must be sum_of_squares, got {objective!r}")
     posed = pose((data,), noise=noise, censored=censored, **asked)
     (found,) = solve(
         posed, posed.starts(starts, seed), objective=objective, seed=seed, progress=progress,
@@ -127,7 +123,6 @@ def identify_together(
     data: Sequence[ForceData],
     *,
     own: Sequence[str] = ("deadband_pressure",),
-    own_law: bool = False,
     law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
@@ -147,7 +142,6 @@ def identify_together(
     Args:
         data: one force map per specimen, with distinct names.
         own: parameters with a separate value for each specimen; all others are shared.
-        own_law: True to fit separate law coefficients for each specimen.
         law: bladder law, see `identify`.
         order: order of the polynomial law.
         constraint: constraint on the coefficients.
@@ -174,7 +168,7 @@ def identify_together(
     check_objective(objective, censored=censored)
     asked: dict[str, Any] = {
         "law": law, "order": order, "constraint": constraint, "parameters": parameters,
-        "geometry": geometry, "terms": terms, "own": own, "own_law": own_law,
+        "geometry": geometry, "terms": terms, "own": own,
     }  # fmt: skip
     if check_ends(ends, asked) == "equilibrium":
         asked = equilibrium_options(several_maps(data), law, order, None, parameters, seed, own)
@@ -217,7 +211,6 @@ def solve(
         best = best_of(ends)
     if pictures is not None:
         best, problem, shapes = join(problem, best, pictures, noise)
-    best, problem = refine(problem, best, EXCHANGES)
+    best, _ = refine(problem, best, EXCHANGES)
     best = best_of([best])  # with a compliant rig, the refined point may have no finite force
-    found = optimal(problem, best, posed.law.order, weights)
-    return summarise(posed, found, ends, seed, weights, shapes)
+    return summarise(posed, best, ends, seed, weights, shapes)

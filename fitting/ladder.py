@@ -1,15 +1,14 @@
 """The families that a fit chooses from, as far as a map can carry them.
 
-Every family but one has the same unknowns of the geometry: braid diameter and angle, the deadband, ends
-that open as the muscle shortens, threads that stretch, and the rest length within the rounding to which it
-was given. Priors that are the same for every muscle hold what the readings cannot tell. The law of Mooney
-and Rivlin has an equivalent cylinder in their place. The families differ in two things besides: the law of
-the bladder, and what makes the muscle pull late, its deadband or a rig that gives way by a power of the
-force; either does, and with both a map of one muscle tells neither.
+All families but one have the same unknown geometry: braid diameter and angle, deadband, rounded ends,
+stretching threads, and the rest length within the rounding to which it was given. Priors that are the same
+for every muscle hold what the readings cannot determine. The Mooney-Rivlin law has an equivalent cylinder
+instead. The families differ in the law of the bladder, and in why the muscle pulls late: because of its
+deadband, or because the rig is compliant. A map of one muscle cannot determine both.
 
-Tracing and compiling takes longer than fitting, so one compiled program serves all of them: of a muscle
-whose law is the sum of their laws. A family has some of its parameters and leaves the others where they
-change nothing: no end effect, rigid threads, a rigid rig, no stress of the other laws.
+Tracing and compiling takes longer than fitting, so one compiled program serves all families: that of a
+muscle whose law is the sum of their laws. A family searches some parameters and holds the others at values
+without effect: no end effect, rigid threads, a rigid rig, no stress of the other laws.
 """
 
 import dataclasses
@@ -20,15 +19,15 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-import famjax
 from famjax._arrays import Real, RealArray
 from famjax.materials import AbstractMaterial
 
 from .arguments import check_mapping
 from .data import ForceData, check_maps
-from .families import EstimatedSource, Law, LawGiven, MuscleFamily, law_named
+from .families import EstimatedSource, Law, LawGiven, law_named
 from .parameters import Parameter
 from .problem import Part, Problem, Within
+from .response import MuscleFamily
 
 EXPONENT_PRIOR = (-3.0, 5.0)
 """Of Ogden's exponent, the same for every muscle: bare rubbers have -2 to 5 (Ogden 1972; 2 is
@@ -68,10 +67,10 @@ class Candidate:
     Attributes:
         name: in words.
         law: its name.
-        rig: whether the rig gives way, in place of a deadband.
+        rig: whether the rig is compliant, in place of a deadband.
         options: law and order, as `identify` takes them.
-        bounds: as a user gave them, likewise.
-        parameters: what takes part, what is held, and priors, likewise.
+        bounds: the user's bounds, as `identify` takes them.
+        parameters: free and held parameters and priors, as `identify` takes them.
         unknowns: numbers without a prior, which the readings have to determine.
         rank: place on the ladder: of families that predict alike, the first is taken.
     """
@@ -99,9 +98,9 @@ def ladder(
 
     Args:
         data: the map.
-        parameters: what a user says; none of these is varied by the ladder, and a law that has not
-            one of them is left out.
-        bounds: likewise.
+        parameters: the user's parameters; the ladder does not vary them, and leaves out a law without
+            one of them.
+        bounds: the user's bounds; the same applies.
 
     Returns:
         (the candidates, in the order of the ladder; one sentence for each kind of family left out).
@@ -111,32 +110,26 @@ def ladder(
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
     bounds, parameters = dict(bounds or {}), dict(parameters or {})
     said = {*bounds, *parameters}
-    loaded = data.loaded
-    lengths = np.unique(data.lengths.level[loaded]).size
-    pressures = np.unique(data.pressures.level[loaded]).size
+    lengths = np.unique(data.lengths.level[data.loaded]).size
     strained = np.unique(data.lengths.level[data.strained]).size
-    told = lengths * min(pressures, 2) - 1
+    told = lengths * min(np.unique(data.pressures.level[data.loaded]).size, 2) - 1
     of_any_law = set().union(*map(_rows, LAWS))
-    rigs = (False,) if said & _PULLS_LATE else (False, True)
     found, dropped, large = [], [], 0
     for rank, law in enumerate(LAWS):
-        made = law_of(law)
-        lacking = sorted((said & of_any_law) - _rows(law))
-        if lacking:
-            dropped.append(f"The {law} law has no {', '.join(lacking)}, which was given.")
-            continue
-        if len(made.coefficients) > strained:
+        count, lacking = len(law_of(law).coefficients), (said & of_any_law) - _rows(law)
+        if lacking or count > strained:
             dropped.append(
-                f"The {law} law needs {len(made.coefficients)} lengths at which the bladder is "
-                f"strained; the map has {strained}."
-            )
+                f"The {law} law has no {', '.join(sorted(lacking))}, which was given." if lacking else
+                f"The {law} law needs {count} lengths at which the bladder is strained; the map has "
+                f"{strained}."
+            )  # fmt: skip
             continue
-        for rig in rigs:
-            of_law = _equivalent_cylinder if law in _OF_CYLINDERS else _geometry
+        for rig in (False,) if said & _PULLS_LATE else (False, True):
+            of_law = _equivalent_cylinder if law == "mooney-rivlin" else _geometry
             known = {**of_law(data), **believed(law, data), **(_RIG if rig else {})}
-            known = {name: one for name, one in known.items() if name not in bounds}
             if "end_length" in said:
                 known.pop("end_factor", None)
+            known = {name: one for name, one in known.items() if name not in bounds}
             unknowns = numbers_of(law) + rig * len(_RIG_UNKNOWNS)
             if unknowns > told:
                 large += 1
@@ -179,7 +172,7 @@ _RIG = {
     "braid_compliance": Parameter(value=0.0, vary=False, unit="1/N"),
     **{name: Parameter() for name in _RIG_UNKNOWNS},
 }
-"""A rig that gives way is hardly told from threads that do."""
+"""A compliant rig and compliant threads have almost the same effect."""
 _PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 
@@ -199,12 +192,12 @@ def rest_length_prior(data: ForceData) -> Parameter:
     return Parameter(min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m")
 
 
-_OF_CYLINDERS = {"mooney-rivlin"}
-"""Laws that are fitted as Klute & Hannaford (2000) do; with the muscle's own dimensions they miss more."""
-
-
 def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
-    """A cylinder of stiff threads, whose diameter and angle stand for ends and wall as well."""
+    """A cylinder of stiff threads, whose diameter and angle stand for ends and wall as well.
+
+    The law of Mooney and Rivlin is fitted so, as by Klute & Hannaford (2000); with the muscle's own
+    dimensions it misses more.
+    """
     bore = data.specimen.nominal_diameter
     angle = {"braid_angle": Parameter(min=57.0, max=72.0, unit="deg")}
     if not bore:
@@ -223,15 +216,8 @@ def law_of(law: LawGiven) -> Law:
     Raises:
         InputError: no such law, or nothing that can be identified by what is given.
     """
-    if isinstance(law, str) and law in LAWS:
-        return _of_the_ladder(law)
     options = options_of(law)
     return law_named(options["law"], options.get("order"))
-
-
-@functools.cache
-def _of_the_ladder(law: str) -> Law:
-    return law_named(**{"order": None, **LAWS[law]})
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
@@ -239,8 +225,8 @@ def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Paramete
 
     Args:
         law: as `identify` takes it.
-        data: the map, whose lengths tell which features of a law can be identified: none that is narrower
-            than half the widest gap between them.
+        data: the map; features of a law narrower than half the widest gap between its lengths cannot be
+            identified.
     """
     known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
     if data is not None:
@@ -279,16 +265,10 @@ _NEUTRAL: Mapping[str, float] = {
 }  # fmt: skip
 """Of parameters that a family has not, values that change nothing; the rest length is the specimen's."""
 _NONLINEAR = ("braid_diameter", "braid_angle", "rest_length", *_NEUTRAL)
-_ORDER = 3
-_TERMS = {famjax.terms.PressurisedBraid, famjax.terms.BladderWall}
 
 
 class LawSum(AbstractMaterial):
-    """The sum of the stresses of several laws.
-
-    Attributes:
-        laws: none with a parameter of another's.
-    """
+    """The sum of the stresses of several laws, none with a parameter of another's."""
 
     laws: tuple[AbstractMaterial, ...]
 
@@ -302,27 +282,12 @@ class LawSum(AbstractMaterial):
         axial, hoop = zip(*each, strict=True)
         return sum(axial, jnp.zeros(())), sum(hoop, jnp.zeros(()))
 
-    def with_parameters(self, values: Mapping[str, Real]) -> "LawSum":
-        """The sum with other values; names are those of the laws."""
-        return LawSum(
-            tuple(
-                law.with_parameters({n: v for n, v in values.items() if n in law.declared()})
-                for law in self.laws
-            )
-        )
-
 
 @functools.cache
-def _sum_of_laws() -> LawSum:
+def _sum_of_laws() -> Law:
     """The sum of the laws of the ladder."""
-    return LawSum(
-        (
-            famjax.materials.OgdenMaterial.template(),
-            famjax.materials.MooneyRivlinMaterial.template(),
-            famjax.materials.SaturatingMaterial.template(),
-            famjax.PolynomialMaterial.template(order=_ORDER),
-        )
-    )
+    laws = ("ogden", "mooney-rivlin", "saturating", "cubic")
+    return Law(LawSum(tuple(law_of(law).material for law in laws)))
 
 
 def sharing_one_program(problem: Problem) -> Problem:
@@ -331,16 +296,17 @@ def sharing_one_program(problem: Problem) -> Problem:
 
 
 def _within(part: Part) -> Part:
-    family = part.family
-    if not isinstance(family, MuscleFamily) or not isinstance(family.source, EstimatedSource):
-        return part
-    face = {*family.nonlinear} <= {*_NONLINEAR} and _with_law(family.law.material) is not None
-    plain = family.source.thread is None and family.terms is None and family.nodes is None
+    family, law = part.family, _sum_of_laws()
+    material: Any = law.material
+    names = {*family.nonlinear, *family.law.shape, *family.law.coefficients}
+    same = type(family.law.material) in map(type, material.laws)
+    face = same and names <= {*_NONLINEAR, *law.shape, *law.coefficients}
+    plain = type(family.source) is EstimatedSource and family.terms is None
     if not (face and plain) or len(part.inputs.path_end) > 2:
         return part
-    larger = MuscleFamily(_NONLINEAR, family.source, Law(_sum_of_laws()), family.rest)
     neutral = {**_NEUTRAL, "rest_length": float(family.rest)}
     held = [0.0 if n in family.nonlinear else neutral[n] for n in _NONLINEAR]
+    larger = MuscleFamily(_NONLINEAR, tuple(law.coefficients), family.source, law, family.rest)
     return dataclasses.replace(
         part,
         within=Within(
@@ -349,49 +315,4 @@ def _within(part: Part) -> Part:
             np.array(held),
             1.0 * (np.array(larger.linear)[:, None] == np.array(family.linear)),
         ),
-    )
-
-
-def in_shared_program(mounted: famjax.MountedMuscle) -> famjax.MountedMuscle:
-    """The same muscle as the shared program has it; as it is where it is no face of that."""
-    muscle = mounted.muscle
-    if type(muscle) is not famjax.Muscle or {*map(type, muscle.terms.terms)} != _TERMS:
-        return mounted
-    geometry, factor = muscle.geometry, np.asarray(1.0)
-    if isinstance(geometry, famjax.geometries.EndEffectGeometry):
-        geometry, factor = geometry.cylinder, geometry.end_factor
-    law = _with_law(muscle.material)
-    if type(geometry) is not famjax.EstimatedGeometry or law is None:
-        return mounted
-    braid = geometry.braid
-    if type(braid) is famjax.Braid:
-        braid = famjax.braids.CompliantBraid.of(braid, np.asarray(0.0))
-    if type(braid) is not famjax.braids.CompliantBraid:
-        return mounted
-    ends = famjax.geometries.EndEffectGeometry(
-        famjax.EstimatedGeometry(braid, geometry.bladder), factor
-    )
-    exponent = np.asarray(1.0) if mounted.exponent is None else mounted.exponent
-    whole = famjax.Muscle(ends, law, muscle.deadband_pressure)
-    return famjax.MountedMuscle(whole, mounted.compliance, exponent)
-
-
-def _with_law(law: AbstractMaterial) -> LawSum | None:
-    """The sum with one law alone; None where that is none of its laws."""
-    if isinstance(law, famjax.PolynomialMaterial):
-        extra = _ORDER - law.coefficients.shape[-1]
-        if extra < 0:
-            return None
-        law = famjax.PolynomialMaterial(np.pad(np.asarray(law.coefficients), (0, extra)))
-    if isinstance(law, famjax.materials.OgdenMaterial) and law.moduli.shape != (1,):
-        return None
-    if type(law) not in map(type, _sum_of_laws().laws):
-        return None
-    return LawSum(
-        tuple(
-            law
-            if type(one) is type(law)
-            else one.with_parameters(dict.fromkeys(Law(one).coefficients, 0.0))
-            for one in _sum_of_laws().laws
-        )
     )

@@ -10,7 +10,7 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from .arguments import check_names
-from .data import ForceData
+from .data import ForceData, Specimen
 from .families import EstimatedSource, Law, LawGiven
 from .ladder import LAWS, Candidate, believed, numbers_of, rest_length_prior
 from .parameters import Entry, Parameter
@@ -34,8 +34,7 @@ def check_ends(ends: str, asked: Mapping[str, Any]) -> str:
     """
     if ends not in ENDS:
         raise InputError(f"ends must be one of {', '.join(ENDS)}, got {ends!r}")
-    defaults = {"geometry": None, "terms": None, "dependence": "fixed", "own_law": False}
-    others = [name for name, default in defaults.items() if asked.get(name, default) != default]
+    others = [name for name in ("geometry", "terms") if asked.get(name) is not None]
     if ends == "equilibrium" and others:
         raise InputError(
             f"ends='equilibrium' cannot be combined with {others[0]}: omit one of them"
@@ -49,35 +48,29 @@ class EquilibriumSource(EstimatedSource):
     The parameters are those of `EstimatedSource` without its end effects, plus `end_diameter`.
     """
 
-    bore: tuple[float, float] = eqx.field(static=True, default=_FITTING)
+    bore: float = eqx.field(static=True)
 
-    @classmethod
-    def of(cls, data: ForceData) -> "EquilibriumSource":
-        """Create the source for the specimen of a map.
+    def __init__(self, specimen: Specimen) -> None:
+        """Create the source for a specimen.
 
         Raises:
             InputError: the specimen has no nominal diameter to set the bounds of `end_diameter`.
         """
-        bore = data.specimen.nominal_diameter
-        if bore is None:
+        super().__init__(specimen)
+        if specimen.nominal_diameter is None:
             raise InputError(
                 "bounds for the diameter at the end-fittings follow from the nominal diameter, which is "
                 "missing: set the specimen's nominal_diameter"
             )
-        return cls(data.specimen, bore=(_FITTING[0] * bore, _FITTING[1] * bore))
+        self.bore = specimen.nominal_diameter
 
     @property
     def declared(self) -> dict[str, famjax.parameters.Declared]:
         """The diameter at the end-fittings."""
-        low, high = self.bore
+        low, high = (share * self.bore for share in _FITTING)
         return {
             "end_diameter": famjax.parameters.Declared("m", "end_diameter", "length", low, high)
         }
-
-    def as_arrays(self) -> "EquilibriumSource":
-        """Return this source with the specimen's numbers as arrays."""
-        plain = super().as_arrays()
-        return EquilibriumSource(plain.specimen, plain.n_threads, plain.thread, self.bore)
 
     def muscle(
         self,
@@ -161,7 +154,7 @@ def equilibrium_options(
     near |= {k.replace("braid", "end"): v for k, v in near.items() if "braid_diameter" in k}
     return {
         "law": SearchedLaw(posed.law.material, limits),
-        "geometry": {one.specimen.name: EquilibriumSource.of(one) for one in data},
+        "geometry": {one.specimen.name: EquilibriumSource(one.specimen) for one in data},
         "constraint": "none", "bounds": bounds, "parameters": parameters, "near": near, "own": own,
     }  # fmt: skip
 

@@ -136,8 +136,6 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
             f"{name}: vary=False needs a value and allows no bounds or prior; vary=True allows no value, "
             "because the starting points are drawn within the bounds"
         )
-    if told is not None:
-        told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
     if standard.kind != "number" and not given.unit and (said or told):
         units = list(UNITS[standard.kind])
         raise InputError(
@@ -152,16 +150,15 @@ def entry_in_si(name: str, given: Parameter, standard: Entry) -> Entry:
     if given.value is not None:
         return bounded(name, si(given.value), si(given.value), standard)
     if told is not None:
+        told = check_pair(f"the prior of {name}", told, "is (mean, standard deviation)")
         told = si(told[0]), si(told[1])
         if not (np.isfinite(told).all() and told[1] > 0):
             raise InputError(
                 f"the prior of {name} must be a mean and a standard deviation > 0, got {given.prior}"
             )
         check_prior(name, standard.kind, told, given.unit)
-    low, high = (
-        known if end is None else si(end)
-        for end, known in zip(ends, (standard.min, standard.max), strict=True)
-    )
+    low = standard.min if given.min is None else si(given.min)
+    high = standard.max if given.max is None else si(given.max)
     return bounded(name, low, high, dataclasses.replace(standard, prior=told))
 
 

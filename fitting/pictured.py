@@ -19,7 +19,7 @@ from famjax.boundary.errors import InputError
 
 from .convex import AnyArray
 from .problem import Prior, Problem
-from .response import AbstractFamily
+from .response import MuscleFamily
 from .search import End, descend
 from .shapes import Pictures
 
@@ -90,7 +90,7 @@ def read_pictures(table: Any) -> Pictures:
     """Read the photographs of a joint fit, at most 16 over the whole stroke.
 
     Args:
-        table: `measurements.nc`, or the table of a campaign; every picture needs a pressure.
+        table: path of a `measurements.nc`; every picture needs a pressure.
 
     Raises:
         InputError: the table cannot be read, or a picture has no pressure.
@@ -183,7 +183,7 @@ def _compressed(rows: np.ndarray, targets: np.ndarray) -> tuple[Prior, ...]:
 
 @eqx.filter_jit
 def _diameters_and_slopes(
-    family: AbstractFamily, p: AnyArray, length: AnyArray, pressure: AnyArray
+    family: MuscleFamily, p: AnyArray, length: AnyArray, pressure: AnyArray
 ) -> tuple[Float[Array, "n m"], Float[Array, "n m q"]]:
     """Braid diameters [m] at `POSITIONS`, and their derivatives in the family's parameters."""
 

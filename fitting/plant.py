@@ -19,8 +19,10 @@ from scipy.optimize import least_squares
 
 from famjax import Real
 from famjax.boundary.errors import InputError
-from famjax.parameters import Declared
+from famjax.parameters import Declared, Parametrised
 from famjax.plant import TICK, Command, HydraulicCircuit, Plant, PlantState, PneumaticCircuit
+
+from .arguments import check_float64
 
 _JOINED = 30.0  # weight of a pressure jump between pieces, per standard deviation of a reading
 FREE: Mapping[type, tuple[str, ...]] = {
@@ -40,7 +42,6 @@ class PlantRecord:
         pressure: measured gauge pressure P [Pa].
         length: active length L [m].
         force: measured force F [N]; None if not measured.
-        dump: 1 while the dump valve is open; None if it never is.
         name: name in messages.
     """
 
@@ -49,7 +50,6 @@ class PlantRecord:
     pressure: Float[np.ndarray, " n"]
     length: Float[np.ndarray, " n"]
     force: Float[np.ndarray, " n"] | None = None
-    dump: Float[np.ndarray, " n"] | None = None
     name: str = "record"
 
     def __post_init__(self) -> None:
@@ -192,14 +192,14 @@ def identify_plant(
 
     Raises:
         InputError: the plant does not have one driven muscle, a name is unknown, a record is sampled
-            too slowly for the lag, or float64 is off.
+            too slowly for the lag.
+        RuntimeError: float64 is off.
 
     References:
         Bock 1983, Recent advances in parameter identification techniques for ODE: multiple shooting.
     """
     records = [records] if isinstance(records, PlantRecord) else list(records)
-    if not jax.config.read("jax_enable_x64"):
-        raise InputError('a plant needs float64: jax.config.update("jax_enable_x64", True)')
+    check_float64()
     if not records or plant.load.moves:
         raise InputError(
             "identifying a plant needs records of one muscle whose length a machine drives: give a "
@@ -241,7 +241,7 @@ def _numbers(plant: Plant) -> dict[str, tuple[Declared, float]]:
     """Declaration and value of every parameter of circuit, friction and plant, by name."""
     found = {}
     for prefix, part in (("", plant.circuit), ("friction.", plant.friction)):
-        if part is not None:
+        if isinstance(part, Parametrised):
             values = part.parameters()
             found |= {prefix + n: (one, float(values[n])) for n, one in part.declared().items()}
     return found | {"viscosity": (plant.declared()["viscosity"], float(plant.viscosity))}
@@ -287,7 +287,6 @@ class _Inputs(NamedTuple):
     """Columns of a record given to a plant, shape (n,); the pressure is used where pieces begin."""
 
     signal: Float[Array | np.ndarray, " n"]
-    dump: Float[Array | np.ndarray, " n"]
     length: Float[Array | np.ndarray, " n"]
     pressure: Float[Array | np.ndarray, " n"]
 
@@ -307,11 +306,10 @@ def _pieces(record: PlantRecord, seconds: float = 1.0) -> _Pieces:
     last, step = record.time.size - 1, record.step
     count = max(1, min(last, round(min(seconds / step, last))))
     at = np.arange(last // count)[:, None] * count + np.arange(count + 1)
-    dump = np.zeros_like(record.signal) if record.dump is None else record.dump
     held, rate = at[:, :-1], np.diff(record.length) / step
     return _Pieces(
-        step, _Inputs(record.signal, dump, record.length, record.pressure),
-        Command(record.signal[held], dump[held], rate[held]), record.pressure[at],
+        step, _Inputs(record.signal, record.length, record.pressure),
+        Command(record.signal[held], 0.0 * rate[held], rate[held]), record.pressure[at],
         None if record.force is None else record.force[at],
     )  # fmt: skip
 
@@ -327,8 +325,8 @@ def _beginnings(
     first = eqx.tree_at(lambda one: one.opening, first, jnp.asarray(opening))
 
     def onward(state: PlantState, at: Any) -> tuple[PlantState, PlantState]:
-        signal, dump, L, P = at
-        openings, dumps = plant.actuators(state, Command(signal, dump))(step)
+        signal, L, P = at
+        openings, dumps = plant.actuators(state, Command(signal, 0.0 * signal))(step)
         memory = plant.moved(state.memory, L[None], P[None])
         force = plant.pulls(memory, L[None], P[None], jnp.zeros(1))[0]
         after = PlantState(P, openings[0], dumps[0], L, state.velocity, force, memory)
@@ -336,7 +334,7 @@ def _beginnings(
 
     before, after = (jax.tree.map(lambda leaf, cut=cut: jnp.asarray(leaf)[cut], inputs)
                      for cut in (slice(None, -1), slice(1, None)))  # fmt: skip
-    columns = before.signal, before.dump, after.length, after.pressure
+    columns = before.signal, after.length, after.pressure
     later = jax.lax.scan(onward, first, columns)[1]
     return jax.tree.map(
         lambda one, others: jnp.concatenate([one[None], others])[:-1:every], first, later

@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -15,7 +14,7 @@ from famjax.geometries import AbstractGeometry
 from famjax.parameters import Declared
 from famjax.terms import AbstractForceTerm
 
-from .arguments import check_mapping, check_names
+from .arguments import check_float64, check_mapping, check_names
 from .checks import (
     check_affine,
     check_count,
@@ -31,13 +30,12 @@ from .families import (
     KnownSource,
     Law,
     LawGiven,
-    MuscleFamily,
     WrappedSource,
     law_named,
 )
 from .parameters import Entry, Parameter, base_name, complete_table
 from .problem import Part, Prior, Problem
-from .response import STATIONS, Constraint, MapInputs
+from .response import STATIONS, Constraint, MapInputs, MuscleFamily
 from .search import latin_hypercube
 
 Geometry = (
@@ -59,7 +57,7 @@ class Posed:
         problem: optimisation problem.
         table: all parameters by name, SI.
         law: bladder law.
-        constraint, dependence: as in `identify`.
+        constraint: as in `identify`.
         near: values [SI] by name around which the starts are drawn; None to use the whole box.
     """
 
@@ -68,7 +66,6 @@ class Posed:
     table: dict[str, Entry]
     law: Law
     constraint: Constraint
-    dependence: str
     near: Mapping[str, float] | None = None
 
     def starts(self, count: int, seed: int) -> Float[np.ndarray, "k p"]:
@@ -94,7 +91,6 @@ def pose(
     law: LawGiven = "polynomial",
     order: int | None = None,
     constraint: str = "drucker",
-    dependence: str = "fixed",
     bounds: Mapping[str, tuple[float, float]] | None = None,
     parameters: Mapping[str, Parameter] | None = None,
     noise: float | None = None,
@@ -102,7 +98,6 @@ def pose(
     terms: famjax.terms.AbstractForceTerm | None = None,
     censored: bool = False,
     own: Sequence[str] = (),
-    own_law: bool = False,
     program: Callable[[Problem], Problem] = lambda problem: problem,
     near: Mapping[str, float] | None = None,
 ) -> Posed:
@@ -114,12 +109,7 @@ def pose(
         InputError: the data cannot support the fit; the message gives the reason.
         RuntimeError: float64 is off.
     """
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError(
-            "identification needs float64, and JAX computes in float32 by default. Put this "
-            "line before any other use of JAX: "
-            'jax.config.update("jax_enable_x64", True)'
-        )
+    check_float64()
     data, own = several_maps(data), check_names("own", own)
     names = [one.specimen.name for one in data]
     if len(set(names)) < len(names) or not names:
@@ -128,7 +118,7 @@ def pose(
     check_mapping("parameters", parameters, "from names to fitting.Parameter")
     bounds, parameters = dict(bounds or {}), dict(parameters or {})
     family, further = law_named(law, order), _further(terms)
-    check_law(family, constraint, dependence)
+    check_law(family, constraint)
     if len(data) > 1 and isinstance(geometry, AbstractGeometry | AbstractGeometrySource):
         raise InputError(
             "a known geometry is that of one specimen: give a class or a function of the estimated "
@@ -149,7 +139,7 @@ def pose(
         raise InputError(f"own parameter {unknown[0]!r} is not one of {', '.join(tables[0])}")
     mixed = [name for name in own if name in {**family.shape, **family.coefficients}]
     if mixed:
-        raise InputError(f"{mixed[0]} belongs to the law: use own_law=True")
+        raise InputError(f"{mixed[0]} belongs to the law, which all specimens share")
     for one, source, table in zip(data, sources, tables, strict=True):
         check_specimen(one, source, table, noise, censored=censored)
     table: dict[str, Entry] = {}
@@ -158,28 +148,27 @@ def pose(
             table |= {f"{name}[{who}]": of[name] for who, of in zip(names, tables, strict=True)}
         else:
             table[name] = _shared(name, [of[name] for of in tables])
-    check_count(data, family, dependence, table, own_law=own_law)
+    check_count(data, family, table)
     linear = tuple(family.coefficients)
     nonlinear = tuple(name for name in table if name not in linear)
     parts = tuple(
-        _part(one, source, family, further, nonlinear, dependence, k * own_law, censored=censored)
-        for k, (one, source) in enumerate(zip(data, sources, strict=True))
+        _part(one, source, family, further, nonlinear, censored=censored)
+        for one, source in zip(data, sources, strict=True)
     )
-    nodes = len(data) if own_law else 1 + (dependence == "linear")
-    low, high = np.array([_interval(name, table[name]) for name in nonlinear]).reshape(-1, 2).T
-    least, most = np.array([(table[name].min, table[name].max) for name in linear * nodes] or
-                           np.zeros((0, 2))).T  # fmt: skip
+    low, high = np.array([_interval(name, table[name]) for name in nonlinear]).T
+    least = np.array([table[name].min for name in linear])
+    most = np.array([table[name].max for name in linear])
     problem = program(
         Problem(
-            parts, nonlinear, low, high, linear * nodes, least, most,
-            priors=_priors(nonlinear, table), coefficient_priors=_priors(linear * nodes, table),
+            parts, nonlinear, low, high, linear, least, most,
+            priors=_priors(nonlinear, table), coefficient_priors=_priors(linear, table),
             noise=noise or 1.0, constraint=cast(Any, constraint),
         )
     )  # fmt: skip
     check_affine(problem)
     if linear:  # otherwise the middle of the box may not be a valid muscle
-        check_solvable(problem)
-    return Posed(data, problem, table, family, cast(Any, constraint), dependence, near)
+        check_solvable(problem, data)
+    return Posed(data, problem, table, family, cast(Any, constraint), near)
 
 
 def _further(terms: famjax.terms.AbstractForceTerm | None) -> famjax.terms.SumOfTerms | None:
@@ -224,18 +213,15 @@ def source_of(
         geometry = geometry[data.specimen.name]
     if isinstance(geometry, AbstractGeometrySource):
         return geometry
-    if isinstance(geometry, famjax.geometries.AbstractGeometry):
-        known = KnownSource(geometry)
-        return KnownSource(geometry, tuple(n for n in known.declared if n in named))
+    if isinstance(geometry, AbstractGeometry):
+        return KnownSource(geometry, tuple(n for n in geometry.declared() if n in named))
     if not callable(geometry):
         raise InputError(
             "a geometry is one of famjax.geometries, or a class, a function or module:Class that makes "
             f"one of the estimated geometry; got a {type(geometry).__name__}"
         )
-    make = cast(Any, geometry)
-    wrapped = WrappedSource(EstimatedSource(data.specimen), make)
-    own = tuple(n for n in wrapped.declared if n in named)
-    return WrappedSource(wrapped.inner, make, own)
+    wrapped = WrappedSource(EstimatedSource(data.specimen), cast(Any, geometry))
+    return dataclasses.replace(wrapped, identified=tuple(n for n in wrapped.declared if n in named))
 
 
 def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
@@ -250,17 +236,14 @@ def _shared(name: str, of_each: Sequence[Entry]) -> Entry:
 
 
 def _interval(name: str, entry: Entry) -> tuple[float, float]:
-    """Return finite bounds; an infinite one becomes four standard deviations of the prior."""
-    mean, std = entry.prior or (0.0, math.inf)
-    low = entry.min if math.isfinite(entry.min) else mean - 4 * std
-    high = entry.max if math.isfinite(entry.max) else mean + 4 * std
-    if not math.isfinite(high - low):
+    """Return the bounds of a searched parameter, which must be finite."""
+    if not math.isfinite(entry.max - entry.min):
         raise InputError(
             f"{name} is searched and needs finite bounds, got {entry.min:.4g} to {entry.max:.4g} (SI): "
             "declare it by famjax.parameter(low=..., high=...), give bounds, or declare linear=True with "
             'kind="stress" if the force is linear in it'
         )
-    return low, high
+    return entry.min, entry.max
 
 
 def _priors(names: Sequence[str], table: Mapping[str, Entry]) -> tuple[Prior, ...]:
@@ -274,30 +257,26 @@ def _part(
     law: Law,
     terms: famjax.terms.SumOfTerms | None,
     names: Sequence[str],
-    dependence: str,
-    place: int,
     *,
     censored: bool,
 ) -> Part:
     """Build the part of the problem for one force map.
 
-    At each pressure, the actuation path runs from rest to the longest slack length and so includes
-    the free contraction. If no reading is slack, it ends at the shortest length. A law independent
-    of pressure has one path, which ends at the shortest length in the map.
+    A law independent of pressure has a path from rest to the shortest length in the map. Any other has
+    one at each pressure, to the longest slack length or else the shortest loaded one.
     """
     mine = own_names(names, data.specimen.name)
     levels = np.unique(data.pressures.level[data.loaded])
-    nodes = levels[[0, -1]] if dependence == "linear" else None
     searched = tuple(base_name(n) for n in mine)
     rest = np.asarray(data.specimen.rest_length)
-    family = MuscleFamily(searched, source.as_arrays(), law, rest, terms, nodes)
-    path_pressure = levels
-    if nodes is None and not law.material.depends_on_pressure:
+    family = MuscleFamily(searched, tuple(law.coefficients), source, law, rest, terms)
+    if law.material.depends_on_pressure:
+        path_pressure, path_end = levels, np.array([path_end_at(data, level) for level in levels])
+    else:
         # With elastic threads, the strains also depend on pressure, monotonically.
-        path_pressure = levels[[0, -1]] if family.stretches else levels[-1:]
-    path_end = np.full(path_pressure.shape, data.length.min())
-    if nodes is not None:
-        path_end = np.array([path_end_at(data, level) for level in levels])
+        stretches = source.stretches or "braid_compliance" in searched
+        path_pressure = levels[[0, -1]] if stretches else levels[-1:]
+        path_end = np.full(path_pressure.shape, data.length.min())
     stations = np.concatenate([np.linspace(0, 1, STATIONS - EXCHANGES), np.zeros(EXCHANGES)])
     side = np.where(data.slack, 1, np.where(data.saturated, -1, 0))
     rows = np.flatnonzero(data.loaded)
@@ -309,7 +288,6 @@ def _part(
     weight = 1 / data.force_std[rows] if data.force_std is not None else np.ones(rows.size)
     if data.count is not None and data.force_std is None:
         weight = np.sqrt(data.count[rows])
-    count = len(family.linear)
     return Part(
         data.specimen.name, family,
         MapInputs(
@@ -317,7 +295,6 @@ def _part(
             np.tile(stations, (path_end.size, 1)),
         ),
         force, weight, np.array([names.index(n) for n in mine], int),
-        place * count + np.arange(count),
         {kind: data.levels(kind)[rows] for kind in ("pressure", "length")}, side,
     )  # fmt: skip
 

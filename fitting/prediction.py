@@ -7,7 +7,6 @@ so a reported force and both ends of its band are never below 0 N.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Sequence
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -20,7 +19,7 @@ from famjax.boundary.units import Quantity, Sentence, finite_or_none
 from famjax.control import Outcome, pressure_for_force
 
 from .arguments import check_numbers
-from .bands import Column, Pull, disagreement, muscle_spread, pull
+from .bands import Column, disagreement, muscle_spread, pull
 from .records.hysteresis import History
 from .result import Identification, check_identified
 
@@ -45,7 +44,6 @@ def predict(
     *,
     onset: bool = False,
     rest_length: float | None = None,
-    length_std: float = 0.0,
 ) -> list[Row]:
     """Predict the force of an identified muscle at every pair of a length and a pressure.
 
@@ -56,7 +54,6 @@ def predict(
         onset: also return the pressure at which the force rises from zero at each length.
         rest_length: L0 [m] of another muscle of the same series, see `famjax.cut_to_length`; None for
             the fitted muscle.
-        length_std: standard deviation of the lengths [m], for the error band.
 
     Returns:
         Rows with `length_m, pressure_Pa, force_N, model_force_N, slack, inside, outside`.
@@ -70,55 +67,43 @@ def predict(
         and where a slack reading at no smaller length and no lower pressure shows the same. The error is
         null if unknown: at another rest length, it is known only for a series and for a model
         chosen without stated deadband and rig. In the latter case the force is the mean over all models
-        that the map cannot refute, see `fitting.series.OtherLengths`. `band` names the sources of error:
+        that the map cannot refute, see `fitting.series.accounts`. `band` names the sources of error:
         "left out" (see `ModelError`), "bootstrap" or "linear" for the parameters, "specimens" of a
-        series, "one specimen" for another rest length, and "shared errors" if stated. With a compliant
-        rig, `muscle_force_N` is the force of the muscle alone at that length, 0 if slack.
-        With `onset`, rows `length_m, onset_pressure_Pa, slack_up_to_Pa, pulls_from_Pa, inside, outside`
-        follow; null if there is no onset. At a measured length, the onset lies between the highest
-        pressure of a slack reading and the lowest pressure of a pull.
+        series, "one specimen" for another rest length, and "shared errors" if stated.
+        With `onset`, rows `length_m, onset_pressure_Pa, inside, outside` follow; null if there is no
+        onset up to three times the highest measured pressure.
 
     Raises:
         InputError: lengths, pressures or the rest length are not possible.
     """
     check_identified(fit)
-    length, pressure = (
-        np.atleast_1d(check_numbers(name, given))
-        for name, given in (("length", length), ("pressure", pressure))
-    )
+    length = np.atleast_1d(check_numbers("length", length))
+    pressure = np.atleast_1d(check_numbers("pressure", pressure))
     if not length.size or not (pressure.size or onset):
         raise InputError("a prediction needs a length, and also a pressure unless onset is set")
     _check_lengths(length)
     if not (np.isfinite(pressure).all() and (pressure >= 0).all()):
         raise InputError(f"gauge pressures must be >= 0, got {pressure.min():.6g} Pa")
-    if not (math.isfinite(length_std) and length_std >= 0):
-        raise InputError(f"the standard deviation of a length must be >= 0, got {length_std} m")
     if rest_length is not None:
-        _check_cut(fit.muscle, rest_length)
+        if not (math.isfinite(rest_length) and rest_length > 0):
+            raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
+        try:
+            famjax.cut_to_length(fit.muscle, rest_length)
+        except (ValueError, eqx.EquinoxRuntimeError):
+            cannot = f"this muscle cannot be cut to {rest_length:.4g} m"
+            raise InputError(
+                f"{cannot}: its ends are longer, or its geometry was measured"
+            ) from None
     rows: list[Row] = []
     if pressure.size:
         L, P = (grid.ravel() for grid in np.meshgrid(length, pressure, indexing="ij"))
-        rows += static_rows(fit, L, P, rest_length=rest_length, length_std=length_std)
-    if onset:
-        rows += [_onset_row(fit, float(at), rest_length) for at in length]
-    return rows
+        rows += static_rows(fit, L, P, rest_length=rest_length)
+    return rows + (_onsets(fit, length, rest_length) if onset else [])
 
 
 def _check_lengths(length: Column) -> None:
     if not (np.isfinite(length).all() and (length > 0).all()):
         raise InputError(f"lengths must be > 0, got {length.min():.6g} m")
-
-
-def _check_cut(muscle: famjax.AbstractMuscle, rest_length: float) -> None:
-    if not (math.isfinite(rest_length) and rest_length > 0):
-        raise InputError(f"the rest length must be > 0, got {rest_length:.6g} m")
-    cannot = f"a muscle of this fit cannot be cut to {rest_length:.4g} m"
-    try:
-        famjax.cut_to_length(muscle, rest_length)
-    except ValueError as error:
-        raise InputError(f"{cannot}: {error}") from None
-    except eqx.EquinoxRuntimeError:
-        raise InputError(f"{cannot}: its rounded ends are longer than that") from None
 
 
 def static_rows(
@@ -127,22 +112,18 @@ def static_rows(
     pressure: Column,
     *,
     rest_length: float | None = None,
-    length_std: float = 0.0,
 ) -> list[Row]:
     """Rows of `predict` at valid pairs of lengths and pressures."""
-    found = model_forces(fit, length, pressure, rest_length=rest_length, length_std=length_std)
+    found = model_forces(fit, length, pressure, rest_length=rest_length)
     seen = np.zeros(length.size, bool)
     if rest_length is None:
         seen = seen_slack(fit, length, pressure)
-    gives_way, reach = float(fit.mounted.compliance) > 0, Reach(fit, rest_length)
-    rows = []
-    for k, figures in enumerate(_figures(found, seen)):
-        at = float(length[k]), float(pressure[k])
-        row = {"length_m": at[0], "pressure_Pa": at[1]} | figures
-        if gives_way:
-            row["muscle_force_N"] = finite_or_none(np.maximum(found.muscle_force[k], 0.0))
-        rows.append(row | _outside(found.refused[k] or reach.leaves(*at, row["force_N"])))
-    return rows
+    return [
+        {"length_m": float(length[k]), "pressure_Pa": float(pressure[k])}
+        | figures
+        | _outside(found.outside[k])
+        for k, figures in enumerate(_figures(found, seen))
+    ]
 
 
 def _outside(why: str | None) -> Row:
@@ -155,21 +136,19 @@ class ModelForces:
 
     Attributes:
         force: force that the rig would measure if the muscle could push [N].
-        muscle_force: force of the muscle alone at the same length [N].
         std: standard deviation of a reading about the force [N].
         half: half-width of the 95 % band [N].
         narrowest: half-width where the model is known best [N]; 0 without held-out readings.
         band: sources of error in the band; None if there is no band.
-        refused: reason why a force of the model is not reported, see `Reach.refuses`.
+        outside: reason why each state is outside the fitted data, or None.
     """
 
     force: Column
-    muscle_force: Column
     std: Column
     half: Column
     narrowest: float
     band: str | None
-    refused: list[str | None]
+    outside: list[str | None]
 
 
 def model_forces(
@@ -178,7 +157,6 @@ def model_forces(
     pressure: Column,
     *,
     rest_length: float | None = None,
-    length_std: float = 0.0,
 ) -> ModelForces:
     """Evaluate the model of a fit without clipping negative forces.
 
@@ -187,89 +165,67 @@ def model_forces(
         length: active lengths [m].
         pressure: gauge pressures [Pa], one for each length.
         rest_length: see `predict`.
-        length_std: see `predict`.
     """
-    reach, error = Reach(fit, rest_length), fit.outlook.error
-    found = _pull(fit, length, pressure, rest_length, length_std)
-    std, factor, band = _band(fit, found, length, pressure, rest_length)
-    refused = [reach.refuses(*at) for at in zip(length.tolist(), found.force.tolist(), strict=True)]
-    unknown = np.array([why is not None for why in refused]) | ~np.isfinite(found.force)
-    force, alone, std, half = (
-        np.where(unknown, np.nan, one)
-        for one in (found.force, found.muscle_force, std, factor * std)
-    )
+    outlook, error, reach = fit.outlook, fit.outlook.error, Reach(fit, rest_length)
+    force, spread = _pull(fit, length, pressure, rest_length)
+    theory = "bootstrap" if outlook.bootstrap else "linear"
+    # Standard deviation of a reading, half-width of the band in units of it, and sources of error.
+    std, factor, band = np.full(length.size, np.nan), np.asarray(NORMAL_95), None
+    if outlook.series is not None:
+        # Errors on held-out specimens already include those of the parameters.
+        std, band = np.maximum(spread, outlook.series["between_N"]), f"{theory}, specimens"
+    elif rest_length is not None:
+        # One specimen cannot show how specimens differ, or separate its braid from its rig.
+        if outlook.other_lengths:
+            std, band = np.hypot(spread, outlook.between), "one specimen"
+    elif error is not None:
+        differ = disagreement(force, outlook.alike.values(), length, pressure)
+        factor = np.asarray(error.factor())
+        model = error.half_band(length, pressure, differ) / factor
+        if outlook.bootstrap:
+            std, band = np.maximum(model, spread), f"left out, {theory}"
+        else:
+            std, band = np.hypot(model, spread), "left out"
+            # Held-out readings cannot show shared errors; these are stated and normal.
+            student, normal = factor * model, NORMAL_95 * spread
+            factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
+        if outlook.shared is not None and len(outlook.shared):
+            band += ", shared errors"
+    elif len(_directions(fit)):
+        std, band = spread, theory
+    states = zip(length.tolist(), pressure.tolist(), force.tolist(), strict=True)
+    reasons = [reach.outside(*state) for state in states]
+    unknown = np.array([refused for _, refused in reasons]) | ~np.isfinite(force)
+    force, std, half = (np.where(unknown, np.nan, one) for one in (force, std, factor * std))
     narrowest = 0.0 if error is None else error.narrowest
-    return ModelForces(force, alone, std, half, narrowest, band, refused)
+    return ModelForces(force, std, half, narrowest, band, [why for why, _ in reasons])
 
 
 def _pull(
-    fit: Identification,
-    length: Column,
-    pressure: Column,
-    rest_length: float | None,
-    length_std: float = 0.0,
-) -> Pull:
-    """Forces in the rig and of the muscle alone, with the standard deviation by linear theory.
+    fit: Identification, length: Column, pressure: Column, rest_length: float | None
+) -> tuple[Column, Column]:
+    """Forces in the rig, with the standard deviation by linear theory.
 
     For a series, average over its two rig models with the deviation of the first. For another rest
     length of a chosen model, average over all models that predict other lengths.
     """
     of = functools.partial(pull, length=length, pressure=pressure, rest_length=rest_length)
-    outlook, weights = fit.outlook, None
+    outlook = fit.outlook
     if rest_length is not None and outlook.other_lengths:
-        of_each = [of(one, None, length_std=length_std) for one in outlook.other_lengths.values()]
-        reading = np.nan_to_num(of_each[0].std)  # from the errors of the lengths only
-        std = np.hypot(np.std([one.force for one in of_each], axis=0), reading)
-    else:
-        # Errors on held-out readings already include those of the parameters.
-        own = _directions(fit) if outlook.error is None or outlook.bootstrap else None
-        varied = [one for one in (own, outlook.shared) if one is not None and len(one)]
-        first = of(fit.mounted, np.concatenate(varied) if varied else None, length_std=length_std)
-        of_each, std = [first, *(of(one, None) for one in outlook.others)], first.std
-        weights = outlook.weights
-    force, alone = (
-        np.average([getattr(one, name) for one in of_each], axis=0, weights=weights)
-        for name in ("force", "muscle_force")
-    )
-    return Pull(force, alone, std)
+        forces = [of(one, None)[0] for one in outlook.other_lengths.values()]
+        return np.mean(forces, axis=0), np.std(forces, axis=0)
+    # Errors on held-out readings already include those of the parameters.
+    own = _directions(fit) if outlook.error is None or outlook.bootstrap else None
+    varied = [one for one in (own, outlook.shared) if one is not None and len(one)]
+    force, std = of(fit.mounted, np.concatenate(varied) if varied else None)
+    forces = [force, *(of(one, None)[0] for one in outlook.others)]
+    return np.average(forces, axis=0, weights=outlook.weights), std
 
 
 def _directions(fit: Identification) -> Float[np.ndarray, "directions numbers"]:
     """Directions in which the muscle's numbers vary, by linear theory unless known otherwise."""
     known = fit.outlook.directions
     return muscle_spread(fit) if known is None else known
-
-
-def _band(
-    fit: Identification, found: Pull, length: Column, pressure: Column, rest_length: float | None
-) -> tuple[np.ndarray, np.ndarray | float, str | None]:
-    """Standard deviation of a reading, half-width of the 95 % band in units of it, and its sources."""
-    outlook, error = fit.outlook, fit.outlook.error
-    theory = "bootstrap" if outlook.bootstrap else "linear"
-    std, factor, band = np.full(length.size, np.nan), NORMAL_95, None
-    if outlook.series is not None:
-        # Errors on held-out specimens already include those of the parameters.
-        std, band = np.maximum(found.std, outlook.series["between_N"]), f"{theory}, specimens"
-    elif rest_length is not None:
-        # One specimen cannot show how specimens differ, or separate its braid from its rig.
-        if outlook.other_lengths:
-            std, band = np.hypot(found.std, outlook.between), "one specimen"
-    elif error is not None:
-        differ = disagreement(found.force, outlook.alike.values(), length, pressure)
-        factor = error.factor()
-        model = error.half_band(length, pressure, differ) / factor
-        if outlook.bootstrap:
-            std, band = np.maximum(model, found.std), f"left out, {theory}"
-        else:
-            std, band = np.hypot(model, found.std), "left out"
-            # Held-out readings cannot show shared errors; these are stated and normal.
-            student, normal = factor * model, NORMAL_95 * found.std
-            factor = np.hypot(student, normal) / np.where(std > 0, std, 1.0)
-        if outlook.shared is not None and len(outlook.shared):
-            band += ", shared errors"
-    elif len(_directions(fit)):
-        std, band = found.std, theory
-    return std, factor, band
 
 
 def _figures(found: ModelForces, seen_slack: Bool[np.ndarray, " n"]) -> list[Row]:
@@ -327,63 +283,6 @@ def seen_slack(fit: Identification, length: Column, pressure: Column) -> Bool[np
     return np.asarray(within.any(axis=1))
 
 
-def _onset_row(fit: Identification, length: float, rest_length: float | None) -> Row:
-    """Onset pressure of the muscle, limited by the readings at a measured length."""
-    reach = Reach(fit, rest_length)
-
-    def force(pressure: Column) -> Column:
-        return _pull(fit, np.full(pressure.shape, length), pressure, rest_length).muscle_force
-
-    # Predictions beyond three times the highest measured pressure mean nothing.
-    gauge, low, high = onset_pressure(force, 3.0 * reach.pressures[1]), None, None
-    if rest_length is None:
-        here, pulls = np.abs(fit.data.length - length) <= _SAME * length, fit.data.force > 0
-        low = float(fit.data.pressure[here & ~pulls].max(initial=0.0))
-        high = float(fit.data.pressure[here & pulls].min(initial=math.inf))
-        if not low <= high < math.inf:  # not measured, or contradicted
-            low = high = None
-        elif math.isfinite(gauge):
-            gauge = min(max(gauge, low), high)
-    begins = max(gauge, reach.pressures[0])  # an onset below the measured pressures is valid
-    return {
-        "length_m": length,
-        "onset_pressure_Pa": finite_or_none(gauge),
-        "slack_up_to_Pa": low,
-        "pulls_from_Pa": high,
-        **_outside(reach.leaves(length, begins, finite_or_none(gauge))),
-    }
-
-
-def onset_pressure(force: Callable[[Column], Column], highest: float) -> float:
-    """Find the onset pressure at one length from sampled forces, without compiling anything.
-
-    Search from the highest pressure down in 64 steps for the first one in which the force falls through
-    zero, and refine that step in the same way to full precision.
-
-    Args:
-        force: F(P) [N] at 65 gauge pressures [Pa] and a fixed length.
-        highest: upper end of the search [Pa].
-
-    Returns:
-        P [Pa]; nan if the force does not fall through zero.
-    """
-    upper, lower, rounding = highest, 0.0, np.nan
-    while True:
-        grid = np.linspace(upper, lower, 65)
-        pull = force(grid)
-        if np.isnan(rounding):
-            known = np.abs(pull[np.isfinite(pull)])
-            rounding = 64 * np.finfo(float).eps * known.max(initial=0.0)
-        if grid[-1] == 0 and abs(pull[-1]) <= rounding:  # at rest length without deadband
-            pull[-1] = 0.0
-        falls = np.flatnonzero((pull[:-1] > 0) & (pull[1:] <= 0))
-        if not falls.size:
-            return np.nan
-        upper, lower = grid[falls[0]], grid[falls[0] + 1]
-        if upper - lower <= 4 * np.finfo(float).eps * highest:
-            return float(lower)
-
-
 class Reach:
     """Range covered by a fit, for the fitted muscle or one with another rest length L0 [m].
 
@@ -403,88 +302,102 @@ class Reach:
     def __init__(self, fit: Identification, rest_length: float | None) -> None:
         muscle, fitted, series = fit.muscle, float(fit.muscle.rest_length), fit.outlook.series
         ratios, pressures = fit.data.length / fitted, fit.data.pressure
-        rest = fitted / _FARTHEST, fitted * _FARTHEST
-        self.whose = f"the tested range, {_FARTHEST:g} times the specimen's either way:"
+        rest, self.whose = (fitted / _FARTHEST, fitted * _FARTHEST), "the tested range,"
         if series is not None:
             ratios, pressures = np.array(series["length_ratios"]), series["pressures_Pa"]
             rest, self.whose = series["rest_lengths_m"], "the specimens'"
         if rest_length is not None:
             muscle = famjax.cut_to_length(muscle, rest_length)
         self.rest_length = fitted if rest_length is None else rest_length
-        rounding, (low, high) = 1e-12 * self.rest_length, _ends(ratios)
-        self.lengths = low * self.rest_length - rounding, high * self.rest_length + rounding
-        self.pressures, self.rest_lengths = _ends(pressures), _ends(rest)
-        self.lock, self.thread_length = (float(at) for at in _braid_limits(muscle))
+        rounding = 1e-12 * self.rest_length
+        self.lengths = (
+            float(min(ratios)) * self.rest_length - rounding,
+            float(max(ratios)) * self.rest_length + rounding,
+        )
+        self.pressures = float(min(pressures)), float(max(pressures))
+        self.rest_lengths = float(min(rest)), float(max(rest))
+        self.lock, self.thread_length = math.nan, math.nan
+        if isinstance(muscle, famjax.EquilibriumMuscle):
+            self.thread_length = float(muscle.braid.rest_thread_length)
+        elif isinstance(muscle, famjax.Muscle):
+            self.lock, self.thread_length = map(float, muscle.geometry.braid_limits())
         self.closed = float(muscle.length_range()[1])
         self.largest_force = float(fit.data.force.max())
 
-    def refuses(self, length: float, model_force: float) -> str | None:
-        """Return the reason for not reporting a force of the model; None if it is reported.
+    def outside(
+        self, length: float, pressure: float, model_force: float
+    ) -> tuple[str | None, bool]:
+        """Return the most serious reason why a state is outside the fitted data, and if it has no answer.
 
         Beyond the limits of the braid the geometry is not physical, and far from the measured strains the
-        law is arbitrary. States within the measured lengths are always reported.
-
-        Args:
-            length: active length [m].
-            model_force: unclipped force [N]; nan if the model has none.
-        """
-        low, high = self.lengths
-        if not np.isfinite(model_force) or low <= length <= high:
-            return None
-        if length < self.lock:
-            return _beyond("below the braid's lock at the neutral angle, ", self.lock)
-        if length > high and length > self.closed:
-            return _beyond("beyond the one that closes the bladder's bore, ", self.closed)
-        if model_force > _MOST * self.largest_force:
-            return Sentence(
-                *("the length is so far beyond the measured ", *_range(low, high, "length")),
-                *(" that the model's force, ", Quantity(model_force, "force")),
-                f", is over {_MOST:g} times the largest measured",
-            )
-        return None
-
-    def leaves(self, length: float, pressure: float, answer: float | None) -> str | None:
-        """Return the most serious reason why a state is outside the fitted data; None if it is inside.
+        law is arbitrary. States within the measured lengths are always answered.
 
         Args:
             length: active length [m].
             pressure: gauge pressure [Pa].
-            answer: the force or onset pressure; None if there is none.
+            model_force: unclipped force [N]; nan if the model has none.
+
+        Returns:
+            (reason, true if no force is reported); (None, False) inside the fitted data.
         """
-        if answer is None and length >= self.thread_length:
-            return _beyond("beyond the thread's, ", self.thread_length)
-        if length < self.lock:
-            return _beyond("below the braid's lock at the neutral angle, ", self.lock)
-        for what, value, (low, high), kind in (
-            ("length is beyond the measured", length, self.lengths, "length"),
-            (f"rest length is beyond {self.whose}", self.rest_length, self.rest_lengths, "length"),
-            ("pressure is beyond the measured", pressure, self.pressures, "pressure"),
-        ):
-            if kind == "pressure" and answer is None:
-                return "the muscle has neither a force nor an onset there"
-            if not low <= value <= high:
-                return Sentence(f"the {what} ", *_range(low, high, kind))
-        return None
+        low, high = self.lengths
+        measured, known = low <= length <= high, bool(np.isfinite(model_force))
+        far = known and not measured and model_force > _MOST * self.largest_force
+        lengths, rests = _range(self.lengths, "length"), _range(self.rest_lengths, "length")
+        reasons: tuple[tuple[bool, bool, tuple[Any, ...]], ...] = (
+            (not known and length >= self.thread_length, True,
+             ("the length is beyond the thread's, ", Quantity(self.thread_length, "length"))),
+            (length < self.lock, not measured,
+             ("the length is below the braid's lock at the neutral angle, ",
+              Quantity(self.lock, "length"))),
+            (length > max(high, self.closed), True,
+             ("the length is beyond the one that closes the bladder's bore, ",
+              Quantity(self.closed, "length"))),
+            (far, True,
+             ("the length is so far beyond the measured ", *lengths, " that the model's force, ",
+              Quantity(model_force, "force"), f", is over {_MOST:g} times the largest measured")),
+            (not measured, False, ("the length is beyond the measured ", *lengths)),
+            (not self.rest_lengths[0] <= self.rest_length <= self.rest_lengths[1], False,
+             (f"the rest length is beyond {self.whose} ", *rests)),
+            (not known, True, ("the muscle has neither a force nor an onset there",)),
+            (not self.pressures[0] <= pressure <= self.pressures[1], False,
+             ("the pressure is beyond the measured ", *_range(self.pressures, "pressure"))),
+        )  # fmt: skip
+        for holds, refused, parts in reasons:
+            if holds:
+                return Sentence(*parts), refused
+        return None, False
 
 
-def _beyond(what: str, length: float) -> Sentence:
-    return Sentence(f"the length is {what}", Quantity(length, "length"))
+def _range(ends: tuple[float, float], kind: str) -> tuple[Quantity, str, Quantity]:
+    return Quantity(ends[0], kind), " to ", Quantity(ends[1], kind)
 
 
-def _range(low: float, high: float, kind: str) -> tuple[Quantity, str, Quantity]:
-    return Quantity(low, kind), " to ", Quantity(high, kind)
+def _inverse(
+    fit: Identification, force: Any, length: np.ndarray, highest: float, rest_length: float | None
+) -> Any:
+    """Lowest pressures with given forces, see `famjax.control.pressure_for_force`."""
+    members, weights = [fit.mounted, *fit.outlook.others], fit.outlook.weights
+    if rest_length is not None:
+        if fit.outlook.other_lengths:
+            members, weights = [*fit.outlook.other_lengths.values()], None
+        members = [m.with_muscle(famjax.cut_to_length(m.muscle, rest_length)) for m in members]
+    muscle = famjax.muscle.MeanMuscle(members, weights)
+    return pressure_for_force(muscle, force, length, (0.0, highest))
 
 
-def _ends(values: Collection[float]) -> tuple[float, float]:
-    return float(min(values)), float(max(values))
-
-
-def _braid_limits(muscle: famjax.AbstractMuscle) -> Sequence[Any]:
-    """Active lengths [m] at which the braid locks and the threads are straight; nan if unknown."""
-    if isinstance(muscle, famjax.EquilibriumMuscle):
-        return math.nan, muscle.braid.rest_thread_length
-    assert isinstance(muscle, famjax.Muscle)
-    return muscle.geometry.braid_limits()
+def _onsets(fit: Identification, length: Column, rest_length: float | None) -> list[Row]:
+    """Onset pressure at each length."""
+    reach, rows = Reach(fit, rest_length), []
+    # Predictions beyond three times the highest measured pressure mean nothing.
+    found = _inverse(fit, 0.0, length, 3.0 * reach.pressures[1], rest_length)
+    for at, code, gauge in zip(length.tolist(), found.code, found.pressure, strict=True):
+        onset = float(gauge) if code == Outcome.FEASIBLE else None
+        # An onset below the measured pressures is valid.
+        begins = max(onset or 0.0, reach.pressures[0])
+        why, _ = reach.outside(at, begins, math.nan if onset is None else 0.0)
+        rows.append({"length_m": at, "onset_pressure_Pa": onset} | _outside(why))
+    return rows
 
 
 def pressures_for(
@@ -511,20 +424,17 @@ def pressures_for(
     _check_lengths(length)
     if not (np.isfinite(force).all() and (force >= 0).all()):
         raise InputError(f"forces must be >= 0, as a muscle only pulls; got {force.min():.6g} N")
-    outlook, reach = fit.outlook, Reach(fit, None)
-    muscle = famjax.muscle.MeanMuscle((fit.mounted, *outlook.others), outlook.weights)
-    found = pressure_for_force(muscle, force, length[:, None], (0.0, reach.pressures[1]))
-    rows = []
+    reach, rows = Reach(fit, None), []
+    found = _inverse(fit, force, length[:, None], reach.pressures[1], None)
     for (k, j), code in np.ndenumerate(np.asarray(found.code)):
         at, wanted = float(length[k]), float(force[j])
-        why = reach.refuses(at, float(found.force[k, j]))
         # Slack up to the highest pressure: zero force is attained there.
         attained = code == Outcome.FEASIBLE or (code == Outcome.FORCE_HIGH and wanted == 0)
-        pressure = finite_or_none(float(found.pressure[k, j])) if attained and why is None else None
-        if pressure is not None:
-            why = reach.leaves(at, pressure, wanted)
-        elif why is None:
+        pressure = float(found.pressure[k, j])
+        why, refused = reach.outside(at, pressure, float(found.force[k, j]))
+        if not attained and not refused:
             why = Outcome(int(code)).message
+        pressure = finite_or_none(pressure) if attained and not refused else None
         row = {"length_m": at, "force_N": wanted, "pressure_Pa": pressure}
         rows.append(row | _outside(why))
     return rows
@@ -553,8 +463,7 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
     outlook = fit.outlook
     if outlook.hysteresis is None:
         raise InputError(
-            "the fit has no hysteresis, so the history has no effect: fit raw ramps with "
-            "famjax assess --hysteresis, or predict at lengths and pressures"
+            "the fit has no hysteresis: run famjax assess --hysteresis, or predict at lengths and pressures"
         )
     L, P, missed = history.length, history.pressure, outlook.branches_error
     added = np.asarray(outlook.hysteresis.along(L, P), float)
@@ -564,16 +473,12 @@ def predict_history(fit: Identification, history: History) -> list[Row]:
         static, force=static.force + added, std=np.hypot(static.std, missed),
         half=np.hypot(static.half, NORMAL_95 * missed),
     )  # fmt: skip
-    found = []
     both = zip(static_rows(fit, L, P), _figures(moving, np.zeros(L.size, bool)), strict=True)
-    for k, (row, figures) in enumerate(both):
-        first = {} if history.time is None else {"time_s": float(history.time[k])}
-        first |= {name: row[name] for name in ("length_m", "pressure_Pa")}
-        first |= {"force_N": figures["force_N"], "static_force_N": row["force_N"]}
-        found.append(first | {"hysteresis_N": finite_or_none(added[k])} | row | figures)
-    return found
-
-
-def hysteresis_error(fit: Identification) -> float:
-    """RMS error [N] of either branch about the static map: the largest held-out or in-sample error."""
-    return fit.outlook.branches_error
+    return [
+        ({} if history.time is None else {"time_s": float(history.time[k])})
+        | {name: row[name] for name in ("length_m", "pressure_Pa", "force_N")}
+        | {"static_force_N": row["force_N"], "hysteresis_N": finite_or_none(added[k])}
+        | row
+        | figures
+        for k, (row, figures) in enumerate(both)
+    ]

@@ -20,14 +20,13 @@ import famjax
 from .convex import AnyArray, solve_qp
 from .response import (
     RIG,
-    AbstractFamily,
     Constraint,
     MapInputs,
+    MuscleFamily,
     force_and_constraint,
     linear_response,
 )
 
-_EXACT = 2  # Newton steps of a compliant rig at its solution: exact to second derivatives
 _HELD = 1e-9  # of the box: a parameter this near to a bound is on it
 
 
@@ -46,8 +45,7 @@ class Prior:
     std: float
 
 
-@dataclasses.dataclass(frozen=True)
-class Within:
+class Within(eqx.Module):
     """A larger family whose compiled program several parts share.
 
     Attributes:
@@ -57,14 +55,13 @@ class Within:
         to_x: the same matrix for the coefficients, shape (all, n); the other coefficients are 0.
     """
 
-    family: AbstractFamily
+    family: MuscleFamily
     to_p: Float[np.ndarray, "whole q"]
     held: Float[np.ndarray, " whole"]
     to_x: Float[np.ndarray, "all n"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Part:
+class Part(eqx.Module):
     """One force map of a fit.
 
     Attributes:
@@ -74,7 +71,6 @@ class Part:
         force: measured force [N], shape (points,).
         weight: weights of the readings, 1/std or 1, shape (points,).
         at: indices of the part's nonlinear parameters in the problem's vector.
-        coefficients: indices of the part's coefficients in the problem's vector.
         levels: "pressure" [Pa] and "length" [m] level of each reading, shape (points,). Readings of one
             level are left out together.
         side: 0 for a normal reading; 1 if the force is an upper bound (slack muscle); -1 if it is a lower
@@ -82,16 +78,20 @@ class Part:
         within: larger family whose compiled program is used; None for a program of its own.
     """
 
-    name: str
-    family: AbstractFamily
+    name: str = eqx.field(static=True)
+    family: MuscleFamily
     inputs: MapInputs
-    force: Float[np.ndarray, " points"]
-    weight: Float[np.ndarray, " points"]
-    at: Int[np.ndarray, " q"]
-    coefficients: Int[np.ndarray, " n"]
-    levels: dict[str, Float[np.ndarray, " points"]]
-    side: Int[np.ndarray, " points"]
+    force: Float[AnyArray, " points"]
+    weight: Float[AnyArray, " points"]
+    at: Int[AnyArray, " q"]
+    levels: dict[str, Float[AnyArray, " points"]]
+    side: Int[AnyArray, " points"]
     within: Within | None = None
+
+    @property
+    def coefficients(self) -> Int[np.ndarray, " n"]:
+        """Indices of the part's coefficients in the problem's vector: all parts share them."""
+        return np.arange(len(self.family.linear))
 
     @property
     def rig(self) -> tuple[int, ...]:
@@ -118,7 +118,7 @@ class Problem:
         parts: one for each force map.
         names: names of the nonlinear parameters, q of them.
         low, high: their bounds [SI], shape (q,).
-        linear: names of the coefficients, node by node, n of them.
+        linear: names of the coefficients, which all parts share, n of them.
         coefficient_min, coefficient_max: their bounds, shape (n,); infinite if there are none.
         priors: priors on nonlinear parameters.
         coefficient_priors: priors on coefficients.
@@ -169,7 +169,7 @@ class Problem:
     @property
     def readings(self) -> list[slice]:
         """Slice of each part in the concatenated readings."""
-        ends = itertools.accumulate((part.force.size for part in self.parts), initial=0)
+        ends = np.cumsum([0, *(part.force.size for part in self.parts)]).tolist()
         return [slice(first, end) for first, end in itertools.pairwise(ends)]
 
     @property
@@ -205,16 +205,6 @@ class Problem:
         return found
 
 
-class _Part(eqx.Module):
-    """One force map; see `Part`."""
-
-    family: AbstractFamily
-    inputs: MapInputs
-    weight: Float[AnyArray, " points"]
-    at: Int[np.ndarray, " q"]
-    coefficients: Int[np.ndarray, " n"]
-
-
 class PureProblem(eqx.Module):
     """A problem as pure functions of the parameters and the measured forces.
 
@@ -229,7 +219,7 @@ class PureProblem(eqx.Module):
         compliant: true if a rig is compliant.
     """
 
-    parts: tuple[_Part, ...]
+    parts: tuple[Part, ...]
     low: Float[AnyArray, " q"]
     high: Float[AnyArray, " q"]
     free: tuple[int, ...] = eqx.field(static=True)
@@ -251,9 +241,7 @@ class PureProblem(eqx.Module):
             return weights[:, None] * rows, weights * np.array([one.mean for one in of])
 
         return cls(
-            parts=tuple(
-                _Part(p.family, p.inputs, p.weight, p.at, p.coefficients) for p in problem.parts
-            ),
+            parts=tuple(dataclasses.replace(part, within=None) for part in problem.parts),
             low=problem.low,
             high=problem.high,
             free=tuple(problem.free.tolist()),
@@ -277,9 +265,9 @@ class PureProblem(eqx.Module):
     ) -> Float[Array, " n"]:
         """Coefficients of the certified convex fit at given parameters [SI], for a rigid rig."""
         none = jnp.zeros(self.limits[0].shape[1])
-        return solve_qp(*self.programme(p, none, force, jnp.ones_like(force), force)).x
+        return solve_qp(*self.programme(p, none, force, force)).x
 
-    def _each(self) -> Iterator[tuple[_Part, slice]]:
+    def _each(self) -> Iterator[tuple[Part, slice]]:
         """Iterate over the parts with the slices of their readings."""
         first = 0
         for part in self.parts:
@@ -290,7 +278,6 @@ class PureProblem(eqx.Module):
         p: Float[Array, " q"],
         x0: Float[Array, " n"],
         force: Float[Array, " points"],
-        factor: Float[Array, " points"],
         reached: Float[Array, " points"],
     ) -> tuple[Array, Array, Array, Array]:
         """A, b, G and h of the convex programme.
@@ -299,19 +286,17 @@ class PureProblem(eqx.Module):
             p: parameters [SI].
             x0: coefficients about which a compliant rig is linearised.
             force: measured force [N].
-            factor: factors on the weights of the readings.
             reached: force [N] about which a compliant rig is linearised.
         """
-        unit, (rows, targets), (bounds, ends) = jnp.eye(x0.size), self.prior_rows, self.limits
+        (rows, targets), (bounds, ends) = self.prior_rows, self.limits
         blocks: list[tuple[Array, ...]] = []
         for part, here in self._each():
             found = linear_response(
-                part.family, self.constraint, part.inputs, p[part.at], x0, reached[here],
-                unit[part.coefficients],
-            )  # fmt: skip
-            weight = part.weight * factor[here]
-            target = weight * (force[here] - found.force)
-            blocks.append((weight[:, None] * found.columns, target, found.rows, -found.values))
+                part.family, self.constraint, part.inputs, p[part.at], x0, reached[here]
+            )
+            target = part.weight * (force[here] - found.force)
+            columns = part.weight[:, None] * found.columns
+            blocks.append((columns, target, found.rows, -found.values))
         blocks.append((jnp.asarray(rows), targets, bounds, ends))
         A, b, G, h = (jnp.concatenate(leaves) for leaves in zip(*blocks, strict=True))
         return A, b, G, h
@@ -330,7 +315,7 @@ class PureProblem(eqx.Module):
             if self.compliant:
                 at = dataclasses.replace(at, force=reached[here])
             model, constraint = force_and_constraint(
-                part.family, self.constraint, at, p[part.at], x[part.coefficients], _EXACT
+                part.family, self.constraint, at, p[part.at], x
             )
             residuals.append(part.weight * (model - force[here]))
             values.append(constraint)

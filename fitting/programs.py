@@ -24,16 +24,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from famjax.compile_options import Options, bulk_options, quick_options
+from famjax.compile_options import bulk_options, quick_options
 
 from .convex import AnyArray, Optimum, bucket, solve_qp
 from .problem import Part, Problem
-from .response import Constraint, Linear, MapInputs, Report, flat, linear_response, report
+from .response import Constraint, Linear, MapInputs, Report, linear_response, report
 
 
-def kept(
-    function: Callable[..., Any], name: str, like: Any, options: Options
-) -> Callable[..., Any]:
+def kept(function: Callable[..., Any], name: str, like: Any) -> Callable[..., Any]:
     """The compiled function, traced once for all processes.
 
     Args:
@@ -41,52 +39,46 @@ def kept(
         name: by which its trace is found again; functions that differ have different names, and none
             runs code from outside famjax and fitting.
         like: a pytree of the structure that it returns.
-        options: of the compiler.
 
     Returns:
-        What `jax.jit(function, compiler_options=options)` returns, but for derivatives: a kept trace
-        has none.
+        What `jax.jit(function)` returns, but for derivatives: a kept trace has none.
     """
     structure = jax.tree.structure(like)
-    known: dict[tuple, Callable[..., Any]] = {}
+    known: dict[Any, Callable[..., Any]] = {}
 
     def called(*args: Any) -> Any:
         leaves, treedef = jax.tree.flatten(args)
-        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
-        if (treedef, shapes) not in known:
+        shapes = [(leaf.shape, leaf.dtype) for leaf in leaves]
+        key = treedef, *shapes
+        if key not in known:
 
             def flat(*leaves: Any) -> list[Any]:
                 return jax.tree.leaves(function(*jax.tree.unflatten(treedef, leaves)))
 
-            known[treedef, shapes] = _found(flat, f"{name} {shapes}", shapes, options)
-        return jax.tree.unflatten(structure, known[treedef, shapes](*leaves))
+            known[key] = jax.jit(_traced(flat, name, shapes), compiler_options=bulk_options())
+        return jax.tree.unflatten(structure, known[key](*leaves))
 
-    called.known = known  # type: ignore[attr-defined]
     return called
 
 
-def _found(
-    flat: Callable[..., Any], name: str, shapes: tuple, options: Options
-) -> Callable[..., Any]:
-    """The compiled function of leaves, by the trace that was kept if there is one."""
+def _traced(flat: Callable[..., Any], name: str, shapes: list) -> Callable[..., Any]:
+    """The trace of a function of leaves, as it was kept; the function where nothing is kept."""
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if not folder:
-        return jax.jit(flat, compiler_options=options)
-    from jax import export  # noqa: PLC0415 -- where nothing is kept nobody waits for it
+        return flat
+    from jax import export  # noqa: PLC0415 -- imported only if traces are kept
 
-    digest = hashlib.sha256(f"{_sources()} {name}".encode()).hexdigest()[:32]
+    digest = hashlib.sha256(f"{_sources()} {name} {shapes}".encode()).hexdigest()[:32]
     file = Path(folder) / f"trace-{digest}-cache"
-    trace = None
     with contextlib.suppress(Exception):  # of another version of JAX, or torn
-        trace = export.deserialize(bytearray(file.read_bytes()))
-    if trace is None:
-        given = [jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes]
-        trace = export.export(jax.jit(flat))(*given)
-        with contextlib.suppress(OSError, ImportError):  # a full disk keeps nothing
-            torn = file.with_suffix(f".{os.getpid()}")
-            torn.write_bytes(trace.serialize())
-            torn.replace(file)
-    return jax.jit(trace.call, compiler_options=options)
+        return export.deserialize(bytearray(file.read_bytes())).call
+    given = [jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes]
+    trace = export.export(jax.jit(flat))(*given)
+    with contextlib.suppress(OSError, ImportError):  # a full disk keeps nothing
+        torn = file.with_suffix(f".{os.getpid()}")
+        torn.write_bytes(trace.serialize())
+        torn.replace(file)
+    return trace.call
 
 
 @functools.cache
@@ -102,10 +94,8 @@ def _sources() -> str:
     return digest.hexdigest()
 
 
-MEMBERS = 8
+MEMBERS = 16
 """Fits that a compiled program takes at once."""
-BULK = 16
-"""The same where there are hundreds."""
 
 
 class Sizes(NamedTuple):
@@ -189,14 +179,6 @@ def joined(groups: Sequence[Group]) -> Group:
     return Group(groups[0].arrays, *each)
 
 
-def _places(part: Part) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a part's parameters and coefficients are among those of its program, and what is held there."""
-    if part.within is None:
-        q = len(part.at)
-        return np.eye(q), np.zeros(q), np.eye(len(part.coefficients))
-    return part.within.to_p, part.within.held, part.within.to_x
-
-
 class Layout:
     """Where the parts of a problem are among padded readings and rows; the groups of its parts."""
 
@@ -207,27 +189,25 @@ class Layout:
         for place, part in enumerate(problem.parts):
             form, arrays = form_of(part, size)
             alike.setdefault(form, []).append((place, arrays))
-        within = [part.within for part in problem.parts if part.within is not None]
-        whole = max((len(one.held) for one in within), default=0)
-        wide_n, wide_q = bucket(n, 4), whole or bucket(q, 8)
+        whole = [len(part.within.held) for part in problem.parts if part.within is not None]
+        wide_n, wide_q = bucket(n, 4), max(whole, default=bucket(q, 8))
+        along = problem.constraint in ("slope", "drucker")
         self.forms, groups = tuple(alike), []
         at_readings, at_rows, first, first_row = {}, {}, 0, 0
-        along = problem.constraint in ("slope", "drucker")
         for form, members in alike.items():
             to_p, held, to_x = [], [], []
             for place, arrays in members:
-                part = problem.parts[place]
-                own_p, own_held, own_x = _places(part)
-                to_p.append(own_p @ np.eye(wide_q)[part.at])
-                held.append(own_held)
-                to_x.append(own_x @ np.eye(wide_n)[part.coefficients])
+                part, within = problem.parts[place], problem.parts[place].within
+                own = np.eye(wide_q)[part.at]
+                to_p.append(own if within is None else within.to_p @ own)
+                held.append(np.zeros(len(own)) if within is None else within.held)
+                own = np.eye(n, wide_n)
+                to_x.append(own if within is None else within.to_x @ own)
                 at_readings[place] = first + np.arange(part.force.size)
                 first += form.points
                 at_rows[place] = first_row + np.arange(part.inputs.stations.size * along)
                 first_row += arrays[-1].size * along
-            stacked = tuple(
-                np.stack(leaves) for leaves in zip(*(a for _, a in members), strict=True)
-            )
+            stacked = tuple(map(np.stack, zip(*(arrays for _, arrays in members), strict=True)))
             groups.append(Group(stacked, np.stack(to_p), np.stack(held), np.stack(to_x)))
         self.groups = tuple(groups)
         self.readings, self.rows = (
@@ -310,11 +290,7 @@ def _of_part(
     def response(own_p: Array) -> Linear:
         return linear_response(family, constraint, at, own_p, x0, reached, to_x)
 
-    own_p = held + to_p @ p
-    if not own_p.size:
-        value = response(own_p)
-        return value, Linear(*(jnp.zeros((len(p), *leaf.shape)) for leaf in value))
-    value, slope = jax.linearize(response, own_p)
+    value, slope = jax.linearize(response, held + to_p @ p)
     return value, jax.vmap(slope)(to_p.T)
 
 
@@ -324,7 +300,6 @@ def linear_program(
     constraint: Constraint,
     sizes: Sizes,
     *,
-    bulk: bool = False,
     shared: bool = False,
 ) -> Any:
     """The compiled linear model of a structure, for several fits at once.
@@ -333,7 +308,6 @@ def linear_program(
         forms: of the groups of parts.
         constraint: on the coefficients.
         sizes: of the padded problem.
-        bulk: whether it runs so often that optimised code is worth its compilation.
         shared: whether it is the program that families share. Its trace is kept: all in it is of famjax,
             where the name of a class tells its code; that of a user's own class does not.
     """
@@ -345,19 +319,22 @@ def linear_program(
 
         def padded(found: Linear, axis: int) -> Linear:
             wide = (sizes.readings, sizes.readings, sizes.rows, sizes.rows)
-            by = [[(0, 0)] * leaf.ndim for leaf in found]
-            for one, leaf, size in zip(by, found, wide, strict=True):
-                one[axis] = (0, size - leaf.shape[axis])
-            return Linear(*map(jnp.pad, found, by))
+            by = (np.eye(leaf.ndim, dtype=int)[axis] for leaf in found)
+            return Linear(
+                *(
+                    jnp.pad(leaf, [(0, more * (size - leaf.shape[axis])) for more in one])
+                    for leaf, one, size in zip(found, by, wide, strict=True)
+                )
+            )
 
         return padded(value, 0), padded(slope, 1)
 
     axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
     many = jax.vmap(one, in_axes=(axes, 0, 0, 0))
     if not shared:
-        return jax.jit(many, compiler_options=bulk_options() if bulk else quick_options())
+        return jax.jit(many, compiler_options=bulk_options())
     like = Linear(*range(4)), Linear(*range(4))
-    return kept(many, f"linear {forms} {constraint} {sizes}", like, bulk_options())
+    return kept(many, f"linear {forms} {constraint} {sizes}", like)
 
 
 class Weighing(NamedTuple):
@@ -427,19 +404,7 @@ def projected_program() -> Any:
     one, number = np.zeros(1), np.zeros(())
     optimum = Optimum(one, one, one > 0, number, number, number, number, np.zeros((), int))
     like = Projected(optimum, *range(len(Projected._fields) - 1))
-    return kept(jax.vmap(projected), "projected", like, bulk_options())
-
-
-@functools.lru_cache(maxsize=128)
-def numbers_program(form: Form) -> Any:
-    """The compiled numbers of a part's model, of parameters of the family and coefficients."""
-
-    def one(arrays: list[Array], p: Array, x: Array) -> Array:
-        family, _ = form.filled(arrays)
-        names = (*family.nonlinear, *family.linear)
-        return flat(family.build(dict(zip(names, jnp.concatenate([p, x]), strict=True))))
-
-    return jax.jit(one, compiler_options=quick_options())
+    return kept(jax.vmap(projected), "projected", like)
 
 
 @functools.lru_cache(maxsize=128)

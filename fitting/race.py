@@ -11,11 +11,11 @@ import famjax
 from famjax.boundary.errors import InputError
 
 from .data import ForceData
+from .engine import muscle_at
 from .ladder import FEWEST_LENGTHS, Candidate, sharing_one_program
 from .posing import Posed, pose
 from .problem import Problem
 from .search import End, best_of, descend_many
-from .summary import muscle_at
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
 _STEPS, _TOLERANCE = 60, 1e-6
@@ -48,9 +48,11 @@ def _descents(
     starts: Sequence[Float[np.ndarray, "_ _"]],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
+    each = [
+        (problem, start) for problem, own in zip(problems, starts, strict=True) for start in own
+    ]
     return descend_many(
-        [problem for problem, own in zip(problems, starts, strict=True) for _ in own],
-        [start for own in starts for start in own],
+        [problem for problem, _ in each], [start for _, start in each],
         max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=progress,
     )  # fmt: skip
 
@@ -100,21 +102,20 @@ def fitted(
     Returns:
         One item per candidate: the fit, or the reason why the map does not support the family.
     """
-    posed: list[Posed | str] = []
-    for one in candidates:
+    posed: dict[int, Posed] = {}
+    found: list[Fitted | str] = ["" for _ in candidates]
+    for k, one in enumerate(candidates):
         try:
-            posed.append(posed_of(data, one, constraint))
+            posed[k] = posed_of(data, one, constraint)
         except InputError as error:
-            posed.append(str(error))
-    carried = [one for one in posed if isinstance(one, Posed)]
-    near = [one.starts(starts, seed) for one in carried]
-    ends = iter(_descents([one.problem for one in carried], near, progress))
-    return [
-        one
-        if isinstance(one, str)
-        else _fitted(candidate, one, [next(ends) for _ in range(starts)])
-        for candidate, one in zip(candidates, posed, strict=True)
-    ]
+            found[k] = str(error)
+    # Rigid rigs come first, so that they do not wait for the iteration of compliant ones.
+    order = sorted(posed, key=lambda k: candidates[k].rig)
+    near = [posed[k].starts(starts, seed) for k in order]
+    ends = iter(_descents([posed[k].problem for k in order], near, progress))
+    for k in order:
+        found[k] = _fitted(candidates[k], posed[k], [next(ends) for _ in range(starts)])
+    return found
 
 
 def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str:
@@ -124,7 +125,7 @@ def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str
         return str(error)
     problem = posed.problem
     if candidate.rig and _rig_of_the_bounds(problem, end):
-        return "The rig of the best fit is rigid, or gives way as much as the bounds allow."
+        return "The rig of the best fit is rigid, or as compliant as the bounds allow."
     order = np.argsort([one.cost for one in ends])
     return Fitted(
         candidate, posed, np.stack([ends[k].u for k in order]),
@@ -142,31 +143,21 @@ def left_out_of(
     compliant rig if the map has too few lengths to leave one out, since only a held-out length
     distinguishes it from a soft bladder.
     """
-    told = [
-        one for one in families
-        if not one.candidate.rig or "length" in _kinds(one.posed.problem)
-    ]  # fmt: skip
-    if not told:
-        return [None] * len(families)
-    problem = told[0].posed.problem
-    # Leaving out pressures hardly moves the optimum; leaving out a length may.
+    problem = families[0].posed.problem
+    lengths = np.unique(problem.levels("length")).size >= FEWEST_LENGTHS
     kinds = {
-        kind: (groups_of(problem, kind), 1 if kind == "pressure" else 2) for kind in _kinds(problem)
+        # Leaving out pressures hardly moves the optimum; leaving out a length may.
+        kind: (groups_of(problem, kind), 1 if kind == "pressure" else 2)
+        for kind in ("pressure", "length")[: 1 + lengths]
     }
-    fits = [(one.posed.problem, one.ends[0]) for one in told]
+    found: list[dict[str, LeftOut] | None] = [None for _ in families]
+    told = [k for k, one in enumerate(families) if lengths or not one.candidate.rig]
+    fits = [(families[k].posed.problem, families[k].ends[0]) for k in told]
     errors = leave_out_each(fits, kinds, seed=seed, progress=progress)
-    found = {
-        id(one): of
-        for one, of in zip(told, errors, strict=True)
-        if all(np.isfinite(part.error).all() for part in of.values())
-    }
-    return [found.get(id(one)) for one in families]
-
-
-def _kinds(problem: Problem) -> Sequence[str]:
-    """Kinds of readings to leave out; lengths only if at least three others remain."""
-    lengths = np.unique(problem.levels("length")).size
-    return ("pressure", "length") if lengths >= FEWEST_LENGTHS else ("pressure",)
+    for k, of in zip(told, errors, strict=True):
+        if all(np.isfinite(part.error).all() for part in of.values()):
+            found[k] = of
+    return found
 
 
 def _rig_of_the_bounds(problem: Problem, end: End) -> bool:

@@ -6,21 +6,17 @@ import inspect
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jinja2
-import matplotlib as mpl
 import numpy as np
 from jaxtyping import Array, Float
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 import famjax
 from famjax.boundary.files import Origin, as_html, as_png, as_svg, write_all
@@ -29,11 +25,13 @@ from famjax.compile_options import as_arrays, quick_jit
 
 from .arguments import check_path
 from .choice import Choice, choice_table
+from .data import ForceData
 from .evidence import Evidence, Table, evidence_tables, evidence_warnings
 from .pictured import PictureFit
 from .prediction import static_rows
 from .result import Estimate, Identification, check_identified
-from .saved import correlations, fit_as_dict, versions
+from .saved import as_json, correlations, fit_as_dict, versions
+from .specimen import SPECIMEN_LENGTHS
 from .validation import columns_of
 from .verdict import Judgement, judge
 
@@ -58,12 +56,9 @@ class PageTable:
     groups: Sequence[tuple[str, int]] = ()
     text: bool = False
 
-    def html(self, number: int | None = None) -> Markup:
+    def html(self, number: int) -> Markup:
         """Render the table as HTML; a table wider than the page scrolls horizontally."""
-        label = Markup("") if number is None else Markup(f"<b>Table {number}.</b>")
-        return Markup(
-            _templates("fitting").get_template("table.html").render(table=self, label=label)
-        )
+        return Markup(page("table.html", table=self, number=number))
 
 
 def page(template: str, package: str = "fitting", **values: object) -> str:
@@ -96,7 +91,8 @@ def _templates(package: str) -> jinja2.Environment:
     return jinja2.Environment(autoescape=True, loader=jinja2.ChoiceLoader(loaders))
 
 
-_COLOURS = mpl.colormaps["viridis"]
+# --- figures
+
 _BEYOND = 1.25  # largest strain of the plotted law, relative to the strain range
 _CURVES = 24  # largest number of model curves
 _PROFILES = 6  # largest number of profiles in a figure
@@ -114,65 +110,38 @@ def plot_fit(result: Identification, system: str = "metric") -> Figure:
         The figure, not shown; save it with `savefig`.
     """
     check_identified(result)
-    figure = Figure(figsize=(11, 6.2))
-    FigureCanvasAgg(figure)
+    figure, units, errors = Figure(figsize=(11, 6.2)), unit_system(system), result.errors
     # Fixed positions: a layout engine would draw the figure twice.
     axes = figure.subplot_mosaic(
-        [["isobars", "bar", ".", "residuals"], ["isobars", "bar", ".", "law"]],
-        width_ratios=[3, 0.06, 0.62, 2],
+        [["isobars", "residuals"], ["isobars", "law"]],
+        width_ratios=[3.8, 2],
         gridspec_kw={
-            "left": 0.065, "right": 0.985, "bottom": 0.085, "top": 0.89, "wspace": 0.04,
-            "hspace": 0.36,
+            "left": 0.065, "right": 0.985, "bottom": 0.085, "top": 0.89, "wspace": 0.2, "hspace": 0.36,
         },
     )  # fmt: skip
     plot_isobars(result, axes["isobars"], system)
-    plot_residuals(result, axes["residuals"], system)
+    points = _plot_residuals(result, axes["residuals"], system)
     plot_law(result, axes["law"], system)
-    figure.colorbar(
-        ScalarMappable(_shade(result, system), _COLOURS),
-        cax=axes["bar"],
-        label=f"gauge pressure, {unit_system(system)['pressure']}",
-    )
-    errors = result.errors
-
-    def force(value: float, digits: int) -> str:
-        return Quantity(value, "force", digits).in_units(system)
-
+    label = f"gauge pressure, {units['pressure']}"
+    figure.colorbar(points, ax=axes["isobars"], pad=0.02, aspect=35, label=label)
+    rmse = Quantity(errors.rmse, "force", 3).in_units(system)
     figure.suptitle(
-        f"{result.data.specimen.name}: RMSE {force(errors.rmse, 3)} ({errors.rmse_percent:.2g} % of "
-        f"{force(errors.max_force, 5)}), law: {result.law.name}, constraint: {result.constraint}",
+        f"{result.data.specimen.name}: {result.law.name} law, RMSE {rmse} "
+        f"({errors.rmse_percent:.2g} % of the largest force)",
         fontsize=11,
     )
     return figure
 
 
-def _shade(result: Identification, system: str) -> Normalize:
-    """Colour scale of the pressures of a map."""
-    levels = result.data.pressures.level / _unit(system, "pressure")
-    return Normalize(levels.min(), levels.max())
-
-
-def _axes(result: Identification, axes: Axes | None) -> Axes:
-    """Return the given axes, or pyplot's current ones."""
-    check_identified(result)
-    if axes is not None:
-        return axes
-    from matplotlib import pyplot  # noqa: PLC0415 -- pyplot may open a display
-
-    return pyplot.gca()
-
-
 def _scatter(
     result: Identification, axes: Axes, values: np.ndarray, system: str, **style: Any
-) -> None:
+) -> PathCollection:
     """Plot values of the loaded readings against contraction, coloured by pressure."""
     data, loaded = result.data, result.data.loaded
-    axes.scatter(
+    return axes.scatter(
         1 - data.length[loaded] / data.specimen.rest_length,
         values / _unit(system, "force"),
         c=data.pressure[loaded] / _unit(system, "pressure"),
-        norm=_shade(result, system),
-        cmap=_COLOURS,
         rasterized=data.force.size > _SINGLE,
         **style,
     )
@@ -180,6 +149,12 @@ def _scatter(
 
 def _unit(system: str, kind: str) -> float:
     return factor(unit_system(system)[kind], kind)
+
+
+def _levels(data: ForceData) -> Float[np.ndarray, " levels"]:
+    """Pressures [Pa] at which the model is drawn."""
+    levels = np.unique(data.pressures.level[data.loaded])
+    return levels[:: math.ceil(levels.size / _CURVES)]
 
 
 def plot_isobars(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
@@ -193,20 +168,20 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     Returns:
         The axes.
     """
-    axes, shade, data = _axes(result, axes), _shade(result, system), result.data
-    force_unit, pressure_unit = _unit(system, "force"), _unit(system, "pressure")
-    rest = data.specimen.rest_length
-    lengths = np.linspace(data.length.min(), data.length.max(), 200)
-    levels = np.unique(data.pressures.level[data.loaded])
-    shown = np.linspace(0, levels.size - 1, min(levels.size, _CURVES)).round().astype(int)
-    levels = levels[shown]
+    check_identified(result)
+    if axes is None:
+        from matplotlib import pyplot  # noqa: PLC0415 -- pyplot may open a display
+
+        axes = pyplot.gca()
+    data, rest = result.data, result.data.specimen.rest_length
+    style = {"edgecolors": "black", "linewidths": 0.4, "zorder": 3, "label": "measured"}
+    points = _scatter(result, axes, data.force[data.loaded], system, s=20, **style)
+    lengths, levels = np.linspace(data.length.min(), data.length.max(), 200), _levels(data)
     for level, force in zip(levels, result.predict(lengths, levels[:, None]), strict=True):
-        pull = np.where(force < 0, np.nan, force) / force_unit
-        axes.plot(1 - lengths / rest, pull, color=_COLOURS(shade(level / pressure_unit)), lw=1)
-    style = {"edgecolors": "black", "linewidths": 0.4, "zorder": 3}
-    _scatter(result, axes, data.force[data.loaded], system, s=20, **style)
-    axes.plot([], [], "o", mfc="white", mec="black", ms=4.5, label="measured")
-    axes.plot([], [], color="0.4", lw=1, label="model")
+        pull = np.where(force < 0, np.nan, force) / _unit(system, "force")
+        colour = points.to_rgba(level / _unit(system, "pressure"))
+        axes.plot(1 - lengths / rest, pull, color=colour, lw=1)
+    axes.lines[-1].set_label("model")
     if data.slack.any():
         slack = 1 - data.length[data.slack] / rest
         style = {"color": "0.6", "ms": 4, "clip_on": False, "label": "slack (not fitted)"}
@@ -216,60 +191,47 @@ def plot_isobars(result: Identification, axes: Axes | None = None, system: str =
     return axes
 
 
-def plot_residuals(
-    result: Identification, axes: Axes | None = None, system: str = "metric"
-) -> Axes:
-    """Plot residuals against contraction, coloured by pressure; arguments as in `plot_isobars`."""
-    axes, rmse = _axes(result, axes), result.errors.rmse / _unit(system, "force")
+def _plot_residuals(result: Identification, axes: Axes, system: str) -> PathCollection:
+    """Plot residuals against contraction, coloured by pressure."""
+    rmse = result.errors.rmse / _unit(system, "force")
     for level, style in ((0.0, "-"), (rmse, ":"), (-rmse, ":")):
         axes.axhline(level, color="0.7", lw=0.8, ls=style)
-    _scatter(result, axes, result.residuals, system, s=14)
     axes.set(xlabel="contraction", ylabel=f"model - measured, {unit_system(system)['force']}")
-    axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_title("residuals; dotted: +- RMSE", fontsize=9)
-    return axes
+    return _scatter(result, axes, result.residuals, system, s=14)
 
 
-def plot_law(result: Identification, axes: Axes | None = None, system: str = "metric") -> Axes:
-    """Plot bladder stress against strain, dashed where it decreases; arguments as in `plot_isobars`."""
-    axes, nodes = _axes(result, axes), result.node_pressures
+def plot_law(result: Identification, axes: Axes, system: str) -> None:
+    """Plot bladder stress against strain."""
+    levels = np.zeros(1)
+    if result.law.material.depends_on_pressure:
+        levels = _levels(result.data)[[0, -1]]
     strain, material = np.linspace(0, _BEYOND * result.strain_range, 400), result.muscle.material
-    if nodes is None:
-        pressures, labels = np.zeros(1), [f"{result.law.name} law"]
-    else:
-        pressures = nodes[sorted({0, len(nodes) // 2, len(nodes) - 1})]
-        labels = [f"at {Quantity(pressure, 'pressure').in_units(system)}" for pressure in pressures]
-    stresses = np.asarray(quick_jit(law_stress)(as_arrays(material), strain, pressures[:, None]))
-    for label, stress in zip(labels, stresses / _unit(system, "stress"), strict=True):
-        falls = np.gradient(stress, strain) < 0
-        (line,) = axes.plot(strain, np.where(falls, np.nan, stress), label=label)
-        axes.plot(strain, np.where(falls, stress, np.nan), color=line.get_color(), ls="--")
+    stresses = np.asarray(quick_jit(law_stress)(as_arrays(material), strain, levels[:, None]))
+    for level, stress in zip(levels, stresses / _unit(system, "stress"), strict=True):
+        at = f" at {Quantity(level, 'pressure').in_units(system)}" * (levels.size > 1)
+        axes.plot(strain, stress, label=f"{result.law.name} law{at}")
     axes.axvspan(0, result.strain_range, color="#dfeaf2", zorder=0, label="strain range used")
     stress = f"true stress, {unit_system(system)['stress']}"
     axes.set(xlabel="engineering strain", ylabel=stress, xlim=(0, strain[-1]))
-    way = "uniaxial " * hasattr(material, "uniaxial_stress")
-    axes.set_title(f"{way}bladder law; dashed where falling", fontsize=9)
+    axes.set_title("uniaxial " * hasattr(material, "uniaxial_stress") + "bladder law", fontsize=9)
     axes.legend(framealpha=1, fontsize=8)
-    return axes
 
 
 def plot_profiles(pictures: PictureFit, system: str = "metric") -> Figure:
     """Plot photographed (points) and computed profiles (lines) from the longest to the shortest muscle."""
     figure = Figure(figsize=(11, 3.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes, size = figure.subplots(), _unit(system, "length")
+    axes, size, unit = figure.subplots(), _unit(system, "length"), unit_system(system)["length"]
     order = np.argsort(-pictures.length)
     for place in order[np.unique(np.linspace(0, order.size - 1, _PROFILES).astype(int))]:
-        length, level = float(pictures.length[place]), float(pictures.pressure[place])
-        z = pictures.position * length / size
+        length = Quantity(float(pictures.length[place]), "length")
+        level = Quantity(float(pictures.pressure[place]), "pressure", 3)
+        z = pictures.position * length.value / size
+        label = f"{length.in_units(system)}, {level.in_units(system)}"
         (line,) = axes.plot(z, pictures.computed[place] / size)
-        told = [Quantity(length, "length", 4), Quantity(level, "pressure", 3)]
-        axes.plot(z, pictures.measured[place] / size, "o", color=line.get_color(), markersize=4,
-                  label=", ".join(one.in_units(system) for one in told))  # fmt: skip
-    unit = unit_system(system)["length"]
+        axes.plot(z, pictures.measured[place] / size, "o", color=line.get_color(), label=label)
     axes.set(xlabel=f"position along the muscle, {unit}", ylabel=f"braid diameter, {unit}")
     axes.legend(title="length, pressure", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes.margins(y=0.1)
     return figure
 
 
@@ -283,23 +245,7 @@ def law_stress(
     return material.stresses(strain, strain, pressure)[0] + 0 * pressure
 
 
-def specimen_table(result: Identification, system: str) -> Table:
-    """Return the table of the specimen and the ranges of the readings."""
-    data, units = result.data, unit_system(system)
-
-    def row(name: str, value: Any) -> tuple[str, ...]:
-        if value is None or isinstance(value, bool | str):
-            words: dict[Any, str] = {None: "not given", True: "yes", False: "no"}
-            return name, words.get(value, str(value)), ""
-        return name, f"{from_si(float(value), units['length'], 'length'):.5g}", units["length"]
-
-    rows = [row(k.replace("_", " "), v) for k, v in dataclasses.asdict(data.specimen).items()]
-    for name in ("length", "pressure", "force"):
-        ends = (from_si(f(getattr(data, name)), units[name], name) for f in (np.min, np.max))
-        rows.append((f"{name}s measured", " to ".join(f"{end:.5g}" for end in ends), units[name]))
-    rows.append(("readings", f"{data.force.size}, {data.loaded.sum()} of them pulling", ""))
-    return "Specimen and readings", ("entry", "value", "unit"), rows
-
+# --- text
 
 _ALONE = 0.98
 """Correlation above which the data do not determine two parameters separately."""
@@ -317,33 +263,57 @@ def described(part: object) -> str:
     return " ".join(found.split()) if found and not generated else f"{name}."
 
 
-def terms_of(muscle: famjax.AbstractMuscle) -> tuple[famjax.terms.AbstractForceTerm, ...]:
-    """Return the force terms of a muscle, if it has any."""
-    return muscle.terms.terms if isinstance(muscle, famjax.Muscle) else ()
-
-
 def in_words(result: Identification) -> str:
     """Describe the model of a fit in one line: law, geometry and extras."""
     muscle = result.muscle
     if isinstance(muscle, famjax.EquilibriumMuscle):
         return f"{result.law.name} law, the shape from mechanics between two end-fittings"
-    geometry, terms = muscle.geometry, muscle.terms.terms
-    order = f" of order {result.order}" if result.law.name == "polynomial" else ""
+    order = f" of order {result.law.order}" if result.law.name == "polynomial" else ""
     shape = "a cylindrical braid"
-    if type(geometry).__module__ != "famjax.geometries":
-        shape = described(geometry).partition(":")[0].rstrip(".").lower()
+    if type(muscle.geometry).__module__ != "famjax.geometries":
+        shape = described(muscle.geometry).partition(":")[0].rstrip(".").lower()
     parts = [
         _TAKES_PART[one.name] for one in result.estimates
         if one.name in _TAKES_PART and one.value > (one.name == "end_factor")  # 1: no effect
     ]  # fmt: skip
-    parts += [type(one).__name__ for one in terms if type(one).__module__ != "famjax.terms"]
+    own = (one for one in muscle.terms.terms if type(one).__module__ != "famjax.terms")
+    parts += [type(one).__name__ for one in own]
     return f"{result.law.name} law{order}, {shape}{' with ' * bool(parts)}{', '.join(parts)}"
 
 
-_WITHIN = (
-    "The fit describes the quasi-static force within the measured lengths and pressures only. "
-    "The braid angle is measured from the circumference."
-)
+def rounded(value: float, error: float, unit: str, kind: str) -> tuple[str, str]:
+    """Format a value and its standard error, both in SI, to two digits of the error.
+
+    The error is "" if it is unknown or zero; the value then has five digits.
+
+    >>> rounded(4639.8, 64.2, "N", "force"), rounded(0.027335, 8.7e-5, "mm", "length")
+    (('4640', '64'), ('27.335', '0.087'))
+    """
+    value, error = (from_si(float(one), unit, kind) for one in (value, error))
+    if not (math.isfinite(error) and error > 0):
+        return f"{value:.5g}", ""
+    places = 1 - math.floor(math.log10(error))
+    shown, spread = (f"{round(one, places):.{max(places, 0)}f}" for one in (value, error))
+    return shown, spread
+
+
+def _parameter(one: Estimate, system: str) -> tuple[str, str, str]:
+    """Format value and unit of a parameter, and its standard error or why it has none."""
+    unit = unit_system(system)[one.kind]
+    value, error = rounded(one.value, one.stderr, unit, one.kind)
+    flag = "held" if one.fixed else "at bound" if one.at_bound else error or "none"
+    return value, unit, flag
+
+
+def parameter_table(result: Identification, system: str) -> Table:
+    """Return the table of the parameters with standard errors and bounds."""
+    rows = []
+    for one in result.estimates + result.derived:
+        value, unit, error = _parameter(one, system)
+        low, high = (from_si(end, unit, one.kind) for end in (one.min, one.max))
+        known = math.isfinite(low) and one not in result.derived
+        rows.append((one.name, value, unit, error, f"{low:.5g} to {high:.5g}" if known else ""))
+    return "Parameters", ("parameter", "value", "unit", "std. error", "bounds"), rows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -370,16 +340,10 @@ class Findings:
         question = "" if self.choice is None else self.choice.open_question
         return judge(self.result, (), self.evidence.left_out, question)
 
-    def verdict(self, system: str, most: int | None = None) -> str:
-        """Return the verdict with its most serious reasons, and what could not be checked."""
-        told = [f"{self.judged.level.capitalize()}.", *self.judged.reasons[:most]]
-        return " ".join(
-            sentence_in_units(one, system) for one in (*told, self.judged.unchecked) if one
-        )
-
     def summary(self, system: str = "metric") -> list[tuple[str, str]]:
         """Return the summary lines, each a label and a sentence."""
-        result, errors = self.result, self.result.errors
+        result, errors, judged = self.result, self.result.errors, self.judged
+        told = [f"{judged.level.capitalize()}.", *judged.reasons[:2], judged.unchecked]
         model = in_words(result)
         if self.choice is not None:
             model += f"; chosen from {len(self.choice.tried)} by cross-validation"
@@ -391,9 +355,13 @@ class Findings:
         held_out = [f"{force(columns[one])} on {one}s" for one in sorted(columns, reverse=True)]
         error = f"{force(errors.rmse)} ({errors.rmse_percent:.3g} % of the largest force) in sample"
         error += "; held out: " * bool(held_out) + ", ".join(held_out)
-        values = [_with_error(one, system) for one in result.all_estimates]
+        values = []
+        for one in result.estimates:
+            value, unit, flag = _parameter(one, system)
+            with_error = f"+- {flag} {unit}" if flag[0].isdigit() else f"{unit} ({flag})"
+            values.append(f"{one.name} {value} {with_error}".rstrip().replace("  ", " "))
         return [
-            ("verdict", self.verdict(system, 2)),
+            ("verdict", sentence_in_units(" ".join(filter(None, told)), system)),
             ("model", f"{model}."),
             ("RMSE", f"{error}."),
             ("parameters", f"{'; '.join(values)}."),
@@ -401,125 +369,96 @@ class Findings:
         ]
 
     def _not_separable(self) -> str:
-        """Name the groups of parameters that the data determine only together."""
+        """Name the pairs of parameters that the data determine only together."""
         if not np.isfinite(self.result.certificate.condition):
             return "the parameters: these data do not determine each of them."
         names, matrix = correlations(self.result)
-        size, groups = np.abs(np.tril(matrix, -1)), []
-        for pair in np.argwhere(size > _ALONE).tolist():
-            own = [group for group in groups if group & {*pair}]
-            groups = [group for group in groups if group not in own] + [{*pair}.union(*own)]
-        told = [", ".join(names[k] for k in sorted(group)) for group in groups]
+        size = np.abs(np.tril(matrix, -1))
+        told = [f"{names[j]}, {names[i]}" for i, j in np.argwhere(size > _ALONE)]
         if not told:
             return f"none; all correlations are below {_ALONE:g}."
         return f"{'; '.join(told)} (correlations up to {size.max():.3f})."
 
     def numbers(self, system: str) -> Table:
-        """Return the table of the five main numbers of a muscle, with standard errors."""
-        result, units = self.result, unit_system(system)
-        data, rest = result.data, result.data.specimen.rest_length
-        levels = np.unique(data.pressures.level[data.loaded])
+        """Return the table of five numbers of a muscle, with standard errors."""
+        result, units, data = self.result, unit_system(system), self.result.data
+        rest, level = data.specimen.rest_length, float(data.pressures.level[data.loaded].max())
         lengths = np.linspace(rest, data.length.min(), 200)
-        curves = result.predict(lengths, levels[:, None])
-
-        # Name, pressure, value, standard error, kind of unit.
-        rows: list[tuple[str, float, float, float, str]] = [
-            ("blocked force", levels[-1], curves[-1, 0], self._std(rest, levels[-1]), "force")
-        ]
-        ended = [k for k, curve in enumerate(curves) if curve[0] > 0 > curve[-1]]
-        for level, curve in [(levels[k], curves[k]) for k in ended[-1:]]:
-            end = int(np.argmax(curve < 0))
+        curve, free, slope = result.predict(lengths, np.array(level)), rest, math.nan
+        if end := int(np.argmax(curve < 0)):
             slope = (curve[end - 1] - curve[end]) / (lengths[end - 1] - lengths[end])
-            length = lengths[end] - curve[end] / slope
-            std = self._std(length, level) / (slope * rest)
-            rows.append(("free contraction", level, 1 - length / rest, std, "number"))
-        held_out = columns_of(self.evidence.left_out)
-        rows += [
-            ("RMSE, left out", math.nan, value, math.nan, "force")
-            for name, value in sorted(held_out.items()) if name != "end length"
-        ][:1]  # fmt: skip
+            free = lengths[end] - curve[end] / slope
+        std, error = np.full(2, math.nan), self.choice or self.evidence.error
+        if error is not None:
+            std = error.half_band(np.array([rest, free]), np.full(2, level)) / 1.96
+        # Name, value, standard error, kind of unit.
+        rows = [("blocked force", curve[0], std[0], "force")]
+        if end:
+            rows.append(("free contraction", 1 - free / rest, std[1] / (slope * rest), "number"))
         known = [one for one in result.estimates if not one.fixed]
-        elastic = [one for one in known if one.kind == "stress"]
-        known = list(dict.fromkeys((*known[:1], *elastic[:1], *known)))
-        rows += [(one.name, math.nan, one.value, one.stderr, one.kind) for one in known]
-
-        def shown(value: float, kind: str, digits: int) -> str:
-            scaled = from_si(float(value), units[kind], kind)
-            return f"{scaled:.{digits}g}" if math.isfinite(scaled) else ""
-
+        rows += [(one.name, one.value, one.stderr, one.kind) for one in known]
         text = [
-            (what, shown(level, "pressure", 3), shown(value, kind, 5), shown(error, kind, 2),
-             units[kind])
-            for what, level, value, error, kind in rows[:5]
-        ]  # fmt: skip
-        title = (
-            f"The muscle in five numbers, with standard errors; pressures in {units['pressure']}."
-        )
-        return title, ("quantity", "pressure", "value", "std. error", "unit"), text
-
-    def _std(self, length: float, pressure: float) -> float:
-        """Standard error [N] of a predicted reading; nan if unknown."""
-        known = self.choice or self.evidence.error
-        if known is None:
-            return math.nan
-        return float(known.half_band(np.array([length]), np.array([pressure]))[0]) / 1.96
-
-    def next_steps(self, system: str) -> list[str]:
-        """Return the recommended next steps: remedies for each doubt, then commands."""
-        doubts = (*self.judged.reasons, self.judged.unchecked)
-        asked = [sentence_in_units(one, system) for one in doubts if one]
-        if not self.judged.passed:
-            return asked
-        data, units = self.result.data, unit_system(system)
-        L, P = (float(np.median(v[data.loaded])) for v in (data.length, data.pressure))
-        length, pressure = (
-            f"{from_si(v, units[kind], kind):.4g}{units[kind]}"
-            for v, kind in ((L, "length"), (P, "pressure"))
-        )
-        return [
-            *asked,
-            f"Predict: famjax predict fit.json --length {length} --pressure {pressure}",
-            "Test further: famjax assess fit.json --validate --profile",
+            (what, *rounded(value, spread, units[kind], kind), units[kind])
+            for what, value, spread, kind in rows[:5]
         ]
+        at = Quantity(level, "pressure").in_units(system)
+        title = f"The muscle in five numbers with standard errors; force and contraction at {at}."
+        return title, ("quantity", "value", "std. error", "unit"), text
 
     def model(self, system: str) -> list[str]:
-        """Describe the model in sentences: law, geometry, terms, stability, optimum."""
-        result, certificate = self.result, self.result.certificate
-        muscle = result.muscle
-        compliant = float(result.mounted.compliance) != 0
-        rig = f"The rig is {'compliant, see series_compliance' if compliant else 'assumed rigid'}."
-        law = f"Bladder law: {described(muscle.material)}"
+        """Describe the model in sentences: readings, law, geometry, terms, stability, optimum."""
+        result, certificate, muscle = self.result, self.result.certificate, self.result.muscle
+        rig = "compliant, see series_compliance" if float(result.mounted.compliance) else "rigid"
+        geometry, told = muscle, []
         if isinstance(muscle, famjax.EquilibriumMuscle):
-            return [
-                law,
-                f"Geometry: {described(muscle)} {rig}",
-                "The shape is stable at every loaded reading (smallest stiffness "
-                f"{certificate.shape_margin / 1e3:.3g} N/mm). The force is not linear in the law, so the "
-                "optimum is the best one found and has no certificate.",
-                *([] if result.pictures is None else [result.pictures.summary()]),
-                _WITHIN,
+            told = [
+                "F = dPi/dL, with Pi(L, P) the least, over all shapes r(Z) between the fittings, of the "
+                "strain energy less (P - P_d) V. The shape is stable at every loaded reading "
+                f"(smallest stiffness {certificate.shape_margin / 1e3:.3g} N/mm). The force is not "
+                "linear in the law, so the optimum is the best one found and has no certificate."
             ]
-        # The margin of an active constraint is zero within rounding.
-        stable = certificate.stability_margin >= -1e-9 * float(np.abs(result.coefficients).max())
-        margin = Quantity(certificate.stability_margin, "stress", 3).in_units(system)
-        terms = [described(one).partition(". ")[0] for one in terms_of(muscle)]
+            told += [] if result.pictures is None else [result.pictures.summary()]
+        else:
+            geometry = muscle.geometry
+            # The margin of an active constraint is zero within rounding.
+            margin = Quantity(np.round(certificate.stability_margin) + 0.0, "stress", 3)
+            terms = [described(one).partition(". ")[0].rstrip(".") for one in muscle.terms.terms]
+            told = [
+                f"Force terms: {'; '.join(terms)}. No friction.",
+                f"The Drucker stability margin on the actuation path is {margin.in_units(system)} (stable "
+                "if >= 0). The coefficients are globally optimal for this geometry (KKT residual "
+                f"{certificate.kkt_residual:.0e}).",
+            ]
         return [
-            law,
-            f"Geometry: {described(muscle.geometry)} {rig}",
-            f"Force terms: {'; '.join(one.rstrip('.') for one in terms)}. No friction.",
-            f"The law is {'' if stable else 'NOT '}Drucker-stable on the actuation path (margin "
-            f"{margin}). Its coefficients are globally optimal for this geometry (KKT residual "
-            f"{certificate.kkt_residual:.0e}).",
-            _WITHIN,
+            self._readings(system),
+            f"Bladder law: {described(muscle.material)}",
+            f"Geometry: {described(geometry)} The rig is {rig}.",
+            *told,
+            "The fit describes the quasi-static force within the measured lengths and pressures only. "
+            "The braid angle is measured from the circumference.",
         ]
+
+    def _readings(self, system: str) -> str:
+        """Describe the specimen and the ranges of the readings."""
+        data, specimen = self.result.data, self.result.data.specimen
+
+        def said(value: float, kind: str) -> str:
+            return Quantity(value, kind, 5).in_units(system)
+
+        known = [(name.replace("_", " "), getattr(specimen, name)) for name in SPECIMEN_LENGTHS]
+        ranges = [(kind, getattr(data, kind)) for kind in ("length", "pressure", "force")]
+        told = [f"{name} {said(size, 'length')}" for name, size in known if size]
+        told += [f"{kind} {said(of.min(), kind)} to {said(of.max(), kind)}" for kind, of in ranges]
+        return (
+            f"{data.force.size} readings, {data.loaded.sum()} of them pulling: {', '.join(told)}."
+        )
 
     def tables(self, system: str = "metric") -> list[Table]:
         """Return the tables of a fit."""
         return [
             *([] if self.choice is None else [choice_table(self.choice, system)]),
-            _parameter_table(self.result, system),
+            parameter_table(self.result, system),
             *evidence_tables(self.evidence, self.result, system),
-            _quality_table(self.result, system),
         ]
 
     def notes(self, system: str = "metric") -> tuple[str, ...]:
@@ -541,139 +480,53 @@ class Findings:
         return as_html(self.result.data.specimen.name, self.summary(system), figure)
 
 
-def _with_error(one: Estimate, system: str) -> str:
-    """Format a parameter with its error to two digits: `braid_diameter 27.335 +- 0.087 mm`."""
-    unit = unit_system(system)[one.kind]
-    value, error = (from_si(v, unit, one.kind) for v in (one.value, one.stderr))
-    if one.fixed or one.at_bound or not (math.isfinite(error) and error > 0):
-        return f"{one.name} {_number(value)} {unit}".rstrip() + f" ({_spread(one, error)})"
-    places = 1 - math.floor(math.log10(error))
-    value, error = (f"{round(v, places):.{max(places, 0)}f}" for v in (value, error))
-    return f"{one.name} {value} +- {error} {unit}".rstrip()
-
-
-def _parameter_table(result: Identification, system: str) -> Table:
-    rows = []
-    for estimate in result.all_estimates + result.derived:
-        unit = unit_system(system)[estimate.kind]
-        value, low, high, error = (
-            from_si(v, unit, estimate.kind)
-            for v in (estimate.value, estimate.min, estimate.max, estimate.stderr)
-        )
-        rows.append((estimate.name, _number(value), unit, _spread(estimate, error),
-                     "" if math.isinf(low) or estimate in result.derived
-                     else f"{_number(low)} to {_number(high)}"))  # fmt: skip
-    return "Parameters", ("parameter", "value", "unit", "std. error", "bounds"), rows
-
-
-def _spread(estimate: Estimate, error: float) -> str:
-    if estimate.fixed:
-        return "held"
-    if estimate.at_bound:
-        return "at bound"
-    return f"{error:.2g}" if math.isfinite(error) else "none"
-
-
-def _number(value: float) -> str:
-    return "0" if abs(value) < 1e-12 else f"{value:.5g}"
-
-
-def _quality_table(result: Identification, system: str) -> Table:
-    errors, certificate = result.errors, result.certificate
-
-    def force(value: float) -> str:
-        shown = Quantity(value, "force").in_units(system)
-        return f"{shown}, {100 * value / errors.max_force:.3g} % of the largest force"
-
-    moduli = {
-        "smallest modulus along the actuation path (Drucker >= 0)": certificate.stability_margin,
-        "smallest tangent modulus on the strain range": certificate.slope_margin,
-    }
-    optimum = [
-        ("KKT residual of the convex fit", f"{certificate.kkt_residual:.1e}"),
-        ("duality gap of the convex fit", f"{certificate.duality_gap:.1e}"),
-    ]
-    if result.has_shape:
-        margin = f"{certificate.shape_margin / 1e3:.4g} N/mm"
-        optimum = [("smallest stiffness of the shape (stable > 0)", margin)]
-    active = "; ".join(sentence_in_units(one, system) for one in result.active_constraints)
-    rows = [
-        ("readings", f"{errors.n_points} loaded; {errors.n_slack} slack (censored)"),
-        ("RMSE", force(errors.rmse)),
-        ("MAE", force(errors.mae)),
-        ("largest error", force(errors.max)),
-        *((name, Quantity(value, "stress").in_units(system))
-          for name, value in moduli.items() if not math.isnan(value)),
-        ("largest strain used", f"{result.strain_range:.4g}"),
-        ("active constraints", active or "none"),
-        *optimum,
-        ("gradient residual of the geometry", f"{certificate.gradient_residual:.1e}"),
-        ("condition number of the parameters", f"{certificate.condition:.3g}"),
-        ("starts that reached this optimum", f"{certificate.n_agreeing} of {certificate.n_starts}"),
-    ]  # fmt: skip
-    return "Errors and certificate", ("quantity", "value"), rows
-
+# --- the page
 
 _GRID = 41, 25
 """Number of lengths and pressures of the sliders on a page."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Live:
-    """Model values at every position of the sliders on a page.
+def live(result: Identification, system: str) -> dict[str, Any]:
+    """Evaluate a muscle at every position of the sliders on a page, as `famjax predict` prints it.
 
-    Attributes:
-        json: values as `famjax predict` prints them, and the outline of the muscle.
-        units: units of length, pressure and force.
+    Returns:
+        `units` of length, pressure and force, and `json`: all values and the outline of the muscle.
     """
+    units, data, rest = unit_system(system), result.data, result.data.specimen.rest_length
+    used = {kind: units[kind] for kind in ("length", "pressure", "force")}
 
-    json: Markup
-    units: Mapping[str, str]
+    def shown(values: Iterable[float], kind: str) -> list[str]:
+        return [f"{from_si(one, used[kind], kind):.5g}" for one in values]
 
-    @classmethod
-    def of(cls, result: Identification, system: str) -> "Live":
-        """Evaluate an identified muscle over the range of its readings."""
-        units, data = unit_system(system), result.data
+    levels = _levels(data)
+    length = shown(np.linspace(data.length.min(), data.length.max(), _GRID[0]), "length")
+    steps = shown(np.linspace(levels[0], levels[-1], _GRID[1]), "pressure")
+    pressure = sorted({*steps, *shown(levels, "pressure")}, key=float)
+    L, P = np.meshgrid(
+        np.array(length, float) * _unit(system, "length"),
+        np.array(pressure, float) * _unit(system, "pressure"), indexing="ij",
+    )  # fmt: skip
+    rows, size = static_rows(result, L.ravel(), P.ravel()), _unit(system, "length")
 
-        def places(kind: str, low: float, high: float, count: int) -> list[str]:
-            ends = from_si(low, units[kind], kind), from_si(high, units[kind], kind)
-            between = [f"{one:.4g}" for one in np.linspace(*ends, count)[1:-1]]
-            return list(dict.fromkeys((f"{ends[0]:.5g}", *between, f"{ends[1]:.5g}")))
+    def force(key: str) -> list[list[str | None]]:
+        text = [None if row[key] is None else shown([row[key]], "force")[0] for row in rows]
+        return np.reshape(np.array(text, object), L.shape).tolist()
 
-        pulls, levels = data.loaded, np.unique(data.pressures.level[data.loaded])
-        shown = levels[:: max(1, levels.size // _CURVES)]
-        length = places("length", data.length.min(), data.length.max(), _GRID[0])
-        steps = places("pressure", levels.min(), levels.max(), _GRID[1])
-        read = [f"{from_si(one, units['pressure'], 'pressure'):.5g}" for one in shown]
-        pressure = sorted({*steps, *read}, key=float)
-        L, P = np.meshgrid(
-            *(np.array([float(one) for one in of]) * factor(units[kind], kind)
-              for kind, of in (("length", length), ("pressure", pressure))), indexing="ij",
-        )  # fmt: skip
-        rows = static_rows(result, L.ravel(), P.ravel())
+    def known(values: Any) -> list[list[float]]:
+        return [[float(f"{one:.4g}") for one in row] for row in np.asarray(values)]
 
-        def table(key: str) -> list[list[str | None]]:
-            text = [
-                None if row[key] is None else f"{from_si(row[key], units['force'], 'force'):.5g}"
-                for row in rows
-            ]
-            return np.reshape(np.array(text, object), L.shape).tolist()
-
-        radius, angle = _middle(result.muscle, L, P)
-        used = {kind: units[kind] for kind in ("length", "pressure", "force")}
-        size, rest = factor(units["length"], "length"), data.specimen.rest_length
-        points = [getattr(data, kind)[pulls] / factor(unit, kind) for kind, unit in used.items()]
-        content = {
-            "length": length, "pressure": pressure, "units": used,
-            "force": table("force_N"), "low": table("low_95_N"), "high": table("high_95_N"),
-            "radius": _known(radius / size), "angle": _known(angle),
-            "rest": rest / size,
-            "rest_radius": float(np.nanmin(radius)) / size,
-            "shown": [pressure.index(one) for one in read],
-            "points": np.stack(points, axis=1)[:_SINGLE].round(6).tolist(),
-        }  # fmt: skip
-        text = json.dumps(content, allow_nan=False, separators=(",", ":"))
-        return cls(Markup(text), used)
+    radius, angle = _middle(result.muscle, L, P)
+    points = [getattr(data, kind)[data.loaded] / _unit(system, kind) for kind in used]
+    content = {
+        "length": length, "pressure": pressure, "units": used,
+        "force": force("force_N"), "low": force("low_95_N"), "high": force("high_95_N"),
+        "radius": known(radius / size), "angle": known(angle), "rest": rest / size,
+        "rest_radius": float(np.nanmin(radius)) / size,
+        "shown": [pressure.index(one) for one in shown(levels, "pressure")],
+        "points": np.stack(points, axis=1)[:_SINGLE].round(6).tolist(),
+    }  # fmt: skip
+    text = json.dumps(as_json(content), allow_nan=False, separators=(",", ":"))
+    return {"json": Markup(text), "units": used}
 
 
 def _middle(
@@ -687,12 +540,6 @@ def _middle(
     return np.asarray(shape.radius[..., 1]), np.asarray(shape.braid_angle[..., 1])
 
 
-def _known(values: Array | np.ndarray) -> list[list[float | None]]:
-    """Round each value to four digits; None for nan."""
-    rows = np.asarray(values, float)
-    return [[float(f"{one:.4g}") if math.isfinite(one) else None for one in row] for row in rows]
-
-
 def html_report(
     found: Findings,
     system: str = "metric",
@@ -700,24 +547,22 @@ def html_report(
     origin: Origin | None = None,
 ) -> str:
     """Return the report as one self-contained HTML page; pass the `figure` of `plot_fit` to reuse it."""
-    result = found.result
-    drawn = plot_fit(result, system) if figure is None else figure
-    profiles = None
+    result, profiles = found.result, None
+    drawn = as_svg(plot_fit(result, system) if figure is None else figure)
     if result.pictures is not None:
-        drawn_profiles = as_svg(plot_profiles(result.pictures, system))
-        profiles = inline_svg(drawn_profiles, "profiles", "photographed and computed profiles")
-    content = [found.numbers(system), *found.tables(system), specimen_table(result, system)]
+        both = as_svg(plot_profiles(result.pictures, system))
+        profiles = inline_svg(both, "profiles", "photographed and computed profiles")
+    content = [found.numbers(system), *found.tables(system)]
     return page(
         "report.html",
         found=found,
         system=system,
-        figure=inline_svg(as_svg(drawn), "fit", "isobars, residuals and the bladder's law"),
+        figure=inline_svg(drawn, "fit", "isobars, residuals and the bladder's law"),
         profiles=profiles,
         tables=[PageTable(*table).html(k) for k, table in enumerate(content, start=1)],
-        terms={type(one).__name__ for one in terms_of(result.muscle)},
         origin=origin,
         versions=versions(),
-        live=Live.of(result, system),
+        live=live(result, system),
     )
 
 

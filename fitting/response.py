@@ -8,8 +8,7 @@ nonlinear parameters p and coefficients x0
 This is traced code, which the engine differentiates in p.
 """
 
-import abc
-import math
+import functools
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -30,7 +29,7 @@ RIG = ("series_compliance", "series_exponent")
 """Parameters of the rig, not of the model: compliance and exponent in `famjax.muscle.give_way`."""
 
 
-class AbstractFamily(eqx.Module):
+class MuscleFamily(eqx.Module):
     """Models of one specimen as a function of named numbers.
 
     Arrays in it may differ between specimens without a new program. Static fields (names, classes)
@@ -38,36 +37,42 @@ class AbstractFamily(eqx.Module):
 
     Attributes:
         nonlinear: names of the searched numbers, in order.
+        linear: names of the coefficients, in which the force is affine, in order.
+        source: builds the geometry and the muscle, see `fitting.families.AbstractGeometrySource`.
+        law: bladder law; None for a model that is not a muscle with a bladder.
+        rest: rest length L0 [m] of the specimen, at which every path starts.
+        terms: further force terms, or None.
     """
 
-    nonlinear: eqx.AbstractVar[tuple[str, ...]]
+    nonlinear: tuple[str, ...] = eqx.field(static=True)
+    linear: tuple[str, ...] = eqx.field(static=True)
+    source: Any
+    law: Any
+    rest: Float[np.ndarray, ""]
+    terms: famjax.terms.SumOfTerms | None = None
 
-    @property
-    @abc.abstractmethod
-    def linear(self) -> tuple[str, ...]:
-        """Names of the coefficients, in which the force is affine, in order."""
-
-    @abc.abstractmethod
     def build(self, values: Values) -> Any:
-        """Build the model: any object with `force(length, pressure)`."""
-
-    @abc.abstractmethod
-    def rest_length(self, values: Values) -> Float[Array, ""]:
-        """Active length L0 [m] at which every actuation path starts."""
+        """Build the model from these values: any object with `force(length, pressure)`."""
+        material = None if self.law is None else self.law.with_values(values)
+        further = None
+        if self.terms is not None:
+            free = [name for name in self.terms.declared() if name in self.nonlinear]
+            further = self.terms.with_parameters({name: values[name] for name in free})
+        return self.source.muscle(values, material, further)
 
     @property
     def derived_names(self) -> tuple[str, ...]:
-        """Names of the quantities that `derived` returns."""
-        return ()
+        """Names of further quantities for the report."""
+        return self.source.derived_names
 
-    def derived(self, values: Values) -> tuple[Float[Array, ""], ...]:
-        """Further quantities for the report; differentiable."""
-        del values
-        return ()
+    def rest_length(self, values: Values) -> Float[Array, ""]:
+        """Rest length L0 [m], where every path starts."""
+        return jnp.asarray(values.get("rest_length", self.rest))
 
 
 Constraint = Literal["none", "positive", "slope", "drucker"]
 
+_EXACT = 2  # Newton steps of a compliant rig at its solution: exact to second derivatives
 CONSTRAINTS: tuple[Constraint, ...] = ("none", "positive", "slope", "drucker")
 DEPENDENCES = ("fixed", "linear", "free")
 
@@ -121,8 +126,6 @@ class Report(NamedTuple):
         path_modulus: Drucker modulus along the paths [Pa], shape (paths, stations); nan without a bladder.
         slope: tangent modulus [Pa] at the same fractions of the largest strain, same shape.
         largest_strain: largest strain magnitude [-] of each path, shape (paths,).
-        rest: rest length L0 [m], at which every path starts, shape ().
-        path_end: length [m] at which each path ends, shape (paths,).
     """
 
     numbers: Float[AnyArray, " l"]
@@ -132,12 +135,10 @@ class Report(NamedTuple):
     path_modulus: Float[AnyArray, "paths stations"]
     slope: Float[AnyArray, "paths stations"]
     largest_strain: Float[AnyArray, " paths"]
-    rest: Float[AnyArray, ""]
-    path_end: Float[AnyArray, " paths"]
 
 
 def linear_response(
-    family: AbstractFamily,
+    family: MuscleFamily,
     constraint: Constraint,
     at: MapInputs,
     p: Float[AnyArray, " q"],
@@ -156,107 +157,85 @@ def linear_response(
         reached: force [N] at the readings that deflects a compliant rig.
         to_x: matrix from x0 to `family.linear`; None if x0 holds these values.
     """
-    placed = _Placed.of(family, at, p, reached)
-
-    def made(x: Float[Array, " n"]) -> Float[Array, " own"]:
-        return x if to_x is None else to_x @ x
+    searched, rig, length, paths = _placed(family, at, p, reached)
+    directions = jnp.eye(x0.shape[0]) if to_x is None else jnp.asarray(to_x)
 
     def of_coefficients(own: Float[Array, " own"]) -> tuple[Array, Array]:
-        model = placed.model(own)
-        values = _Paths.of(model, placed.rest, placed.end, at).constraint(model, constraint)
-        return model.force(placed.length, placed.pressure), values.ravel()
+        model = _model(family, searched, own)
+        ((values,), _) = along_paths(model, at, *paths, constraint)
+        return model.force(length, at.pressure), values.ravel()
 
     # Strains are the same for all coefficients: they are traced once.
-    (force, values), slope = jax.linearize(of_coefficients, made(x0))
+    (force, values), slope = jax.linearize(of_coefficients, directions @ x0)
     if x0.shape[0]:
-        directions = jnp.eye(x0.shape[0]) if to_x is None else to_x.T
-        columns, rows = jax.vmap(slope, out_axes=-1)(directions)
+        columns, rows = jax.vmap(slope, out_axes=-1)(directions.T)
     else:
         columns, rows = jnp.zeros((*force.shape, 0)), jnp.zeros((*values.shape, 0))
     force, values = force - columns @ x0, values - rows @ x0
-    if placed.rig is not None:
-        gain = jax.lax.stop_gradient(
-            _gain(placed.model(made(x0)), placed.length, placed.pressure, reached, placed.rig)[1]
-        )
+    if rig is not None:
+        model = _model(family, searched, directions @ x0)
+        gain = jax.lax.stop_gradient(_gain(model, length, at.pressure, reached, rig)[1])
         force, columns = reached + gain * (force - reached), gain[:, None] * columns
     return Linear(force, columns, values, rows)
 
 
 def report(
-    family: AbstractFamily,
+    family: MuscleFamily,
     at: MapInputs,
     p: Float[AnyArray, " q"],
     x: Float[AnyArray, " n"],
     reached: Float[AnyArray, " points"],
 ) -> Report:
     """Quantities for the report at (p, x); see `linear_response` for the arguments."""
-    placed = _Placed.of(family, at, p, reached)
-    model = placed.model(x)
-    paths = _Paths.of(model, placed.rest, placed.end, at)
+    searched, _, _, paths = _placed(family, at, p, reached)
+    model = _model(family, searched, x)
+    (modulus, slope), largest = along_paths(model, at, *paths, "drucker", "slope")
 
     def derived(p: Float[Array, " q"]) -> Float[Array, " d"]:
-        found = family.derived(dict(zip(family.nonlinear, p, strict=True)))
-        return jnp.stack(found) if found else jnp.zeros(0)
+        values = dict(zip(family.nonlinear, p, strict=True))
+        return jnp.array(family.source.derived(values) if family.derived_names else ())
 
     def numbers(unknowns: Float[Array, " unknowns"]) -> Float[Array, " l"]:
-        values = dict(zip(family.nonlinear, unknowns[: len(family.nonlinear)], strict=True))
-        linear = dict(zip(family.linear, unknowns[len(p) :], strict=True))
-        return flat(family.build({**values, **linear}))
+        names = (*family.nonlinear, *family.linear)
+        return flat(family.build(dict(zip(names, unknowns, strict=True))))
 
     both = jnp.concatenate([p, x])
     return Report(
         numbers=flat(model),
-        d_numbers=jax.jacfwd(numbers)(both) if both.size else jnp.zeros((flat(model).size, 0)),
+        d_numbers=jax.jacfwd(numbers)(both),
         derived=derived(p),
-        d_derived=jax.jacfwd(derived)(p) if p.size else jnp.zeros((0, 0)),
-        path_modulus=paths.modulus(model),
-        slope=paths.slope(model),
-        largest_strain=paths.largest,
-        rest=jnp.asarray(placed.rest, float),
-        path_end=placed.end,
+        d_derived=jax.jacfwd(derived)(p),
+        path_modulus=modulus,
+        slope=slope,
+        largest_strain=largest,
     )
 
 
-class _Placed(NamedTuple):
-    """Models at given parameters, with readings corrected for the rig and ends of paths."""
+def _placed(
+    family: MuscleFamily, at: MapInputs, p: Float[Array, " q"], reached: Float[Array, " points"]
+) -> tuple[dict[str, Array], tuple | None, Float[Array, " points"], tuple[Array, Array]]:
+    """Searched numbers, rig, lengths corrected for the rig, and rest length and ends of the paths."""
+    searched = dict(zip(family.nonlinear, p, strict=True))
+    length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
+    rig, compliance = None, searched.get("series_compliance")
+    if compliance is not None:
+        rig = compliance, searched.get("series_exponent")
+        end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
+        length = length - famjax.muscle.give_way(reached, *rig)
+    return searched, rig, length, (jnp.asarray(family.rest_length(searched)), end)
 
-    family: AbstractFamily
-    searched: dict[str, Array]
-    length: Float[Array, " points"]
-    pressure: Float[Array, " points"]
-    rig: tuple[Array, Array | None] | None
-    rest: Float[Array, ""]
-    end: Float[Array, " paths"]
 
-    @classmethod
-    def of(
-        cls,
-        family: AbstractFamily,
-        at: MapInputs,
-        p: Float[Array, " q"],
-        reached: Float[Array, " points"],
-    ) -> "_Placed":
-        searched = dict(zip(family.nonlinear, p, strict=True))
-        rig = rig_of(searched)
-        length, end = jnp.asarray(at.length), jnp.asarray(at.path_end)
-        if rig is not None:
-            end = jnp.minimum(end, jnp.min(length - famjax.muscle.give_way(at.force, *rig)))
-            length = length - famjax.muscle.give_way(reached, *rig)
-        rest = jnp.asarray(family.rest_length(searched))
-        return cls(family, searched, length, jnp.asarray(at.pressure), rig, rest, end)
-
-    def model(self, x: Float[Array, " n"]) -> Any:
-        """Build the model with these coefficients."""
-        return self.family.build({**self.searched, **dict(zip(self.family.linear, x, strict=True))})
+def _model(family: MuscleFamily, searched: dict[str, Array], x: Float[Array, " n"]) -> Any:
+    """Build the model with these coefficients."""
+    return family.build({**searched, **dict(zip(family.linear, x, strict=True))})
 
 
 def force_and_constraint(
-    family: AbstractFamily,
+    family: MuscleFamily,
     constraint: Constraint,
     at: MapInputs,
     p: Float[Array, " q"],
     x: Float[Array, " n"],
-    compliant_steps: int = 0,
 ) -> tuple[Float[Array, " points"], Float[Array, " rows"]]:
     """Force in the rig [N] and values of the constraint [Pa], without linearisation.
 
@@ -265,32 +244,29 @@ def force_and_constraint(
         constraint: constraint on the coefficients.
         at: readings and paths.
         p: values of `family.nonlinear`.
-        x: coefficients.
-        compliant_steps: Newton steps for the force in a compliant rig, starting at `at.force`. At the
-            solution, two steps give exact first and second derivatives.
+        x: coefficients. The force in a compliant rig takes two Newton steps from `at.force`: at the
+            solution, they give exact first and second derivatives.
     """
     force = jnp.asarray(at.force)
-    placed = _Placed.of(family, at, p, force)
-    model = placed.model(x)
-    if placed.rig is None:
-        force = model.force(placed.length, placed.pressure)
+    searched, rig, length, paths = _placed(family, at, p, force)
+    model = _model(family, searched, x)
+    if rig is None:
+        force = model.force(length, at.pressure)
     else:
-        for _ in range(compliant_steps):
-            length = at.length - famjax.muscle.give_way(force, *placed.rig)
-            muscle, gain = _gain(model, length, placed.pressure, force, placed.rig)
+        for _ in range(_EXACT):
+            length = at.length - famjax.muscle.give_way(force, *rig)
+            muscle, gain = _gain(model, length, at.pressure, force, rig)
             force = force + gain * (muscle - force)
-    paths = _Paths.of(model, placed.rest, placed.end, at)
-    return force, paths.constraint(model, constraint).ravel()
-
-
-def rig_of(values: Mapping[str, Array]) -> tuple[Array, Array | None] | None:
-    """Compliance and exponent of the rig; None for a rigid rig."""
-    compliance = values.get("series_compliance")
-    return None if compliance is None else (compliance, values.get("series_exponent"))
+    ((values,), _) = along_paths(model, at, *paths, constraint)
+    return force, values.ravel()
 
 
 def _gain(
-    model: Any, length: Array, pressure: Array, reached: Array, rig: tuple[Array, Array | None]
+    model: Any,
+    length: AnyArray,
+    pressure: AnyArray,
+    reached: AnyArray,
+    rig: tuple[Array, Array | None],
 ) -> tuple[Array, Array]:
     """Force [N] of the muscle, and the factor 1 / (1 + rig compliance x muscle stiffness).
 
@@ -299,7 +275,7 @@ def _gain(
         length: length of the muscle [m].
         pressure: gauge pressure [Pa].
         reached: force [N] that deflects the rig.
-        rig: see `rig_of`.
+        rig: compliance, and exponent or None.
     """
     ones = jnp.ones_like(length)
     force, stiffness = jax.jvp(lambda L: model.force(L, pressure), (length,), (ones,))
@@ -313,71 +289,43 @@ def flat(model: Any) -> Float[Array, " l"]:
     return jnp.concatenate([leaf.ravel() for leaf in leaves])
 
 
-def unflat(family: AbstractFamily, numbers: Float[np.ndarray, " l"]) -> Any:
-    """Rebuild a model from the vector of its numbers; nothing is compiled."""
-    names = dict.fromkeys((*family.nonlinear, *family.linear), jax.ShapeDtypeStruct((), float))
-    shape = eqx.filter_eval_shape(family.build, names)
-    leaves, treedef = jax.tree.flatten(shape)
-    found, first = [], 0
-    for leaf in leaves:
-        if isinstance(leaf, jax.ShapeDtypeStruct) and jnp.issubdtype(leaf.dtype, jnp.inexact):
-            size = math.prod(leaf.shape)
-            found.append(jax.device_put(numbers[first : first + size].reshape(leaf.shape).copy()))
-            first += size
+def along_paths(
+    model: Any, at: MapInputs, rest: Array, end: Float[Array, " paths"], *kinds: Constraint
+) -> tuple[list[Float[Array, "paths stations"]], Float[Array, " paths"]]:
+    """Constraints at the stations of the actuation paths [Pa], and the largest strain of each path.
+
+    "drucker" and "slope" are nan without a bladder; other kinds have no values along a path.
+    """
+    shares, pressure = jnp.asarray(at.stations), jnp.asarray(at.path_pressure)
+    material, unknown = bladder_of(model), jnp.full(shares.shape, jnp.nan)
+    none = {kind: jnp.zeros((shares.shape[0], 0)) for kind in ("none", "positive")}
+    if material is None or not shares.shape[1]:
+        return [none.get(kind, unknown) for kind in kinds], jnp.zeros(pressure.shape)
+    ends = jnp.stack([jnp.broadcast_to(rest, end.shape), end], axis=-1)
+    lengths = rest + shares * (end - rest)[:, None]
+    # One evaluation serves the stations and both ends.
+    both = famjax.stability.path_strains(
+        model.geometry, jnp.concatenate([lengths, ends], axis=-1), pressure[:, None]
+    )
+    axial, hoop = (jnp.max(jnp.abs(one[:, -2:]), axis=(1, 2)) for one in (both.axial, both.hoop))
+    largest = jnp.maximum(axial, hoop)
+    found = []
+    for kind in kinds:
+        if kind == "drucker":
+            strains = jax.tree.map(lambda leaf: leaf[:, :-2], both)
+            found.append(strains.modulus(material))
+        elif kind == "slope" and not material.directions_interact:
+            strain = shares * largest[:, None]
+            stress = functools.partial(_equal_stress, material, pressure[:, None])
+            found.append(jax.jvp(stress, (strain,), (jnp.ones_like(strain),))[1])
         else:
-            found.append(leaf)
-    return jax.tree.unflatten(treedef, found)
+            found.append(none.get(kind, unknown))
+    return found, largest
 
 
-class _Paths(eqx.Module):
-    """Actuation paths: strains at the stations, and the largest strain."""
-
-    strains: famjax.stability.PathStrains | None
-    pressure: Float[Array, " paths"]
-    shares: Float[Array, "paths stations"]
-    largest: Float[Array, " paths"]
-
-    @classmethod
-    def of(
-        cls, model: Any, rest: Float[Array, ""], end: Float[Array, " paths"], at: MapInputs
-    ) -> "_Paths":
-        shares, pressure = jnp.asarray(at.stations), jnp.asarray(at.path_pressure)
-        if bladder_of(model) is None or not shares.shape[1]:
-            return cls(None, pressure, shares, jnp.zeros(pressure.shape))
-        ends = jnp.stack([jnp.broadcast_to(rest, end.shape), end], axis=-1)
-        lengths = rest + shares * (end - rest)[:, None]
-        # One evaluation serves the stations and both ends.
-        both = famjax.stability.path_strains(
-            model.geometry, jnp.concatenate([lengths, ends], axis=-1), pressure[:, None]
-        )
-        size = jnp.maximum(
-            jnp.max(jnp.abs(both.hoop[:, -2:]), axis=-1), jnp.max(jnp.abs(both.axial[:, -2:]), -1)
-        )
-        strains = jax.tree.map(lambda leaf: leaf[:, :-2], both)
-        return cls(strains, pressure, shares, jnp.max(size, axis=-1))
-
-    def constraint(self, model: Any, constraint: Constraint) -> Float[Array, "paths stations"]:
-        if constraint == "drucker":
-            return self.modulus(model)
-        if constraint == "slope":
-            return self.slope(model)
-        return jnp.zeros((self.shares.shape[0], 0))
-
-    def modulus(self, model: Any) -> Float[Array, "paths stations"]:
-        if self.strains is None:
-            return jnp.full(self.shares.shape, jnp.nan)
-        return self.strains.modulus(model.material)
-
-    def slope(self, model: Any) -> Float[Array, "paths stations"]:
-        material = bladder_of(model)
-        if material is None or material.directions_interact:
-            return jnp.full(self.shares.shape, jnp.nan)
-        strain = self.shares * self.largest[:, None]
-        return jax.jvp(
-            lambda e: material.stresses(e, e, self.pressure[:, None])[0],
-            (strain,),
-            (jnp.ones_like(strain),),
-        )[1]
+def _equal_stress(material: Any, pressure: Array, strain: Array) -> Array:
+    """Axial stress [Pa] at equal strains in both directions."""
+    return material.stresses(strain, strain, pressure)[0]
 
 
 def bladder_of(model: Any) -> famjax.materials.AbstractMaterial | None:

@@ -12,12 +12,12 @@ from jaxtyping import Bool, Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import Quantity, Sentence, si_unit
+from famjax.boundary.units import Quantity, Sentence
 from famjax.slip import CentredSlip
 
 from .arguments import shown
 from .covariance import CONDITION_LIMIT
-from .data import ForceData, data_frame
+from .data import ForceData
 from .engine import predict
 from .families import Law
 from .parameters import standard_table
@@ -27,7 +27,6 @@ from .response import Constraint
 from .search import End
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 
@@ -45,7 +44,6 @@ class Estimate:
         fixed: true if held at a given value.
         kind: kind of unit.
         prior: (mean, standard deviation) of the prior in SI, or None.
-        sandwich_stderr: standard error in SI that does not assume equal noise; nan like `stderr`.
     """
 
     name: str
@@ -57,7 +55,6 @@ class Estimate:
     fixed: bool
     kind: str
     prior: tuple[float, float] | None = None
-    sandwich_stderr: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,21 +62,16 @@ class Errors:
     """Errors of the model at the loaded readings, in N.
 
     Attributes:
-        rmse, mae, max: root mean square, mean absolute and largest error [N].
+        rmse, max: root mean square and largest error [N].
         max_force: largest measured force [N], the reference of percentages.
         n_points: number of loaded readings.
-        n_slack: number of slack readings, which are not fitted.
-        slack_violations: number of slack readings at which the model pulls.
         max_slack_force: largest force [N] of the model at a slack reading, or 0.
     """
 
     rmse: float
-    mae: float
     max: float
     max_force: float
     n_points: int
-    n_slack: int
-    slack_violations: int
     max_slack_force: float
 
     @property
@@ -99,10 +91,7 @@ class Certificate:
         condition: condition number of the scaled Jacobian of all free parameters.
         stability_margin: smallest modulus along any actuation path [Pa], including between stations;
             Drucker-stable when >= 0.
-        slope_margin: smallest tangent modulus of the law within the strain range used [Pa].
         constraint_margin: smallest slack [Pa] of the requested constraint; nan without one.
-        between_stations: possible error of the margins relative to the largest modulus, from the tail of
-            the interpolant; rounding for polynomials.
         n_starts: number of descents.
         n_agreeing: number of descents within 1e-6 of the best objective.
         shape_margin: smallest stiffness [N/m] of an equilibrium shape at the loaded readings; each shape
@@ -114,9 +103,7 @@ class Certificate:
     gradient_residual: float
     condition: float
     stability_margin: float
-    slope_margin: float
     constraint_margin: float
-    between_stations: float
     n_starts: int
     n_agreeing: int
     shape_margin: float = math.nan
@@ -172,19 +159,16 @@ class Identification:
     Attributes:
         data: the force map.
         mounted: the model in its rig, with compliance 0 for a rigid rig.
-        estimates: geometry, then the coefficients if they do not depend on pressure.
-        node_estimates: coefficients at each node if they depend on pressure, else empty.
+        estimates: geometry, then the coefficients.
         derived: quantities derived from the geometry (thread length, turns), with errors.
-        coefficients: E_n [Pa], shape (nodes, order); one node if fixed in pressure.
-        coefficients_stderr: standard errors [Pa], same shape.
-        node_pressures: [Pa], shape (nodes,), or None if fixed in pressure.
+        coefficients: E_n [Pa], shape (1, order).
         strain_range: largest strain magnitude at which the law was evaluated.
         residuals: model minus measurement [N] at the loaded readings.
         errors: summary of the residuals.
         certificate: optimality and stability.
-        active_constraints: one sentence for each.
+        active_constraints: one phrase for each.
         law: family of the law.
-        constraint, dependence, seed: options of the fit.
+        constraint, seed: options of the fit.
         weights: factor on the weight of each loaded reading; below 1 only for outliers of the Huber
             objective.
         converged: true if the best descent is stationary, certified and feasible.
@@ -202,11 +186,8 @@ class Identification:
     data: ForceData
     mounted: famjax.MountedMuscle
     estimates: tuple[Estimate, ...]
-    node_estimates: tuple[tuple[Estimate, ...], ...]
     derived: tuple[Estimate, ...]
-    coefficients: Float[np.ndarray, "nodes order"]
-    coefficients_stderr: Float[np.ndarray, "nodes order"]
-    node_pressures: Float[np.ndarray, " nodes"] | None
+    coefficients: Float[np.ndarray, "1 order"]
     strain_range: float
     residuals: Float[np.ndarray, " points"]
     errors: Errors
@@ -214,7 +195,6 @@ class Identification:
     active_constraints: tuple[str, ...]
     law: Law
     constraint: Constraint
-    dependence: str
     seed: int
     weights: Float[np.ndarray, " readings"]
     converged: bool
@@ -230,10 +210,8 @@ class Identification:
     def __repr__(self) -> str:
         numbers = ", ".join(f"{one.name}={one.value:.5g}" for one in self.estimates)
         return (
-            f"Identification({self.data.specimen.name}: {self.law.name} of order {self.order}, "
-            f"constraint {self.constraint}, {self.dependence} in pressure; RMSE "
-            f"{self.errors.rmse:.4g} N over {self.errors.n_points} readings; "
-            f"{'converged' if self.converged else 'NOT converged'}; in SI {numbers})"
+            f"Identification({self.data.specimen.name}: {self.law.name}, RMSE {self.errors.rmse:.4g} N "
+            f"over {self.errors.n_points} readings, converged={self.converged}, in SI {numbers})"
         )
 
     @functools.cached_property
@@ -278,70 +256,18 @@ class Identification:
         return muscle
 
     @property
-    def geometry(self) -> famjax.geometries.AbstractGeometry:
-        """Geometry of the muscle.
-
-        Raises:
-            InputError: the muscle has an equilibrium shape; use `muscle.profile`.
-        """
-        if not isinstance(self.muscle, famjax.Muscle):
-            raise InputError(
-                "a muscle with an equilibrium shape has no geometry: use muscle.profile"
-            )
-        return self.muscle.geometry
-
-    @property
-    def has_shape(self) -> bool:
-        """True for an equilibrium shape, whose optimum has no global certificate."""
-        return isinstance(self.mounted.muscle, famjax.EquilibriumMuscle)
-
-    @property
-    def order(self) -> int:
-        """Number of coefficients of the law."""
-        return self.law.order
-
-    @property
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of all coefficients of the problem, with the node number if there are several nodes."""
-        names, nodes = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
-        if nodes == len(names):
+        names, count = tuple(self.law.coefficients), len(self.covariance) - len(self.names)
+        if count == len(names):
             return names
-        return tuple(
-            f"{name}_at_node_{k + 1}" for k in range(nodes // len(names)) for name in names
-        )
+        nodes = range(1, 1 + count // len(names))
+        return tuple(f"{name}_at_node_{k}" for k in nodes for name in names)
 
     @property
     def n_parameters(self) -> int:
         """Number of fitted parameters, including coefficients of all nodes."""
-        nodes = (e for of_node in self.node_estimates for e in of_node)
-        return sum(not e.fixed for e in (*self.estimates, *nodes))
-
-    @property
-    def all_estimates(self) -> tuple[Estimate, ...]:
-        """All identified parameters; coefficients that depend on pressure have it in their names."""
-        if self.node_pressures is None:
-            return self.estimates
-        return self.estimates + tuple(
-            dataclasses.replace(estimate, name=f"{estimate.name}_at_{pressure / 1e3:.6g}kPa")
-            for pressure, of_node in zip(self.node_pressures, self.node_estimates, strict=True)
-            for estimate in of_node
-        )
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """Return a table of the parameters in SI: value, standard error, unit, bounds and flags.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
-        rows = [
-            {
-                "parameter": one.name, "value": one.value, "stderr": one.stderr,
-                "unit": si_unit(one.kind), "min": one.min, "max": one.max, "at_bound": one.at_bound,
-                "fixed": one.fixed,
-            }
-            for one in (*self.all_estimates, *self.derived)
-        ]  # fmt: skip
-        return data_frame(rows, "parameter")
+        return sum(not one.fixed for one in self.estimates)
 
     def _repr_html_(self) -> str:
         from .report import Findings  # noqa: PLC0415 -- it draws
@@ -362,14 +288,9 @@ class Identification:
         Lengths and pressures are broadcast against each other.
         """
         point = self.end.point
-        shape = np.broadcast_shapes(np.shape(length), np.shape(pressure))
-        L, P = (np.broadcast_to(np.asarray(v, float), shape).ravel() for v in (length, pressure))
-        found = predict(self.problem, self.place, point.parameters, point.x, L, P)
-        return found.reshape(shape)
-
-    def model_force(self) -> Float[np.ndarray, " n"]:
-        """Force of the model [N] at every reading, including slack ones."""
-        return self.predict(self.data.length, self.data.pressure)
+        L, P = np.broadcast_arrays(np.asarray(length, float), np.asarray(pressure, float))
+        force = predict(self.problem, self.place, point.parameters, point.x, L.ravel(), P.ravel())
+        return force.reshape(L.shape)
 
     def estimate(self, name: str) -> Estimate:
         """Return the estimate with this name.
@@ -390,13 +311,12 @@ def check_identified(result: object) -> None:
         InputError: another object was given.
     """
     if not isinstance(result, Identification):
-        raise InputError(
-            "expected a result of fitting.identify or fitting.load_fit, got "
-            f"{shown(result)}: identify a force map first, or use the attribute chosen of a choice"
+        needed = (
+            "a result of fitting.identify or fitting.load_fit, or the attribute chosen of a choice"
         )
+        raise InputError(f"expected {needed}, got {shown(result)}")
 
 
-_UNEQUAL = 2.0  # ratio of sandwich to usual standard errors
 _GEOMETRY = ("braid_diameter", "braid_angle", "deadband_pressure", "rest_length", "end_factor")
 _PLAIN_AT = {
     "deadband_pressure": "low", "end_factor": "low", "end_length": "low", "braid_compliance": "low",
@@ -427,12 +347,6 @@ def of_parameters(result: Identification) -> list[Remark]:
     estimates, certificate = result.estimates, result.certificate
     doubtful = any(one.at_bound and not _plain(one) for one in estimates)
     beyond = equivalent_sizes(result)
-    every = result.names + result.coefficient_names
-    plain = dict(zip(every, np.sqrt(np.diag(result.covariance)), strict=True))
-    unequal = [
-        e.name for e in estimates
-        if e.stderr > 0 and not 1 / _UNEQUAL < e.sandwich_stderr / plain[e.name] < _UNEQUAL
-    ]  # fmt: skip
     found: tuple[tuple[Any, int, str], ...] = (
         (beyond, 0, f"{' and '.join(beyond)} describe an equivalent cylinder, which accounts for the "
          "rounded ends and the wall. Do not take them for dimensions of the braid, or its volume for the "
@@ -446,13 +360,10 @@ def of_parameters(result: Identification) -> list[Remark]:
            f"{e.name} is {abs(e.value - e.prior[0]) / e.prior[1]:.1f} standard deviations away from its "
            "prior. Either the prior is too narrow, or the parameter compensates for an error of the model.")
           for e in estimates if e.prior is not None),
-        (unequal, 0, "The noise differs between readings: robust (sandwich) standard errors of "
-         f"{', '.join(unequal)} differ by more than a factor of {_UNEQUAL:g} from the usual ones. The "
-         "larger ones are given."),
         *((True, level, ridge) for level, ridge in _ridges(result)),
         (result.active_constraints, 0, "A constraint on the coefficients is active: their standard errors "
          "hold only along it."),
-        (not result.has_shape and not certificate.stability_margin
+        (isinstance(result.muscle, famjax.Muscle) and not certificate.stability_margin
          >= -1e-9 * float(np.abs(result.coefficients).max(initial=0.0)), 1,
          Sentence("The law is NOT Drucker-stable on the actuation path (margin ",
                   Quantity(certificate.stability_margin, "stress"), "). Do not extrapolate or simulate "
@@ -471,20 +382,21 @@ def _ridges(result: Identification) -> list[Remark]:
     """Remarks on pairs of nonlinear parameters that the data determine only in combination."""
     names, std = result.names, np.sqrt(np.diag(result.covariance))
     width = {one.name: one.max - one.min for one in result.estimates}
-    badly = [
-        name.partition("[")[0] in _GEOMETRY and own > 0.1 * width.get(name, math.inf)
-        for name, own in zip(names, std, strict=False)
-    ]
+    badly = {
+        name for name, own in zip(names, std, strict=False)
+        if name.partition("[")[0] in _GEOMETRY and own > 0.1 * width.get(name, math.inf)
+    }  # fmt: skip
     correlation = result.covariance / np.outer(std, std)
-    return [
-        Remark(
-            int(badly[i] and badly[j] and abs(correlation[i, j]) > 0.995),
-            f"Ridge: {names[i]} and {names[j]} have a correlation of {correlation[i, j]:.4f}. The data "
-            "determine only a combination of the two.",
-        )
-        for i, j in itertools.combinations(range(len(names)), 2)
-        if abs(correlation[i, j]) > 0.98
-    ]
+    found = []
+    for i, j in itertools.combinations(range(len(names)), 2):
+        pair, alike = {names[i], names[j]}, abs(correlation[i, j])
+        if alike > 0.98:
+            told = (
+                f"Ridge: {names[i]} and {names[j]} have a correlation of {correlation[i, j]:.4f}. "
+            )
+            told += "The data determine only a combination of the two."
+            found.append(Remark(int(pair <= badly and alike > 0.995), told))
+    return found
 
 
 def remarks(result: Identification) -> list[Remark]:
@@ -494,7 +406,7 @@ def remarks(result: Identification) -> list[Remark]:
     said = (*data.notes, data.pressures.note, data.lengths.note)
     slack = Sentence(
         *("The model pulls with up to ", Quantity(pull, "force", 3)),
-        f" at {errors.slack_violations} of {errors.n_slack} slack readings.",
+        " at a slack reading.",
     )
     level = 2 if pull > 0.1 * largest else int(pull > max(2 * errors.rmse, 0.01 * largest))
     outlying, count = int((~result.counted).sum()), result.counted.size

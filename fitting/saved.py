@@ -6,29 +6,21 @@ import importlib.metadata
 import json
 import math
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
 import famjax
-from famjax.boundary.errors import InputError, NotTrustedError, Own, check_trusted, class_path
+from famjax.boundary.errors import InputError, NotTrustedError, Own
 from famjax.boundary.files import Origin
-from famjax.boundary.units import (
-    Quantity,
-    Sentence,
-    finite_or_none,
-    from_si,
-    sentence_in_units,
-    si_unit,
-    unit_system,
-)
+from famjax.boundary.units import si_unit
 from famjax.cards import (
-    Covariance,
     MuscleCard,
     Provenance,
     draw,
@@ -43,20 +35,12 @@ from .bands import ModelError, muscle_spread
 from .choice import Choice, choice_as_dict
 from .data import COLUMNS, SPECIMEN_LENGTHS, ForceData, Specimen
 from .evidence import Evidence, evidence_as_dict, evidence_warnings
-from .families import EstimatedSource, KnownSource, Law, MuscleFamily, WrappedSource, law_named
+from .families import EstimatedSource, KnownSource, Law
 from .mechanics import EquilibriumSource, SearchedLaw
 from .parameters import Parameter
 from .pictured import PictureFit
 from .posing import EXCHANGES, pose
-from .result import (
-    Certificate,
-    Errors,
-    Estimate,
-    Identification,
-    Outlook,
-    Solved,
-    equivalent_sizes,
-)
+from .result import Certificate, Errors, Estimate, Identification, Outlook, Solved, equivalent_sizes
 from .search import best_of, descend, refine
 from .series import Series
 from .verdict import Judgement, judge, judge_series
@@ -65,22 +49,24 @@ SCHEMA = "famjax-fit/2"
 _WANTED = "give a fit.json written by famjax fit"
 
 _ERRORS = {
-    "rmse": "rmse_N", "mae": "mae_N", "max": "max_error_N", "max_force": "max_force_N",
-    "n_points": "n_points", "n_slack": "n_slack", "slack_violations": "slack_violations",
-    "max_slack_force": "max_slack_force_N",
+    "rmse": "rmse_N", "max": "max_error_N", "max_force": "max_force_N",
+    "n_points": "n_points", "max_slack_force": "max_slack_force_N",
 }  # fmt: skip
 _CERTIFICATE = {
-    "stability_margin": "stability_margin_Pa", "slope_margin": "slope_margin_Pa",
-    "constraint_margin": "constraint_margin_Pa", "between_stations": "between_stations",
+    "stability_margin": "stability_margin_Pa", "constraint_margin": "constraint_margin_Pa",
     "kkt_residual": "kkt_residual", "duality_gap": "duality_gap",
     "gradient_residual": "gradient_residual", "condition": "condition", "n_starts": "n_starts",
     "n_agreeing": "n_starts_agreeing", "shape_margin": "shape_margin_N_per_m",
 }  # fmt: skip
 """Key of each field in the file."""
+_PLAIN = ("strain_range", "constraint", "converged", "seed", "degrees_of_freedom")
+_ARRAYS = {
+    "coefficients": "coefficients_Pa", "residuals": "residuals_N", "weights": "weights",
+    "covariance": "covariance",
+}  # fmt: skip
+"""Fields of a fit that are saved as they are, and keys of its arrays."""
 _SAID = tuple(
-    one.name
-    for one in dataclasses.fields(ForceData)
-    if one.name not in {*COLUMNS, "specimen", "notes", "assumed"}
+    one.name for one in dataclasses.fields(ForceData) if one.name not in {*COLUMNS, "specimen"}
 )
 """Fields of a map that are saved under their own names."""
 _KNOWN = "known"  # the geometry is given, such as a measured one
@@ -125,54 +111,31 @@ def load_fit(path: str | Path, *, own: Own = ()) -> Identification:
 
 
 def _identification(document: Mapping[str, Any], own: Own) -> Identification:
-    data, mounted = _data(document["data"]), _mounted(document, own)
-    muscle, pressures = mounted.muscle, document["node_pressures_Pa"]
-    coefficients = np.atleast_2d(_array(document["coefficients_Pa"]))
-    estimates = tuple(_estimate(name, one) for name, one in document["parameters"].items())
-    nodes, first = (), len(estimates) - coefficients.size
-    if pressures is not None:
-        at_nodes = [
-            dataclasses.replace(one, name=one.name.rpartition("_at_")[0])
-            for one in estimates[first:]
-        ]
-        nodes = tuple(zip(*[iter(at_nodes)] * coefficients.shape[1], strict=True))
-    stderr = np.array([one.stderr for one in estimates[first:]]).reshape(coefficients.shape)
+    mounted, pictures = _mounted(document, own), document["photographs"]
+    muscle, arrays = mounted.muscle, {name: _array(document[key]) for name, key in _ARRAYS.items()}
     assert isinstance(muscle, famjax.Muscle | famjax.EquilibriumMuscle)
+    estimates = tuple(map(_estimate, document["parameters"].values()))
     law = Law(muscle.material)
-    if pressures is not None:
-        law = law_named("polynomial", coefficients.shape[1])
-    elif isinstance(muscle, famjax.EquilibriumMuscle):
+    if isinstance(muscle, famjax.EquilibriumMuscle):
         ends = {one.name: (one.min, one.max) for one in estimates}
         law = SearchedLaw(muscle.material, tuple((name, *ends[name]) for name in law.coefficients))
-    pictures = document["photographs"]
-    known = {
-        name: document[name]
-        for name in ("strain_range", "constraint", "dependence", "seed", "converged",
-                     "degrees_of_freedom")
-    }  # fmt: skip
     return Identification(
-        data=data,
+        data=_data(document["data"]),
         mounted=mounted,
-        estimates=estimates if pressures is None else estimates[:first],
-        node_estimates=nodes,
-        derived=tuple(_estimate(name, one) for name, one in document["derived"].items()),
-        coefficients=coefficients,
-        coefficients_stderr=stderr,
-        node_pressures=None if pressures is None else _array(pressures),
-        residuals=_array(document["residuals_N"]),
+        estimates=estimates,
+        derived=tuple(map(_estimate, document["derived"].values())),
         errors=Errors(**_figures(document, _ERRORS)),
         certificate=Certificate(**_figures(document, _CERTIFICATE)),
-        active_constraints=tuple(_sentence(one) for one in document["active_constraints"]),
+        active_constraints=tuple(document["active_constraints"]),
         law=law,
-        weights=_array(document["weights"]),
-        names=tuple(document["covariance"]["parameters"])[: -coefficients.size or None],
-        covariance=_array(document["covariance"]["matrix"]),
+        names=tuple(document["names"]),
         place=0,
         solved=functools.partial(_opened, document, own),
         pictures=pictures and PictureFit.from_dict(pictures),
         outlook=_outlook(document, mounted, own),
         document=document,
-        **known,
+        **arrays,
+        **{name: document[name] for name in _PLAIN},
     )
 
 
@@ -185,20 +148,18 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     fit, asked = _identification(document, own), document["posed"]
     if asked is None:
         raise InputError(
-            "this fit cannot be restored from its file: it belongs to several specimens, or its geometry "
-            "is built by a function or has elastic threads. Repeat the identification"
+            "this fit cannot be restored from its file: it belongs to several specimens, or has a geometry "
+            "or terms of your own. Repeat the identification, or use famjax assess"
         )
-    geometry, terms = asked["geometry"], asked["terms"]
-    if geometry is not None and ":" in geometry:
-        check_trusted(geometry, own, "geometry")
-    own_terms = getattr(getattr(fit.muscle, "terms", None), "terms", ())[-terms:] if terms else ()
-    entries = (*fit.estimates, *(fit.node_estimates[0] if fit.node_estimates else ()))
+    geometry = EquilibriumSource(fit.data.specimen) if asked["geometry"] == _MECHANICS else None
+    if asked["geometry"] == _KNOWN:
+        geometry = getattr(fit.muscle, "geometry", None)
     posed = pose(
         (dataclasses.replace(fit.data, force_std=None),),
-        law=fit.law, constraint=fit.constraint, dependence=fit.dependence, noise=asked["noise"],
-        parameters={one.name: _said(one) for one in entries}, censored=asked["censored"],
-        geometry=_geometry(fit, geometry),
-        terms=famjax.terms.SumOfTerms(own_terms) if terms else None,
+        law=fit.law, constraint=fit.constraint, noise=asked["noise"],
+        parameters={one.name: _said(one) for one in fit.estimates},
+        censored=asked["censored"],
+        geometry=geometry,
     )  # fmt: skip
     (part,) = posed.problem.parts
     problem = dataclasses.replace(
@@ -213,49 +174,42 @@ def _opened(document: Mapping[str, Any], own: Own) -> Solved:
     return Solved(problem, best)
 
 
-def _geometry(fit: Identification, said: str | None) -> Any:
-    """Return the geometry named in a file as an argument of `pose`."""
-    if said == _MECHANICS:
-        return EquilibriumSource.of(fit.data)
-    return getattr(fit.muscle, "geometry", None) if said == _KNOWN else said
-
-
 def _said(one: Estimate) -> Parameter:
     """Return the specification of a parameter in SI."""
-    unit = si_unit(one.kind)
-    if one.fixed:
-        return Parameter(value=one.value, vary=False, unit=unit)
     low, high = (end if math.isfinite(end) else None for end in (one.min, one.max))
-    return Parameter(min=low, max=high, prior=one.prior, unit=unit)
+    return Parameter(min=low, max=high, prior=one.prior, unit=si_unit(one.kind))
 
 
 def _posed(result: Identification) -> dict[str, Any] | None:
     """Return what `_opened` needs in addition to the estimates; None if a file cannot store it."""
     problem = result.problem
     family = problem.parts[result.place].family
-    if len(problem.parts) > 1 or not isinstance(family, MuscleFamily):
+    if len(problem.parts) > 1 or family.terms is not None:
         return None
     source, geometry = family.source, None
-    if isinstance(source, WrappedSource) and isinstance(source.wrap, type):
-        geometry = class_path(source.wrap)
-    elif isinstance(source, KnownSource):
-        geometry = _KNOWN
-    elif isinstance(source, EquilibriumSource):
-        geometry = _MECHANICS
-    elif not isinstance(source, EstimatedSource) or source.thread is not None:
+    if isinstance(source, KnownSource | EquilibriumSource):
+        geometry = _KNOWN if isinstance(source, KnownSource) else _MECHANICS
+    elif not isinstance(source, EstimatedSource):
         return None
     return {
         "geometry": geometry,
-        "terms": 0 if family.terms is None else len(family.terms.terms),
         "censored": bool((problem.side != 0).any()),
         "noise": problem.noise,
-        "reading_weights": problem.weight.tolist(),
+        "reading_weights": problem.weight,
     }
 
 
-def _array(values: Any) -> np.ndarray:
-    """Convert a list to floats; null becomes nan."""
-    return np.array(values, float)
+def _array(values: Any) -> Any:
+    """Convert a list to floats, with nan for null; null alone stays None."""
+    return None if values is None else np.array(values, float)
+
+
+def as_json(value: Any) -> Any:
+    """Convert to JSON-ready data: arrays become lists, nan and infinity null."""
+    text = msgspec.json.encode(
+        value, enc_hook=lambda one: one.tolist() if hasattr(one, "tolist") else str(one)
+    )
+    return json.loads(text)
 
 
 def _figures(document: Mapping[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
@@ -263,44 +217,21 @@ def _figures(document: Mapping[str, Any], keys: Mapping[str, str]) -> dict[str, 
     return {name: math.nan if value is None else value for name, value in found.items()}
 
 
-def _written(part: Errors | Certificate, keys: Mapping[str, str]) -> dict[str, Any]:
-    found = {key: getattr(part, name) for name, key in keys.items()}
-    return {k: v if isinstance(v, int) else finite_or_none(v) for k, v in found.items()}
-
-
 def _data(saved: Mapping[str, Any]) -> ForceData:
     columns = {name.rpartition("_")[0]: _array(v) for name, v in saved["readings"].items()}
     specimen = {name.removesuffix("_m"): value for name, value in saved["specimen"].items()}
-    said: dict[str, Any] = {name: saved[name] for name in _SAID}
-    said = {name: _array(one) if isinstance(one, list) else one for name, one in said.items()}
-    return ForceData(
-        **columns, **said, specimen=Specimen(**specimen),
-        notes=tuple(map(_sentence, saved["notes"])), assumed=tuple(saved["assumed"]),
-    )  # fmt: skip
-
-
-def _parts(sentence: str) -> Any:
-    """Convert a sentence to JSON; its quantities are kept."""
-    if isinstance(sentence, Sentence):
-        return [_parts(one) if isinstance(one, str) else one._asdict() for one in sentence.parts]
-    return sentence
-
-
-def _sentence(parts: Any) -> str:
-    if isinstance(parts, str):
-        return parts
-    return Sentence(
-        *(Quantity(**one) if isinstance(one, dict) else _sentence(one) for one in parts)
-    )
+    said = {name: saved[name] for name in _SAID}
+    said |= {name: tuple(said[name]) for name in ("notes", "assumed")}
+    said["count"] = _array(said["count"])
+    return ForceData(**columns, specimen=Specimen(**specimen), **said)
 
 
 def _mounted(entry: Mapping[str, Any], own: Own) -> famjax.MountedMuscle:
     """Restore a muscle with its rig."""
-    exponent = entry.get("series_exponent")
+    rig = entry["series_compliance_m_per_N"], entry.get("series_exponent")
     return famjax.MountedMuscle(
         muscle_from_dict(entry["muscle"], own=own),
-        float(entry["series_compliance_m_per_N"]),
-        None if exponent is None else float(exponent),
+        *(None if one is None else float(one) for one in rig),
     )
 
 
@@ -312,14 +243,16 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
     """
     averaged, spread = document["averaged_with"], document["spread"]
     weights = [float(one["weight"]) for one in averaged]
-    error, slip, elsewhere = (
-        document.get(name) for name in ("model_error", "hysteresis", "other_lengths")
-    )
+    error, slip, elsewhere = map(document.get, ("model_error", "hysteresis", "other_lengths"))
     count = sum(map(np.size, jax.tree.leaves(eqx.filter(mounted, eqx.is_inexact_array))))
     directions, shared = (
         _array(spread[name]).reshape(-1, count) for name in ("directions", "shared_directions")
     )
     missed = [] if slip is None else [one["rms_N"] for one in slip["left_out"].values()]
+
+    def by_family(members: Iterable[Mapping[str, Any]]) -> dict[str, famjax.MountedMuscle]:
+        return {one["family"]: _mounted(one, own) for one in members}
+
     return Outlook(
         error=None if error is None else ModelError.from_dict(error),
         directions=directions,
@@ -327,10 +260,8 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
         shared=shared,
         others=tuple(_mounted(one, own) for one in averaged),
         weights=(1.0 - sum(weights), *weights),
-        alike={one["family"]: _mounted(one, own) for one in document["alike"]},
-        other_lengths={
-            one["family"]: _mounted(one, own) for one in (elsewhere or {}).get("members", ())
-        },
+        alike=by_family(document["alike"]),
+        other_lengths={} if elsewhere is None else by_family(elsewhere["members"]),
         between=math.nan if elsewhere is None else elsewhere["between_N"],
         hysteresis=None if slip is None else slip_from_dict(slip),
         branches_error=math.nan if slip is None else max(missed, default=slip["rms_N"]),
@@ -338,76 +269,14 @@ def _outlook(document: Mapping[str, Any], mounted: famjax.MountedMuscle, own: Ow
     )
 
 
-def estimate_as_dict(estimate: Estimate, system: str) -> dict[str, Any]:
-    """Return an estimate in a unit system, ready for JSON."""
-    unit = unit_system(system)[estimate.kind]
-
-    def scaled(value: float) -> float | None:
-        return finite_or_none(from_si(value, unit, estimate.kind))
-
-    numbers = {name: scaled(getattr(estimate, name)) for name in _NUMBERS}
-    prior = None if estimate.prior is None else [scaled(v) for v in estimate.prior]
-    return {
-        "unit": unit, "kind": estimate.kind, **numbers, "at_bound": estimate.at_bound,
-        "fixed": estimate.fixed, "prior": prior,
-    }  # fmt: skip
+_NULLS = {"value": math.nan, "stderr": math.nan, "min": -math.inf, "max": math.inf}
+"""Numbers of an estimate that may be null, and what null means."""
 
 
-_NUMBERS = {
-    "value": math.nan, "stderr": math.nan, "sandwich_stderr": math.nan, "min": -math.inf, "max": math.inf,
-}  # fmt: skip
-"""Numbers of an estimate, and the value of null."""
-
-
-def _estimate(name: str, saved: Mapping[str, Any]) -> Estimate:
-    numbers = {key: none if saved[key] is None else saved[key] for key, none in _NUMBERS.items()}
-    prior = None if saved["prior"] is None else tuple(saved["prior"])
-    said = {key: saved[key] for key in ("at_bound", "fixed", "kind")}
-    return Estimate(name, prior=prior, **numbers, **said)
-
-
-def summary_as_dict(
-    result: Identification,
-    system: str = "si",
-    evidence: Evidence | None = None,
-    *,
-    choice: Choice | None = None,
-    judgement: Judgement | None = None,
-) -> dict[str, Any]:
-    """Return the results of a fit as a flat JSON object: parameters in the unit system, the rest in SI."""
-    judged, asked = judge(result) if judgement is None else judgement, _known(result, evidence)
-    fixed = result.node_pressures is None
-    warnings = (*result.warnings, *evidence_warnings(asked, result))
-    return {
-        "verdict": judged.level,
-        "reasons": [str(sentence_in_units(one, system)) for one in judged.reasons],
-        "unchecked": str(sentence_in_units(judged.unchecked, system)) or None,
-        "suspicions": [one.cause for one in judged.suspicions],
-        "choice": None if choice is None else choice_as_dict(choice),
-        **_written(result.errors, _ERRORS),
-        "rmse_percent": finite_or_none(result.errors.rmse_percent),
-        "parameters": {e.name: estimate_as_dict(e, system) for e in result.all_estimates},
-        "derived": {e.name: estimate_as_dict(e, system) for e in result.derived},
-        "coefficients_Pa": (result.coefficients[0] if fixed else result.coefficients).tolist(),
-        "node_pressures_Pa": None if fixed else np.asarray(result.node_pressures).tolist(),
-        "strain_range": result.strain_range,
-        **_written(result.certificate, _CERTIFICATE),
-        "law": result.law.name,
-        "order": result.order,
-        "n_parameters": result.n_parameters,
-        **_rig(result.mounted),
-        "constraint": result.constraint,
-        "dependence": result.dependence,
-        "active_constraints": list(result.active_constraints),
-        "converged": result.converged,
-        "warnings": [str(sentence_in_units(one, system)) for one in warnings],
-        **evidence_as_dict(asked),
-    }
-
-
-def _known(result: Identification, evidence: Evidence | None) -> Evidence:
-    """Return the evidence, or else what the choice of the family found."""
-    return evidence or Evidence(error=result.outlook.error)
+def _estimate(saved: Mapping[str, Any]) -> Estimate:
+    found: dict[str, Any] = {key: value for key, value in saved.items() if key != "unit"}
+    found |= {key: value for key, value in _NULLS.items() if saved[key] is None}
+    return Estimate(**{**found, "prior": saved["prior"] and tuple(saved["prior"])})
 
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
@@ -449,112 +318,104 @@ def fit_as_dict(
         choice: choice that the result comes from, if any.
         judgement: the verdict; default: derived from the fit.
     """
-    names, matrix = correlations(result)
-    data, asked, outlook = result.data, _known(result, evidence), result.outlook
-    drawn, shared = asked.bootstrap, () if asked.shared is None else asked.shared.directions
+    data, errors, outlook = result.data, result.errors, result.outlook
+    judged, asked = judgement or judge(result), evidence or Evidence(error=outlook.error)
+    shared = () if asked.shared is None else asked.shared.directions
     others, known = outlook.other_lengths, dataclasses.asdict(data.specimen)
-    return {
+
+    def entries(estimates: Iterable[Estimate]) -> dict[str, Any]:
+        return {
+            one.name: {"unit": si_unit(one.kind), **dataclasses.asdict(one)} for one in estimates
+        }
+
+    return as_json({
         "schema": SCHEMA,
         "versions": versions(),
         "origin": None if origin is None else origin.as_dict(),
+        "verdict": judged.level,
+        "reasons": judged.reasons,
+        "unchecked": judged.unchecked or None,
+        "suspicions": [one.cause for one in judged.suspicions],
+        "warnings": (*result.warnings, *evidence_warnings(asked, result)),
+        "choice": None if choice is None else choice_as_dict(choice),
+        **{key: getattr(errors, name) for name, key in _ERRORS.items()},
+        "rmse_percent": errors.rmse_percent,
+        "parameters": entries(result.estimates),
+        "derived": entries(result.derived),
+        **{name: getattr(result, name) for name in _PLAIN},
+        **{key: getattr(result.certificate, name) for name, key in _CERTIFICATE.items()},
+        "active_constraints": result.active_constraints,
+        "law": result.law.name,
+        "order": result.law.order,
+        "names": result.names,
+        **{key: getattr(result, name) for name, key in _ARRAYS.items()},
+        "muscle": muscle_as_dict(result.muscle),
+        **_rig(result.mounted),
         "data": {
             "sha256": data.sha256,
             "specimen": {f"{k}_m" if k in SPECIMEN_LENGTHS else k: v for k, v in known.items()},
-            "readings": {name: values.tolist() for name, values in data.columns().items()},
-            "notes": [_parts(one) for one in data.notes],
-            "assumed": list(data.assumed),
-            **{n: v.tolist() if isinstance(v := getattr(data, n), np.ndarray) else v for n in _SAID},
+            "readings": data.columns(),
+            **{name: getattr(data, name) for name in _SAID},
         },
-        "posed": result.document.get("posed") or _posed(result),
         "photographs": None if result.pictures is None else result.pictures.as_dict(),
-        "seed": result.seed,
+        **evidence_as_dict(asked),
         "spread": {
-            "band": "linear" if drawn is None else "bootstrap",
-            "directions": muscle_spread(result, drawn).tolist(),
+            "band": "linear" if asked.bootstrap is None else "bootstrap",
+            "directions": muscle_spread(result, asked.bootstrap),
             # Six digits: a measured shape may have thousands of numbers.
             "shared_directions": [[float(f"{value:.6g}") for value in row] for row in shared],
         },
-        **summary_as_dict(result, evidence=asked, choice=choice, judgement=judgement),
         "averaged_with": [],
-        "alike": _in_rigs(outlook.alike.values(), family=list(outlook.alike)),
+        "alike": _in_rigs("family", outlook.alike.items()),
         "other_lengths": {
-            "between_N": outlook.between,
-            "members": _in_rigs(others.values(), family=list(others)),
+            "between_N": outlook.between, "members": _in_rigs("family", others.items()),
         } if others else None,
-        "correlations": {"parameters": list(names), "matrix": [_finite(row) for row in matrix]},
-        "covariance": {
-            "parameters": [*result.names, *result.coefficient_names],
-            "matrix": [_finite(row) for row in result.covariance],
-        },
-        "degrees_of_freedom": result.degrees_of_freedom,
-        "active_constraints": [_parts(one) for one in result.active_constraints],
-        "residuals_N": result.residuals.tolist(),
-        "weights": result.weights.tolist(),
-        "muscle": muscle_as_dict(result.muscle),
-    }  # fmt: skip
-
-
-def _finite(values: Iterable[float]) -> list[float | None]:
-    return [finite_or_none(value) for value in values]
+        "posed": result.document.get("posed") or _posed(result),
+    })  # fmt: skip
 
 
 def _rig(mounted: famjax.MountedMuscle) -> dict[str, Any]:
-    """Return the entries of a rig; a linear one has no exponent."""
-    compliance = {"series_compliance_m_per_N": float(mounted.compliance)}
     exponent = mounted.exponent
-    return compliance if exponent is None else {**compliance, "series_exponent": float(exponent)}
+    return {
+        "series_compliance_m_per_N": float(mounted.compliance),
+        "series_exponent": None if exponent is None else float(exponent),
+    }
 
 
-def _in_rigs(
-    muscles: Iterable[famjax.MountedMuscle], **about: Sequence[Any]
-) -> list[dict[str, Any]]:
-    """Return the entries of muscles with their rigs; `about` has one further value per muscle."""
-    return [
-        {**dict(zip(about, said, strict=True)), **_rig(one), "muscle": muscle_as_dict(one.muscle)}
-        for one, *said in zip(muscles, *about.values(), strict=True)
-    ]
+def _in_rigs(key: str, muscles: Iterable[tuple[Any, famjax.MountedMuscle]]) -> list[dict[str, Any]]:
+    """Return the entries of muscles with their rigs, each with one value under `key`."""
+    return [{key: said, **_rig(one), "muscle": muscle_as_dict(one.muscle)} for said, one in muscles]
 
 
 def series_as_dict(series: Series, origin: Origin | None = None) -> dict[str, Any]:
     """Return the `fit.json` of a series: the one of its first specimen, with entries for the others."""
-    data, others = [one.data for one in series.specimens], [one[0] for one in series.others]
+    data, others = [one.data for one in series.specimens], [one[0].mounted for one in series.others]
     judged = judge_series(series.specimens, series.left_out)
     ratios = np.concatenate([one.length / one.specimen.rest_length for one in data])
     pressures = np.concatenate([one.pressure for one in data])
-    predicted = series.left_out.group_rmse
-    return {
+    return as_json({
         **fit_as_dict(series.specimens[0], origin=origin, judgement=judged),
-        "averaged_with": _in_rigs(
-            [one.mounted for one in others],
-            weight=series.weights[1:],
-            law=[one.law.name for one in others],
-        ),
+        "averaged_with": _in_rigs("weight", zip(series.weights[1:], others, strict=True)),
         "series": {
-            "law": series.law,
             "family": series.name,
-            "averaged": 1 + len(series.others),
             "between_N": series.between,
             "predicted_rmse_N": series.left_out.rmse,
-            "leave_one_specimen_out_N": {
-                law: finite_or_none(error) for law, error in series.candidates.items()
-            },
+            "leave_one_specimen_out_N": series.candidates,
             "specimens": [
                 {
                     "name": one.data.specimen.name,
                     "rest_length_m": one.data.specimen.rest_length,
-                    "source": one.data.source,
-                    "sha256": one.data.sha256,
-                    "rmse_N": one.errors.rmse,
-                    "predicted_rmse_N": float(error),
                     "max_force_N": one.errors.max_force,
+                    "rmse_N": one.errors.rmse,
+                    "predicted_rmse_N": error,
                 }
-                for one, error in zip(series.specimens, predicted, strict=True)
+                for one, error in zip(series.specimens, series.left_out.group_rmse, strict=True)
             ],
             "rest_lengths_m": [one.specimen.rest_length for one in data],
-            "length_ratios": [float(ratios.min()), float(ratios.max())],
-            "pressures_Pa": [float(pressures.min()), float(pressures.max())],
+            "length_ratios": (ratios.min(), ratios.max()),
+            "pressures_Pa": (pressures.min(), pressures.max()),
         },
-    }
+    })  # fmt: skip
 
 
 def card_of(
@@ -569,7 +430,7 @@ def card_of(
     Args:
         fit: result of `load_fit` or `identify`.
         name: name of the muscle; default: that of the specimen.
-        count: number of sampled muscles; a fit without standard errors has none.
+        count: number of sampled muscles, 0 for none; a fit without standard errors has none.
         seed: seed of the sample.
         origin: date and command of the card, in addition to those of the fit.
 
@@ -577,37 +438,20 @@ def card_of(
         InputError: the model is nowhere monotone, or too few muscles can be drawn.
     """
     document, outlook = fit.document or fit_as_dict(fit), fit.outlook
-    if count < 0:
-        raise InputError(f"count, the number of sampled muscles, must be >= 0, got {count}")
     data = fit.data
     card = MuscleCard(
         name=name or data.specimen.name or "unnamed",
         members=(fit.mounted, *outlook.others),
         weights=np.array(outlook.weights),
         data=Region.of(data.length, data.pressure),
-        covariance=_covariance(document),
-        draws=None,
         hysteresis=outlook.hysteresis,
         provenance=_provenance(document, origin, [_NOT_ITS_VOLUME] * bool(equivalent_sizes(fit))),
     )
     directions = np.array(document["spread"]["directions"])
-    if not (directions.size and count):
+    if not directions.size or count <= 0:
         return card
     drawn = draw(card.members, card.weights, directions, card.region, seed=seed, count=count)
     return dataclasses.replace(card, draws=drawn)
-
-
-def _covariance(document: Mapping[str, Any]) -> Covariance | None:
-    """Covariance of the identified parameters, relative to their values."""
-    names, matrix = (document["correlations"][key] for key in ("parameters", "matrix"))
-    if not names:
-        return None
-    estimates = [document["parameters"][name] for name in names]
-    values, stderr = (np.array([one[key] for one in estimates]) for key in ("value", "stderr"))
-    scales = np.where(values == 0, 1.0, np.abs(values))
-    spread = np.array(matrix, float) * np.outer(stderr / scales, stderr / scales)
-    units = [one["unit"] for one in estimates]
-    return Covariance(names, units, values.tolist(), scales.tolist(), spread.tolist())
 
 
 _NOT_ITS_VOLUME = (
@@ -620,18 +464,14 @@ def _provenance(document: Mapping[str, Any], origin: Origin | None, notes: list[
     data, made = document["data"], document.get("origin") or {}
     here = {} if origin is None else origin.as_dict()
     commands = [one["command"] for one in (made, here) if one.get("command")]
+    same = ("verdict", "reasons", "rmse_N", "max_error_N", "max_force_N", "versions")
     return Provenance(
-        verdict=document["verdict"],
-        reasons=document["reasons"],
-        rmse_N=document["rmse_N"],
-        max_error_N=document["max_error_N"],
-        max_force_N=document["max_force_N"],
+        **{name: document[name] for name in same},
         model_error=document.get("model_error"),
         source=data["source"],
         data_sha256=data["sha256"],
         specimen={k: v for k, v in data["specimen"].items() if v is not None},
         date=here.get("date", made.get("date")),
         command=" && ".join(commands) or None,
-        versions=document["versions"],
         notes=notes,
     )

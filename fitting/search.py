@@ -2,8 +2,7 @@
 
 Damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2 with u + d
 inside the unit box, so that a bound is met exactly. The damping mu follows Nielsen. Many descents go in
-step: every round evaluates all of them together, and where one ends the next takes its place. Each goes as
-it would alone.
+step: every round evaluates all of them together. Each goes as it would alone.
 
 Where along a path a law is weakest is found by samples that close in on each of their minima. A constraint
 that is violated between its stations is posed there as well, until it is not (exchange).
@@ -114,19 +113,21 @@ def descend_many(
         distinct = {id(problems[place]): problems[place] for place in places}
         number = {key: k for k, key in enumerate(distinct)}
         members = np.array([number[id(problems[place])] for place in places])
-        batch = Batch(
-            list(distinct.values()),
-            [layouts[key] for key in distinct],
-            bulk=len(places) > _TOGETHER,
-        )
+        batch = Batch(list(distinct.values()), [layouts[key] for key in distinct])
         points = np.full((len(places), batch.free.size), 0.5)
         own = [np.isin(batch.free, problems[place].free) for place in places]
         for point, mine, place in zip(points, own, places, strict=True):
             point[mine] = starts[place]
-        for which, end in _descents(batch, members, points, max_steps, tolerance, promise):
-            ends[places[which]] = dataclasses.replace(end, u=end.u[own[which]])
-            if progress is not None:
-                progress(len(ends), len(problems))
+        for first in range(0, len(places), _TOGETHER):
+            here = slice(first, first + _TOGETHER)
+            with np.errstate(all="ignore"):
+                for which, end in _descents(
+                    batch, members[here], points[here], max_steps, tolerance, promise
+                ):
+                    mine = first + which
+                    ends[places[mine]] = dataclasses.replace(end, u=end.u[own[mine]])
+                    if progress is not None:
+                        progress(len(ends), len(problems))
     return [ends[place] for place in range(len(problems))]
 
 
@@ -199,53 +200,6 @@ def _squares(r: Float[np.ndarray, "b k"]) -> Float[np.ndarray, " b"]:
     return np.einsum("bk,bk->b", r, r)
 
 
-@dataclasses.dataclass
-class _State:
-    """Descents on their way, with a leading axis: the best points, and those to be tried next."""
-
-    which: Int[np.ndarray, " b"]
-    u: Float[np.ndarray, "b p"]
-    trial: Float[np.ndarray, "b p"]
-    r: Float[np.ndarray, "b k"]
-    J: Float[np.ndarray, "b k p"]
-    predicted: Float[np.ndarray, " b"]
-    scale: Float[np.ndarray, " b"]
-    damping: Float[np.ndarray, " b"]
-    growth: Float[np.ndarray, " b"]
-    residual: Float[np.ndarray, " b"]
-    steps: Int[np.ndarray, " b"]
-    at: np.ndarray  # what holds the fit, and its place in it
-
-    @classmethod
-    def of(cls, which: Int[np.ndarray, " b"], u: Float[np.ndarray, "b p"], k: int) -> "_State":
-        """Descents at their starts, of k residuals."""
-        count, p = u.shape
-        one = np.ones(count)
-        return cls(
-            which, u, u, np.zeros((count, k)), np.zeros((count, k, p)), predicted=one,
-            scale=0 * one, damping=0 * one, growth=2 * one, residual=np.inf * one,
-            steps=np.zeros(count, int), at=np.full(count, None, object),
-        )  # fmt: skip
-
-    def kept(self, rows: Bool[np.ndarray, " b"]) -> "_State":
-        """A selection of the descents."""
-        return _State(**{name: leaf[rows] for name, leaf in vars(self).items()})
-
-    def joined(self, other: "_State") -> "_State":
-        """These descents and others."""
-        both = {name: (leaf, getattr(other, name)) for name, leaf in vars(self).items()}
-        return _State(**{name: np.concatenate(leaves) for name, leaves in both.items()})
-
-    def ends(
-        self, gone: Bool[np.ndarray, " b"], converged: Bool[np.ndarray, " b"]
-    ) -> Iterator[tuple[int, End]]:
-        """Number and end of the descents that have ended."""
-        for k in np.flatnonzero(gone):
-            chunk, row = self.at[k]
-            numbers = float(self.residual[k]), int(self.steps[k]), bool(converged[k])
-            yield int(self.which[k]), End(self.u[k].copy(), chunk.point(row), *numbers)
-
-
 def _descents(
     batch: Batch,
     members: Int[np.ndarray, " descents"],
@@ -255,57 +209,62 @@ def _descents(
     promise: float,
 ) -> Iterator[tuple[int, End]]:
     """Number and end of each descent, as they end."""
-    count, following = len(starts), 0
-    now = _State.of(np.zeros(0, int), starts[:0], batch.residuals)
-    with np.errstate(all="ignore"):
-        while following < count or now.which.size:
-            new = np.arange(following, min(count, following + _TOGETHER - now.which.size))
-            following += new.size
-            now = now.joined(_State.of(new, starts[new], batch.residuals))
-            _evaluate(batch, members[now.which], now, tolerance)
-            nowhere, nothing = np.isnan(now.residual), np.full(now.steps.shape, now.u.shape[1] == 0)
-            over = now.steps > max_steps
-            done = ~nowhere & (nothing | (~over & (now.residual <= tolerance)))
-            now.steps = np.where(nowhere | nothing, 0, np.minimum(now.steps, max_steps))
-            yield from now.ends(nowhere | over | done, done)
-            now = now.kept(~(nowhere | over | done))
-            if not now.which.size:
-                continue
-            move = step_in_box(now.J, now.r, now.damping, -now.u, 1 - now.u)
-            trial = now.u + move
-            now.trial = np.where(trial < _SNAP, 0.0, np.where(trial > 1 - _SNAP, 1.0, trial))
-            cost = _squares(now.r)
-            now.predicted = cost - _squares(now.r + (now.J @ move[:, :, None])[:, :, 0])
-            # A step that is damped after refusals promises little, however far the end is.
-            least = np.where(now.growth == 2.0, promise, ROUNDED) * cost
-            done = (now.predicted <= least) | (np.abs(move).max(axis=1) <= tolerance)
-            yield from now.ends(done, done)
-            now = now.kept(~done)
-
-
-def _evaluate(batch: Batch, members: Int[np.ndarray, " b"], now: _State, tolerance: float) -> None:
-    """The fits at the trial points, which become the points where they are better; no fit, nan."""
-    found: list[tuple[Chunk, int]] = batch.evaluate(
-        members, batch.parameters(members, now.trial), now.at.tolist(), tolerance**0.5
+    count, p = starts.shape
+    u, trial, at = starts.copy(), starts.copy(), np.full(count, None, object)
+    r, J = np.zeros((count, batch.residuals)), np.zeros((count, batch.residuals, p))
+    predicted, scale, damping, growth = (
+        np.ones(count),
+        np.zeros(count),
+        np.zeros(count),
+        np.ones(count),
     )
-    value, J = batch.residual_and_jacobian(members, found)
-    first, old, new = now.steps == 0, _squares(now.r), _squares(value)
-    ratio = (old - new) / now.predicted
-    better = np.isfinite(new) & (first | ((ratio > 1e-4) & np.isfinite(J).all((1, 2))))
-    for k in np.flatnonzero(better | first):
-        now.at[k] = found[k]
-    now.u = np.where(better[:, None], now.trial, now.u)
-    now.r = np.where(better[:, None], value, now.r)
-    now.J = np.where(better[:, None, None], J, now.J)
-    now.scale = np.where(first, np.sqrt(new), now.scale)
-    # Nielsen's damping: smooth in the quality of the step, growing faster after refusals.
-    factor = np.where(better, np.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3), now.growth)
-    begin = 1e-3 * np.max(np.sum(now.J**2, axis=1), axis=1, initial=0.0)
-    now.damping = np.maximum(np.where(first, begin, now.damping * factor), _TINY)
-    now.growth = np.where(better, 2.0, 2 * now.growth)
-    slope = gradient_residual(now.u, now.r, now.J, now.scale)
-    now.residual = np.where(better, slope, np.where(first, np.nan, now.residual))
-    now.steps = now.steps + 1
+    residual, steps, going = np.full(count, np.inf), np.zeros(count, int), np.arange(count)
+
+    def ended(
+        gone: Bool[np.ndarray, " b"], converged: Bool[np.ndarray, " b"]
+    ) -> Iterator[tuple[int, End]]:
+        for k, good in zip(going[gone].tolist(), converged[gone].tolist(), strict=True):
+            chunk, row = at[k]
+            yield k, End(u[k].copy(), chunk.point(row), float(residual[k]), int(steps[k]), good)
+
+    while going.size:
+        mine = members[going]
+        found: list[tuple[Chunk, int]] = batch.evaluate(
+            mine, batch.parameters(mine, trial[going]), at[going].tolist(), tolerance**0.5
+        )
+        value, slope = batch.residual_and_jacobian(mine, found)
+        first, new = steps[going] == 0, _squares(value)
+        ratio = (_squares(r[going]) - new) / predicted[going]
+        better = np.isfinite(new) & (first | ((ratio > 1e-4) & np.isfinite(slope).all((1, 2))))
+        for k in np.flatnonzero(better | first):
+            at[going[k]] = found[k]
+        moved = going[better]
+        u[moved], r[moved], J[moved] = trial[moved], value[better], slope[better]
+        scale[going[first]] = np.sqrt(new[first])
+        # Nielsen's damping: smooth in the quality of the step, growing faster after refusals.
+        growth[going] = np.where(better, 1.0, 2 * growth[going])
+        factor = np.where(better, np.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3), growth[going])
+        begin = 1e-3 * np.max(np.sum(J[going] ** 2, axis=1), axis=1, initial=0.0)
+        damping[going] = np.maximum(np.where(first, begin, damping[going] * factor), _TINY)
+        cosine = gradient_residual(u[going], r[going], J[going], scale[going])
+        residual[going] = np.where(better, cosine, np.where(first, np.nan, residual[going]))
+        nowhere, over = np.isnan(residual[going]), steps[going] >= max_steps
+        done = ~nowhere & ((p == 0) | (~over & (residual[going] <= tolerance)))
+        steps[going] = np.where(nowhere | (p == 0), 0, np.minimum(steps[going] + 1, max_steps))
+        yield from ended(nowhere | over | done, done)
+        going = going[~(nowhere | over | done)]
+        if not going.size:
+            break
+        move = step_in_box(J[going], r[going], damping[going], -u[going], 1 - u[going])
+        then = u[going] + move
+        trial[going] = np.where(then < _SNAP, 0.0, np.where(then > 1 - _SNAP, 1.0, then))
+        cost = _squares(r[going])
+        predicted[going] = cost - _squares(r[going] + (J[going] @ move[:, :, None])[:, :, 0])
+        # A step that is damped after refusals promises little, however far the end is.
+        least = np.where(growth[going] == 1.0, promise, ROUNDED) * cost
+        done = (predicted[going] <= least) | (np.abs(move).max(axis=1) <= tolerance)
+        yield from ended(done, done)
+        going = going[~done]
 
 
 NEAR = 1e-9
@@ -326,8 +285,9 @@ def descend_all(
 ) -> list[End]:
     """End points of the descents from all starts; the best one is refined to full precision."""
     ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=progress)
-    best = _lowest(ends)
-    if best is not None:
+    costs = [end.cost for end in ends]
+    if np.isfinite(costs).any():
+        best = int(np.nanargmin(costs))
         ends[best] = descend(problem, ends[best].u)
     return ends
 
@@ -338,19 +298,13 @@ def best_of(ends: Sequence[End]) -> End:
     Raises:
         InputError: none has a cost.
     """
-    best = _lowest(ends)
-    if best is None:
+    costs = [end.cost for end in ends]
+    if not np.isfinite(costs).any():
         raise InputError(
             "no start ended at a force for every reading: somewhere within the bounds the bladder "
             "does not fit in the braid or a length cannot be reached; narrow the bounds"
         )
-    return ends[best]
-
-
-def _lowest(ends: Sequence[End]) -> int | None:
-    """Index of the lowest cost; None if no cost is finite."""
-    costs = np.array([end.cost for end in ends])
-    return int(np.nanargmin(costs)) if np.isfinite(costs).any() else None
+    return ends[int(np.nanargmin(costs))]
 
 
 FEASIBLE = 1e-9
@@ -368,12 +322,10 @@ class Margin(NamedTuple):
     Attributes:
         position: share of the path in [0, 1], shape (paths,).
         value: modulus there [Pa], shape (paths,); nan where the law has none.
-        bound: by how much the true minimum may lie lower, in parts of the largest modulus.
     """
 
     position: Float[np.ndarray, " paths"]
     value: Float[np.ndarray, " paths"]
-    bound: float
 
 
 def constraint_margin(problem: Problem, point: Point, kind: Constraint) -> list[Margin]:
@@ -403,24 +355,21 @@ def _margin(part: Part, point: Point, place: int, kind: Constraint) -> Margin:
         [evaluate(np.tile(piece, (paths, 1))) for piece in np.split(at, _PIECES)], axis=1
     )
     if not np.isfinite(values).all():
-        return Margin(np.zeros(paths), np.full(paths, np.nan), np.nan)
+        return Margin(np.zeros(paths), np.full(paths, np.nan))
     padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
     dips = (values <= padded[:, :-2]) & (values <= padded[:, 2:])
-    places = np.argsort(np.where(dips, values, np.inf), axis=1, kind="stable")[:, :_MINIMA]
-    best, lowest, spread, found = np.zeros(paths), np.full(paths, np.inf), 0.0, values
-    for k in range(_MINIMA):
-        middle = np.where(dips[rows, places[:, k]], at[places[:, k]], best)
-        half = 1 / (count - 1) / _PIECES
-        for _ in range(_ZOOMS):
-            tried = np.clip(middle[:, None] + half * (2 * nodes - 1), 0, 1)
-            found = evaluate(tried)
-            middle, half = tried[rows, found.argmin(axis=1)], 2 * half / (count - 1)
-        spread = max(spread, float(np.ptp(found, axis=1).max()))
-        least = found.min(axis=1)
-        best, lowest = np.where(least < lowest, middle, best), np.minimum(least, lowest)
-        if not dips.sum(axis=1).max() > k + 1:
-            break
-    return Margin(best, lowest, spread / max(float(np.abs(values).max()), np.finfo(float).tiny))
+    several = min(_MINIMA, int(dips.sum(axis=1).max()))
+    places = np.argsort(np.where(dips, values, np.inf), axis=1, kind="stable")[:, :several]
+    middle, half = at[places], 1 / (count - 1) / _PIECES
+    found = middle
+    for _ in range(_ZOOMS):
+        tried = np.clip(middle[..., None] + half * (2 * nodes - 1), 0, 1)
+        found = np.stack([evaluate(tried[:, k]) for k in range(several)], axis=1)
+        middle = np.take_along_axis(tried, found.argmin(axis=2)[..., None], axis=2)[..., 0]
+        half *= 2 / (count - 1)
+    least = found.min(axis=2)
+    best = least.argmin(axis=1)
+    return Margin(middle[rows, best], least[rows, best])
 
 
 def rounding_of(point: Point) -> float:
@@ -544,11 +493,8 @@ def descend_reweighted(
         if done > _SCALED and np.abs(factor - old).max() <= _SETTLED:
             return best, ends, Weights(factor, threshold)
         changed = problem.with_readings(factor=factor)
-        if done < _FROM_ALL:
-            ends = descend_all(changed, starts)
-            best = best_of(ends)
-        else:
-            best = best_of(descend_all(changed, best.u[None]))
+        again = descend_all(changed, starts if done < _FROM_ALL else best.u[None])
+        best, ends = best_of(again), again if done < _FROM_ALL else ends
     raise InputError(
         f"the weights of objective={objective!r} did not converge in {_REWEIGHTED} rounds: the readings "
         "leave several fits equally good. Fix parameters by bounds, or use objective='sum_of_squares'"

@@ -24,7 +24,7 @@ from .ladder import Candidate, as_cylinder, believed, law_of, numbers_of, option
 from .mechanics import check_ends, equilibrium_options
 from .parameters import Parameter
 from .posing import Geometry, Posed, pose
-from .race import Fitted, Tried, descended, preferred, ranked
+from .race import Tried, descended, preferred, ranked
 from .result import Identification
 from .validation import LeftOut, force_error, leave_out_each
 
@@ -84,24 +84,18 @@ class Series:
         left_out = float(np.sqrt(np.mean(self.left_out.group_rmse**2)))
         return left_out * math.sqrt(1 - 1 / n**2)
 
-    def muscle(self, rest_length: float) -> famjax.MountedMuscle:
-        """Muscle of the series with rest length L0 [m], in the same rig."""
-        one = self.specimens[0].mounted
-        return one.with_muscle(famjax.cut_to_length(one.muscle, rest_length))
-
     def predict(
-        self, rest_length: float, length: Column, pressure: Column, *, length_std: float = 0.0
+        self, rest_length: float, length: Column, pressure: Column
     ) -> tuple[Column, Column]:
         """Predict the force of a new muscle as measured by the rig, with its standard deviation.
 
         The standard deviation is the larger of that between specimens, which includes parameter errors,
-        and that of parameters and lengths by linear theory.
+        and that of parameters by linear theory.
 
         Args:
             rest_length: L0 [m] of the muscle.
             length: active lengths [m].
             pressure: gauge pressures [Pa].
-            length_std: standard deviation of the lengths [m].
 
         Returns:
             (force, standard deviation), both [N] and of shape (n,).
@@ -110,12 +104,12 @@ class Series:
             pull(
                 one.mounted,
                 muscle_spread(one) if k == 0 else None,
-                length, pressure, rest_length=rest_length, length_std=length_std,
+                length, pressure, rest_length=rest_length,
             )
             for k, (one, *_) in enumerate((self.specimens, *self.others))
         ]  # fmt: skip
-        force = np.average([one.force for one in found], axis=0, weights=self.weights)
-        return force, np.maximum(found[0].std, self.between)
+        force = np.average([force for force, _ in found], axis=0, weights=self.weights)
+        return force, np.maximum(found[0][1], self.between)
 
 
 def identify_series(
@@ -182,16 +176,12 @@ def identify_series(
     if len({one.name for one in rigs}) < len(rigs):
         names = ", ".join(dict.fromkeys(one.law for one in rigs))
         raise InputError(f"each law of a series must be given once: got one of {names} twice")
-    found, done = [], 0
-    for family in families:
-        sound = []
-        for one in family:
-            if progress is not None:
-                progress(one.name, done, len(rigs))
-            done += 1
-            if judged := _judged(alike, constraint, min(starts, 4), seed, one):
-                sound.append(judged)
-        if sound:
+    found = []
+    for done, family in enumerate(families):
+        if progress is not None:
+            progress(family[0].name, done, len(families))
+        judged = [_judged(alike, constraint, min(starts, 4), seed, one) for one in family]
+        if sound := [one for one in judged if one is not None]:
             found.append(sorted(sound, key=lambda one: one.error))
     if not found:
         raise InputError(
@@ -204,7 +194,7 @@ def identify_series(
     order = preferred(tried)
     chosen, kept = tried[order[0]], found[order[0]]
     if progress is not None:
-        progress(f"identifying: {chosen.candidate.name}", len(rigs), len(rigs))
+        progress(f"identifying: {chosen.candidate.name}", len(families), len(families))
     posed = [_posed(alike, constraint, one.candidate) for one in kept]
     fits = [solve(one, one.starts(starts, seed), seed=seed) for one in posed]
     return Series(
@@ -262,7 +252,8 @@ def _as_one(rigs: Sequence[_Judged]) -> tuple[Candidate, float, dict[str, LeftOu
     """Mean of a law in both rigs as one family, with its RMSE in sample [N] and held-out errors."""
     weights = _weights(rigs)
     rmse = float(np.sqrt(np.average([one.rmse**2 for one in rigs], weights=weights)))
-    left_out = LeftOut.of_mean([one.left_out for one in rigs], weights)
+    error = np.average([one.left_out.error for one in rigs], axis=0, weights=weights)
+    left_out = dataclasses.replace(rigs[0].left_out, error=error)
     return rigs[0].candidate, rmse, {"specimen": left_out}
 
 
@@ -338,21 +329,6 @@ def _counting_alike(data: ForceData, of: Sequence[ForceData]) -> ForceData:
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class OtherLengths:
-    """Muscles that predict other lengths of the same make.
-
-    Attributes:
-        names: names of the families.
-        members: mounted muscle of each family.
-        between: standard deviation [N] of a specimen about their mean, without their disagreement.
-    """
-
-    names: tuple[str, ...]
-    members: tuple[famjax.MountedMuscle, ...]
-    between: float
-
-
 def accounts(
     candidates: Sequence[Candidate], data: ForceData, said: Collection[str]
 ) -> tuple[Candidate, ...]:
@@ -368,22 +344,3 @@ def accounts(
     """
     found = [as_cylinder(one, data, said) for one in candidates if one.law in DEFAULT_LAWS]
     return tuple(found) if {one.rig for one in found} == {False, True} else ()
-
-
-def other_lengths(families: Sequence[Fitted], max_force: float) -> OtherLengths | None:
-    """Collect the muscles that predict other lengths, as cylinders with stiff threads.
-
-    Args:
-        families: families of `accounts`, fitted to all readings.
-        max_force: largest measured force [N].
-
-    Returns:
-        The muscles, or None if there are no families.
-    """
-    if not families:
-        return None
-    return OtherLengths(
-        names=tuple(one.candidate.name for one in families),
-        members=tuple(one.mounted for one in families),
-        between=FROM_ONE * max_force,
-    )

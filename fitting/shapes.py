@@ -1,16 +1,15 @@
-"""Shape of a muscle over length and pressure, from photographs; a profile as a Fourier series.
+"""Shape of a muscle over length and pressure, from photographs.
 
-`shape_surface(table)` fits D(z; L, P) to the pictures, tests it on pictures held out, and gives the
-measured geometry of a muscle with `surface.geometry(specimen)`. `fit_fourier` describes one profile.
+`shape_surface(path)` fits D(z; L, P) to the pictures, tests it on pictures held out, and gives the
+measured geometry of a muscle with `surface.geometry(specimen)`.
 """
 
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 import famjax
 from famjax.boundary.errors import InputError
@@ -47,11 +46,6 @@ _LEAST = 6  # pictures that make a table worth reading as a shape
 _SPREAD = 0.02  # of the largest pressure, from which on the shape may depend on the pressure
 _CORRELATED = 0.02  # of the length, over which neighbouring diameters of a picture err alike
 _FINEST = 1e-5  # of the diameter, below any photograph's error
-_WAVES = (0.5, 4 * np.pi)  # wave numbers of a series
-_SCAN = 160  # of them that are tried
-_STARTS = 4  # valleys that are followed
-_SCAN_POINTS = 400  # of a profile, at most, in the search
-_SPAN = 1e-10  # singular values below this part of the largest carry rounding only
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +64,7 @@ class Pictures:
         source: where they are from.
 
     Raises:
-        InputError: shapes that do not match, values that are not positive, or fewer than six
-            pictures.
+        InputError: values that are not positive, or fewer than six pictures.
     """
 
     names: tuple[str, ...]
@@ -85,20 +78,13 @@ class Pictures:
 
     def __post_init__(self) -> None:
         n = len(self.names)
-        if self.length.shape != (n,) or self.pressure.shape != (n,) or len(self.diameter) != n:
-            raise InputError(
-                f"{n} pictures need {n} lengths, pressures and profiles, got "
-                f"{self.length.shape}, {self.pressure.shape}, {self.diameter.shape}"
-            )
         if n < _LEAST:
             raise InputError(
                 f"{self.source}: {n} pictures were measured; a surface through shapes needs {_LEAST} "
                 "or more: photograph a whole stroke"
             )
-        bad = ~((self.length > 0) & np.all(self.diameter > 0, axis=1))
-        if bad.any():
-            name = self.names[int(np.argmax(bad))]
-            raise InputError(f"{self.source}: {name} has a length or a diameter that is not > 0")
+        if not (self.length.min() > 0 and self.diameter.min() > 0):
+            raise InputError(f"{self.source}: a picture has a length or a diameter that is not > 0")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -117,26 +103,20 @@ class Pictures:
         return float(P.min()), float(P.max())
 
     @classmethod
-    def of(cls, table: Any) -> "Pictures":
-        """Read the measured pictures of an `imaging.Table` or of `measurements.nc`.
+    def of(cls, pictures: "str | Path | Pictures") -> "Pictures":
+        """Read the measured pictures of a `measurements.nc`.
 
         Raises:
             InputError: the file cannot be read, or holds no profiles.
         """
-        if isinstance(table, Pictures):
-            return table
-        if isinstance(table, str | Path):
-            names, ok, columns, scale = _read(table)
-        elif isinstance(getattr(table, "columns", None), Mapping):
-            names, ok, columns = table.path, table.ok, dict(table.columns)
-            columns |= {"diameter": table.diameter, "diameter_stderr": table.diameter_stderr}
-            scale = float(table.provenance.get(_SCALE_STDERR, 0.0))
-        else:
+        if isinstance(pictures, Pictures):
+            return pictures
+        if not isinstance(pictures, str | Path):
             raise InputError(
-                "the pictures must be a measurements.nc, by its path, or the table of a campaign, got "
-                f"{shown(table)}"
+                f"the pictures must be a measurements.nc, by its path, got {shown(pictures)}"
             )
-        held = {name: np.asarray(columns[name], float) for name in _COLUMNS if name in columns}
+        names, ok, columns, scale = _read(pictures)
+        held = {name: np.asarray(values, float) for name, values in columns.items()}
         use = ok & np.isfinite(held["length"]) & np.isfinite(held["diameter"]).all(axis=1)
         held = {name: values[use] for name, values in held.items()}
         unknown = np.full(int(use.sum()), np.nan)
@@ -151,7 +131,7 @@ class Pictures:
             scale,
             float(np.median(mean)) if len(unknown) and np.isfinite(mean).all() else 0.0,
             np.median(local, axis=0) if known else None,
-            str(table) if isinstance(table, str | Path) else "the table",
+            str(pictures),
         )
 
 
@@ -166,15 +146,7 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
             scale = float(getattr(file, _SCALE_STDERR, b"0").decode())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (
-        TypeError,
-        ValueError,
-        IndexError,
-        KeyError,
-        MemoryError,
-        OverflowError,
-        AttributeError,
-    ):
+    except (TypeError, ValueError, LookupError, MemoryError, ArithmeticError, AttributeError):
         raise InputError(
             f"{path} is not a measurements.nc file (NetCDF) written by `famjax measure`"
         ) from None
@@ -252,16 +224,12 @@ class Threads:
         length: B [m], without pressure where it depends on it.
         turns: N.
         length_std, turns_std: standard errors.
-        compliance: rise of B^2 with the pressure, over B^2 [1/Pa]; 0 where it was not looked for.
-        compliance_std: its standard error.
     """
 
     length: float
     turns: float
     length_std: float
     turns_std: float
-    compliance: float = 0.0
-    compliance_std: float = 0.0
 
     def turns_range(self) -> tuple[float, float]:
         """Smallest and largest number of turns for a fit of the force."""
@@ -282,9 +250,8 @@ def _fit_threads(pictures: Pictures) -> Threads:
     scale = float(np.mean(length**2))
     columns = [np.ones_like(length), -(diameter**2) / np.mean(diameter**2)]
     known = np.isfinite(pictures.pressure_ends()[0])
-    unit = float(np.abs(pressure).max()) if known else 1.0
     if known:
-        columns.append(pressure / unit)
+        columns.append(pressure / np.abs(pressure).max())
     X, y = np.stack(columns, axis=1), length**2 / scale
     solve = np.linalg.pinv(X)
     found = solve @ y
@@ -299,8 +266,7 @@ def _fit_threads(pictures: Pictures) -> Threads:
     thread = np.sqrt(found[0] * scale)
     turns = np.sqrt(found[1] * scale / np.mean(diameter**2)) / np.pi
     errors = thread * std[0] / found[0] / 2, turns * std[1] / found[1] / 2
-    compliance = [found[2] / found[0] / unit, std[2] / found[0] / unit] if known else [0.0, 0.0]
-    return Threads(*map(float, (thread, turns, *errors, *compliance)))
+    return Threads(*map(float, (thread, turns, *errors)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -310,13 +276,11 @@ class HeldOut:
     Attributes:
         pictures: that were held out.
         rms: root mean square of D measured less D predicted, all positions [m].
-        mean: of the same [m]: what does not average out.
         standardised: rms of the same over its predicted standard deviation: 1 where that is right.
     """
 
     pictures: int
     rms: float
-    mean: float
     standardised: float
 
 
@@ -418,7 +382,9 @@ class ShapeSurface:
         return famjax.MeasuredGeometry(self.family(braid, draw=draw), bladder)
 
 
-def shape_surface(table: Any, *, draws: int = 64, seed: int = 0) -> ShapeSurface:
+def shape_surface(
+    pictures: str | Path | Pictures, *, draws: int = 64, seed: int = 0
+) -> ShapeSurface:
     """The shape of a muscle over length and pressure, from the pictures of a campaign.
 
     At every position z/L the diameter is a polynomial in the length, the same degree everywhere,
@@ -427,7 +393,7 @@ def shape_surface(table: Any, *, draws: int = 64, seed: int = 0) -> ShapeSurface
     miss a bias. Pictures far off the surface are left out and named.
 
     Args:
-        table: of the pictures, or its NetCDF file; pressures are used where it has them.
+        pictures: `measurements.nc` of `famjax measure`; pressures are used where it has them.
         draws: of the uncertainty.
         seed: of the draws.
 
@@ -441,7 +407,7 @@ def shape_surface(table: Any, *, draws: int = 64, seed: int = 0) -> ShapeSurface
         Chambers 2021, section 4.3, fits each profile by itself; Wu 1986 for the draws, with
         the residuals of each picture left out.
     """
-    pictures = Pictures.of(table)
+    pictures = Pictures.of(pictures)
     pictures = pictures.part(np.argsort(-pictures.length, kind="stable"))
     keep, notes = _on_a_surface(pictures)
     used = pictures.part(keep)
@@ -577,101 +543,5 @@ def _held_out(pictures: Pictures, form: SurfaceForm) -> HeldOut:
     return HeldOut(
         len(tested),
         float(np.sqrt(np.mean(error**2))),
-        float(error.mean()),
         float(np.sqrt(np.mean(error**2 / predicted))),
     )
-
-
-@dataclasses.dataclass(frozen=True)
-class FourierFit:
-    """D(x) = a0 + sum over n of a_n cos(n w x) + b_n sin(n w x), x = z / L in [0, 1].
-
-    `mean`, `cosines`, `sines`, `frequency` are the arguments a0, a, b, w of a Fourier profile of
-    the muscle's model. As the terms of a wide profile nearly cancel each other, every digit is
-    needed, and single coefficients have large errors where the curve has small ones.
-
-    Attributes:
-        mean: a0 [m].
-        cosines, sines: a_n, b_n [m], shape (n_terms,).
-        frequency: w [-].
-        rmse: root mean square of the residuals [m].
-    """
-
-    mean: float
-    cosines: Array
-    sines: Array
-    frequency: float
-    rmse: float
-
-    def diameter(self, x: ArrayLike) -> Array:
-        """D [m] at x [-], same shape as x."""
-        x = np.asarray(x, float)
-        angle = np.arange(1, self.cosines.size + 1) * self.frequency * x[..., None]
-        return self.mean + np.cos(angle) @ self.cosines + np.sin(angle) @ self.sines
-
-
-def fit_fourier(x: ArrayLike, diameter: ArrayLike, *, n_terms: int = 3) -> FourierFit:
-    """Fit a Fourier series to a profile; the result does not depend on the start of the wave number.
-
-    For a given w the coefficients are linear: the least squares over w alone has many valleys, so
-    it is scanned from 0.5 to 4 pi, and the deepest valleys are followed down by Gauss-Newton with
-    the coefficients eliminated (variable projection).
-
-    Args:
-        x: positions over the length, in [0, 1], shape (n,).
-        diameter: D [m], shape (n,).
-        n_terms: harmonics, >= 1.
-
-    Returns:
-        The fit.
-
-    Raises:
-        InputError: shapes that differ, values that are not finite, or fewer points than twice the
-            number of coefficients.
-
-    References:
-        Chambers 2021, section 4.3, table 4.2; Golub and Pereyra 1973.
-    """
-    x, y = np.asarray(x, float), np.asarray(diameter, float)
-    least = 2 * (2 * n_terms + 2)
-    if n_terms < 1 or x.ndim != 1 or x.shape != y.shape or x.size < least:
-        raise InputError(
-            f"x and diameter have one shape (n,), n >= {least} for {n_terms} >= 1 terms; got "
-            f"{x.shape} and {y.shape}"
-        )
-    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
-        raise InputError("x and diameter must be finite")
-    w = _best_wave(x, y, n_terms)
-    _, solved, off = _series(x, y, w, n_terms)
-    cosine, sine = solved[1 : n_terms + 1], solved[n_terms + 1 :]
-    # From the middle to the end, at which the series counts.
-    c, s = (of(np.arange(1, n_terms + 1) * w / 2) for of in (np.cos, np.sin))
-    rmse = float(np.sqrt(np.mean(off**2)))
-    return FourierFit(float(solved[0]), cosine * c - sine * s, cosine * s + sine * c, w, rmse)
-
-
-def _series(x: Array, y: Array, w: float, n_terms: int) -> tuple[Array, Array, Array]:
-    """Columns 1, cosines and sines of n w (x - 1/2), their coefficients by least squares, the rest."""
-    angle = np.arange(1, n_terms + 1) * w * (x[:, None] - 0.5)
-    functions = np.hstack([np.ones((x.size, 1)), np.cos(angle), np.sin(angle)])
-    coefficients = np.linalg.lstsq(functions, y, rcond=_SPAN)[0]
-    return functions, coefficients, y - functions @ coefficients
-
-
-def _best_wave(x: Array, y: Array, n_terms: int) -> float:
-    from scipy.optimize import least_squares  # noqa: PLC0415 -- 0.2 s
-
-    thin = slice(None, None, max(1, x.size // _SCAN_POINTS))
-    x, y = x[thin], y[thin] / (np.ptp(y) or 1.0)
-
-    def left_over(w: Array) -> Array:
-        return _series(x, y, w[0], n_terms)[2]
-
-    waves = np.geomspace(*_WAVES, _SCAN)
-    depth = np.array([np.sum(left_over(waves[[k]]) ** 2) for k in range(_SCAN)])
-    found = [(0.5 * depth[k], float(waves[k])) for k in (0, _SCAN - 1)]
-    inner = np.flatnonzero((depth[1:-1] <= depth[:-2]) & (depth[1:-1] <= depth[2:])) + 1
-    for k in inner[np.argsort(depth[inner], kind="stable")][:_STARTS]:
-        fit = least_squares(left_over, waves[[k]], bounds=_WAVES, xtol=1e-12, ftol=1e-12)
-        found.append((fit.cost, float(fit.x[0])))
-    return min(found)[1]

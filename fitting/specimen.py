@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from famjax.boundary.errors import InputError, meant
-from famjax.boundary.units import UNITS, Quantity, Sentence, si_unit, to_si
+from famjax.boundary.units import UNITS, Quantity, si_unit, to_si
 
 from .arguments import is_number, shown
 
@@ -18,7 +18,6 @@ DEFAULT_WALL_THICKNESS = 1.8e-3
 """Bladder wall [m] of the Festo DMSP (Martens & Boblan 2017), assumed if none is given."""
 
 _WALL_OF_BORE = 0.18  # largest ratio of wall to bore, from the DMSP-10, the smallest known DMSP
-_OF_THE_FIT = ("braid_angle", "braid_diameter", "deadband_pressure")
 
 
 class Plausible(NamedTuple):
@@ -52,21 +51,12 @@ PLAUSIBLE = {
 """Generous ranges for muscles of 2 to 150 mm diameter and 10 mm to 3 m length, up to 10 MPa and 100 kN."""
 
 QUANTITIES = {
-    "rest_length": "length",
-    "wall_thickness": "thickness",
-    "braid_thickness": "thickness",
-    "nominal_diameter": "diameter",
-    "bladder_diameter": "diameter",
-    "braid_diameter": "diameter",
-    "end_length": "dead length",
-    "deadband_pressure": "deadband",
-    "braid_angle": "braid angle",
+    "rest_length": "length", "length": "length", "end_length": "dead length",
+    "wall_thickness": "thickness", "braid_thickness": "thickness", "nominal_diameter": "diameter",
+    "bladder_diameter": "diameter", "braid_diameter": "diameter", "braid_angle": "braid angle",
+    "pressure": "pressure", "deadband_pressure": "deadband", "force": "force", "force_limit": "force",
     "series_compliance": "compliance",
-    "length": "length",
-    "pressure": "pressure",
-    "force": "force",
-    "force_limit": "force",
-}
+}  # fmt: skip
 """Key of `PLAUSIBLE` for each column, specimen field or parameter."""
 
 _MOST_IN = {"cm": 1.0}  # m: longer muscles are given in m, so 250 cm is probably 250 mm
@@ -177,13 +167,12 @@ def check_prior(name: str, kind: str, prior: tuple[float, float], unit: str = ""
     usual = PLAUSIBLE[quantity].usual if quantity else 0.0
     narrowest = _NARROWEST * max(abs(mean), usual)
     if std < narrowest:
-        scale = UNITS[kind][unit] if unit else 1.0
-        said = unit or si_unit(kind)
+        unit = unit or si_unit(kind)
+        mean, std, narrowest = (one / UNITS[kind][unit] for one in (mean, std, narrowest))
         raise InputError(
-            f"the prior of {name}, {mean / scale:.6g} +- {std / scale:.3g} {said}, must have a standard "
-            f"deviation of {narrowest / scale:.3g} {said} or more, since a narrower one fixes the value. "
-            f"Fix it by bounds or by Parameter({mean / scale:.6g}, vary=False, ...), or give the "
-            "standard error of the measurement"
+            f"the prior of {name}, {mean:.6g} +- {std:.3g} {unit}, must have a standard deviation of "
+            f"{narrowest:.3g} {unit} or more, since a narrower one fixes the value. Fix it by bounds or by "
+            f"Parameter({mean:.6g}, vary=False, ...), or give the standard error of the measurement"
         )
 
 
@@ -210,21 +199,17 @@ class Specimen:
     embedded: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise InputError(f"the specimen's name must be a string, got {shown(self.name)}")
-        if not isinstance(self.embedded, bool | np.bool_):
+        if not (isinstance(self.name, str) and isinstance(self.embedded, bool | np.bool_)):
             raise InputError(
-                f"the specimen's embedded must be True or False, got {shown(self.embedded)}"
+                "the specimen's name must be a string, and embedded True or False; got "
+                f"{shown(self.name)} and {shown(self.embedded)}"
             )
         for name in SPECIMEN_LENGTHS:
-            size = getattr(self, name)
-            positive = name != "braid_thickness"
+            size, zero = getattr(self, name), name == "braid_thickness"
             if size is None and name in {"nominal_diameter", "bladder_diameter"}:
                 continue
-            if size is None or not (
-                is_number(size) and 0 <= size < math.inf and (size > 0 or not positive)
-            ):
-                must = "a positive length" if positive else "a length >= 0"
+            if size is None or not (is_number(size) and 0 <= size < math.inf and size + zero > 0):
+                must = "a length >= 0" if zero else "a positive length"
                 raise InputError(f"{name} must be {must} in m, got {size!r}")
             check_plausible(name, size, QUANTITIES[name])
         wall, bore = self.wall_thickness, self.nominal_diameter or math.inf
@@ -243,12 +228,8 @@ class Specimen:
 
 
 SPECIMEN_LENGTHS = (
-    "rest_length",
-    "wall_thickness",
-    "nominal_diameter",
-    "bladder_diameter",
-    "braid_thickness",
-)
+    "rest_length", "wall_thickness", "nominal_diameter", "bladder_diameter", "braid_thickness",
+)  # fmt: skip
 """Fields of `Specimen` that are lengths."""
 
 
@@ -291,18 +272,13 @@ def _specimen_field(key: str, value: str) -> tuple[str, Any]:
             raise InputError(f"the specimen's embedded must be true or false, got {value!r}")
         return key, value == "true"
     name, _, unit = key.rpartition("_")
-    if name in _OF_THE_FIT:
-        raise InputError(
-            f"{name} is identified by the fit and is not a specimen entry: state prior knowledge with "
-            f"--prior {key}=MEAN+-STD, or fix it with --bounds {key}={value}"
-        )
     if name not in (*SPECIMEN_LENGTHS, "force_limit"):
-        others = ["force_limit_N", "name", "embedded"]
-        known = [*(f"{length}_mm" for length in SPECIMEN_LENGTHS), *others]
-        near = [f"{length}_{one}" for length in SPECIMEN_LENGTHS for one in UNITS["length"]]
+        known = [*(f"{one}_mm" for one in SPECIMEN_LENGTHS), "force_limit_N", "name", "embedded"]
+        near = [f"{one}_{unit}" for one in SPECIMEN_LENGTHS for unit in UNITS["length"]]
         raise InputError(
-            f"unknown specimen entry {key!r}; choose from {', '.join(known)}"
-            f"{meant(key, [*near, *others])}"
+            f"unknown specimen entry {key!r}; choose from {', '.join(known)}{meant(key, [*near, *known])}. "
+            f"For a parameter of the fit, give --prior {key}=MEAN+-STD, or fix it with --bounds "
+            f"{key}={value}"
         )
     kind = "force" if name == "force_limit" else "length"
     in_si = to_si(said_number(value, f"the specimen's {key}"), unit, kind)
@@ -333,31 +309,28 @@ def describe(known: Mapping[str, Any], longest: float) -> Described:
         longest: longest measured length [m]; used as rest length if none is given.
     """
     fields, notes = dict(known), {}
+
+    def assume(name: str, text: str) -> None:
+        notes[name] = f"The {text} (--specimen {name}_mm=...)."
+
     if "rest_length" not in fields:
         fields["rest_length"] = longest
-        notes["rest_length"] = Sentence(
-            "The rest length was not given: the longest length in the file, ",
-            Quantity(longest, "length"), ", is used (--specimen rest_length_mm=...).",
-        )  # fmt: skip
+        said = Quantity(longest, "length").in_units("metric")
+        assume(
+            "rest_length",
+            f"rest length was not given: the longest length in the file, {said}, is used",
+        )
     if "nominal_diameter" not in fields:
-        notes["nominal_diameter"] = Sentence(
-            "The nominal diameter was not given: the braid diameter is searched between ",
-            Quantity(3e-3, "length", 3), " and ", Quantity(80e-3, "length", 3),
-            " (--specimen nominal_diameter_mm=...) and may not match a commercial size.",
-        )  # fmt: skip
+        searched = "the braid diameter is searched between 3 mm and 80 mm"
+        assume("nominal_diameter", f"nominal diameter was not given: {searched}")
     if "wall_thickness" not in fields:
         across = fields.get("nominal_diameter") or fields.get("bladder_diameter") or math.inf
-        fields["wall_thickness"] = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
-        notes["wall_thickness"] = Sentence(
-            "The bladder's wall thickness was not given: ",
-            Quantity(fields["wall_thickness"], "length"),
-            " is assumed (--specimen wall_thickness_mm=...). E_n scales nearly inversely with it; "
-            "the force does not change.",
-        )
+        fields["wall_thickness"] = wall = min(DEFAULT_WALL_THICKNESS, _WALL_OF_BORE * across)
+        said = Quantity(wall, "length").in_units("metric")
+        scaled = "E_n scales nearly inversely with it, and the force does not change"
+        assume("wall_thickness", f"wall thickness was not given: {said} is assumed; {scaled}")
     if "embedded" not in fields and "bladder_diameter" not in fields:
         fields["embedded"] = True
-        notes["bladder_diameter"] = (
-            "The bladder's diameter was not given: the braid is assumed to run inside the wall, as "
-            "in a Festo DMSP (--specimen bladder_diameter_mm=..., or embedded=false)."
-        )
+        inside = "the braid is assumed to run inside the wall, as in a Festo DMSP"
+        assume("bladder_diameter", f"bladder's diameter was not given: {inside}")
     return Described(Specimen(**fields), tuple(notes.values()), tuple(notes))

@@ -2,57 +2,25 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import famjax
-from famjax.boundary.units import Quantity, Sentence
 
 from .convex import Status
 from .covariance import Covariance, covariance
 from .data import ForceData
-from .engine import Point, numbers_of, partial, predict, report_of, solve
-from .parameters import Entry
+from .engine import Point, muscle_at, partial, predict, report_of, solve
 from .pictured import PictureFit
-from .posing import Posed, own_names
-from .problem import Problem
-from .response import Report, unflat
+from .posing import Posed
+from .problem import Part, Problem
+from .response import Constraint, Report
 from .result import Certificate, Errors, Estimate, Identification, Solved
-from .search import End, Margin, Weights, constraint_margin, pseudo_residual, rounding_of
+from .search import End, Weights, constraint_margin, pseudo_residual, rounding_of
 
 _STEP = 1e-3  # finite-difference step on a path, for the curvature of the modulus
-
-
-@dataclasses.dataclass(frozen=True)
-class Optimal:
-    """An optimum with its covariance and coefficients.
-
-    Attributes:
-        problem: the problem with refined stations.
-        end: end of the best descent.
-        order: number of coefficients of one law.
-        spread: covariance of the nonlinear parameters followed by the coefficients.
-        at_bound: True for nonlinear parameters at a bound.
-    """
-
-    problem: Problem
-    end: End
-    order: int
-    spread: Covariance
-    at_bound: Bool[np.ndarray, " q"]
-
-    @property
-    def point(self) -> Point:
-        """The fit at the optimum."""
-        return self.end.point
-
-    @property
-    def coefficients(self) -> Float[np.ndarray, "nodes order"]:
-        """Coefficients [Pa] of every node; one empty node if no parameter is linear."""
-        return self.point.x.reshape(-1 if self.order else 1, self.order)
 
 
 def joint_derivatives(
@@ -70,10 +38,11 @@ def joint_derivatives(
     )
 
 
-def optimal(problem: Problem, end: End, order: int, weights: Weights | None = None) -> Optimal:
-    """Return the optimum at the end of a descent, with its covariance; `weights` of the objective."""
-    point = end.point
-    residual, jacobian, rows = joint_derivatives(point)
+def _covariance(
+    problem: Problem, end: End, weights: Weights | None
+) -> tuple[Covariance, Bool[np.ndarray, " p"]]:
+    """Covariance of parameters and coefficients, and True for those that are fixed or at a bound."""
+    residual, jacobian, rows = joint_derivatives(end.point)
     held, rows, bent = held_and_active(problem, end, rows)
     n_priors = residual.size - problem.force.size
     # An inactive censored reading carries no information on noise or parameters.
@@ -83,16 +52,11 @@ def optimal(problem: Problem, end: End, order: int, weights: Weights | None = No
     if weights is not None and weights.threshold is not None:
         # Restore the original weights; residuals become Huber's pseudo-residuals.
         own = np.concatenate([1 / weights.factor, np.ones(n_priors)])
-        unknowns = int(np.sum(~held)) - len(set(map(tuple, rows)))
+        unknowns = max(int(np.sum(~held)) - len(set(map(tuple, rows))), 1)
         jacobian = own[:, None] * jacobian
-        residual = pseudo_residual(
-            own * residual, weights.factor.size, weights.threshold, max(unknowns, 1)
-        )
-    spread = covariance(
-        jacobian, residual, rows, held, bent=bent, n_priors=n_priors, noise=problem.noise
-    )
-    at_bound = np.isin(np.arange(len(problem.names)), problem.free) & held[: len(problem.names)]
-    return Optimal(problem, end, order, spread, at_bound)
+        residual = pseudo_residual(own * residual, weights.factor.size, weights.threshold, unknowns)
+    options = {"bent": bent, "n_priors": n_priors, "noise": problem.noise}
+    return covariance(jacobian, residual, rows, held, **options), held
 
 
 def held_and_active(
@@ -182,69 +146,42 @@ def _bent(
 _DERIVED_KINDS = {"thread_length": "length"}  # anything else is a number
 
 
-def coefficient_stderr(found: Optimal) -> Float[np.ndarray, "nodes order"]:
-    """Standard errors [Pa] of the coefficients."""
-    return found.spread.stderr[len(found.problem.names) :].reshape(found.coefficients.shape)
-
-
-def estimates(found: Optimal, table: Mapping[str, Entry]) -> tuple[Estimate, ...]:
-    """Return estimates of all nonlinear parameters, then of the coefficients of every node."""
-    names = found.problem.names + found.problem.linear
-    values = np.concatenate([found.point.parameters, found.coefficients.ravel()])
-    ends = np.array([(table[name].min, table[name].max) for name in names])
-    rounding = 1e-9 * np.abs(found.coefficients).max(initial=0.0)
-    stopped = np.min(np.abs(values[:, None] - ends), axis=1) <= rounding
-    stopped[: len(found.at_bound)] = found.at_bound
+def _estimates(
+    posed: Posed, part: Part, point: Point, spread: Covariance, held: Bool[np.ndarray, " p"]
+) -> tuple[Estimate, ...]:
+    """Return the estimates for one specimen: its nonlinear parameters, then its coefficients."""
+    problem, x = point.problem, point.x
+    names, count = problem.names + problem.linear, len(problem.names)
+    table, values = [posed.table[name] for name in names], [*point.parameters, *x]
+    ends = np.array([(one.min, one.max) for one in table])
+    near = np.min(np.abs(np.array(values)[:, None] - ends), axis=1)
+    stopped = near <= 1e-9 * np.abs(x).max(initial=0.0)
+    stopped[:count] = held[:count]
     return tuple(
         Estimate(
-            name=name,
-            value=float(value),
-            stderr=float(stderr),
-            sandwich_stderr=float(sandwich),
-            min=table[name].min,
-            max=table[name].max,
-            at_bound=bool(at_bound) and not table[name].fixed,
-            fixed=table[name].fixed,
-            kind=table[name].kind,
-            prior=table[name].prior,
+            name=names[k],
+            value=float(values[k]),
+            stderr=float(spread.stderr[k]),
+            at_bound=bool(stopped[k]) and not table[k].fixed,
+            fixed=table[k].fixed,
+            **dataclasses.asdict(table[k]),
         )
-        for name, value, stderr, sandwich, at_bound in zip(
-            names, values, found.spread.stderr, found.spread.sandwich_stderr, stopped, strict=True
-        )
+        for k in (*part.at, *(count + part.coefficients))
     )
 
 
-def concerning(
-    estimates: tuple[Estimate, ...], data: ForceData, nodes: slice, found: Optimal
-) -> tuple[Estimate, ...]:
-    """Return the estimates for one specimen, without the coefficients of a law with several nodes."""
-    count = len(found.problem.names)
-    mine = own_names(found.problem.names, data.specimen.name)
-    geometry = tuple(e for e in estimates[:count] if e.name in mine)
-    laws = of_nodes(estimates, found)[nodes]
-    return geometry + (laws[0] if len(laws) == 1 else ())
-
-
-def of_nodes(estimates: tuple[Estimate, ...], found: Optimal) -> tuple[tuple[Estimate, ...], ...]:
-    """Return the coefficient estimates of every node."""
-    first, order = len(found.problem.names), found.order
-    if not order:
-        return ((),)
-    return tuple(estimates[k : k + order] for k in range(first, len(estimates), order))
-
-
-def derived(found: Optimal, place: int, reported: Report) -> tuple[Estimate, ...]:
+def _derived(part: Part, spread: Covariance, reported: Report) -> tuple[Estimate, ...]:
     """Return the derived quantities of a specimen, with errors from the delta method."""
-    part = found.problem.parts[place]
     names, values, slopes = part.family.derived_names, reported.derived, reported.d_derived.T
     own = part.at[: len(slopes)]
-    both = np.stack([found.spread.matrix, found.spread.sandwich])[:, own][:, :, own]
+    both = np.stack([spread.matrix, spread.sandwich])[:, own][:, :, own]
     both = np.where(np.isfinite(both), both, 0.0)
     variance = np.einsum("id,kij,jd->kd", slopes, both, slopes).max(axis=0)
     stderr = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), math.nan)
+    kinds = {"thread_length": "length"}  # anything else is a number
     return tuple(
         Estimate(name, float(value), float(error), 0.0, math.inf, False, False,
-                 _DERIVED_KINDS.get(name, "number"))
+                 kinds.get(name, "number"))
         for name, value, error in zip(names, values, stderr, strict=True)
     )  # fmt: skip
 
@@ -255,125 +192,100 @@ _PERFECT = 1e-18  # a smaller cost, relative to the squared data, is rounding
 
 def summarise(
     posed: Posed,
-    found: Optimal,
+    end: End,
     ends: Sequence[End],
     seed: int,
     weights: Weights | None = None,
     pictures: PictureFit | None = None,
 ) -> tuple[Identification, ...]:
-    """Return the identifications at an optimum, one per force map."""
-    problem, point = found.problem, found.point
-    margins = {kind: constraint_margin(problem, point, kind) for kind in ("drucker", "slope")}
-    certificate = _certificate(found, ends, margins)
+    """Return the identifications at an optimum, one per force map.
+
+    Args:
+        posed: the problem before its stations were refined.
+        end: the optimum, with the refined problem in its point.
+        ends: ends of all descents.
+        seed: seed of the starts.
+        weights: weights of the objective, if it has any.
+        pictures: photographed and computed profiles, if fitted together.
+    """
+    point, problem, order = end.point, end.point.problem, posed.law.order
+    spread, held = _covariance(problem, end, weights)
+    rounding = _PERFECT * float(problem.force @ problem.force)
+    certificate = _certificate(problem, end, ends, spread.condition, rounding)
     feasible = problem.constraint == "none" or certificate.constraint_margin >= -rounding_of(point)
     certified = point.status == Status.OPTIMAL and math.isfinite(certificate.kkt_residual)
     # The gradient of a perfect fit is only rounding.
-    perfect = found.end.cost <= _PERFECT * float(problem.force @ problem.force)
-    stationary = certificate.gradient_residual <= _STATIONARY or perfect
-    estimated = estimates(found, posed.table)
+    stationary = certificate.gradient_residual <= _STATIONARY or end.cost <= rounding
     results = []
+    # Other objectives give 1: the weights of the mean RMSE mark no outliers.
+    factor = None if weights is None or weights.threshold is None else weights.factor
     for k, (one, part) in enumerate(zip(posed.data, problem.parts, strict=True)):
         reported = report_of(part, point, k)
-        nodes, muscle = _nodes_of(found, k), cast(Any, unflat(part.family, reported.numbers))
+        muscle = muscle_at(problem, point, k)
         force = predict(problem, k, point.parameters, point.x, one.length, one.pressure)
-        errors = _errors(one, force)
+        errors, loaded = _errors(one, force), one.loaded
         strain_range, own = float(np.max(reported.largest_strain)), certificate
         if isinstance(muscle, famjax.EquilibriumMuscle):
-            strain_range, margin = shape_reached(muscle, one)
+            at = one.length[loaded], one.pressure[loaded]
+            shape, margin = muscle.profile(*at), float(np.min(muscle.margin(*at)))
+            strain_range = float(np.max(np.abs([shape.axial_strain, shape.hoop_strain])))
             own = dataclasses.replace(certificate, shape_margin=margin)
-        pressures = getattr(muscle.material, "node_pressures", None)
         results.append(
             Identification(
                 data=one,
                 mounted=part.mounted(muscle, point.parameters),
-                estimates=concerning(estimated, one, nodes, found),
-                node_estimates=() if pressures is None else of_nodes(estimated, found),
-                derived=derived(found, k, reported),
-                coefficients=found.coefficients[nodes],
-                coefficients_stderr=coefficient_stderr(found)[nodes],
-                node_pressures=None if pressures is None else np.asarray(pressures),
+                estimates=_estimates(posed, part, point, spread, held),
+                derived=_derived(part, spread, reported),
+                coefficients=point.x[part.coefficients].reshape(-1 if order else 1, order),
                 strain_range=strain_range,
-                residuals=force[one.loaded] - one.force[one.loaded],
+                residuals=force[loaded] - one.force[loaded],
                 errors=errors,
                 certificate=own,
-                active_constraints=_active_sentences(found),
+                active_constraints=_active(problem, point),
                 law=posed.law,
                 constraint=posed.constraint,
-                dependence=posed.dependence,
                 seed=seed,
-                weights=_own_weights(weights, problem, k),
+                weights=np.ones(loaded.sum())
+                if factor is None
+                else factor[problem.readings[k]] ** 2,
                 converged=bool(
                     certified and feasible and stationary and math.isfinite(errors.rmse)
                 ),
-                degrees_of_freedom=found.spread.degrees_of_freedom,
+                degrees_of_freedom=spread.degrees_of_freedom,
                 names=problem.names,
-                covariance=found.spread.matrix,
+                covariance=spread.matrix,
                 place=k,
-                solved=Solved(problem, found.end),
+                solved=Solved(problem, end),
                 pictures=pictures,
             )
         )
     return tuple(results)
 
 
-def muscle_at(problem: Problem, point: Point, place: int) -> famjax.AbstractMuscle:
-    """Return the muscle of a part at a fit; nothing is compiled for it."""
-    part = problem.parts[place]
-    return unflat(part.family, numbers_of(part, point))
-
-
-def _own_weights(weights: Weights | None, problem: Problem, k: int) -> Float[np.ndarray, " points"]:
-    """Relative weight of each loaded reading of a specimen in Huber's objective.
-
-    Other objectives give 1: the weights of the mean RMSE belong to pressures and mark no outliers.
-    """
-    if weights is None or weights.threshold is None:
-        return np.ones(int((problem.parts[k].side == 0).sum()))
-    return weights.factor[problem.readings[k]] ** 2
-
-
-def _nodes_of(found: Optimal, place: int) -> slice:
-    """Return the rows of the coefficients that belong to a part: its own, or all."""
-    part = found.problem.parts[place]
-    if not found.order:
-        return slice(0, 1)
-    first = int(part.coefficients[0]) // found.order
-    return slice(first, first + part.coefficients.size // found.order)
-
-
 def _certificate(
-    found: Optimal, ends: Sequence[End], margins: Mapping[str, list[Margin]]
+    problem: Problem, end: End, ends: Sequence[End], condition: float, rounding: float
 ) -> Certificate:
-    problem, point = found.problem, found.point
-    lowest = {
-        kind: min(float(one.value.min()) for one in of_parts) for kind, of_parts in margins.items()
-    }
+    point = end.point
+
+    def margin(kind: Constraint) -> float:
+        return min(float(one.value.min()) for one in constraint_margin(problem, point, kind))
+
+    stability, own = margin("drucker"), math.nan
+    if problem.constraint == "positive":
+        own = float(point.x.min(initial=math.inf))
+    elif problem.constraint != "none":
+        own = stability if problem.constraint == "drucker" else margin("slope")
     costs = np.array([end.cost for end in ends])
-    rounding = _PERFECT * float(problem.force @ problem.force)
     return Certificate(
         kkt_residual=point.kkt_residual,
         duality_gap=point.duality_gap,
-        gradient_residual=found.end.gradient_residual,
-        condition=found.spread.condition,
-        stability_margin=lowest["drucker"],
-        slope_margin=lowest["slope"],
-        constraint_margin={
-            "none": math.nan,
-            "positive": float(found.coefficients.min(initial=math.inf)),
-            **lowest,
-        }[problem.constraint],
-        between_stations=max(one.bound for one in margins["drucker"]),
+        gradient_residual=end.gradient_residual,
+        condition=condition,
+        stability_margin=stability,
+        constraint_margin=own,
         n_starts=len(ends),
         n_agreeing=int(np.sum(costs <= np.nanmin(costs) * (1 + 1e-6) + rounding)),
     )
-
-
-def shape_reached(muscle: famjax.EquilibriumMuscle, data: ForceData) -> tuple[float, float]:
-    """Return the largest strain [-] and the smallest shape stiffness [N/m] over the loaded readings."""
-    at = data.length[data.loaded], data.pressure[data.loaded]
-    shape = muscle.profile(*at)
-    strains = np.abs([shape.axial_strain, shape.hoop_strain])
-    return float(np.max(strains)), float(np.min(muscle.margin(*at)))
 
 
 def _errors(data: ForceData, force: np.ndarray) -> Errors:
@@ -382,55 +294,25 @@ def _errors(data: ForceData, force: np.ndarray) -> Errors:
     pulls = force[data.slack]
     return Errors(
         rmse=float(np.sqrt(np.mean(residual**2))),
-        mae=float(np.mean(np.abs(residual))),
         max=float(np.max(np.abs(residual))),
         max_force=data.max_force,
         n_points=int(loaded.sum()),
-        n_slack=int(data.slack.sum()),
-        slack_violations=int((pulls > 0).sum()),
         max_slack_force=float(np.fmax.reduce(pulls, initial=0.0)),
     )
 
 
-def _active_sentences(found: Optimal) -> tuple[str, ...]:
-    """Describe each active constraint of the convex fit in one sentence."""
-    problem, first, sentences = found.problem, 0, []
-    active = np.sort(found.point.rows)
-    for place, count in enumerate(problem.path_rows):
-        here = active[(active >= first) & (active < first + count)]
-        sentences += [_path_sentence(found, place, int(row) - first) for row in here]
-        first += count
-    positive = problem.constraint == "positive"
-    for limits, side in ((problem.lowest, "lower"), (problem.coefficient_max, "upper")):
-        for row in active[(active >= first) & (active < first + limits.size)]:
-            place = int(row - first)
-            if positive and side == "lower" and limits[place] == 0:
-                sentences.append(Sentence(f"{problem.linear[place]} = 0", _at_node(found, place)))
-            else:
-                sentences.append(f"{problem.linear[place]} at its {side} bound")
-        first += limits.size
-    return tuple(dict.fromkeys(sentences))
+_MODULI = {
+    "drucker": "Drucker modulus is 0 at {:.1%} of the actuation path",
+    "slope": "tangent modulus is 0 at {:.1%} of the strain range",
+}
 
 
-def _path_sentence(found: Optimal, place: int, row: int) -> str:
-    problem = found.problem
-    part = problem.parts[place]
-    path, station = divmod(row, part.inputs.stations.shape[1])
-    at = ""
-    if part.coefficients.size > found.order:
-        at = Sentence(" at ", Quantity(part.inputs.path_pressure[path], "pressure"))
-    share = float(part.inputs.stations[path, station])
-    if problem.constraint == "slope":
-        return Sentence(f"tangent modulus is 0 at {share:.1%} of the strain range", at)
-    reported = report_of(part, found.point, place)
-    contraction = share * (1 - float(reported.path_end[path] / reported.rest))
-    return Sentence(f"Drucker modulus is 0 at contraction {contraction:.4f}", at)
-
-
-def _at_node(found: Optimal, place: int) -> str:
-    part = found.problem.parts[0]
-    if part.coefficients.size == found.order:
-        return ""
-    return Sentence(
-        " at ", Quantity(cast(Any, part.family).nodes[place // found.order], "pressure")
-    )
+def _active(problem: Problem, point: Point) -> tuple[str, ...]:
+    """Describe each active constraint of the convex fit in one phrase."""
+    rows, told = np.sort(point.rows), []
+    stations = [part.inputs.stations.ravel() for part in problem.parts]
+    first = sum(problem.path_rows)
+    for share in np.concatenate(stations)[rows[rows < first]]:
+        told.append(_MODULI[problem.constraint].format(share))
+    bounds = [f"{name} at its {end} bound" for end in ("lower", "upper") for name in problem.linear]
+    return tuple(dict.fromkeys([*told, *(bounds[row - first] for row in rows[rows >= first])]))

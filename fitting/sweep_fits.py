@@ -29,21 +29,23 @@ from jaxtyping import Bool, Float, Int
 import famjax
 from famjax.boundary.errors import InputError
 from famjax.compile_options import as_arrays, bulk_options, quick_jit
-from famjax.parameters import Declared
 
 from .convex import Optimum, Status, bucket, solve_qp
 from .data import ForceData
 from .families import assembled
-from .model_families import ModelFamily
+from .model_families import ModelSource
 from .posing import path_end_at
-from .response import Constraint, MapInputs, linear_response
+from .response import Constraint, MapInputs, MuscleFamily, linear_response
 
 _PRESSURES = 200  # maximum per map; the cost grows with the square
 _STATIONS = 17  # positions on each path at which a constraint is posed initially
 _SPARE = 4  # rows of each path for points between its stations
 _STEPS = 60
+_CELLS = 128  # cells of a path at first, and the largest number
+_MOST_CELLS = 1024
 _EXACT = 1e-11  # violation relative to the largest coefficient
 _ROUNDED = 1e-8  # relative to |c_p|: smoothing of the corner of a norm
+_SETTLED = 1e-11  # residual of the optimality conditions at which the steps end
 _TINY = float(np.finfo(float).tiny)
 
 _THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0, 0.5])
@@ -81,10 +83,11 @@ class LinearMuscle:
         terms: famjax.terms.SumOfTerms | None, order: int,
     ) -> None:  # fmt: skip
         law = famjax.PolynomialMaterial(np.zeros(order))
-        free = tuple(Declared("Pa", f"E_{n + 1}", linear=True) for n in range(order))
+        free = tuple(f"E_{n + 1}" for n in range(order))
         self.order, self.rest_length = order, float(geometry.rest_length)
         self.shortest_length = float(geometry.length_range()[0])
-        self._family = as_arrays(ModelFamily(assembled(geometry, law, deadband, terms), free))
+        source = ModelSource(as_arrays(assembled(geometry, law, deadband, terms)))
+        self._family = MuscleFamily((), free, source, None, np.asarray(self.rest_length))
 
     def columns(
         self, length: Float[np.ndarray, "..."], pressure: Float[np.ndarray, "..."]
@@ -120,63 +123,50 @@ class LinearMuscle:
 
 
 class PathTable(NamedTuple):
-    """phi_n along paths as piecewise cubics: sum_k cubic_k ((s - start)/width)^k.
+    """phi_n along paths as cubics on equal cells: sum_k cubic_k t^k with t = cells s - cell.
 
     Attributes:
-        start: start of each cell, 2 for padding, shape (paths, cells).
-        width: width of each cell, shape (paths, cells).
         cubic: coefficients, shape (paths, cells, 4, order).
     """
 
-    start: Float[np.ndarray, "paths cells"]
-    width: Float[np.ndarray, "paths cells"]
     cubic: Float[np.ndarray, "paths cells 4 order"]
 
     @classmethod
     def of(
         cls, evaluate: Callable[[np.ndarray, np.ndarray], np.ndarray], paths: int, cells: int
     ) -> "PathTable":
-        """Approximate functions to rounding, halving cells until the cubics agree with them.
+        """Approximate functions to rounding, halving the cells until the cubics agree with them.
 
         Args:
             evaluate: returns phi_n for paths, shape (m,), at positions, shape (m, k); shape (m, k, order).
             paths: number of paths.
             cells: initial number of cells of each path.
         """
-        path, low = (one.ravel() for one in np.indices((paths, cells)))
-        low, wide, found, size = low / cells, 1 / cells, [], 0.0
-        while path.size:
-            values = evaluate(path, low[:, None] + wide * _THIRDS)
-            size = np.maximum(size, np.abs(values).max(axis=(0, 1)))
-            cubic = _TO_CUBIC @ values[:, :4]
-            off = np.abs(_MIDDLE @ cubic - values[:, 4:])[:, 0]
-            # Beyond the geometry's limits the values are nan, and halving does not help.
-            rough = (off > 1e-10 * size).any(axis=-1) & (wide > 1e-9)
-            found.append((path[~rough], low[~rough], np.full((~rough).sum(), wide), cubic[~rough]))
-            wide = wide / 2
-            path, low = np.tile(path[rough], 2), np.concatenate([low[rough], low[rough] + wide])
-        path, low, widths, cubic = (np.concatenate(each) for each in zip(*found, strict=True))
-        order, count = np.lexsort((low, path)), np.bincount(path)
-        at = path[order], np.arange(path.size) - np.repeat(np.cumsum(count) - count, count)
-        start, width = np.full((paths, count.max()), 2.0), np.ones((paths, count.max()))
-        cubics = np.zeros((*start.shape, *cubic.shape[1:]))
-        start[at], width[at], cubics[at] = low[order], widths[order], cubic[order]
-        return cls(start, width, cubics)
+        path, cell = (one.ravel() for one in np.indices((paths, cells)))
+        values = evaluate(path, (cell[:, None] + _THIRDS) / cells)
+        cubic = _TO_CUBIC @ values[:, :4]
+        off = np.abs(_MIDDLE @ cubic - values[:, 4:])
+        # Beyond the geometry's limits the values are nan, and halving does not help.
+        rough = off > 1e-10 * np.nan_to_num(np.abs(values)).max(axis=(0, 1))
+        if rough.any() and cells < _MOST_CELLS:
+            return cls.of(evaluate, paths, 2 * cells)
+        return cls(cubic.reshape(paths, cells, *cubic.shape[1:]))
 
     def at(
         self, path: Int[np.ndarray, "*#batch"], s: Float[np.ndarray, "*batch"]
     ) -> Float[np.ndarray, "*batch order"]:
         """phi_n at positions of paths."""
-        cell = (self.start[path] <= s[..., None]).sum(axis=-1) - 1
-        t = (s - self.start[path, cell]) / self.width[path, cell]
-        return (t[..., None, None] ** np.arange(4) @ self.cubic[path, cell])[..., 0, :]
+        cells = self.cubic.shape[1]
+        cell = np.minimum(np.nan_to_num(cells * s).astype(int), cells - 1)
+        t = (cells * s - cell)[..., None, None]
+        return (t ** np.arange(4) @ self.cubic[path, cell])[..., 0, :]
 
     def weakest(
         self, E: Float[np.ndarray, "*batch paths order"]
     ) -> tuple[Float[np.ndarray, "*batch paths"], Float[np.ndarray, "*batch paths"]]:
         """Smallest g = sum_n E_n phi_n [Pa] of each path, and its position."""
-        cells, paths = self.start.shape[1], np.arange(len(self.start))
-        flat = self.cubic.reshape(len(self.start), -1, E.shape[-1])
+        paths, cells = self.cubic.shape[:2]
+        flat = self.cubic.reshape(paths, -1, E.shape[-1])
         c = np.moveaxis((flat @ E[..., None]).reshape(*E.shape[:-1], cells, 4), -1, 0)
         # c_1 + 2 c_2 t + 3 c_3 t^2 rises through zero at the minimum of g; no cancellation.
         root, up = np.sqrt(np.maximum(c[2] ** 2 - 3 * c[3] * c[1], 0.0)), c[2] > 0
@@ -184,12 +174,11 @@ class PathTable(NamedTuple):
         inside = np.where(up, -c[1], root - c[2]) / np.where(over == 0, 1.0, over)
         t = np.stack([0 * inside, np.clip(inside, 0.0, 1.0), 0 * inside + 1], axis=-1)
         c0, c1, c2, c3 = c[..., None]
-        g = np.where(self.start[..., None] > 1, np.inf, c0 + t * (c1 + t * (c2 + t * c3)))
+        g = c0 + t * (c1 + t * (c2 + t * c3))
         g, t = (one.reshape(*E.shape[:-1], 3 * cells) for one in (g, t))
         best = g.argmin(axis=-1)[..., None]
         value, t = (np.take_along_axis(one, best, axis=-1)[..., 0] for one in (g, t))
-        cell = best[..., 0] // 3
-        return value, np.minimum(self.start[paths, cell] + t * self.width[paths, cell], 1.0)
+        return value, np.minimum((best[..., 0] // 3 + t) / cells, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,7 +260,7 @@ class Design:
             return PathTable.of(evaluate, pressure.size, cells)
 
         # The tangent of the law is a cubic up to order 4.
-        tables = {"slope": table("slope", 1), "drucker": table("drucker", 32)}
+        tables = {"slope": table("slope", 1), "drucker": table("drucker", _CELLS)}
         return cls(
             muscle, pressure, data.force[padded], length, weight, path_end, A, target,
             np.asarray(factor), tables,
@@ -296,7 +285,6 @@ class Fits(NamedTuple):
         coefficients: E_n [Pa] at each pressure, shape (..., pressures, order); nan unless OPTIMAL.
         objective: minimum of the objective.
         kkt_residual, duality_gap: relative certificate.
-        condition: condition of the columns, see `convex.Optimum`.
         status: a `Status`.
     """
 
@@ -304,7 +292,6 @@ class Fits(NamedTuple):
     objective: Float[np.ndarray, "*fits"]
     kkt_residual: Float[np.ndarray, "*fits"]
     duality_gap: Float[np.ndarray, "*fits"]
-    condition: Float[np.ndarray, "*fits"]
     status: Int[np.ndarray, "*fits"]
 
 
@@ -373,36 +360,92 @@ def fits_of(
     return Fits(*(leaf[:, :, 0] for leaf in found)), left_out
 
 
+class _Norms(NamedTuple):
+    """Weighted residuals r_p = W_p x - c_p at each pressure, and their shares in the mean RMSE."""
+
+    W: Float[np.ndarray, "b pressures rows n"]
+    c: Float[np.ndarray, "b pressures rows"]
+    share: Float[np.ndarray, " pressures"]
+
+    @classmethod
+    def of(cls, of: Design, given: _Programmes) -> "_Norms":
+        order, keep = of.muscle.order, given.keep[:, :, None]
+        W = of.factor[:, :, :order, None] * given.basis[:, :, None, None, :]
+        W = W.reshape(len(keep), -1, order + 1, 2 * order) * keep[..., None]
+        share = 1 / (np.sqrt(of.there.sum(axis=1)) * len(of.target))
+        return cls(W * given.used[:, None, None], of.factor[:, :, order] * keep, share)
+
+    def at(self, x: np.ndarray, rounding: float) -> tuple[np.ndarray, np.ndarray]:
+        """r_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2); the latter is positive."""
+        r = (self.W @ x[:, None, :, None])[..., 0] - self.c
+        norm = np.sqrt((r**2).sum(axis=-1) + rounding**2 * (self.c**2).sum(axis=-1))
+        return r, np.where(norm > 0, norm, 1.0)
+
+    def model(self, x: np.ndarray, loose: float, rounding: float) -> tuple[np.ndarray, np.ndarray]:
+        """A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
+
+        Its curvature is (1 - loose) times that of the norms plus `loose` times share_p / |r_p|, that of the
+        sum of squares that bounds them from above. With loose = 1, every step reduces the mean RMSE.
+        """
+        r, norm = self.at(x, rounding)
+        square = (r**2).sum(axis=-1)
+        along = np.sqrt(1 - (1 - loose) * square / norm**2)[..., None]
+        unit = r / np.sqrt(np.where(square > 0, square, 1.0))[..., None]
+        weight = np.sqrt(self.share / norm)[..., None]
+        bent = ((1 - along) * unit)[..., None] * (unit[..., None, :] @ self.W)
+        A = weight[..., None] * (self.W - bent)
+        return A, (A @ x[:, None, :, None])[..., 0] - weight * r / along
+
+    def certificate(
+        self, x: np.ndarray, G: np.ndarray, multipliers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean RMSE, relative residual of its optimality conditions, and relative duality gap.
+
+        The residual is relative to the data: a change of the readings by this much makes the point optimal.
+        Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
+        -sum_p u_p c_p of the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual
+        of the conditions).
+        """
+        r, norm = self.at(x, _ROUNDED)
+        u = (self.share / norm)[..., None] * r
+        value = (self.share * np.linalg.norm(r, axis=-1)).sum(axis=1)
+        G = G.reshape(len(x), -1, x.shape[1])
+        pull = (multipliers[:, None, : G.shape[1]] @ G)[:, 0]
+        left = (u[..., None, :] @ self.W)[..., 0, :].sum(axis=1) - pull
+        size = np.linalg.norm(self.c, axis=-1)
+        reach = self.share * np.maximum(1.0, size / norm)
+        most = (reach[..., None] * np.linalg.norm(self.W, axis=2)).sum(axis=1)
+        gap = value - (u * r).sum(axis=(1, 2))
+        gap = gap + np.abs((left * x).sum(axis=1)) + np.abs((pull * x).sum(axis=1))
+        residual = np.abs(left / np.maximum(most, _TINY)).max(axis=1)
+        least = (self.share * size).sum(axis=1) * _ROUNDED + _TINY
+        return value, residual, gap / np.maximum(value, least)
+
+
 def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     """Solve programmes, adding violated points between stations, until all have ended."""
-    order, count, smooth = of.muscle.order, len(given.used), objective == "mean_rmse"
-    n, keep = 2 * order, given.keep[:, :, None]
-    W = of.factor[:, :, :order, None] * given.basis[:, :, None, None, :]
-    W = W.reshape(count, -1, order + 1, n) * keep[..., None] * given.used[:, None, None]
-    c = of.factor[:, :, order] * keep
-    share = 1 / (np.sqrt(of.there.sum(axis=1)) * len(of.target))
+    count, n = given.used.shape
+    norms, smooth = _Norms.of(of, given), objective == "mean_rmse"
     G, x = _posed(of, given), np.zeros((count, n))
-    length = np.linalg.norm(W, axis=(1, 2))
-    alone = np.linalg.norm(c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
+    length = np.linalg.norm(norms.W, axis=(1, 2))
+    alone = np.linalg.norm(norms.c, axis=(1, 2))[:, None] / np.where(length > 0, length, np.inf)
     least_size = np.maximum(1e-3 * alone.max(axis=1, initial=0.0), _TINY)
     done = np.zeros(count, bool)
     status = last = np.full(count, int(Status.STALLED))
-    condition, certificate = np.zeros(count), np.full((3, count), np.nan)
+    certificate = np.full((3, count), np.nan)
     for step in range(400 if smooth else _STEPS):
         rounding = max(0.1**step, _ROUNDED)  # the first steps see a smoother function
-        A, b = W, c
+        A, b = norms.W, norms.c
         if smooth and step:
             # Safe steps first and last; the others use nearly the true curvature.
-            A, b = _model(W, c, x, share, 0.1 if 6 <= step < _STEPS else 1.0, rounding)
+            A, b = norms.model(x, 0.1 if 6 <= step < _STEPS else 1.0, rounding)
         best = _optimum(A, b, given.used, G)
-        last, condition = best.status, condition if step else best.condition
+        last = best.status
         new, still = np.where(done[:, None], x, best.x), np.ones(count, bool)
         now: Any = best.objective, best.kkt_residual, best.duality_gap
         if smooth:
-            size = np.maximum(np.linalg.norm(_times(W, new), axis=(1, 2)), _TINY)
-            change = np.linalg.norm(_times(W, new - x), axis=(1, 2)) / size
-            still = (change <= 1e-13) & (rounding <= _ROUNDED)
-            now = _certificate(W, c, new, share, G, best.multipliers)
+            now = norms.certificate(new, G, best.multipliers)
+            still = (now[1] <= _SETTLED) & (rounding <= _ROUNDED)
         violation = _pose_weakest(of, given, new, G, step % _SPARE, least_size)
         now = np.stack([now[0], np.maximum(now[1], violation), now[2]])
         certificate = np.where(done, certificate, now)
@@ -416,11 +459,8 @@ def _optima(of: Design, given: _Programmes, objective: str) -> Fits:
     wrong = (status == int(Status.OPTIMAL)) & ~(certificate[1] < 1e-9)
     status = np.where(wrong, int(Status.STALLED), status)
     E = np.where((status == int(Status.OPTIMAL))[:, None, None], _coefficients(given, x), np.nan)
-    # Unused unknowns are columns of unit length.
-    on = given.used.sum(axis=1)
     least, residual, gap = certificate
-    scaled = np.sqrt(on * (condition**2 / n - (n - on)))
-    return Fits(E, least, residual, gap, scaled, status)
+    return Fits(E, least, residual, gap, status)
 
 
 def _optimum(
@@ -493,68 +533,3 @@ def _pose_weakest(
         old = G[mine, :, _STATIONS + slot]
         G[mine, :, _STATIONS + slot] = np.where((own > _EXACT)[..., None], rows, old)
     return violation
-
-
-def _times(W: np.ndarray, x: np.ndarray) -> Float[np.ndarray, "b pressures rows"]:
-    return (W @ x[:, None, :, None])[..., 0]
-
-
-def _norms(
-    W: np.ndarray, c: np.ndarray, x: np.ndarray, rounding: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """r_p = W_p x - c_p, and sqrt(|r_p|^2 + (rounding |c_p|)^2)."""
-    r = _times(W, x) - c
-    return r, np.sqrt((r**2).sum(axis=-1) + rounding**2 * (c**2).sum(axis=-1))
-
-
-def _model(
-    W: Float[np.ndarray, "b pressures rows n"],
-    c: Float[np.ndarray, "b pressures rows"],
-    x: Float[np.ndarray, "b n"],
-    share: Float[np.ndarray, " pressures"],
-    loose: float,
-    rounding: float,
-) -> tuple[Float[np.ndarray, "b pressures rows n"], Float[np.ndarray, "b pressures rows"]]:
-    """A and b of a sum of squares with the gradient of sum_p share_p |r_p| at x.
-
-    Its curvature is (1 - loose) times that of the norms plus `loose` times share_p / |r_p|, that of the sum
-    of squares that bounds them from above. With loose = 1, every step reduces the mean RMSE.
-    """
-    r, norm = _norms(W, c, x, rounding)
-    norm, square = np.where(norm > 0, norm, 1.0), (r**2).sum(axis=-1)
-    along = np.sqrt(1 - (1 - loose) * square / norm**2)[..., None]
-    unit = r / np.sqrt(np.where(square > 0, square, 1.0))[..., None]
-    weight = np.sqrt(share / norm)[..., None]
-    A = weight[..., None] * (W - ((1 - along) * unit)[..., None] * (unit[..., None, :] @ W))
-    return A, _times(A, x) - weight * r / along
-
-
-def _certificate(
-    W: np.ndarray,
-    c: np.ndarray,
-    x: Float[np.ndarray, "b n"],
-    share: np.ndarray,
-    G: np.ndarray,
-    multipliers: Float[np.ndarray, "b m"],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean RMSE, relative residual of its optimality conditions, and relative duality gap.
-
-    The residual is relative to the data: a change of the readings by this much makes the point optimal.
-    Any u_p with |u_p| <= share_p and sum_p W_p^T u_p = G^T l, l >= 0, gives the lower bound
-    -sum_p u_p c_p of the optimum. The gap is sum_p share_p |r_p| - u_p r_p + x (G^T l + the residual of
-    the conditions).
-    """
-    r, norm = _norms(W, c, x, _ROUNDED)
-    positive = np.where(norm > 0, norm, 1.0)
-    u = (share / positive)[..., None] * r
-    value = (share * np.linalg.norm(r, axis=-1)).sum(axis=1)
-    G = G.reshape(len(x), -1, x.shape[1])
-    pull = (multipliers[:, None, : G.shape[1]] @ G)[:, 0]
-    left = (u[..., None, :] @ W)[..., 0, :].sum(axis=1) - pull
-    size = np.linalg.norm(c, axis=-1)
-    reach = share * np.maximum(1.0, size / positive)
-    most = (reach[..., None] * np.linalg.norm(W, axis=2)).sum(axis=1)
-    gap = value - (u * r).sum(axis=(1, 2))
-    gap = gap + np.abs((left * x).sum(axis=1)) + np.abs((pull * x).sum(axis=1))
-    residual = np.abs(left / np.maximum(most, _TINY)).max(axis=1)
-    return value, residual, gap / np.maximum(value, (share * size).sum(axis=1) * _ROUNDED + _TINY)

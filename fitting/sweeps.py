@@ -3,26 +3,19 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 import famjax
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import factor, unit_system
 
-from .arguments import check_names, check_whole, is_number, shown
+from .arguments import check_float64, check_names, check_whole, is_number, shown
 from .convex import Status
-from .data import ForceData, check_maps, data_frame
+from .data import ForceData, check_maps
 from .response import CONSTRAINTS, DEPENDENCES
 from .sweep_fits import Design, LinearMuscle, fits_of
-
-if TYPE_CHECKING:
-    import pandas
-    from matplotlib.figure import Figure
-
 
 OBJECTIVES = ("sum_of_squares", "mean_rmse")
 
@@ -43,18 +36,15 @@ class SweepRow:
         coefficients: E_n [Pa] at each pressure, shape (pressures, order).
         objective: minimum of the objective: half the sum of squares, or the mean RMSE.
         rmse, mae: [N], averaged over pressures.
-        pooled_rmse: [N], over all readings.
         rmse_by_pressure, mae_by_pressure: [N].
         blocked_error: mean over pressures of |model - measured| blocked force [N].
         blocked_error_by_pressure: model minus measured [N].
         free_contraction_error: mean of |model - measured| [-] over pressures with both values, or nan.
         free_contraction_error_by_pressure: model minus measured [-]; nan if the model's force does not
             fall to zero, or the measured force does not come close to it.
-        aicc, bic: information criteria for independent normal errors; they count coefficients as if
-            unconstrained.
+        bic: information criterion for independent normal errors, for coefficients without constraint.
         cross_validated_rmse: [N] at held-out pressures; nan if the form does not predict other pressures.
         margin: smallest modulus along the actuation paths [Pa]; Drucker-stable when >= 0.
-        condition: condition number of the columns.
         kkt_residual, duality_gap: certificate.
         status: status of the solver.
         verdict: "stable", "not stable", or why there is no fit.
@@ -68,18 +58,15 @@ class SweepRow:
     objective: float
     rmse: float
     mae: float
-    pooled_rmse: float
     rmse_by_pressure: Float[np.ndarray, " pressures"]
     mae_by_pressure: Float[np.ndarray, " pressures"]
     blocked_error: float
     blocked_error_by_pressure: Float[np.ndarray, " pressures"]
     free_contraction_error: float
     free_contraction_error_by_pressure: Float[np.ndarray, " pressures"]
-    aicc: float
     bic: float
     cross_validated_rmse: float
     margin: float
-    condition: float
     kkt_residual: float
     duality_gap: float
     status: Status
@@ -98,31 +85,10 @@ class Sweep:
     Attributes:
         rows: all fits, by dependence, order and constraint.
         pressures: pressure levels of the force map [Pa].
-        data: the force map.
-        muscle: muscle of the fits, for any coefficients.
-        objective: "sum_of_squares" or "mean_rmse".
     """
 
     rows: tuple[SweepRow, ...]
     pressures: Float[np.ndarray, " pressures"]
-    data: ForceData
-    muscle: LinearMuscle
-    objective: str
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """Return one row in SI for each fit, without lists by pressure.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
-        return data_frame(
-            {key: value for key, value in row.as_dict().items() if not isinstance(value, list)}
-            for row in self.rows
-        )
-
-    def __repr__(self) -> str:
-        name, solved = self.data.specimen.name, sum(one.status == 0 for one in self.rows)
-        return f"Sweep({len(self.rows)} fits of {name}, {solved} of them solved, {self.objective})"
 
 
 def sweep(
@@ -161,8 +127,7 @@ def sweep(
     References:
         Chambers 2021, sections 7.1 to 7.3.
     """
-    if not jax.config.read("jax_enable_x64"):
-        raise RuntimeError('a sweep needs float64: jax.config.update("jax_enable_x64", True)')
+    check_float64()
     check_maps(data)
     if not isinstance(geometry, famjax.geometries.AbstractGeometry):
         raise InputError(f"a sweep needs a geometry with all dimensions, got {shown(geometry)}")
@@ -183,7 +148,7 @@ def sweep(
     rows = [
         row for form in dependences for row in _rows(of, form, tuple(each), constraints, objective)
     ]
-    return Sweep(tuple(rows), of.pressure, data, muscle, objective)
+    return Sweep(tuple(rows), of.pressure)
 
 
 def _named(what: str, given: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -211,30 +176,25 @@ def _rows(
     square = ((of.weight * residual) ** 2).sum(axis=(-2, -1))
     margin = of.tables["drucker"].weakest(E)[0].min(axis=-1)
     nodes = {"fixed": 1, "linear": min(2, count.size), "free": count.size}[dependence]
-    for o, c in np.ndindex(fits.status.shape):
-        at, order, status = (o, c), orders[o], Status(int(fits.status[o, c]))
-        k = nodes * order + 1.0
-        room = n - k - 1
-        correction = 2 * k * (k + 1) / room if room > 0 else math.inf
-        deviance = float(n * np.log(square[at] / n))
+    for at in np.ndindex(fits.status.shape):
+        order, status = orders[at[0]], Status(int(fits.status[at]))
+        k = nodes * order
         stable = margin[at] >= -FEASIBLE * float(np.abs(E[at]).max())
         known = np.abs(free[at][np.isfinite(free[at])])
         yield SweepRow(
-            dependence, order, constraints[c],
-            n_coefficients=nodes * order,
+            dependence, order, constraints[at[1]],
+            n_coefficients=k,
             coefficients=E[at][:, :order],
             objective=float(fits.objective[at]),
             rmse=float(rmse[at].mean()), mae=float(mae[at].mean()),
-            pooled_rmse=float(np.sqrt(count @ rmse[at] ** 2 / n)),
             rmse_by_pressure=rmse[at], mae_by_pressure=mae[at],
             blocked_error=float(np.abs(blocked[at]).mean()),
             blocked_error_by_pressure=blocked[at],
             free_contraction_error=float(known.mean()) if known.size else math.nan,
             free_contraction_error_by_pressure=free[at],
-            aicc=deviance + 2 * k + correction, bic=deviance + k * math.log(n),
+            bic=float(n * np.log(square[at] / n) + (k + 1) * np.log(n)),
             cross_validated_rmse=float(np.sqrt(left_out[at].sum() / n)),
             margin=float(margin[at]),
-            condition=float(fits.condition[at]),
             kkt_residual=float(fits.kkt_residual[at]), duality_gap=float(fits.duality_gap[at]),
             status=status,
             verdict=status.message if status else "stable" if stable else "not stable",
@@ -278,106 +238,3 @@ def _end_errors(
             slope, at_zero = np.polyfit(F[near], contraction[near], 1)
             measured[1, k] = at_zero if slope < 0 else np.nan
     return force[..., 0] - measured[0], free - measured[1]
-
-
-_COLOURS = {"none": "C0", "positive": "C3", "slope": "C1", "drucker": "C2"}
-_TOP = 1.07  # upper limit of an axis relative to the largest value
-
-
-def plot_errors(found: Sweep, system: str = "metric") -> "Figure":
-    """Plot RMSE, MAE, blocked force and free contraction errors against the order, side by side by form.
-
-    Args:
-        found: the sweep.
-        system: "si", "metric" or "us".
-
-    Returns:
-        A figure, not shown; save it with `savefig`. Missing fits leave gaps.
-
-    References:
-        Chambers 2021, figures 7.2 to 7.5.
-    """
-    from matplotlib.figure import Figure  # noqa: PLC0415 -- when something is drawn
-
-    unit = unit_system(system)["force"]
-    force, rows = factor(unit, "force"), found.rows
-    forms, constraints = (
-        list(dict.fromkeys(getattr(row, name) for row in rows))
-        for name in ("dependence", "constraint")
-    )
-    orders = sorted({row.order for row in rows})
-    wide = len(orders) + 1
-    figure = Figure(figsize=(0.8 + 3.2 * len(forms), 8.5), layout="constrained")
-    axes = figure.subplots(4, sharex=True)
-    panels = (
-        ("rmse", f"mean RMSE, {unit}", force),
-        ("mae", f"mean MAE, {unit}", force),
-        ("blocked_error", f"blocked force error, {unit}", force),
-        ("free_contraction_error", "free contraction error", 1.0),
-    )
-    for one, (name, label, scale) in zip(axes, panels, strict=True):
-        for k, form in enumerate(forms):
-            for constraint in constraints:
-                same = [r for r in rows if (r.dependence, r.constraint) == (form, constraint)]
-                one.plot(
-                    [k * wide + orders.index(row.order) for row in same],
-                    [getattr(row, name) / scale for row in same],
-                    "o-", ms=3.5, lw=1, color=_COLOURS[constraint],
-                    label=None if k else constraint,
-                )  # fmt: skip
-        largest = np.nanmax([getattr(row, name) / scale for row in rows] + [1e-9])
-        one.set(ylabel=label, ylim=(0, _TOP * largest))
-        one.spines[["top", "right"]].set_visible(False)
-    places = [k * wide + n for k in range(len(forms)) for n in range(len(orders))]
-    axes[-1].set_xticks(places, orders * len(forms))
-    axes[-1].set_xlabel(f"order of the law; {', then '.join(forms)} in pressure")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return figure
-
-
-def plot_curves(found: Sweep, chosen: list[SweepRow], system: str = "metric") -> "Figure":
-    """Plot measured and fitted isobars of some fits, one panel for each.
-
-    Args:
-        found: the sweep.
-        chosen: some of its rows.
-        system: "si", "metric" or "us".
-
-    Returns:
-        A figure, not shown; save it with `savefig`.
-
-    References:
-        Chambers 2021, figures 7.6 to 7.10.
-    """
-    import matplotlib as mpl  # noqa: PLC0415 -- when something is drawn
-    from matplotlib.collections import LineCollection  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    units, readings, levels = unit_system(system), found.data, found.pressures
-    force, pressure = factor(units["force"], "force"), factor(units["pressure"], "pressure")
-    muscle, loaded = found.muscle, readings.loaded
-    rest, at_level = muscle.rest_length, np.searchsorted(levels, readings.pressures.level[loaded])
-    shortest = [readings.length[loaded][at_level == k].min() for k in range(levels.size)]
-    length = np.linspace(rest, shortest, 120, axis=1)
-    braid, bladder = muscle.columns(length, levels[:, None])
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.9, levels.size))
-    figure = Figure(figsize=(3.8 * len(chosen), 3.9), layout="constrained")
-    axes = figure.subplots(1, len(chosen), squeeze=False, sharey=True)[0]
-    for one, row in zip(axes, chosen, strict=True):
-        F = braid + (bladder[..., : row.order] @ row.coefficients[..., None])[..., 0]
-        curves = np.stack([1 - length / rest, F / force], axis=-1)
-        one.add_collection(LineCollection(list(curves), colors=shades, lw=1))
-        spots = 1 - readings.length[loaded] / rest, readings.force[loaded] / force
-        one.scatter(*spots, s=4, c=shades[at_level], lw=0)
-        one.set_title(
-            f"{row.dependence}, order {row.order}, {row.constraint}\n"
-            f"RMSE {row.rmse / force:.3g} {units['force']}", fontsize=9,
-        )  # fmt: skip
-        one.set(xlabel="contraction")
-    top = _TOP * float(readings.force[loaded].max()) / force
-    axes[0].set(ylabel=f"force, {units['force']}", ylim=(0, top))
-    for k in np.unique(np.linspace(0, levels.size - 1, 8).round().astype(int))[::-1]:
-        label = f"{levels[k] / pressure:.4g} {units['pressure']}"
-        axes[0].plot([], [], color=shades[k], label=label)
-    axes[0].legend(frameon=False, fontsize=7)
-    return figure

@@ -8,7 +8,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,9 +20,6 @@ from .data import groups_of_levels
 from .problem import Problem
 from .result import Estimate, Identification, check_identified
 from .search import End, descend_many, latin_hypercube
-
-GROUPS = ("pressure", "length", "specimen")
-"""Kinds of readings that can be left out together."""
 
 _QUICK: dict[str, Any] = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
 """Looser settings, sufficient for a prediction."""
@@ -43,12 +40,6 @@ class LeftOut:
     level: Float[np.ndarray, " points"]
     group: Int[np.ndarray, " points"]
     error: Float[np.ndarray, " points"]
-
-    @staticmethod
-    def of_mean(several: Sequence["LeftOut"], weights: Sequence[float]) -> "LeftOut":
-        """Errors of the weighted mean of several predictions of the same readings."""
-        error = np.average([one.error for one in several], axis=0, weights=weights)
-        return dataclasses.replace(several[0], error=error)
 
     @property
     def values(self) -> Float[np.ndarray, " groups"]:
@@ -106,7 +97,7 @@ def validate(
     starts: int = 4,
     progress: Callable[[int, int], None] | None = None,
 ) -> LeftOut:
-    """Cross-validate an identification by pressures, lengths or specimens.
+    """Cross-validate an identification by pressures or lengths.
 
     For each group, all identified parameters are identified again without it, from the optimum and from
     other starts, and the group is predicted.
@@ -118,20 +109,13 @@ def validate(
         progress: called with (descents done, total).
 
     Raises:
-        InputError: fewer than two groups, an unknown kind, or specimens that cannot be predicted from
-            the others.
+        InputError: fewer than two groups, or an unknown kind.
     """
     check_identified(result)
     check_whole("starts", starts, 1)
     problem = result.problem
-    own = [problem.names[k] for k in problem.free if "[" in problem.names[k]]
-    if groups not in GROUPS:
-        raise InputError(f"groups must be one of {', '.join(GROUPS)}, got {groups!r}")
-    if groups == "specimen" and (own or len(problem.linear) > result.order):
-        raise InputError(
-            f"{own[0] if own else 'the law'} belongs to one specimen and is unknown without its "
-            "readings: identify the specimens with own=() and own_law=False"
-        )
+    if groups not in ("pressure", "length"):
+        raise InputError(f"groups must be one of pressure, length, got {groups!r}")
     if _group_of_each(problem, groups, None, 2) is None:
         raise InputError(f"leaving one {groups} out needs at least two; there is 1")
     (found,) = leave_out_each(
@@ -142,7 +126,7 @@ def validate(
 
 
 def leave_out_each(
-    fits: Sequence[tuple[Problem, Float[np.ndarray, " _"]]],
+    fits: Sequence[tuple[Problem, np.ndarray]],
     kinds: Mapping[str, tuple[int | None, int]],
     *,
     seed: int = 0,
@@ -241,12 +225,8 @@ def force_error(problem: Problem, end: End) -> Float[np.ndarray, " points"]:
     return end.point.force - problem.force
 
 
-Class = Literal["identified", "one-sided", "flat", "stopped by a bound", "stopped by a constraint"]
-
-LEVELS = {0.68: 0.9889, 0.95: 3.8415}
-"""Confidence levels and the corresponding quantiles of chi-squared with one degree of freedom."""
-
-_CHUNK = 250  # replicates in one batch
+QUANTILE_95 = 3.8415
+"""Quantile of chi-squared with one degree of freedom for a confidence of 95 %."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,8 +239,8 @@ class Profile:
         excess: increase of the sum of squares above the optimum in units of the noise variance. It
             follows chi-squared with one degree of freedom if the model is right; nan if no fit was found,
             as beyond a constraint.
-        intervals: (low, high) [SI] by confidence level; infinite on a side where the excess does not
-            reach the level.
+        interval: (low, high) [SI] with a confidence of 95 %; infinite on a side where the excess stays
+            below `QUANTILE_95`.
         verdict: "identified" (closed at 95 %), "one-sided", "flat" (open on both sides), "stopped by a
             bound" (the optimum is at a bound), or "stopped by a constraint" (no feasible fit exists beyond
             the values on an open side).
@@ -270,8 +250,8 @@ class Profile:
     name: str
     values: Float[np.ndarray, " values"]
     excess: Float[np.ndarray, " values"]
-    intervals: dict[float, tuple[float, float]]
-    verdict: Class
+    interval: tuple[float, float]
+    verdict: str
     kind: str
 
 
@@ -299,13 +279,12 @@ def profile(
     check_identified(result)
     check_whole("points", points, 1)
     problem = result.problem
-    several = len(problem.linear) > result.order  # one of several laws cannot be held alone
+    several = len(problem.linear) > result.law.order  # one of several laws cannot be held alone
     free = {
         one.name: one
         for one in result.estimates
         if not one.fixed and (one.name in problem.names or not several)
     }
-    names = (names,) if isinstance(names, str) else names
     chosen = list(free) if names is None else check_names("names", names)
     for name in chosen:
         if name not in free:
@@ -324,46 +303,35 @@ def _profile(result: Identification, estimate: Estimate, points: int) -> Profile
     if not variance > 0:
         raise InputError("a fit without residuals has no likelihood to profile")
 
-    def excess_at(values: np.ndarray) -> Float[np.ndarray, " values"]:
-        return 2 * (_costs(result, estimate.name, values) - optimum) / variance
+    reach = 3.0 * estimate.stderr
+    if not np.isfinite(reach):
+        span = estimate.max - estimate.min
+        reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
 
-    down, fall = _side(estimate, result, -1, points, excess_at)
-    up, rise = _side(estimate, result, 1, points, excess_at)
-    intervals = {
-        level: (_crossing(down, fall, quantile, -1), _crossing(up, rise, quantile, 1))
-        for level, quantile in LEVELS.items()
-    }
-    excess, closed = np.concatenate([fall[:0:-1], rise]), int(np.isfinite(intervals[0.95]).sum())
-    verdict: Class = ("flat", "one-sided", "identified")[closed]
+    def side(sign: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values from the optimum outwards with their excess, until it is significant or at a bound."""
+        values, excess = np.array([estimate.value]), np.zeros(1)
+        for times in 2.0 ** np.arange(4):
+            end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
+            same = np.isclose(end, values[-1], rtol=1e-12, atol=0)
+            if same or not excess[-1] <= QUANTILE_95:
+                break
+            more = np.linspace(values[-1], end, points + 1)[1:]
+            costs = _costs(result, estimate.name, more)
+            values = np.append(values, more)
+            excess = np.append(excess, 2 * (costs - optimum) / variance)
+        return values, excess
+
+    (down, fall), (up, rise) = side(-1), side(1)
+    interval = _crossing(down, fall, -1), _crossing(up, rise, 1)
+    excess, closed = np.concatenate([fall[:0:-1], rise]), int(np.isfinite(interval).sum())
+    verdict = ("flat", "one-sided", "identified")[closed]
     if estimate.at_bound:
         verdict = "stopped by a bound"
     elif closed < 2 and np.isnan(excess).any():
         verdict = "stopped by a constraint"
     values = np.concatenate([down[:0:-1], up])
-    return Profile(estimate.name, values, excess, intervals, verdict, estimate.kind)
-
-
-def _side(
-    estimate: Estimate,
-    result: Identification,
-    sign: int,
-    points: int,
-    excess_at: Callable[[np.ndarray], np.ndarray],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Values from the optimum outwards with their excess, until it is significant or a bound is met."""
-    reach = 3.0 * estimate.stderr
-    if not np.isfinite(reach):
-        span = estimate.max - estimate.min
-        reach = 0.1 * (span if np.isfinite(span) else np.abs(result.coefficients).max())
-    values, excess = np.array([estimate.value]), np.zeros(1)
-    for times in 2.0 ** np.arange(4):
-        end = np.clip(estimate.value + sign * times * reach, estimate.min, estimate.max)
-        same = np.isclose(end, values[-1], rtol=1e-12, atol=0)
-        if same or not excess[-1] <= max(LEVELS.values()):
-            break
-        more = np.linspace(values[-1], end, points + 1)[1:]
-        values, excess = np.append(values, more), np.append(excess, excess_at(more))
-    return values, excess
+    return Profile(estimate.name, values, excess, interval, verdict, estimate.kind)
 
 
 def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.ndarray, " values"]:
@@ -384,20 +352,19 @@ def _costs(result: Identification, name: str, values: np.ndarray) -> Float[np.nd
     return np.array([end.cost if end.converged else np.nan for end in found])
 
 
-def _crossing(values: np.ndarray, excess: np.ndarray, level: float, sign: int) -> float:
-    """Value at which the excess first exceeds a level, by linear interpolation of its root.
+def _crossing(values: np.ndarray, excess: np.ndarray, sign: int) -> float:
+    """Value at which the excess first exceeds `QUANTILE_95`, by linear interpolation of its root.
 
     Infinite, with the sign of the side, if it stays below until the values or the fits end.
     """
     # Values beyond the first failed fit are ignored.
     known = np.cumsum(np.isnan(excess)) == 0
-    above = np.flatnonzero(known & (excess > level))
+    above = np.flatnonzero(known & (excess > QUANTILE_95))
     if not above.size:
         return sign * math.inf
-    k = above[0]
-    left, right = np.sqrt(np.maximum(excess[k - 1 : k + 1], 0))
-    share = (np.sqrt(level) - left) / (right - left)
-    return float(values[k - 1] + share * (values[k] - values[k - 1]))
+    near = slice(above[0] - 1, above[0] + 1)
+    root = np.sqrt(np.maximum(excess[near], 0))
+    return float(np.interp(np.sqrt(QUANTILE_95), root, values[near]))
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -408,17 +375,11 @@ class Bootstrap:
         names: identified nonlinear parameters, then coefficients.
         samples: values in every replicate [SI], shape (replicates, parameters).
         failed: number of replicates that did not converge; excluded from `samples`.
-        forces: model force at every reading [N], shape (replicates, points).
     """
 
     names: tuple[str, ...]
     samples: Float[np.ndarray, "replicates parameters"]
     failed: int
-    forces: Float[np.ndarray, "replicates points"]
-
-    def __repr__(self) -> str:
-        failed = f", {self.failed} failed" if self.failed else ""
-        return f"Bootstrap({len(self.samples)} replicates{failed} of {', '.join(self.names)})"
 
     @property
     def stderr(self) -> dict[str, float]:
@@ -433,10 +394,6 @@ class Bootstrap:
         low, high = np.quantile(self.samples[:, self.names.index(name)], ends)
         return float(low), float(high)
 
-    def band(self, level: float = 0.95) -> Float[np.ndarray, "2 points"]:
-        """Lower and upper limits [N] of the model's force at every reading, shape (2, points)."""
-        return np.quantile(self.forces, ((1 - level) / 2, (1 + level) / 2), axis=0)
-
 
 def bootstrap(
     result: Identification,
@@ -448,8 +405,8 @@ def bootstrap(
     """Bootstrap an identification by resampling residuals.
 
     Residuals are scaled for the degrees of freedom, resampled and added to the model. Priors stay fixed,
-    so a parameter known only from its prior hardly varies. Replicates start from the optimum and run in
-    batches of 250; each takes about a millisecond for 100 readings, and 8 bytes of memory per reading.
+    so a parameter known only from its prior hardly varies. Replicates start from the optimum; each takes
+    about a millisecond for 100 readings.
 
     Args:
         result: from `identify`.
@@ -462,32 +419,24 @@ def bootstrap(
     """
     check_identified(result)
     check_whole("replicates", replicates, 2)
-    problem, samples, forces, good = result.problem, [], [], []
+    problem = result.problem
     residual, scale, read = force_error(problem, result.end), 1 / problem.weight, problem.side == 0
     standard = (residual / scale)[read]
     spent = np.sqrt(standard.size / max(result.degrees_of_freedom, 1))
     standard = (standard - standard.mean()) * spent
-    for first in range(0, replicates, _CHUNK):
-        count = min(_CHUNK, replicates - first)
-        rng = np.random.default_rng((check_seed(seed), first))
-        noise = rng.choice(standard, (count, problem.force.size)) * scale
-        drawn = np.where(read, problem.force + residual + noise, problem.force)
-        problems = [problem.with_readings(force=force) for force in drawn]
-        for end in best_ends(problems, [result.end.u[None]] * count):
-            point = end.point
-            samples.append(np.concatenate([point.parameters[problem.free], point.x]))
-            forces.append(point.force)
-            good.append(end.converged and bool(np.isfinite(samples[-1]).all()))
-        if progress is not None:
-            progress(first + count, replicates)
-    if sum(good) < 2:
-        raise InputError(
-            f"only {sum(good)} of {replicates} replicates converged, as the resampled readings do not "
-            "determine the parameters: fix some"
-        )
+    rng = np.random.default_rng((check_seed(seed), 0))
+    noise = rng.choice(standard, (replicates, problem.force.size)) * scale
+    drawn = np.where(read, problem.force + residual + noise, problem.force)
+    problems = [problem.with_readings(force=force) for force in drawn]
+    ends = best_ends(problems, [result.end.u[None]] * replicates, progress=progress)
+    samples = np.array(
+        [np.concatenate([end.point.parameters[problem.free], end.point.x]) for end in ends]
+    )
+    good = np.array([end.converged for end in ends]) & np.isfinite(samples).all(axis=1)
+    if good.sum() < 2:
+        raise InputError(f"only {good.sum()} of {replicates} replicates converged: fix a parameter")
     return Bootstrap(
         names=tuple(problem.names[k] for k in problem.free) + result.coefficient_names,
-        samples=np.array(samples)[good],
-        failed=good.count(False),
-        forces=np.array(forces)[good],
+        samples=samples[good],
+        failed=int((~good).sum()),
     )

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -44,8 +43,7 @@ def runs_deviation(residuals: Float[np.ndarray, " n"]) -> float:
     return float((runs - mean) / np.sqrt(variance)) if variance > 0 else -np.inf
 
 
-Level = Literal["identified", "identified with doubts", "not identified"]
-LEVELS: tuple[Level, ...] = ("identified", "identified with doubts", "not identified")
+LEVELS = ("identified", "identified with doubts", "not identified")
 """Levels by the most serious finding."""
 
 POOR = 2.0
@@ -65,7 +63,7 @@ class Judgement:
             unknown rest length is at best doubtful.
     """
 
-    level: Level
+    level: str
     reasons: tuple[str, ...]
     suspicions: tuple[Suspicion, ...] = ()
     unchecked: str = ""
@@ -84,8 +82,10 @@ def _judgement(
     worst = max((one.level for one in reasons), default=0)
     unsure = any("rest_length" in one.data.assumed for one in results)
     level = LEVELS[max(worst, int(unsure))]
-    sentences = tuple(one.sentence for one in reasons)
-    return Judgement(level, sentences, tuple(suspicions), _unchecked(results[0]))
+    left = [check for name, check in _CHECKS.items() if name in results[0].data.assumed]
+    unchecked = "Not checked, because the specimen data do not include it: "
+    unchecked = f"{unchecked}{'; '.join(left)}." if left else ""
+    return Judgement(level, tuple(r.sentence for r in reasons), tuple(suspicions), unchecked)
 
 
 def judge(
@@ -106,39 +106,21 @@ def judge(
     misfit = 100 * result.counted_rmse / largest
     found = [Remark(1 + one.grave, one.sentence) for one in suspicions]
     if not misfit <= POOR:
-        sentence = f"The model misses the readings by {misfit:.3g} % of the largest force"
         grave = not misfit <= 5.0
-        more = (
-            "; a model of a McKibben muscle should not miss them by more than 5 %. Check units, signs and "
-            "columns, and the rest length, bore and wall of the specimen."
-        )
-        found.append(Remark(1 + grave, sentence + (more if grave else ".")))
+        remedy = "; check units, signs and columns, and the rest length, bore and wall" * grave
+        sentence = f"The model misses the readings by {misfit:.3g} % of the largest force{remedy}."
+        found.append(Remark(1 + grave, sentence))
     found += remarks(result)
-    found += [
-        Remark(1, sentence)
-        for sentence in (
-            *_of_one_pressure(result),
-            *_of_residuals(result, misfit),
-            *_of_left_out(left_out or {}, largest),
-            *filter(None, [open_question]),
+    data, doubts = result.data, list[str]()
+    if np.unique(data.pressures.level[data.loaded]).size == 1:
+        doubts.append(
+            "All loaded readings are at one pressure: they do not separate the deadband from diameter and "
+            "angle, and forces at other pressures rely on the model alone. Measure at two or more."
         )
-    ]
+    doubts += _of_residuals(result, misfit) + _of_left_out(left_out or {}, largest)
+    doubts += [open_question] if open_question else []
+    found += [Remark(1, sentence) for sentence in doubts]
     return _judgement(found, [result], suspicions)
-
-
-def _of_one_pressure(result: Identification) -> list[str]:
-    """Doubt about a fit to a single pressure."""
-    data, loaded = result.data, result.data.loaded
-    if np.unique(data.pressures.level[loaded]).size > 1:
-        return []
-    return [
-        Sentence(
-            "All loaded readings are at one pressure, ",
-            Quantity(float(np.median(data.pressure[loaded])), "pressure"),
-            ": they do not separate the deadband from diameter and angle, and forces at other pressures "
-            "rely on the model alone. Measure at two or more pressures.",
-        )
-    ]
 
 
 _CHECKS = {
@@ -148,15 +130,6 @@ _CHECKS = {
     "bladder_diameter": "the position of the braid (assumed inside the wall)",
 }
 """Consequences of assumed specimen data, most serious first."""
-
-
-def _unchecked(result: Identification) -> str:
-    """Sentence on missing specimen data."""
-    left = [check for name, check in _CHECKS.items() if name in result.data.assumed]
-    if not left:
-        return ""
-    listed = ", ".join(left[:-1]) + " and " * (len(left) > 1) + left[-1]
-    return f"Not checked, because the specimen data do not include it: {listed}."
 
 
 def _of_left_out(left_out: Mapping[str, LeftOut], max_force: float) -> list[str]:
@@ -216,21 +189,15 @@ def judge_series(specimens: Sequence[Identification], left_out: LeftOut) -> Judg
     first = specimens[0]
     missed = {one.data.specimen.name: one.errors.rmse_percent for one in specimens}
     worst = max(missed, key=missed.__getitem__)
-    said = f"misses {worst} by {missed[worst]:.3g} % of its largest force"
+    said = f"the model of all misses {worst} by {missed[worst]:.3g} % of its largest force"
     found = [] if first.converged else [one for one in remarks(first) if one.level == 2]
     if not missed[worst] <= 15.0:
-        sentence = (
-            f"The model of all {said}; specimens of one series differ by less than 15 %. Its map is wrong "
-            "or from another make of muscle: check it with famjax fit, and leave it out."
-        )
-        found.append(Remark(2, sentence))
+        remedy = "its map is wrong or from another make: check it with famjax fit, and leave it out"
+        found.append(Remark(2, f"The specimens are no series: {said}; {remedy}."))
     elif missed[worst] > POOR:
         most = int(left_out.group_rmse.argmax())
-        sentence = Sentence(
-            f"The specimens differ: the model of all {said}; predicted from the others, "
-            f"{specimens[most].data.specimen.name} is missed by ",
-            Quantity(float(left_out.group_rmse[most]), "force", 3),
-            ". A new muscle differs as much; the band of its prediction includes this.",
-        )
-        found.append(Remark(1, sentence))
+        other = f"; predicted from the others, {specimens[most].data.specimen.name} is missed by "
+        error = Quantity(float(left_out.group_rmse[most]), "force", 3)
+        included = ". A new muscle differs as much; the band of its prediction includes this."
+        found.append(Remark(1, Sentence(f"The specimens differ: {said}{other}", error, included)))
     return _judgement([*found, *of_parameters(first)], specimens)

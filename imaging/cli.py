@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
-from famjax.boundary.units import factor, parse_quantity
+from famjax.boundary.units import parse_quantity
 from famjax.console import (
     Columns,
     Jobs,
@@ -53,8 +53,6 @@ class RecipeOptions:
         the curvature of the tape edges.
     pitch
         Spacing of the ruler's marks. If omitted, it is inferred from the number of marks between numerals.
-    expected_px_per_in
-        Approximate scale (within 25 %), for a ruler whose two edges carry different marks.
     ruler_placement
         Standard error of the ruler's distance from the plane of the muscle's axis, `0.01in`. Pictures
         cannot show it; it contributes to the error of every result.
@@ -71,10 +69,6 @@ class RecipeOptions:
         the errors allow for other styles.
     tape_diameter
         Known diameter of the tapes on the fittings, used to check the scale.
-    tape_hue
-        Hue of the tapes, `355deg`. If omitted, the colour that covers the smaller area is used.
-    recipe
-        Read settings from this `recipe.toml`; other options override them.
     braid_angle
         Also measure the braid angle from the weave: profile, mean, standard error and turns.
     orientation
@@ -84,7 +78,6 @@ class RecipeOptions:
     ruler: Path | None = None
     distance: str | None = None
     pitch: str | None = None
-    expected_px_per_in: float | None = None
     ruler_placement: str | None = None
     crop_offset: str | None = None
     frame_size: str | None = None
@@ -92,8 +85,6 @@ class RecipeOptions:
     k1: Annotated[float | None, Signed] = None
     tone: Literal["srgb"] | None = None
     tape_diameter: str | None = None
-    tape_hue: str | None = None
-    recipe: Path | None = None
     braid_angle: bool | None = None
     orientation: Literal["vertical", "horizontal", "auto"] | None = None
 
@@ -162,7 +153,7 @@ def measure(
     """
     # Idle OpenBLAS threads spin, and the matrices here are small. NumPy reads this when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .pictures import as_document, expand, measure_pictures
+    from .pictures import expand, measure_pictures
     from .recipe import recipe_text
 
     try:
@@ -195,7 +186,12 @@ def measure(
             file=sys.stderr,
         )
         return 130
-    document = as_document(outcome, units)
+    table = outcome.table
+    document = {
+        "pictures": len(table), "ok": int(table.ok.sum()), "complete": outcome.complete,
+        "notes": table.notes, "files": [str(path) for path in outcome.files],
+        "rows": table.rows(units),
+    }  # fmt: skip
     if json_:
         print_json(document)
     else:
@@ -220,8 +216,7 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     """Build the recipe from command-line options, and the provenance entries of the table.
 
     Args:
-        options: override the entries of a recipe file. Lengths include their unit; a `scale` is
-            `226.63 px/in` or `226.63+-0.02 px/in`.
+        options: settings. Lengths include their unit; a `scale` is `226.63 px/in` or `226.63+-0.02 px/in`.
 
     Raises:
         ImagingError: the scale is missing or given twice, or an option cannot be parsed.
@@ -229,41 +224,25 @@ def command_recipe(options: RecipeOptions) -> tuple["Recipe", dict[str, str]]:
     from .camera import Tone
     from .pictures import picture_recipe
 
-    lengths = {"pitch": options.pitch, "placement_stderr": options.ruler_placement}
-    reading: dict[str, Any] = {
-        name: parse_quantity(text, "length") for name, text in lengths.items() if text is not None
-    }
-    if options.expected_px_per_in is not None:
-        reading["expected_px_per_m"] = options.expected_px_per_in * factor("px/in", "scale")
-    readers: dict[str, Callable[[Any, str], Any]] = {
-        **dict.fromkeys(
-            ("distance", "tape_diameter"), lambda text, _: parse_quantity(text, "length")
-        ),
-        "crop_offset": lambda text, name: _numbers(text, name, "1459,531"),
-        "frame_size": lambda text, name: _numbers(text, name, "5568,3712", int),
-        "tape_hue": lambda text, name: _numbers(text.removesuffix("deg"), name, "355deg")[0],
-        "tone": lambda _text, _: Tone.srgb(),
-        **dict.fromkeys(("k1", "braid_angle", "orientation"), lambda given, _: given),
-    }
-    choices = {
-        name: read(given, name.replace("_", " "))
-        for name, read in readers.items()
-        if (given := getattr(options, name)) is not None
-    }
-    return picture_recipe(
-        ruler=options.ruler, recipe=options.recipe, scale=options.scale, reading=reading,
-        choices=choices,
-    )  # fmt: skip
+    given = {name: one for name, one in vars(options).items() if one is not None}
+    for name in ("pitch", "ruler_placement", "distance", "tape_diameter"):
+        if name in given:
+            given[name] = parse_quantity(given[name], "length")
+    for name, kind in (("crop_offset", float), ("frame_size", int)):
+        if name in given:
+            given[name] = _pair(given[name], name, kind)
+    if "tone" in given:
+        given["tone"] = Tone.srgb()
+    if "ruler_placement" in given:
+        given["placement_stderr"] = given.pop("ruler_placement")
+    return picture_recipe(given.pop("ruler", None), given.pop("scale", None), given)
 
 
-def _numbers(
-    text: str, name: str, such_as: str, kind: Callable[[str], float] = float
-) -> tuple[float, ...]:
+def _pair(text: str, name: str, kind: Callable[[str], float]) -> tuple[float, float]:
     try:
-        found = tuple(map(kind, text.split(",")))
+        u, v = map(kind, text.split(","))
     except ValueError:
-        found = ()
-    if len(found) != such_as.count(",") + 1:
-        many = "two numbers in px" if "," in such_as else "an angle"
-        raise ImagingError(f"the {name} must be {many} such as {such_as}, got {text!r}")
-    return found
+        raise ImagingError(
+            f"the {name.replace('_', ' ')} must be two numbers in px such as 1459,531, got {text!r}"
+        ) from None
+    return u, v

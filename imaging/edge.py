@@ -1,7 +1,8 @@
-"""A model of brightness across the blurred edge of a lit body, and the position of the edge."""
+"""Model of the brightness across the blurred edge of a lit body, and position of the edge."""
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -11,14 +12,14 @@ from scipy.special import gamma, ndtr, pbdv
 
 from .camera import Array, Flags
 
-LARGEST_DISK = 0.86  # of a blur's variance: with more, the nodes of its integral would show
-_REACH, _TABLE = 40.0, 4001  # end of the table of blurred roots, in blurs; its length
+LARGEST_DISK = 0.86  # of the blur's variance; above this, six nodes are too few
+_REACH, _TABLE = 40.0, 4001  # end of the table of blurred roots, in blurs, and its length
 _ANGLES = np.arange(1, 7) * np.pi / 7
 _NODES, _WEIGHTS = np.cos(_ANGLES), 2 / 7 * np.sin(_ANGLES) ** 2
 
 
 def step(t: ArrayLike, blur: ArrayLike) -> Array:
-    """A step at t = 0 under Gaussian blur, Phi(t / s), 0 outside and 1 inside.
+    """Return a step at t = 0 with Gaussian blur, Phi(t / s), 0 outside and 1 inside.
 
     Args:
         t: distance inward from the edge [px].
@@ -28,11 +29,10 @@ def step(t: ArrayLike, blur: ArrayLike) -> Array:
 
 
 def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
-    """A step at t = 0 under the disk of a defocused lens and a Gaussian blur, 0 outside, 1 inside.
+    """Return a step at t = 0 with the blur of a defocused lens and Gaussian blur, 0 outside, 1 inside.
 
-    Across an edge the disk of radius r weighs the light with a semicircle, whose variance is
-    r^2 / 4 and whose mean over Phi((t - r x) / g) is taken by Gauss and Chebyshev's six nodes. A
-    pixel's box, flat as well, is distinguished from a Gaussian by it too.
+    Across an edge, a disk of radius r weighs the light with a semicircle of variance r^2 / 4. The mean of
+    Phi((t - r x) / g) is computed by Gauss-Chebyshev quadrature with six nodes.
 
     Args:
         t: distance inward from the edge [px].
@@ -46,10 +46,10 @@ def defocused_step(t: ArrayLike, blur: ArrayLike, disk: ArrayLike) -> Array:
 
 
 def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
-    """The blurred root sqrt(t - t^2 / (2 R)): how a lit cylinder brightens inside its limb.
+    """Return the blurred root sqrt(t - t^2 / (2 R)), the brightness of a lit cylinder inside its limb.
 
-    The cosine between normal and line of sight at t from the limb of a cylinder of radius R is
-    sqrt(2 t / R - t^2 / R^2); its second term is taken to first order.
+    At a distance t from the limb of a cylinder of radius R, the cosine between normal and line of sight is
+    sqrt(2 t / R - t^2 / R^2). The second term is included to first order.
 
     Args:
         t: distance inward from the edge [px].
@@ -63,7 +63,7 @@ def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
     x = np.divide(t, blur)
     grid, *roots = _blurred_roots()
     half, three = (np.interp(x, grid, root) for root in roots)
-    if x.max() > _REACH:  # where blur is small against t, to second order
+    if x.max() > _REACH:  # expansion to second order for blur << t
         far = np.maximum(x, _REACH)
         half = np.where(x > _REACH, np.sqrt(far) * (1 - 1 / (8 * far**2)), half)
         three = np.where(x > _REACH, far**1.5 * (1 + 3 / (8 * far**2)), three)
@@ -72,7 +72,7 @@ def ramp(t: ArrayLike, blur: ArrayLike, radius: float) -> Array:
 
 @functools.cache
 def _blurred_roots() -> tuple[Array, Array, Array]:
-    """E[(x + z)_+^p] for z normal: grid and values for p = 1/2, values for p = 3/2.
+    """Return E[(x + z)_+^p] for normal z: the grid, and values for p = 1/2 and p = 3/2.
 
     They are parabolic cylinder functions, Gamma(p + 1) / sqrt(2 pi) exp(-x^2 / 4) D_{-p-1}(-x).
     """
@@ -82,7 +82,7 @@ def _blurred_roots() -> tuple[Array, Array, Array]:
     return x, half, three
 
 
-_DIFFERENCE = 1e-7  # of an unknown of order 1, for derivatives: root of the precision, and more
+_DIFFERENCE = 1e-7  # step for derivatives, for unknowns of order 1
 
 Edge = Callable[[Array], Array]
 """Brightness of an edge against the distance inward t [px], elementwise, in any unit."""
@@ -91,21 +91,21 @@ Edge = Callable[[Array], Array]
 def best_shift(
     windows: NDArray[np.floating], t: Array, edge: Edge, reach: float, spacing: float
 ) -> Array:
-    """The shift of the edge in each window, by least squares with free level and height.
+    """Return the shift of the edge in each window, by least squares with free level and height.
 
-    For every candidate shift, what the model a + b edge(t - shift) explains of the samples'
-    variance is the square of one inner product; the largest wins, refined by a parabola. All
-    windows and shifts are one matrix product.
+    The variance explained by the model a + b edge(t - shift) is the square of an inner product. It is
+    maximised over the candidate shifts and refined by a parabola. One matrix product covers all windows
+    and shifts.
 
     Args:
         windows: samples, shape (m, n).
-        t: distance of the samples inward from where the edge is expected [px], shape (n,).
-        edge: the model.
-        reach: largest shift that is tried [px].
-        spacing: of the shifts that are tried [px].
+        t: distance of the samples inward from the expected edge [px], shape (n,).
+        edge: model.
+        reach: largest shift [px].
+        spacing: spacing of the candidate shifts [px].
 
     Returns:
-        Shift inward [px], shape (m,); of size `reach` where no maximum lies inside.
+        Shift inward [px], shape (m,); its magnitude is `reach` if there is no maximum inside.
     """
     count = round(reach / spacing)
     shifts = np.arange(-count, count + 1) * spacing
@@ -117,13 +117,13 @@ def best_shift(
 
 
 def parabola_peak(energy: NDArray[np.floating]) -> Array:
-    """Index of each row's maximum, with a fraction from the parabola through its neighbours.
+    """Return the fractional index of each row's maximum, by a parabola through its neighbours.
 
     Args:
         energy: shape (m, k), k >= 3.
 
     Returns:
-        Shape (m,); a whole number where the maximum is the first or last value.
+        Shape (m,); an integer if the maximum is the first or last value.
     """
     best = np.argmax(energy, axis=1)
     row = np.arange(best.size)
@@ -136,14 +136,14 @@ def parabola_peak(energy: NDArray[np.floating]) -> Array:
 
 
 def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
-    """The height b of a + b model fitted to samples by least squares, and the residual.
+    """Fit a + b model to samples by least squares; return b and the residuals.
 
     Args:
         samples: shape (..., n).
         model: shape (..., n), broadcast with the samples.
 
     Returns:
-        b, shape (..., 1), zero for a level model, and the rest, shape (..., n).
+        b, shape (..., 1), zero for a constant model, and the residuals, shape (..., n).
     """
     n = samples.shape[-1]
     centred = model - model.sum(axis=-1, keepdims=True) / n
@@ -153,64 +153,58 @@ def height_and_rest(samples: Array, model: Array) -> tuple[Array, Array]:
     return height, rest - height * centred
 
 
-def least_squares(left_over: Callable[[Array], Array], start: Array, tolerance: float) -> Array:
-    """The unknowns with the least squares of residuals, by Levenberg-Marquardt.
+def least_squares(left_over: Callable[[Array], Array], start: ArrayLike, tolerance: float) -> Array:
+    """Minimise the sum of squares of residuals by the Levenberg-Marquardt method.
 
     Args:
-        left_over: from unknowns of shape (..., p) to residuals of shape (..., n): it is asked for
-            all forward differences at once.
-        start: shape (p,), each unknown of order 1.
-        tolerance: relative, of the unknowns.
+        left_over: function from unknowns, shape (p,), to residuals, shape (n,).
+        start: initial values, shape (p,), of order 1.
+        tolerance: relative tolerance of the unknowns.
 
     Returns:
         Shape (p,).
     """
-    steps = _DIFFERENCE * np.eye(start.size + 1, start.size, -1)
-
-    def slopes(unknown: Array) -> Array:
-        values = left_over(unknown + steps)
-        return (values[1:] - values[0]) / _DIFFERENCE
-
-    best, *_ = leastsq(
-        left_over, start, Dfun=slopes, col_deriv=True, xtol=tolerance, ftol=tolerance
-    )
+    best, *_ = leastsq(left_over, start, xtol=tolerance, ftol=tolerance, epsfcn=_DIFFERENCE**2)
     return np.asarray(best, float)
 
 
-_BROAD = 3.0  # px per px of blur, from where on samples say how the light falls towards the limb
-DEEPEST = 8.0  # the same, up to where an edge is looked at
-_NEAR = (-7.0, 1.75, 2.5)  # the same: samples that say where the edge is; the last of wide blurs
-_WIDE = (1.5, 2.0)  # px: of blurs that no sharp lens has, which end as far inside as a box's do
+_BROAD = 3.0  # distance inside the edge from which the fall of light is measured, in blurs
+DEEPEST = 8.0  # distance inside the edge up to which light is used, in blurs
+_NEAR = (-7.0, 1.75, 2.5)  # samples that determine the position, in blurs; the last for wide blurs
+_WIDE = (
+    1.5,
+    2.0,
+)  # wide blurs [px], which are due to a defocused lens and end inside as a box does
 _BLURS = (0.4, 8.0)  # px
 _FLANK = (2.0, 5.0)  # blurs inside the edge
-_RIM = ((1.5, 3.5), (4.0, DEEPEST))  # the same
+_RIM = ((1.5, 3.5), (4.0, DEEPEST))  # blurs inside the edge
 _OF_WAVE = 0.45  # of the blur, per relative excess of the first thread's light
 _WAVE_SEEN, _WAVE_LOST = 1.2, 2.0  # px of blur
 _MATTE, _TO_GLOSS = 0.98, 0.05  # of a rim's brightness
-_FALLS, _TO_SHINE = -0.04, 0.04  # of a flank; one plain matte braid in seventy falls so
-_FIRST_DISK = 0.6  # from a large one the fit finds a small one, and not the reverse
-_FARTHEST = 4.0  # px that one pass may move an edge
-_KAPPAS = (-0.3, 6.0)  # sheen brightens a limb; 5 is one of 2 % of the middle's light
+_FALLS, _TO_SHINE = -0.04, 0.04  # of a flank; exceeded by one plain matte braid in seventy
+_FIRST_DISK = 0.6  # initial value; a small initial disk would not grow in the fit
+_FARTHEST = 4.0  # largest shift of an edge in one pass [px]
+_KAPPAS = (-0.3, 6.0)  # sheen makes kappa negative; at 5 the limb has 2 % of the middle's light
 _DARKEST = 0.05  # of a limb's light
-_LEAST_ANGLE = 0.2  # at 0, which is a Gaussian, all directions lead to larger disks alike
+_LEAST_ANGLE = 0.2  # at 0, a pure Gaussian, the derivative by the disk vanishes
 
 
 @dataclasses.dataclass(frozen=True)
 class EdgeProfile:
-    """Result from the mean profiles of the two sides.
+    """Results from the mean profiles of both sides.
 
     Attributes:
-        blur: s, standard deviation of the spread of light across the edge, common to both [px].
-        disk: part of its variance that a defocused lens' disk makes, the rest being Gaussian.
-        shifts: of the edge against where the windows were aligned, inward [px], by the fit and by what the
-            light of the first thread says of its error.
-        misfit: root mean square between profiles and model, over the step.
-        flank: how much brighter than the model the profiles are 2 to 5 blurs inside, over the step; the
-            larger of both sides.
-        rim: brightness 1.5 to 3.5 blurs inside the edge over that at 4 to 8, the mean of both sides; the
-            limb of a matte body is never brighter than what lies inside of it.
-        waves: relative deviation of the light 1.5 to 8 blurs inside from the law of a smooth limb, root
-            mean square of both sides.
+        blur: s, standard deviation of the blur across the edge, common to both sides [px].
+        disk: fraction of the blur's variance due to the disk of a defocused lens; the rest is Gaussian.
+        shifts: shift of the edge of each side relative to the windows, inward [px], corrected by the light
+            of the first thread.
+        misfit: RMS difference between profiles and model, relative to the step.
+        flank: excess brightness of the profiles over the model 2 to 5 blurs inside, relative to the step;
+            the larger of both sides.
+        rim: brightness 1.5 to 3.5 blurs inside the edge divided by that at 4 to 8, mean of both sides. The
+            limb of a matte body is never brighter than the area inside it.
+        waves: relative deviation of the light 1.5 to 8 blurs inside from that of a smooth limb, RMS of
+            both sides.
     """
 
     blur: float
@@ -226,38 +220,36 @@ def edge_profile(
     profiles: list[Array], t: Array, blur: float, radius: float, kappas: tuple[float, ...], disk:
     float | None = None,
 ) -> EdgeProfile:  # fmt: skip
-    """Blur and position of the edges, from the mean profiles of both sides.
+    """Fit blur and position of the edges to the mean profiles of both sides.
 
-    Where the edge is, is read from the outer flank alone, so that the first thread's own shade, which
-    may be anything, moves it little.
+    The position is determined from the outer flank only, so that the shade of the first thread has little
+    influence.
 
     Args:
-        profiles: mean brightness of the left and the right side along the normal, shape (n,) each.
-        t: distance inward of the samples [px], shape (n,).
-        blur: s, about [px].
-        radius: of the body [px].
-        kappas: of both sides, from `limb_strength`.
-        disk: of the pass before; None in the first.
+        profiles: mean brightness of the left and right side along the normal, shape (n,) each.
+        t: distance of the samples inward [px], shape (n,).
+        blur: approximate s [px].
+        radius: radius of the body [px].
+        kappas: kappa of both sides, from `limb_strength`.
+        disk: disk of the previous pass; None in the first pass.
     """
     near = near_edge(t, blur)
     parts = np.stack([profile[near] / max(np.ptp(profile[near]), 1e-6) for profile in profiles])
 
-    def blur_and_disk(unknown: Array) -> tuple[Array, ...]:
-        s = np.exp(np.clip(unknown[..., 2:3], *np.log(_BLURS)))
-        return s, LARGEST_DISK * np.sin(unknown[..., 3:]) ** 2
+    def blur_and_disk(unknown: Array) -> tuple[float, float]:
+        s = float(np.exp(np.clip(unknown[2], *np.log(_BLURS))))
+        return s, LARGEST_DISK * math.sin(unknown[3]) ** 2
 
     def left_over(unknown: Array) -> Array:
         s, part = blur_and_disk(unknown)
-        at = t[near] - unknown[..., :2, None]
-        model = limb(at, s[..., None], np.array(kappas)[:, None], radius, part[..., None])
-        return height_and_rest(parts, model)[1].reshape(*unknown.shape[:-1], -1)
+        model = limb(t[near] - unknown[:2, None], s, np.array(kappas)[:, None], radius, part)
+        return height_and_rest(parts, model)[1].ravel()
 
-    angle = np.arcsin(np.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
-    first = [0.0, 0.0, np.log(blur), max(float(angle), _LEAST_ANGLE)]
-    best = least_squares(left_over, np.array(first), 1e-3)
+    angle = math.asin(math.sqrt((_FIRST_DISK if disk is None else disk) / LARGEST_DISK))
+    best = least_squares(left_over, [0.0, 0.0, np.log(blur), max(angle, _LEAST_ANGLE)], 1e-3)
     misfit = float(np.sqrt(np.mean(left_over(best) ** 2)))
     shifts = np.clip(best[:2], -_FARTHEST, _FARTHEST).tolist()
-    s, part = (float(value[0]) for value in blur_and_disk(best))
+    s, part = blur_and_disk(best)
     flanks, waves, rims, laws = zip(
         *(
             _inside(profile, t - shift, s, part, kappa, radius)
@@ -278,9 +270,9 @@ def edge_profile(
 def limb(
     t: Array, s: float | Array, kappa: float | Array, radius: float, disk: float | Array = 0.0
 ) -> Array:
-    """Brightness across a limb, the step under blur plus kappa (root under blur), elementwise.
+    """Return the brightness across a limb, a blurred step plus kappa times the blurred root, elementwise.
 
-    The root is smooth: the shape of the blur does not matter to it.
+    The root is smooth, so that the shape of the blur has no effect on it.
     """
     edge = defocused_step(t, s, disk) if np.any(disk) else step(t, s)
     return edge + kappa * ramp(t, s, radius) if np.any(kappa) else edge
@@ -289,11 +281,10 @@ def limb(
 def _inside(
     profile: Array, t: Array, s: float, disk: float, kappa: float, radius: float
 ) -> tuple[float, float, float, float]:
-    """Flank, wave and rim of one side, and the rim by the law of a smooth limb, see `EdgeProfile`.
+    """Return flank, wave and rim of one side, and the rim of a smooth limb, see `EdgeProfile`.
 
-    The flank is what the profile exceeds the model by, inside the part that the model was fitted to: an
-    edge smeared over more than that goes on to rise there, whatever smeared it. The wave is of any
-    height: threads shade one limb more than another all along it. Each is 0 where nothing is seen.
+    A smeared edge continues to rise inside the samples that were fitted, and the flank measures this. Each
+    value is 0 if there are no samples.
     """
     near, model = near_edge(t, s), limb(t, s, kappa, radius)
     height = float(height_and_rest(profile[near], model[near])[0][0])
@@ -312,25 +303,25 @@ def _inside(
 
 
 def _rim(profile: Array, t: Array, s: float) -> float:
-    """Brightness just inside the edge over that further in; 0 where there is no further in."""
+    """Return the brightness just inside the edge divided by that further in; 0 without samples."""
     size = max(1.0, s)
     at, beside = (profile[(t > low * size) & (t < high * size)] for low, high in _RIM)
     return float(at.mean() / max(beside.mean(), 1e-9)) if at.size and beside.size else 0.0
 
 
 def _first_thread(own: float, law: float, s: float) -> float:
-    """How much further out the edge is than the fit has it, by the light of the first thread [px].
+    """Return the distance of the true edge outside the fitted one, from the light of the first thread [px].
 
-    Threads make the light wave as the azimuth does, in the same phase all along a straight edge, with
-    about one wave in the first 8 blurs. Where it is brighter 1.5 to 3.5 blurs inside than the law of a
-    smooth limb says, it is darker at the edge: the fit takes the thread's own flank for the edge's. In
-    the mean over all phases of a wave that fades at grazing sight the edge lies 0.2 to 0.6 px further
-    out per part of excess, at blurs of 0.8 to 1.3 px; rendered braids have 0.45 px per px of blur. A
-    blur that spans the wave has another phase. Of a rim that is gloss the excess says nothing.
+    Threads make the light a wave of the azimuth, with the same phase along a straight edge and about one
+    period in the first 8 blurs. If the light 1.5 to 3.5 blurs inside exceeds that of a smooth limb, the
+    edge itself is darker, and the fit confuses the flank of the thread with that of the edge. For a wave
+    that fades at grazing incidence, averaged over phases, the edge lies 0.2 to 0.6 px further out per unit
+    of relative excess, at blurs of 0.8 to 1.3 px. Rendered braids have 0.45 px per px of blur. A blur
+    wider than the wave changes the phase. A glossy rim has an excess for another reason.
 
     Args:
-        own: brightness there over that further in, on this side.
-        law: the same by the law; 0, as on this side, where there is no further in.
+        own: ratio of the brightness just inside to that further in, on this side; 0 without samples.
+        law: the same ratio for a smooth limb.
         s: blur [px].
     """
     if min(own, law) <= 0:
@@ -340,21 +331,21 @@ def _first_thread(own: float, law: float, s: float) -> float:
 
 
 def shine_of(rim: float, flank: float) -> float:
-    """Confidence that a limb shines, 0 to 1, from its rim and its flank, see `EdgeProfile`.
+    """Return the confidence that a limb is glossy, 0 to 1, from rim and flank, see `EdgeProfile`.
 
-    The rim of a matte limb is 1 at most, and its flank goes on as the model says: light that falls off
-    inside of a narrow bright rim is gloss.
+    The rim of a matte limb is at most 1, and its flank follows the model. With gloss, the light falls off
+    inside a narrow bright rim.
     """
     return min(max((rim - _MATTE) / _TO_GLOSS, (_FALLS - flank) / _TO_SHINE, 0.0), 1.0)
 
 
 def moved_by_limb(kappa: float, s: float, radius: float) -> float:
-    """How much further out an edge of this kappa lies than a plain step that fits its flank best [px].
+    """Return the distance of an edge with this kappa outside the best fitting plain step [px].
 
     Args:
-        kappa: strength of the limb's root against its step [px^-0.5].
+        kappa: strength of the limb's root relative to its step [px^-0.5].
         s: blur [px].
-        radius: of the body [px].
+        radius: radius of the body [px].
     """
     reach = round(-_NEAR[0] * max(1.0, s))
     t = np.arange(-reach, reach + 1.0)
@@ -364,24 +355,24 @@ def moved_by_limb(kappa: float, s: float, radius: float) -> float:
 
 
 def near_edge(t: Array, s: float) -> Flags:
-    """The samples near the outer flank of the edge."""
+    """Select the samples near the outer flank of the edge."""
     size = max(1.0, s)
     reach = np.interp(s, _WIDE, _NEAR[1:])
     return (t >= _NEAR[0] * size) & (t <= reach * size)
 
 
 def limb_strength(light: Array, t: Array, s: float, radius: float) -> float:
-    """The kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur.
+    """Return kappa of s0 [1 + kappa sqrt(t - t^2 / (2 R))] inside the edge's blur.
 
-    The root is the law of a smooth body, and of a woven one in the mean over its threads: it is read
-    from 3 blurs inside the edge on, as far as there are samples.
+    The root is the law of a smooth body, and of a woven body averaged over its threads. It is fitted from
+    3 blurs inside the edge to the last sample.
 
     Args:
-        light: mean brightness along the normal, shape (n,), of windows as bright as they are: means of
-            windows over their own limb's brightness rise inward, as those over any random number do.
+        light: mean brightness along the normal, shape (n,). The windows must not be divided by their own
+            brightness first, because such means rise inward for any random factor.
         t: distance of the samples inward from the edge [px], shape (n,).
         s: blur [px].
-        radius: of the body [px].
+        radius: radius of the body [px].
     """
     inside = t >= _BROAD * max(1.0, s)
     x = t[inside]

@@ -10,20 +10,11 @@ import numpy as np
 from . import errors
 from .camera import Array, Image, Silhouette, profile_from_silhouette
 from .edge import moved_by_limb, shine_of
-from .ends import Axis, Ring, axis_of, check_tape_diameter, distance_by_tapes, ends_aside, find_ring
-from .outline import (
-    Outline,
-    axis_deviation,
-    axis_kink,
-    correlated_points,
-    find_outline,
-    off_smooth_midline,
-    smooth,
-    without_dents,
-)
+from .ends import Ring, axis_of, check_tape_diameter, distance_by_tapes, ends_aside, find_ring
+from .outline import Outline, correlated_points, find_outline, off_smooth_midline, smooth
 from .photograph import Photograph, named
 from .recipe import Quality, Recipe
-from .segment import Segmentation, edge_light, hue_of, hues_apart, segment
+from .segment import Segmentation, edge_light, segment
 from .weave import BraidAngle, braid_angle
 
 
@@ -159,11 +150,6 @@ class Measurement:
         return math.hypot(self.errors.edge, random, at_ends, mean * self.errors.scale)
 
     @property
-    def maximum_diameter(self) -> float:
-        """Largest D [m]."""
-        return float(self.diameter.max())
-
-    @property
     def volume(self) -> float:
         """Volume inside the outline, the integral of pi D^2 / 4 [m^3]."""
         return float(np.trapezoid(np.pi / 4 * self.diameter**2, self.z))
@@ -190,41 +176,6 @@ _WIDEST = 1.5  # px of blur up to which that misfit grows
 _HIDDEN = 0.03  # px, if black threads hide part of the edge
 _RING_BIAS = 0.05  # px
 _OF_GLOSS = 0.13  # times blur
-_OF_AXIS = ("distance", "distance_stderr", "tilt", "tilt_stderr", "bow")
-
-
-def measurement_of_body(
-    photo: Photograph, outline: Outline, body: Silhouette, upper: Ring, lower: Ring, recipe: Recipe,
-    quality: Quality, axis: Axis,
-) -> Measurement:  # fmt: skip
-    """Assemble the measurement; see `MeasurementErrors` for the standard errors."""
-    px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
-    px = 1 / px_per_m
-    first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))
-    length = (last - first) * axis.length_factor
-    part = np.linspace(0, 1, max(16, round(length * px_per_m) + 1))
-    y = first + (last - first) * part
-    random, density = _random_part(outline)
-    at = np.linspace(body.y[0], body.y[-1], random.size)
-    edge, both_rings = _systematic_part(quality, outline, stated=recipe.tone is not None)
-    edge = math.hypot(edge, 2 * _HIDDEN * (outline.left.hidden + outline.right.hidden > 0))
-    diameter = 2 * body.radius_at(y) * np.interp(y, at, axis.cosine)
-    left, right = outline.columns
-    edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
-    stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
-    return Measurement(
-        path=photo.path, z=length * part, diameter=diameter, diameter_stderr=stderr, length=length,
-        px_per_m=px_per_m, roll=body.roll, x0=body.x0,
-        errors=MeasurementErrors(
-            edge=edge * px,
-            density=density * px**3,
-            ends=math.hypot(upper.stderr, lower.stderr, both_rings * px, axis.length_stderr),
-            scale=relative,
-        ),
-        quality=quality, **{name: getattr(axis, name) for name in _OF_AXIS},
-        warnings=(*axis.warnings, *_of_placement(recipe)),
-        trace=Trace(outline.rows.astype(float), left, right, upper.arc, lower.arc, photo.turned),
-    )  # fmt: skip
 
 
 def _random_part(outline: Outline) -> tuple[Array, float]:
@@ -240,24 +191,25 @@ def _random_part(outline: Outline) -> tuple[Array, float]:
     square = float(np.mean(random**2))
     random = random * math.sqrt(max(1.0, scatter**2 / square))
     width = np.diff(outline.columns, axis=0)[0]
-    rounded = width - smooth(
-        width, outline.resolution
-    )  # a second smoothing removes as much as the first
-    return np.hypot(random, rounded), max(square, scatter**2) * stretch
+    # A second smoothing removes as much as the first.
+    removed = width - smooth(width, outline.resolution)
+    return np.hypot(random, removed), max(square, scatter**2) * stretch
 
 
-def _systematic_part(quality: Quality, outline: Outline, *, stated: bool) -> tuple[float, float]:
+def _systematic_part(outline: Outline, *, stated: bool) -> tuple[float, float]:
     """Return the systematic errors of width and length [px]."""
-    radius, s = float(np.median(np.diff(outline.columns, axis=0))) / 2, quality.blur_px
-    moved = [moved_by_limb(side.kappa, s, radius) for side in (outline.left, outline.right)]
+    seen, sides = outline.edge, (outline.left, outline.right)
+    radius, s = float(np.median(np.diff(outline.columns, axis=0))) / 2, seen.blur
+    moved = [moved_by_limb(side.kappa, s, radius) for side in sides]
     by_lamp = _OF_LIGHT * abs(sum(moved)) / 2  # the same law on both sides
-    shine = shine_of(quality.rim, quality.flank)
-    waves = (1 - shine) * math.sqrt(max(outline.edge.waves**2 - _PLAIN**2, 0.0))
+    shine = shine_of(seen.rim, seen.flank)
+    waves = (1 - shine) * math.sqrt(max(seen.waves**2 - _PLAIN**2, 0.0))
     light = math.hypot(by_lamp, _OF_WAVES * waves * max(1.0, s))
-    misfit = math.sqrt(max(quality.misfit**2 - (_OF_THREADS * min(s, _WIDEST) ** 2) ** 2, 0.0))
+    misfit = math.sqrt(max(seen.misfit**2 - (_OF_THREADS * min(s, _WIDEST) ** 2) ** 2, 0.0))
     lens, tone = _OF_MISFIT * misfit * s, 0.0 if stated else _OF_TONE * s
     shade, gloss = _SHADE * max(1.0, s), _OF_GLOSS * shine * max(1.0, s)
-    edge = 2 * math.hypot(max(shade, light), lens, tone, gloss)
+    hidden = _HIDDEN * (sum(side.hidden for side in sides) > 0)
+    edge = 2 * math.hypot(max(shade, light), lens, tone, gloss, hidden)
     # The tone curve moves both tape edges in opposite directions, so the shifts add.
     return edge, 2 * math.hypot(math.hypot(_RING_BIAS, lens) / math.sqrt(2), tone)
 
@@ -337,49 +289,71 @@ def measure(image: str | PathLike[str] | Image, recipe: Recipe) -> Measurement:
                 f"{rgb.dtype} and {rgb.shape}"
             )
         photo = Photograph(rgb, recipe.camera(rgb.shape[1], rgb.shape[0]), path)
-        if recipe.orientation == "horizontal":
-            return _measured(photo.clockwise(), recipe)
-        try:
-            return _measured(photo, recipe)
-        except errors.WrongOrientation:
-            if recipe.orientation == "vertical":
-                raise
-            return _measured(photo.clockwise(), recipe)
+        if recipe.orientation != "horizontal":
+            try:
+                return _measured(photo, recipe)
+            except errors.WrongOrientation:
+                if recipe.orientation == "vertical":
+                    raise
+        return _measured(photo.clockwise(), recipe)
 
 
 def _measured(photo: Photograph, recipe: Recipe) -> Measurement:
-    coarse = segment(photo.rgb, recipe.tape_hue)
+    coarse = segment(photo.rgb)
     width = float(np.min(coarse.right - coarse.left))
     if width < _LEAST_WIDTH:
         raise errors.NoMuscle(f"a muscle must be at least {_LEAST_WIDTH} px wide", width_px=width)
     image, amount = edge_light(photo.rgb, coarse, recipe.tone_curve)
-    seen = find_outline(
-        image, amount, coarse.rows, coarse.left, coarse.right,
-        resolution=recipe.smoothing_px,
-    )  # fmt: skip
-    outline = without_dents(seen)
-    body, upper, lower = _placed(photo, coarse, outline, recipe)
-    for again in range(_PASSES if recipe.distance is None else 0):
-        distance = distance_by_tapes(body, upper, lower, photo.camera.distance, found=again > 0)
+    outline = find_outline(
+        image, amount, coarse.rows, coarse.left, coarse.right, resolution=recipe.smoothing_px
+    )
+    stated, number = recipe.distance is not None, 0
+    while True:
+        body, upper, lower = _placed(photo, coarse, outline, recipe)
+        if stated or number == _PASSES:
+            break
+        distance = distance_by_tapes(body, upper, lower, photo.camera.distance, found=number > 0)
         if distance == photo.camera.distance:
             break
-        camera = photo.camera.moved(distance)
-        if recipe.k1 is not None:
-            camera = dataclasses.replace(camera, k1=recipe.k1)
+        camera, number = photo.camera.moved(distance), number + 1
+        camera = camera if recipe.k1 is None else dataclasses.replace(camera, k1=recipe.k1)
         photo = dataclasses.replace(photo, camera=camera)
-        body, upper, lower = _placed(photo, coarse, outline, recipe)
-    quality = _quality(coarse, seen, upper, lower, recipe)
+    quality = _quality(coarse, outline, upper, lower)
     quality.check()
     if recipe.tape_diameter is not None:
         check_tape_diameter(photo, coarse, body, recipe, recipe.tape_diameter)
-    stated = recipe.distance is not None
     axis = axis_of(photo.camera, outline, body, upper, lower, stated=stated)
-    found = measurement_of_body(photo, outline, body, upper, lower, recipe, quality, axis)
+    px_per_m, relative = photo.camera.px_per_m, recipe.scale.relative_stderr
+    px = 1 / px_per_m
+    first, last = (ring.y + beyond for ring, beyond in zip((upper, lower), axis.ends, strict=True))
+    length = (last - first) * axis.length_factor
+    part = np.linspace(0, 1, max(16, round(length * px_per_m) + 1))
+    y = first + (last - first) * part
+    random, density = _random_part(outline)
+    at = np.linspace(body.y[0], body.y[-1], random.size)
+    edge, both_rings = _systematic_part(outline, stated=recipe.tone is not None)
+    diameter = 2 * body.radius_at(y) * np.interp(y, at, axis.cosine)
+    edge = math.hypot(edge, axis.diameter_stderr * float(diameter.mean()) * px_per_m)
+    stderr = np.sqrt((np.interp(y, at, random) ** 2 + edge**2) * px**2 + (diameter * relative) ** 2)
+    found = Measurement(
+        path=photo.path, z=length * part, diameter=diameter, diameter_stderr=stderr, length=length,
+        px_per_m=px_per_m, roll=body.roll, x0=body.x0,
+        errors=MeasurementErrors(
+            edge=edge * px,
+            density=density * px**3,
+            ends=math.hypot(upper.stderr, lower.stderr, both_rings * px, axis.length_stderr),
+            scale=relative,
+        ),
+        quality=quality, distance=axis.distance, distance_stderr=axis.distance_stderr,
+        tilt=axis.tilt, tilt_stderr=axis.tilt_stderr, bow=axis.bow,
+        warnings=(*axis.warnings, *_of_placement(recipe)),
+        trace=Trace(outline.rows.astype(float), outline.left.column, outline.right.column, upper.arc,
+                    lower.arc, photo.turned),
+    )  # fmt: skip
     if not recipe.braid_angle:
         return found
     # The scale error does not affect the angle.
-    relative = found.errors.edge / found.mean_diameter
-    braid = braid_angle(photo, body, upper.y, lower.y, relative)
+    braid = braid_angle(photo, body, upper.y, lower.y, found.errors.edge / found.mean_diameter)
     return dataclasses.replace(found, braid=braid)
 
 
@@ -397,24 +371,17 @@ def _placed(
     return body, upper, lower
 
 
-def _quality(
-    coarse: Segmentation, outline: Outline, upper: Ring, lower: Ring, recipe: Recipe
-) -> Quality:
-    hue = hue_of(coarse.tape)
-    off = 0.0
-    if recipe.tape_hue is not None:
-        # Coloured light shifts hues; white balance on the braid restores the hue of the tape.
-        tape, white = map(recipe.tone_curve.light, (coarse.tape, coarse.braid))
-        beside = tape / np.maximum(white, 1e-4)
-        seen = hue, hue_of(beside / beside.max())
-        off = min(hues_apart(each, recipe.tape_hue) for each in seen)
-    sides = outline.left, outline.right
+def _quality(coarse: Segmentation, outline: Outline, upper: Ring, lower: Ring) -> Quality:
+    sides, middle = (outline.left, outline.right), outline.columns.mean(axis=0)
+    bent = middle - np.polynomial.Polynomial.fit(outline.rows, middle, 1)(outline.rows)
+    radius = float(np.diff(outline.columns, axis=0).mean()) / 2
     return Quality(
         eta_value=coarse.eta_value, eta_hue=coarse.eta_hue, blur_px=outline.edge.blur,
-        kappa=max(side.kappa for side in sides), axis_deviation=axis_deviation(*outline.columns),
-        axis_kink=axis_kink(*outline.columns), misfit=outline.edge.misfit, flank=outline.edge.flank,
-        rim=outline.edge.rim, outlier_fraction=max(side.outliers for side in sides),
+        kappa=max(side.kappa for side in sides), axis_deviation=float(bent.std()) / radius,
+        axis_kink=float(np.abs(off_smooth_midline(*outline.columns)).max()) / radius,
+        misfit=outline.edge.misfit, flank=outline.edge.flank, rim=outline.edge.rim,
+        outlier_fraction=max(side.outliers for side in sides),
         residual_rms=max(side.residual for side in sides),
         tape_sd_px=max(upper.spread, lower.spread), tape_blur_px=max(upper.blur, lower.blur),
-        saturated=coarse.saturated, tape_hue_deg=hue, tape_hue_error_deg=off,
+        saturated=coarse.saturated,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The outline of the muscle to a fraction of a pixel: limb model, with the blur of the picture."""
+"""Locate the outline of the muscle to a fraction of a pixel, by the limb model with the picture's blur."""
 
 import dataclasses
 import functools
@@ -22,21 +22,21 @@ from .edge import (
 from .errors import NoMuscle
 
 _THIRD = np.array([-1.0, 3.0, -3.0, 1.0])
-_REJECT = 4.0  # robust standard deviations at which a row counts as stray
-_REFITS_OF_STRAY = 3
+_REJECT = 4.0  # robust standard deviations above which a row is an outlier
+_REFITS = 3
 _ABOUT = 0.5  # octaves on either side
 _POWER = 5 * np.pi / 18  # integral of 1 / (1 + x^6)^2 over x > 0
 
 
 def smooth(position: Array, resolution: float, weight: Array | None = None) -> Array:
-    """The curve that minimises sum w (p - q)^2 + lambda sum (third difference of q)^2.
+    """Return the curve q that minimises sum w (p - q)^2 + lambda sum (third difference of q)^2.
 
-    A wave of length `resolution` passes at half its height, a parabola unchanged; the ends are
-    free. 0.3 ms for 2000 rows.
+    A wave of length `resolution` is reduced to half its amplitude, and a parabola is unchanged. The ends
+    are free.
 
     Args:
         position: p, shape (n,), n >= 4.
-        resolution: wavelength of the half response [rows].
+        resolution: wavelength reduced to half its amplitude [rows].
         weight: w >= 0, shape (n,); None for ones.
 
     Returns:
@@ -45,7 +45,7 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
     References:
         Whittaker 1923; Eilers 2003, Anal. Chem. 75, equation 6.
     """
-    # SciPy's smoothing splines penalise the second derivative: a parabola would not pass unchanged.
+    # SciPy's smoothing splines penalise the second derivative and would change a parabola.
     w = np.ones_like(position) if weight is None else weight
     band = penalty(position.size) * _strength(resolution)  # a new array
     band[-1] += w
@@ -57,16 +57,16 @@ def smooth(position: Array, resolution: float, weight: Array | None = None) -> A
 def smooth_robustly(
     position: Array, resolution: float, weight: Array | None = None
 ) -> tuple[Array, Flags]:
-    """`smooth` without the rows that are off by more than four robust standard deviations.
+    """Apply `smooth` without outliers of more than four robust standard deviations.
 
     Returns:
-        The curve, shape (n,), and the rows that count, shape (n,).
+        The curve, shape (n,), and the rows used, shape (n,).
     """
     weight = np.ones(position.size) if weight is None else weight
     usable = weight > 0
     keep = usable
     curve = smooth(position, resolution, weight)
-    for _ in range(_REFITS_OF_STRAY):
+    for _ in range(_REFITS):
         off = position - curve
         kept = off[keep]
         centre = _median(kept)
@@ -80,16 +80,16 @@ def smooth_robustly(
 
 
 def _median(values: Array) -> float:
-    """The upper median, thrice as fast as numpy's."""
+    """Return the upper median, three times as fast as NumPy's."""
     half = values.size // 2
     return float(np.partition(values, half)[half])
 
 
 def variance_of_smooth(n: int, resolution: float) -> Array:
-    """Variance of `smooth` at each of n rows for independent errors of unit variance.
+    """Return the variance of `smooth` at each of n rows for independent errors of unit variance.
 
-    5 pi / 18 * 2 / resolution inside; near the ends, which are free, several times as much. The
-    rows of one resolution at each end are exact, what lies between has the value of the inside.
+    It is 5 pi / 18 * 2 / resolution inside, and several times larger near the free ends. The values within
+    one resolution of an end are exact.
     """
     edge, out = _end_variance(round(resolution * 1000)), np.full(n, _POWER * 2 / resolution)
     k = min(edge.size, n // 2)
@@ -99,14 +99,14 @@ def variance_of_smooth(n: int, resolution: float) -> Array:
 
 
 def density_left_over(off: Array, resolution: float) -> float:
-    """Variance times rows of the scatter before `smooth`, from the residuals of one picture.
+    """Return the variance times rows of the scatter before `smooth`, from the residuals of one picture.
 
-    The mean of the periodogram about the wavelength that passes at half its height, each value
-    over the part that was left of it. Shorter waves, a weave's own, say little about what passes.
+    This is the mean of the periodogram near the wavelength `resolution`, corrected for the response of the
+    smoothing. Shorter waves, such as those of the weave, do not pass the smoothing.
 
     Args:
-        off: positions less the smooth curve, shape (n,).
-        resolution: of the smoothing [rows].
+        off: positions minus the smooth curve, shape (n,).
+        resolution: resolution of the smoothing [rows].
     """
     taper = np.hanning(off.size)
     size = 2 ** int(np.ceil(np.log2(off.size)))
@@ -120,15 +120,10 @@ def density_left_over(off: Array, resolution: float) -> float:
 @functools.lru_cache(maxsize=16)
 def _end_variance(thousandths: int) -> Array:
     resolution = thousandths / 1000
-    n, k = int(4 * resolution) + 8, int(resolution)
-    every = max(1, k // 32)
-    at = np.arange(0, k, every)
-    unit = np.zeros((n, at.size))
-    unit[at, np.arange(at.size)] = 1
+    n = int(4 * resolution) + 8
     band = penalty(n) * _strength(resolution)
     band[-1] += 1
-    response = solveh_banded(band, unit)
-    return np.interp(np.arange(k), at, np.sum(response**2, axis=0))
+    return np.sum(solveh_banded(band, np.eye(n, int(resolution))) ** 2, axis=0)
 
 
 def _strength(resolution: float) -> float:
@@ -137,7 +132,7 @@ def _strength(resolution: float) -> float:
 
 @functools.lru_cache(maxsize=16)
 def penalty(n: int) -> Array:
-    """The matrix D'D of third differences as the upper band that LAPACK takes, shape (4, n)."""
+    """Return the matrix D'D of third differences as an upper band for LAPACK, shape (4, n)."""
     band = np.zeros((4, n), order="F")
     for i, a in enumerate(_THIRD):
         for j, b in enumerate(_THIRD[i:], start=i):
@@ -147,7 +142,7 @@ def penalty(n: int) -> Array:
 
 
 def correlated_points(off: Array) -> float:
-    """Points over which residuals are correlated, 1 + 2 sum of their autocorrelations while > 0."""
+    """Return the correlation length of residuals, 1 + 2 sum of autocorrelations up to the first zero."""
     power = float(off @ off)
     if power == 0:
         return 1.0
@@ -158,104 +153,63 @@ def correlated_points(off: Array) -> float:
     return float(1 + 2 * lags[:stop].sum())
 
 
-_QUARTIC = 5  # coefficients of a bow, which half a sine wave has to a hundredth
-_CUBIC = 4  # coefficients of the axis: a muscle may be bowed, or hang in an S
-_REFITS, _STRAY = 6, 2.0  # fits without what strays, by so many robust standard deviations
-
-
-def axis_deviation(left: Array, right: Array) -> float:
-    """Root mean square deviation of the mid-line from a straight line, over the mean radius.
-
-    Args:
-        left: column of the left edge in each row [px], shape (n,).
-        right: of the right one.
-    """
-    middle = (left + right) / 2
-    x = np.linspace(-1, 1, middle.size)
-    off = middle - np.polynomial.Polynomial.fit(x, middle, 1)(x)
-    return float(np.sqrt(np.mean(off**2)) / np.mean((right - left) / 2))
+_QUARTIC = 5  # coefficients of a bow; fits half a sine wave to 1 %
+_CUBIC = 4  # coefficients of the axis, which may be bowed or S-shaped
 
 
 def bow(left: Array, right: Array) -> Array:
-    """Deviation of the smooth mid-line from the straight line through its ends [px], shape (n,).
+    """Return the deviation of the smooth mid-line from the straight line through its ends [px].
 
     Args:
         left: column of the left edge in each row [px], shape (n,).
-        right: of the right one.
+        right: column of the right edge, shape (n,).
     """
-    x, smooth, fit = _smooth_midline(left, right, _QUARTIC)
-    curve = smooth[:, :_QUARTIC] @ fit[:_QUARTIC]
+    model, fit, _ = _smooth_midline(left, right, _QUARTIC)
+    curve, x = model[:, :_QUARTIC] @ fit[:_QUARTIC], model[:, _QUARTIC - 2]
     return curve - np.interp(x, x[[0, -1]], curve[[0, -1]])
 
 
-def axis_kink(left: Array, right: Array) -> float:
-    """Largest deviation of the mid-line from a smooth one, over the mean radius.
-
-    Rendered muscles stay below 0.025; something that covers a sixth of the radius on one side makes
-    0.07 or more.
-
-    Args:
-        left: column of the left edge in each row [px], shape (n,).
-        right: of the right one.
-    """
-    off = off_smooth_midline(left, right)
-    return float(np.abs(off).max() / np.mean((right - left) / 2))
-
-
-def off_smooth_midline(
-    left: Array, right: Array, n: int = _CUBIC, *, robust: bool = False
-) -> Array:
-    """Deviation of the mid-line from a smooth one [px], shape (n,).
-
-    An axis bends as a cubic at most, and pairs of one row lie askew on a rolled muscle, which
-    moves their middle by roll R R'.
-
-    Args:
-        left: column of the left edge in each row [px], shape (n,).
-        right: of the right one.
-        n: coefficients of the axis, more than those of a cubic where it may be bowed by much.
-        robust: rows that stray do not pull the smooth mid-line towards them.
-    """
-    _, smooth, fit = _smooth_midline(left, right, n)
-    middle = (left + right) / 2
-    off = middle - smooth @ fit
-    for _ in range(_REFITS if robust else 0):
-        keep = np.abs(off) <= _STRAY * 1.4826 * np.median(np.abs(off))
-        off = middle - smooth @ np.linalg.lstsq(smooth[keep], middle[keep], rcond=None)[0]
-    return off
+def off_smooth_midline(left: Array, right: Array) -> Array:
+    """Return the deviation of the mid-line from a cubic [px], shape (n,); arguments as for `bow`."""
+    return _smooth_midline(left, right, _CUBIC)[2]
 
 
 def _smooth_midline(left: Array, right: Array, n: int) -> tuple[Array, Array, Array]:
-    """Positions -1 to 1, the columns of a smooth mid-line's model, and their factors."""
+    """Return the columns of the model of a smooth mid-line, their factors, and the residuals [px].
+
+    The two edges in a row of a rolled muscle are not opposite each other, which shifts their middle by
+    roll R R'.
+    """
     middle, half = (left + right) / 2, (right - left) / 2
     x = np.linspace(-1, 1, middle.size)
-    smooth = np.column_stack([np.vander(x, n), half * np.gradient(half)])
-    return x, smooth, np.asarray(np.linalg.lstsq(smooth, middle, rcond=None)[0], float)
+    model = np.column_stack([np.vander(x, n), half * np.gradient(half)])
+    fit = np.asarray(np.linalg.lstsq(model, middle, rcond=None)[0], float)
+    return model, fit, middle - model @ fit
 
 
-_AVERAGED_ROWS = 21  # along the edge, before an edge is fitted
-_FIRST_BLUR = 1.2  # px, of the step that gives the first curve
-_FIRST_REACH = 10  # px by which the coarse outline may be off
+_AVERAGED_ROWS = 21  # rows averaged along the edge before an edge is fitted
+_FIRST_BLUR = 1.2  # blur of the step for the first curve [px]
+_FIRST_REACH = 10  # largest error of the coarse outline [px]
 _COARSE_MEDIAN = 15  # rows
-_DENT = 0.6  # of the radius, along the axis: the longest dent that dark threads make
-_DARK_THREAD = 0.22  # of the brightness around, below which a thread's edge is not seen
-_AROUND = 1.5  # of the radius, along the axis, over which that brightness is taken
-_SHADOW = 0.05  # of the limb's light, by which the cloth beside it is darker than most of it
-_LEAST_SEEN = 0.2  # of the averaged rows, below which they give no edge
+_DENT = 0.6  # length of the longest dent due to dark threads, relative to the radius
+_DARK_THREAD = 0.22  # of the brightness nearby; the edge of a darker thread is not visible
+_AROUND = 1.5  # length over which that brightness is taken, relative to the radius
+_SHADOW = 0.05  # of the limb's light; a side with darker cloth than this lies in a shadow
+_LEAST_SEEN = 0.2  # smallest fraction of the averaged rows that gives an edge
 
 
 @dataclasses.dataclass(frozen=True)
 class Samples:
-    """Windows across one side, aligned to a curve, and the mean of neighbouring ones.
+    """Windows across one side, aligned to a curve, and averages of neighbouring windows.
 
     Attributes:
-        inward: +1 on the left side, -1 on the right.
-        curve: columns to which they are aligned, shape (n,).
+        inward: +1 on the left side, -1 on the right side.
+        curve: columns to which the windows are aligned, shape (n,).
         stretch: columns per pixel along the normal, shape (n,).
         mean: windows averaged along the edge, shape (n, k).
-        weight: part of the averaged rows in which the edge shows, shape (n,).
-        height: brightness of each just inside the edge, by which `mean` is divided, shape (n,).
-        profile: mean of all, shape (k,).
+        weight: fraction of the averaged rows in which the edge is visible, shape (n,).
+        height: brightness just inside the edge, by which `mean` is divided, shape (n,).
+        profile: mean of all windows, shape (k,).
     """
 
     inward: int
@@ -268,13 +222,13 @@ class Samples:
 
     @property
     def light(self) -> Array:
-        """Mean of all windows at their own brightness, shape (k,)."""
+        """Mean of all windows without division by their brightness, shape (k,)."""
         total = max(float(self.weight.sum()), 1.0)
         return (self.weight * self.height @ self.mean / total).astype(np.float64)
 
 
 def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radius: float) -> Array:
-    """The outline to half a pixel: a step in the encoded values, where even a dark limb is visible."""
+    """Locate the outline to half a pixel in encoded values, where even a dark limb is visible."""
     start = np.round(_without_dents(coarse, inward, radius)).astype(np.int64)
     reach = min(_FIRST_REACH, round(0.3 * radius))
     offset = np.arange(-reach - 6, reach + 5)
@@ -292,10 +246,10 @@ def first_curve(luma: Image, coarse: Array, inward: int, resolution: float, radi
 
 
 def _without_dents(coarse: Array, inward: int, radius: float) -> Array:
-    """The coarse outline without the dents that dark threads make, and without single specks."""
+    """Remove dents due to dark threads, and single specks, from the coarse outline."""
     size = max(5, round(_DENT * radius))
     smooth = median_filter(coarse, _COARSE_MEDIAN, mode="nearest")
-    # Continued by its own point reflection, an end that slopes inward is not taken for a dent.
+    # With point reflection at the ends, an end that slopes inward does not count as a dent.
     pad = min(size, smooth.size - 1)
     longer = np.pad(inward * smooth, pad, mode="reflect", reflect_type="odd")
     return inward * np.asarray(grey_opening(longer, size), float)[pad:-pad]
@@ -304,9 +258,9 @@ def _without_dents(coarse: Array, inward: int, radius: float) -> Array:
 def aligned_windows(
     light: Single, curve: Array, inward: int, t: Array, radius: float, spacing: int = 1
 ) -> Samples:
-    """Windows along the normal by Catmull-Rom interpolation in each row of the picture `light`.
+    """Sample windows along the normal by Catmull-Rom interpolation in each row of the picture `light`.
 
-    Its rows may be thinned out, `spacing` px apart.
+    The rows of `light` are `spacing` px apart.
     """
     stretch = np.hypot(1, np.gradient(curve, spacing))
     n, width = light.shape
@@ -316,13 +270,13 @@ def aligned_windows(
     first = np.clip(whole - 1, 0, width - 4) + width * np.arange(n)[:, None]
     flat = light.ravel()
     before, here, after, last = (flat[k:].take(first) for k in range(4))
-    # Catmull-Rom: exact for parabolas, unlike OpenCV's bicubic.
+    # Catmull-Rom interpolation is exact for parabolas, unlike OpenCV's bicubic.
     rise, drop = after - before, here - after
     windows = 3 * drop + last - before
     windows = ((windows * (f - 1) - 2 * drop - rise) * f + rise) * (0.5 * f) + here
     beside = float(np.mean(windows[:, t < t[0] / 2]))
     if -beside > _SHADOW * float(np.median(windows[:, (t > 1) & (t < 5)])):
-        windows -= beside  # one side may lie in a shadow
+        windows -= beside  # this side lies in a shadow
     seen = _seen(windows[:, (t > 1) & (t < 5)].mean(axis=1), radius / spacing)
     averaged = _AVERAGED_ROWS // spacing | 1
     weight = _along_edge(seen[:, None], averaged)[:, 0]
@@ -330,7 +284,7 @@ def aligned_windows(
     windows = _along_edge(windows, averaged)
     windows /= np.maximum(weight, 1e-3)[:, None]
     weight[weight < _LEAST_SEEN] = 0
-    # Faint threads at the limb count as much as bright ones, or the mean edge would be the bright's.
+    # Faint threads count as much as bright ones; otherwise the mean edge would be that of the bright ones.
     height = windows[:, (t > 1) & (t < 5)].mean(axis=1)
     height = np.maximum(height, 0.3 * np.median(height))
     windows /= height[:, None]
@@ -339,13 +293,13 @@ def aligned_windows(
 
 
 def _along_edge(windows: Single, rows: int) -> Single:
-    """Means of so many neighbouring rows; shape (n, k)."""
+    """Return the means of so many neighbouring rows, shape (n, k)."""
     means = cv2.blur(windows, (1, rows), borderType=cv2.BORDER_REFLECT_101)
     return np.asarray(means, np.float32).reshape(windows.shape)
 
 
 def _seen(height: Single, radius: float) -> Single:
-    """1 in rows whose limb is lit, 0 where a black thread hides it; shape (n,)."""
+    """Return 1 in rows whose limb is lit, 0 where a black thread hides it; shape (n,)."""
     every = 8
     around = max(3, round(_AROUND * radius / every))
     level = percentile_filter(height[::every], 70, around, mode="nearest")
@@ -353,18 +307,21 @@ def _seen(height: Single, radius: float) -> Single:
     return (height > _DARK_THREAD * level).astype(np.float32)
 
 
-"""How an edge is found in linear light: the limb model, the steepest point, half the local step."""
-
-_WIDEST_START = 3.0  # px: from too small a blur the flank of a defocused edge looks like an edge
-_EVERY = 4  # rows of which one is looked at first
-_ALIGNED = 2  # rows of which one is enough to align windows to
+_WIDEST_START = (
+    3.0  # px; with a smaller initial blur, the flank of a defocused edge looks like an edge
+)
+_EVERY = 4  # spacing of the rows in the first pass
+_ALIGNED = 2  # spacing of the rows in the second pass
 _PASSES = 4
-_SETTLED = (0.15, 0.05)  # px, of which the next pass would leave a fifth; part of the blur
-_BROAD = 45.0  # px inside the edge over which the light is read that falls towards the limb
-_INWARD = np.array([1, -1])  # of the left side, of the right one
-_LEAST_STEP = 0.3  # of a step that overshoots
-_LARGEST_PART = 0.35  # of the radius up to which the windows may reach
-_MARGIN = 64  # px beside the coarse outline: its own error, and five times the widest blur
+_SETTLED = (
+    0.15,
+    0.05,
+)  # largest change of the edge [px] and relative change of the blur at the end
+_BROAD = 45.0  # px inside the edge over which the fall of light towards the limb is measured
+_INWARD = np.array([1, -1])  # of the left and right side
+_LEAST_STEP = 0.3  # smallest fraction of a step that overshoots
+_LARGEST_PART = 0.35  # largest depth of the windows, relative to the radius
+_MARGIN = 64  # px next to the coarse outline: its error, and five times the widest blur
 
 
 @dataclasses.dataclass(frozen=True)
@@ -372,12 +329,12 @@ class Side:
     """One side of the outline.
 
     Attributes:
-        column: u of the edge in every row [px], shape (n,).
-        stderr: its random standard error [px], shape (n,).
-        residual: root mean square of the single fits about the curve [px].
-        outliers: part of the rows that were thrown out.
-        kappa: strength of the limb's root against its step [px^-0.5].
-        hidden: part of the edge that black threads hide.
+        column: u of the edge in each row [px], shape (n,).
+        stderr: random standard error of u [px], shape (n,).
+        residual: RMS deviation of the single fits from the curve [px].
+        outliers: fraction of the rows rejected as outliers.
+        kappa: strength of the limb's root relative to its step [px^-0.5].
+        hidden: fraction of the edge that black threads hide.
     """
 
     column: Array
@@ -394,9 +351,9 @@ class Outline:
 
     Attributes:
         rows: v, shape (n,).
-        left, right: the sides.
+        left, right: sides.
         edge: blur, light and misfit of the mean edge.
-        resolution: wavelength that passed the smoothing at half its height [px].
+        resolution: wavelength reduced to half its amplitude by the smoothing [px].
     """
 
     rows: Indices
@@ -407,11 +364,11 @@ class Outline:
 
     @property
     def columns(self) -> Array:
-        """U of both sides [px], shape (2, n)."""
+        """Columns u of both sides [px], shape (2, n)."""
         return np.array([self.left.column, self.right.column])
 
     def moved(self, by: Array | float) -> "Outline":
-        """The outline with its sides moved to the right [px], by an array that broadcasts to (2, n)."""
+        """Return the outline with its sides shifted to the right [px], broadcast to (2, n)."""
         left, right = self.columns + by
         return dataclasses.replace(
             self,
@@ -423,22 +380,22 @@ class Outline:
 def find_outline(
     image: Image, amount: Single, rows: Indices, left: Array, right: Array, *, resolution: float
 ) -> Outline:  # fmt: skip
-    """Both edges of an upright muscle in every row, from a coarse outline.
+    """Locate both edges of an upright muscle in each row, from a coarse outline.
 
-    I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)] along the normal. Single rows give a first
-    curve; then windows aligned to it are averaged over 21 rows along the edge, the mean of all
-    gives blur s and kappa, and every averaged window a position, which is smoothed.
+    The model along the normal is I(t) = B + s0 [Phi(t/s) + kappa (sqrt(t) * G_s)]. Single rows give a
+    first curve. Windows aligned to it are averaged over 21 rows along the edge. The mean of all windows
+    gives blur s and kappa. Each averaged window gives a position, and the positions are smoothed.
 
     Args:
-        image: luma, shape (h, w), or RGB of which luma is taken, shape (h, w, 3).
+        image: luma, shape (h, w), or RGB of which luma is used, shape (h, w, 3).
         amount: linear amount of braid for each value of luma, shape (256,).
         rows: v, consecutive, shape (n,).
-        left: columns of the left side to within 10 px, shape (n,).
-        right: the same of the right side.
-        resolution: wavelength that passes at half its height [px].
+        left: columns of the left side, accurate to 10 px, shape (n,).
+        right: columns of the right side, shape (n,).
+        resolution: wavelength reduced to half its amplitude by the smoothing [px].
 
     Raises:
-        NoMuscle: no edge where the coarse outline has one.
+        NoMuscle: there is no edge near the coarse outline.
     """
     radius = float(np.median(right - left)) / 2
     u0 = max(int(left.min()) - _MARGIN, 0)
@@ -457,7 +414,7 @@ def find_outline(
     def improved(
         curves: Array, before: EdgeProfile, kappas: tuple[float, ...], spacing: int = 1
     ) -> Outline:
-        """From windows aligned to curves; rows `spacing` px apart do for the next pass' windows."""
+        """Locate the edges in windows aligned to curves, in rows that are `spacing` px apart."""
         t = _window(before.blur, radius, DEEPEST * max(1.0, before.blur))
         aligned = windows(curves, t, spacing)
         profiles = [side.profile for side in aligned]
@@ -468,9 +425,8 @@ def find_outline(
         )
         return Outline(rows[::spacing], left, right, fit, resolution)
 
-    # Over a third of the radius threads average out. These windows stay where they are: a kappa of
-    # windows about the last pass's curve would feed on itself, as one that is too large puts the edge
-    # too far out, and there the next one is larger still.
+    # Over a third of the radius, threads average out. These windows are not realigned: kappa would
+    # diverge, because a kappa that is too large moves the edge outward, where the next kappa is larger.
     t = _window(_WIDEST_START, radius, _BROAD)
     far = windows(curves, t, _EVERY)
 
@@ -506,11 +462,11 @@ def find_outline(
 
 
 def part_to_keep(steps: Array, last: Array) -> Array:
-    """The fraction of both sides' steps after which they need not come back, shape (2,).
+    """Return the fraction of both sides' steps to keep, shape (2,).
 
-    An edge's place, height and blur are found together, from a flank that ends where the curve puts
-    it: beside the edge a step may be twice too long, and passes go to and fro about their middle. Two
-    steps of opposite sign say by how much, by the secant through them.
+    Position, height and blur of an edge are fitted together to a flank whose end depends on the curve.
+    Steps can therefore overshoot and alternate in sign. The secant through two such steps gives the
+    fraction.
     """
     back = last * steps < 0
     return np.where(back, last / np.where(back, last - steps, 1.0), 1.0).clip(_LEAST_STEP, 1.0)
@@ -526,13 +482,13 @@ def _side(
     side: Samples, t: Array, fit: EdgeProfile, mean: float, kappa: float, radius: float,
     resolution: float,
 ) -> Side:  # fmt: skip
-    """The smooth edge through the shifts of all windows, whose mean is known."""
+    """Smooth the edge through the shifts of all windows, whose mean is known."""
     s, near = fit.blur, near_edge(t, fit.blur)
     shift = best_shift(
         side.mean[:, near], t[near], lambda x: limb(x, s, kappa, radius, fit.disk),
         max(2.0, 1.5 * s), 0.1,
     )  # fmt: skip
-    # The mean profile has no noise to bias its fit: it says where the edges are on average.
+    # The mean profile is almost free of noise, and its fit gives the mean position without bias.
     shift += mean - np.average(shift, weights=side.weight)
     position = side.curve + side.inward * side.stretch * shift
     curve, keep = smooth_robustly(position, resolution, side.weight.astype(float))
@@ -543,40 +499,3 @@ def _side(
         residual=float(np.sqrt(np.mean(off[keep] ** 2))), outliers=1 - float(keep.mean()),
         kappa=kappa, hidden=1 - float(side.weight.mean()),
     )  # fmt: skip
-
-
-_ANY_BOW = 5  # coefficients of a mid-line that may be bowed: half a sine wave to a thousandth
-_LONGER = 3.0  # times the outline's resolution: waves that no thread makes
-_DEEPEST = 2.0  # px of the mid-line, beyond which no thread is what covers an end
-_SEEN = 2.0  # robust standard deviations of the mid-line that make a dent
-_SEEN_AT_END = 8.0  # the same at an end, which scatters more than twice as much
-
-
-def without_dents(outline: Outline) -> Outline:
-    """The outline with its dented parts replaced by the mirrored other side.
-
-    A black thread at the limb is as dark as the cloth: the edge is found where it ends, or where the
-    thread beside it begins. That happens to one side at a time, and a body of revolution has a smooth
-    mid-line. Where that leaves a smooth one by more than two standard deviations, the side that leaves
-    its own smoother curve further is replaced by the other one's mirror image, between the rows in
-    which the mid-line crosses the smooth one. At an end, where that curve is free to follow a dent, it
-    is the side that lies further in, as far as threads reach, and only where that is clear: of two
-    sides that scatter the inner one would be moved out. An outline of which no thread is hidden has no
-    dents.
-    """
-    if outline.left.hidden == outline.right.hidden == 0:
-        return outline
-    far = np.abs([u - smooth(u, _LONGER * outline.resolution) for u in outline.columns])
-    off = off_smooth_midline(outline.left.column, outline.right.column, _ANY_BOW, robust=True)
-    run = np.cumsum(np.append(0, np.diff(np.sign(off)) != 0)).astype(np.intp)
-    furthest = np.zeros(run[-1] + 1)
-    np.maximum.at(furthest, run, np.abs(off))
-    spread = 1.4826 * float(np.median(np.abs(off)))
-    dented = furthest > _SEEN * spread
-    on_left = np.bincount(run, far[0]) > np.bincount(run, far[1])
-    for end in (0, -1):
-        dented[end] = furthest[end] > _SEEN_AT_END * spread
-        if furthest[end] < _DEEPEST:
-            on_left[end] = off[end] > 0
-    wrong = np.array([dented & on_left, dented & ~on_left])
-    return outline.moved(-2 * off * wrong[:, run])

@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import io
-import math
 import os
 import tempfile
 import threading
@@ -161,14 +160,6 @@ class Timestamp(NamedTuple):
 
     seconds: float
     resolution: float
-
-
-def date_text(seconds: float) -> str:
-    """Format seconds since 1970 as ISO 8601 with milliseconds; nan gives an empty string."""
-    if not math.isfinite(seconds):
-        return ""
-    moment = datetime.fromtimestamp(round(seconds, 3), UTC).replace(tzinfo=None)
-    return moment.isoformat(timespec="milliseconds")
 
 
 def read_timestamp(path: str | Path) -> Timestamp | None:

@@ -16,17 +16,18 @@ from famjax.boundary.files import check_output
 from famjax.boundary.tasks import AnyExecutor
 from famjax.boundary.units import parse_quantity
 
-from .camera import Indices, Scale
+from .camera import Scale
 from .campaign import Table, process
 from .errors import ImagingError, MixedSizes, ScaleContradiction
 from .measurement import draw_overlay, measure
 from .photograph import HEIC, read_image, sizes_of
-from .recipe import Recipe, read_recipe, write_recipe
+from .recipe import Recipe, write_recipe
 from .ruler import calibrate_ruler
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", *HEIC)
 """Suffixes by which pictures are recognised in a folder."""
 
+_OF_RULER = ("pitch", "placement_stderr")
 _SCALE = re.compile(r"\s*([\d.]+)\s*(?:\+-\s*([\d.eE+-]+))?\s*(px/[a-z]+)\s*")
 
 
@@ -79,45 +80,47 @@ def skipped(photos: Sequence[str]) -> list[str]:
 
 
 def picture_recipe(
-    *, ruler: Path | None, recipe: Path | None, scale: str | None, reading: Mapping[str, Any],
-    choices: Mapping[str, Any],
-) -> tuple[Recipe, dict[str, str]]:  # fmt: skip
+    ruler: Path | None, scale: str | None, choices: Mapping[str, Any]
+) -> tuple[Recipe, dict[str, str]]:
     """Build a recipe, and the provenance entries for the table.
 
     Args:
         ruler: photograph of a ruler, if any.
-        recipe: recipe file, if any.
-        scale: manual scale, see `parse_scale`; None to use the ruler or the file.
-        reading: arguments of `imaging.calibrate_ruler`.
-        choices: fields of `imaging.Recipe` in SI; they override the file.
+        scale: manual scale, see `parse_scale`; None to use the ruler.
+        choices: fields of `imaging.Recipe`, and pitch and placement_stderr of `imaging.calibrate_ruler`,
+            all in SI.
 
     Raises:
         ImagingError: the scale is missing or given twice, or a choice is invalid.
     """
+    reading = {name: choices[name] for name in _OF_RULER if name in choices}
+    choices = {name: one for name, one in choices.items() if name not in reading}
     if reading and ruler is None:
         raise ImagingError(
-            "pitch, expected scale and ruler placement require a ruler: give its photograph (--ruler)"
+            "pitch and ruler placement require a ruler: give its photograph (--ruler)"
         )
-    if ruler is not None and scale is not None:
-        raise ImagingError("the scale is given twice, by a ruler and as a number: keep one")
-    fields = dict(choices)
-    base = None if recipe is None else read_recipe(recipe)
-    provenance = {} if recipe is None else {"recipe_file": str(recipe)}
-    if scale is not None:
-        fields["scale"] = parse_scale(scale)
-    elif base is None and ruler is None:
+    if (ruler is None) == (scale is None):
         raise ImagingError(
-            "the scale is missing: give the photograph of a ruler, a number such as "
-            "226.63+-0.02 px/in, or a recipe that includes one"
+            "the scale must be given once: the photograph of a ruler (--ruler), or a number (--scale) such "
+            "as 226.63+-0.02 px/in"
         )
-    elif base is None:
-        fields["scale"] = Scale.manual(1.0)  # replaced below
-    found = Recipe(**fields) if base is None else dataclasses.replace(base, **fields)
-    if ruler is not None:
-        found = dataclasses.replace(found, scale=_ruler_scale(ruler, found, reading))
-        digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
-        provenance |= {"ruler": str(ruler), "ruler_sha256": digest}
-    return found, provenance
+    recipe = Recipe(Scale.manual(1.0) if scale is None else parse_scale(scale), **choices)
+    if ruler is None:
+        return recipe, {}
+    image = read_image(ruler)
+    # The ruler's picture may be cropped like the others, or show the whole frame.
+    height, width = image.shape[:2]
+    whole = (width, height) == recipe.frame_size
+    try:
+        found = calibrate_ruler(
+            image, **reading, distance=recipe.camera_distance,
+            centre=None if whole else recipe.camera(width, height).centre, k1=recipe.k1,
+            tone=recipe.tone_curve,
+        )  # fmt: skip
+    except ImagingError as error:
+        raise error.at(ruler) from None
+    digest = hashlib.sha256(ruler.read_bytes()).hexdigest()
+    return dataclasses.replace(recipe, scale=found), {"ruler": str(ruler), "ruler_sha256": digest}
 
 
 def parse_scale(text: str) -> Scale:
@@ -135,21 +138,6 @@ def parse_scale(text: str) -> Scale:
     stderr = stderr or str(10.0 ** -len(number.partition(".")[2]) / math.sqrt(12))
     px_per_m, error = (parse_quantity(f"{one} {unit}", "scale") for one in (number, stderr))
     return Scale.manual(px_per_m, error)
-
-
-def _ruler_scale(ruler: Path, recipe: Recipe, reading: Mapping[str, Any]) -> Scale:
-    """Return the scale; the ruler's picture may be cropped like the others or show the whole frame."""
-    image = read_image(ruler)
-    height, width = image.shape[:2]
-    whole = (width, height) == recipe.frame_size
-    try:
-        return calibrate_ruler(
-            image, **reading, distance=recipe.camera_distance,
-            centre=None if whole else recipe.camera(width, height).centre, k1=recipe.k1,
-            tone=recipe.tone_curve,
-        )  # fmt: skip
-    except ImagingError as error:
-        raise error.at(ruler) from None
 
 
 def check_sizes(ruler: str, paths: Sequence[str], recipe: Recipe) -> None:
@@ -257,8 +245,10 @@ def measure_pictures(
         table = dataclasses.replace(table, notes=(*table.notes, note))
     if add_log is not None:
         table = add_log(table)
+    csv = output / "measurements.csv"
+    csv.write_text(table.csv_text(system), encoding="utf-8", newline="")
     files = [
-        table.write_csv(output / "measurements.csv", system),
+        csv,
         table.write_netcdf(output / "measurements.nc"),
         write_recipe(recipe, output / "recipe.toml"),
         draw_overlays(table, recipe, output / "overlays", overlays),
@@ -267,33 +257,18 @@ def measure_pictures(
     return CampaignOutcome(table, files, complete)
 
 
-def as_document(outcome: CampaignOutcome, system: str) -> dict[str, Any]:
-    """Return the outcome as a JSON document; unknown values are null."""
-    table = outcome.table
-    return {
-        "pictures": len(table),
-        "ok": int(table.ok.sum()),
-        "complete": outcome.complete,
-        "notes": list(table.notes),
-        "files": [str(path) for path in outcome.files],
-        "rows": table.rows(system),
-    }
-
-
-def by_contraction(table: Table, number: int) -> Indices:
-    """Return indices of measured pictures evenly spaced in contraction, the longest muscle first."""
-    good = np.flatnonzero(table.ok)
-    ordered = good[np.argsort(table["contraction"][good])]
-    at = np.linspace(0, good.size - 1, min(number, good.size))
-    return ordered[np.round(at).astype(int)]
-
-
 def draw_overlays(table: Table, recipe: Recipe, folder: Path, number: int) -> Path:
-    """Measure some pictures again, save them with the outlines drawn in, and return the folder."""
+    """Measure some pictures again, save them with the outlines drawn in, and return the folder.
+
+    The pictures are evenly spaced in contraction.
+    """
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
-    for k in by_contraction(table, number).tolist():
+    good = np.flatnonzero(table.ok)
+    good = good[np.argsort(table["contraction"][good])]
+    at = np.linspace(0, good.size - 1, min(number, good.size)).round().astype(int)
+    for k in good[at].tolist():
         path = Path(table.path[k])
         image = read_image(path)
         drawn = draw_overlay(image, measure(image, recipe).trace)

@@ -24,7 +24,8 @@ class Quality:
         kappa: strength of the limb's root relative to its step, the larger of both sides [px^-0.5]; 0
             for a plateau, above 2 if the limb is nearly as dark as the cloth.
         axis_deviation: RMS deviation of the mid-line from a straight line, relative to the mean radius.
-        axis_kink: largest deviation of the mid-line from a smooth curve, relative to the mean radius.
+        axis_kink: largest deviation of the mid-line from a cubic, relative to the mean radius. Rendered
+            muscles have at most 0.025; an object that covers a sixth of the radius makes 0.07 or more.
         misfit: misfit of the limb model to the mean edge, relative to the step; raised by halo and
             sharpening.
         flank: excess of the mean edge over the model inside the edge, relative to the step; raised by
@@ -36,27 +37,22 @@ class Quality:
         tape_sd_px: scatter of the tape edges about straight lines [px].
         tape_blur_px: blur of the tape edges along the axis, the larger of the two [px].
         saturated: saturated fraction of the muscle.
-        tape_hue_deg: hue of the tapes [deg].
-        tape_hue_error_deg: difference from the recipe's hue, with or without white balance on the
-            braid, whichever is smaller; 0 if the recipe gives no hue.
     """
 
     eta_value: float
     eta_hue: float
-    blur_px: float = math.nan
-    kappa: float = math.nan
-    axis_deviation: float = math.nan
-    axis_kink: float = math.nan
-    misfit: float = math.nan
-    flank: float = math.nan
-    rim: float = math.nan
-    outlier_fraction: float = math.nan
-    residual_rms: float = math.nan
-    tape_sd_px: float = math.nan
-    tape_blur_px: float = math.nan
+    blur_px: float
+    kappa: float
+    axis_deviation: float
+    axis_kink: float
+    misfit: float
+    flank: float
+    rim: float
+    outlier_fraction: float
+    residual_rms: float
+    tape_sd_px: float
+    tape_blur_px: float
     saturated: float
-    tape_hue_deg: float
-    tape_hue_error_deg: float = 0.0
 
     def check(self) -> None:
         """Raise the error assigned to the first figure beyond its limit.
@@ -89,15 +85,13 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
     ("saturated", 0.2, errors.Overexposed, "clipped pixels hide the edges: use a shorter exposure"),
     ("eta_value", 0.7, errors.NoMuscle, "muscle and cloth must differ in brightness: use more light or a "
      "darker cloth"),
-    ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use another tape, or "
-     "give its hue"),
-    ("tape_hue_error_deg", 40.0, errors.AmbiguousHue, "the tapes' hue must match the recipe's: correct "
-     "tape_hue, or leave it out"),
+    ("eta_hue", 0.75, errors.AmbiguousHue, "tape and braid must differ in colour: use tape of another "
+     "colour"),
     ("kappa", 5.9, errors.Underexposed, "a limb is as dark as the cloth: light the muscle from both sides. "
      "If it is lit, it moved: use a shorter exposure and retake the picture"),
     ("blur_ratio", 1.6, errors.MotionBlurred, _SMEARED),
     ("blur_px", 3.5, errors.Defocused, "focus on the muscle's limb and retake the picture"),
-    ("tape_blur_px", 1.25 * 3.5, errors.MotionBlurred, _SMEARED),
+    ("tape_blur_px", 4.0, errors.MotionBlurred, _SMEARED),
     ("flank", 0.2, errors.MotionBlurred, _SMEARED),
     ("outlier_fraction", 0.2, errors.DamagedImage, _ALIKE),
     ("residual_rms", 1.5, errors.DamagedImage, _ALIKE),
@@ -111,7 +105,7 @@ _CHECKS: tuple[tuple[str, float, type[errors.ImagingError], str], ...] = (
 """Figures of `Quality`, their limits, and the error for a value beyond the limit.
 
 `blur_ratio` is the larger ratio between the tape edges' blur along the axis and the outline's blur across
-it. With a lens blur of 1 px, a motion of 4 px during the exposure reaches its limit; a motion of 25 px
+it. With a lens blur of 1 px, a motion of 4 to 6 px during the exposure reaches its limit; one of 25 px
 reaches that of `flank`. Tape edges are a quarter softer than the outline even without motion. With a larger
 `kappa` the limb merges with the cloth. `misfit` is at most 0.005 in good pictures and about 0.012 after an
 unsharp mask of strength 2.
@@ -140,7 +134,6 @@ class Recipe:
         tone: the camera's tone curve; None assumes sRGB and allows for other curves in the errors.
         orientation: orientation of the muscle in the picture; "auto" detects it. A horizontal muscle
             is rotated clockwise by a quarter turn before the measurement.
-        tape_hue: hue of the tapes [deg]; None detects it.
         tape_diameter: known diameter of the tapes on the fittings [m], used to check the scale.
         braid_angle: also measure the braid angle from the weave; doubles the time.
 
@@ -156,7 +149,6 @@ class Recipe:
     k1: float | None = None
     tone: Tone | None = None
     orientation: Literal["vertical", "horizontal", "auto"] = "vertical"
-    tape_hue: float | None = None
     tape_diameter: float | None = None
     braid_angle: bool = False
 
@@ -165,8 +157,6 @@ class Recipe:
             value = getattr(self, name)
             if value is not None and not 0 < value < math.inf:
                 raise errors.ImagingError(f"{name} must be finite and > 0, got {value} m")
-        if self.tape_hue is not None and not 0 <= self.tape_hue <= 360:
-            raise errors.ImagingError(f"tape_hue must be 0 to 360 deg, got {self.tape_hue}")
         if self.orientation not in (known := ("vertical", "horizontal", "auto")):
             raise errors.ImagingError(
                 f"orientation must be one of {known}, got {self.orientation!r}"
@@ -220,7 +210,7 @@ _FORMAT = "famjax recipe 1"
 
 _FORM = Form(
     kinds=dict.fromkeys(("distance", "tape_diameter", "pitch", "placement_stderr"), "length"),
-    keys={"tape_hue": "tape_hue_deg", "stderr": "stderr_px_per_m"},
+    keys={"stderr": "stderr_px_per_m"},
     codecs={
         Tone: (
             lambda tone: "srgb" if tone == Tone.srgb() else tone.table.tolist(),

@@ -1,4 +1,4 @@
-"""The scale from a photograph of a ruler in place of the muscle."""
+"""Measure the scale from a photograph of a ruler placed where the muscle was."""
 
 import dataclasses
 import math
@@ -19,9 +19,9 @@ from .photograph import named
 
 INCH = 0.0254  # [m]
 _PITCHES = (5.0, 220.0)  # px between marks
-_STRIP = 6  # columns that are averaged in the search
-_REGULAR = 0.35  # least autocorrelation one pitch on
-_HARMONICS = 0.75  # of the highest autocorrelation, from which a smaller lag is the pitch
+_STRIP = 6  # columns averaged in the search
+_REGULAR = 0.35  # smallest autocorrelation at a lag of one pitch
+_HARMONICS = 0.75  # the pitch is the smallest lag with this fraction of the highest autocorrelation
 _MOST = 12  # strips tried
 
 
@@ -30,11 +30,11 @@ class Line:
     """A straight line in a picture, and the strip around it that is averaged.
 
     Attributes:
-        origin: u, v of its first sample [px].
+        origin: u, v of the first sample [px].
         along: unit vector to the next sample, shape (2,).
-        samples: number of them, 1 px apart.
-        width: of the strip [px].
-        pitch: from mark to mark, about [px].
+        samples: number of samples, 1 px apart.
+        width: width of the strip [px].
+        pitch: approximate spacing of the marks [px].
     """
 
     origin: Array
@@ -49,11 +49,11 @@ class Line:
         return np.array([-self.along[1], self.along[0]])
 
     def profile(self, light: Single, *, part: float = 0.0) -> Array:
-        """Mean across the strip at each sample, shape (samples,).
+        """Return the mean across the strip at each sample, shape (samples,).
 
         Args:
             light: picture, shape (h, w).
-            part: -1 and 1 take the strip's halves, 0 the whole.
+            part: -1 or 1 for one half of the strip, 0 for the whole strip.
         """
         n = max(3, round(self.width))
         offset = (np.arange(n) - (n - 1) / 2) * (0.5 if part else 1.0) + part * self.width / 4
@@ -64,17 +64,17 @@ class Line:
         return map_coordinates(light, [v, u], order=1, mode="nearest").mean(axis=1)
 
     def turned(self, angle: float) -> "Line":
-        """The same line turned by a small angle [rad] about its middle."""
+        """Return the line rotated by a small angle [rad] about its middle."""
         along = np.cos(angle) * self.along + np.sin(angle) * self.across
         origin = self.origin + (self.samples - 1) / 2 * (self.along - along)
         return dataclasses.replace(self, origin=origin, along=along)
 
 
 def regular_strips(luma: Image) -> list[Line]:
-    """Strips with periodic brightness along the ruler, the most regular first.
+    """Return strips with periodic brightness along the ruler, the most regular first.
 
-    Marks and sides of a ruler are square to each other: the gradients' mean direction modulo a
-    quarter turn gives the ruler's, in one of two ways, and both are searched.
+    The marks of a ruler are perpendicular to its sides. The mean gradient direction, modulo a quarter
+    turn, therefore gives two possible directions of the ruler, and both are searched.
 
     Args:
         luma: picture, shape (h, w).
@@ -91,7 +91,7 @@ def regular_strips(luma: Image) -> list[Line]:
 
 
 def square_direction(luma: Image) -> float:
-    """Direction [rad] of the gradients modulo a quarter turn, in [-pi/4, pi/4]."""
+    """Return the gradient direction [rad] modulo a quarter turn, in [-pi/4, pi/4]."""
     soft = cv2.GaussianBlur(luma, (0, 0), 1.5)
     gx, gy = (
         np.asarray(cv2.Sobel(soft, cv2.CV_16S, *order), np.float32) for order in ((1, 0), (0, 1))
@@ -103,7 +103,7 @@ def square_direction(luma: Image) -> float:
 
 
 def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
-    """The picture turned so that the ruler stands, and the matrix from its pixels back (2, 3)."""
+    """Return the picture rotated so that the ruler is upright, and the inverse matrix, shape (2, 3)."""
     h, w = luma.shape
     c, s = np.cos(turn), np.sin(turn)
     size = (int(abs(w * c) + abs(h * s)) + 1, int(abs(h * c) + abs(w * s)) + 1)
@@ -116,7 +116,7 @@ def _upright(luma: Image, turn: float) -> tuple[Single, Array]:
 
 
 def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
-    """Score, middle column, width and pitch of the runs of columns that repeat along the rows."""
+    """Return score, middle column, width and pitch of runs of columns that are periodic along the rows."""
     means = cv2.blur(upright, (_STRIP, 1), borderType=cv2.BORDER_REFLECT)
     strips = np.asarray(means)[:, _STRIP // 2 :: _STRIP // 2].T
     slope = np.diff(strips, axis=1)
@@ -137,7 +137,7 @@ def _periodic(upright: Single) -> list[tuple[float, float, float, float]]:
 
 
 def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float, float, float]]:
-    """Neighbouring strips of one pitch, joined."""
+    """Join neighbouring strips with the same pitch."""
     runs: list[list[int]] = []
     for i in np.flatnonzero(regular).tolist():
         start = runs[-1][0] if runs and runs[-1][-1] == i - 1 else None
@@ -152,24 +152,26 @@ def _runs(regular: Flags, lag: Indices, score: Array) -> list[tuple[float, float
     return found
 
 
-_EDGE_SMOOTHING = (1.0, 1 / 16, 2.0)  # px; pitches; px: least, wanted, most
-_FINER = 4  # samples per px: a parabola through the slope's extremum is good to 0.04 of their step
-_STRONG = 8  # th strongest edge, which is a mark's: the ruler's own ends are two
-_FAINT = 0.3  # of its height, below which an edge is none of a mark
-_OFF = 0.2  # pitches by which a mark may be off the model and still be numbered
+_EDGE_SMOOTHING = (1.0, 1 / 16, 2.0)  # smallest [px], preferred [pitches] and largest [px]
+_FINER = 4  # samples per px; the parabola through an extremum is accurate to 0.04 of their spacing
+_STRONG = (
+    8  # rank of the edge that serves as reference; the ends of the ruler make two strong edges
+)
+_FAINT = 0.3  # edges with less than this fraction of its height are not marks
+_OFF = 0.2  # largest deviation from the model at which a mark is numbered [pitches]
 _REJECT = 4.0  # robust standard deviations
 _NUMBERINGS = 4
 
 
 class Numbered(NamedTuple):
-    """Marks with numbers and their fit.
+    """Numbered marks and their fit.
 
     Attributes:
-        number: n, whole, shape (m,).
-        place: position along the strip [px], shape (m,).
+        number: mark numbers n, integers, shape (m,).
+        place: positions along the strip [px], shape (m,).
         coefficients: a, b, c of px(n) = (a + b n) / (1 + c n).
-        covariance: of them, shape (3, 3).
-        residual: root mean square about the fit [px].
+        covariance: covariance of the coefficients, shape (3, 3).
+        residual: RMS deviation from the fit [px].
     """
 
     number: Indices
@@ -180,24 +182,19 @@ class Numbered(NamedTuple):
 
     @property
     def pitch(self) -> float:
-        """Mean distance between marks [px]."""
+        """Mean spacing of the marks [px]."""
         return float(np.ptp(self.place) / np.ptp(self.number))
-
-    @property
-    def expected(self) -> int:
-        """Marks between the first and the last, both included."""
-        return int(self.number[-1] - self.number[0]) + 1
 
 
 def marks_of(profile: Array, pitch: float) -> Array:
-    """Centres of the marks along a profile [px], dark on light or light on dark.
+    """Return the centres of the marks along a profile [px], dark on light or light on dark.
 
-    Each mark has two gradient extrema, one of each sign; their midpoint does not depend on blur,
-    exposure or tone curve. A mark is the narrower of mark and gap.
+    Each mark has two gradient extrema of opposite sign. Their midpoint is independent of blur, exposure
+    and tone curve. Marks are assumed to be narrower than gaps.
 
     Args:
         profile: brightness, shape (n,).
-        pitch: from mark to mark, about [px].
+        pitch: approximate spacing of the marks [px].
 
     References:
         Chambers 2021, section 4.2.1, finds hatch marks by their gradient extrema.
@@ -213,7 +210,7 @@ def marks_of(profile: Array, pitch: float) -> Array:
 
 
 def _pairs(slope: Array, pitch: float) -> tuple[Array, float]:
-    """Midpoints of each maximum and the minimum that follows it, and their median distance."""
+    """Return midpoints between each maximum and the following minimum, and their median distance."""
     rise, fall = _extrema(slope), _extrema(-slope)
     after = np.append(fall, np.inf)[np.searchsorted(fall, rise)]
     width = after - rise
@@ -224,7 +221,7 @@ def _pairs(slope: Array, pitch: float) -> tuple[Array, float]:
 
 
 def _extrema(slope: Array) -> Array:
-    """Places of the strong maxima, by a parabola through three samples."""
+    """Return the positions of strong maxima, refined by a parabola through three samples."""
     inner = slope[1:-1]
     peak = np.flatnonzero((inner >= slope[:-2]) & (inner > slope[2:]) & (inner > 0)) + 1
     if peak.size == 0:
@@ -237,14 +234,14 @@ def _extrema(slope: Array) -> Array:
 
 
 def numbered(places: Array, pitch: float) -> Numbered | None:
-    """The largest set of marks on one projective scale, or None for fewer than four.
+    """Return the largest set of marks on one projective scale; None for fewer than four marks.
 
-    A plane ruler at any tilt has px(n) = (a + b n) / (1 + c n). Numbers are counted on from mark
-    to mark, then taken from the fit, until neither changes.
+    A plane ruler at any tilt has px(n) = (a + b n) / (1 + c n). Marks are first counted from one to the
+    next, then numbered by the fit, until the numbers no longer change.
 
     Args:
-        places: middles of marks, increasing [px], shape (m,).
-        pitch: from mark to mark, about [px].
+        places: centres of the marks, increasing [px], shape (m,).
+        pitch: approximate spacing of the marks [px].
     """
     steps = np.diff(places)
     near = steps[np.abs(steps / pitch - 1) < 0.15]
@@ -274,7 +271,7 @@ def numbered(places: Array, pitch: float) -> Numbered | None:
 
 
 def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
-    """Numbers from mark to mark within the longest run without a step that fits no number."""
+    """Number the marks by counting, and select the longest run whose steps are whole pitches."""
     steps = np.diff(places) / pitch
     whole = np.rint(steps)
     good = (np.abs(steps - whole) < 0.15 * np.maximum(whole, 1)) & (whole >= 1)
@@ -285,7 +282,7 @@ def _counted(places: Array, pitch: float) -> tuple[Indices, Flags]:
 
 
 def _one_each(number: Indices, off: Array, among: Flags) -> Flags:
-    """The mark nearest to the model for each number."""
+    """Select the mark nearest to the model for each number."""
     order = np.lexsort((off, ~among, number))
     nearest = np.zeros(order.size, bool)
     nearest[order[np.unique(number[order], return_index=True)[1]]] = True
@@ -297,7 +294,7 @@ def _place(number: Indices | Array, a: float, b: float, c: float) -> Array:
 
 
 def _projective(number: Indices, place: Array) -> tuple[Array, Array]:
-    """Coefficients a, b, c of least squares and their covariance."""
+    """Return the least-squares coefficients a, b, c and their covariance."""
     slope, start = np.polyfit(number, place, 1)
     size = np.array([1.0, 1.0 / np.ptp(number), 1.0 / (np.ptp(number) * np.ptp(place))])
 
@@ -314,80 +311,63 @@ def _projective(number: Indices, place: Array) -> tuple[Array, Array]:
 
 
 FEWEST = 8
-_ON_MODEL = 0.8  # of the marks between the first and the last
-_AT_ALL = 0.5  # of them, from which another scale may not be passed over
-_SHARP = 0.05  # pitches; marks that scatter more are none of a ruler
-_EXPECTED = 0.25  # relative, by which the scale that is expected may be off
-_SAME = 0.03  # relative, by which two pitches, or a multiple of one, may differ
-_AS_EXACT = (3.0, 0.1)  # times, px
-_STRAND = 3.0  # px, width of the lines along which marks are followed from strip to strip
-_KNOWN = (0.003175, 0.0015875, 0.001, 0.0254 / 32, 0.00254, 0.0005, 0.00635)  # m
-_ON_MARK = 0.12  # pitches by which a mark may seem to wander between two strips
+_ON_MODEL = 0.8  # fraction of the marks between the first and the last that must be found
+_AT_ALL = 0.5  # the same for a strip that may contradict the best one
+_SHARP = 0.05  # largest scatter of the marks of a ruler [pitches]
+_SAME = 0.03  # relative difference at which two pitches, or multiples of one, count as equal
+_AS_EXACT = (3.0, 0.1)  # factor and offset [px] of the residual of another scale
+_STRAND = 3.0  # width of the lines along which marks are traced between strips [px]
+_ON_MARK = 0.12  # largest apparent shift of a mark between two strips [pitches]
 
 
 class Strip(NamedTuple):
-    """A strip of a ruler with its marks.
-
-    Attributes:
-        line: where it is.
-        marks: on it.
-    """
+    """A strip of a ruler, and its marks."""
 
     line: Line
     marks: Numbered
 
 
-def choose_strip(luma: Image, light: Single, pitch: float | None, expected: float | None) -> Strip:
-    """The strip with the most marks among those with the expected scale.
+def choose_strip(luma: Image, light: Single) -> Strip:
+    """Return the strip with the most marks.
 
     Args:
         luma: picture, shape (h, w).
-        light: the same in linear light.
-        pitch: of the marks [m]; None is that of any ruler.
-        expected: scale [px/m]; None expects that of the finest marks, and no other.
+        light: the same picture in linear light.
 
     Raises:
-        RulerNotFound: no strip has 8 marks at even distances, or none of the scale expected.
-        AmbiguousRuler: no scale is expected, and another edge shows another one.
+        RulerNotFound: no strip has 8 evenly spaced marks.
+        AmbiguousRuler: another edge has a different spacing.
     """
     lines = regular_strips(luma)
     strips = [strip for line in lines if (strip := read_strip(light, line)) is not None]
     good = [strip for strip in strips if is_ruler(strip.marks)]
-    if expected is not None:
-        # Of two edges the one of the commoner pitch: eighths of an inch come first.
-        alike = (
-            [one for one in good if abs(one.marks.pitch / (expected * near) - 1) < _EXPECTED]
-            for near in (_KNOWN if pitch is None else (pitch,))
-        )
-        good = next(filter(None, alike), [])
     if not good:
         raise RulerNotFound(
             f"a ruler must show at least {FEWEST} evenly spaced marks: check that it is in the picture and "
-            "in focus, and that pitch and expected scale refer to its finest regular marks",
+            "in focus",
             strips=len(lines),
         )
     best = max(good, key=lambda strip: (strip.marks.number.size, strip.line.width))
-    if expected is None:
-        _check_unique(light, best, strips, pitch or _KNOWN[0])
+    _check_unique(light, best, strips)
     return best
 
 
 def read_strip(light: Single, line: Line) -> Strip | None:
-    """A strip's marks; None if they cannot be numbered."""
+    """Return the strip with its marks; None if they cannot be numbered."""
     marks = numbered(marks_of(line.profile(light), line.pitch), line.pitch)
     return None if marks is None else Strip(line, marks)
 
 
 def is_ruler(marks: Numbered, part: float = _ON_MODEL) -> bool:
-    """Whether there are enough marks, this part of those between the first and the last, and sharp."""
-    enough = marks.number.size >= max(FEWEST, part * marks.expected)
+    """Return True if the marks are sharp, at least 8, and at least this part of those expected."""
+    enough = marks.number.size >= max(FEWEST, part * (int(np.ptp(marks.number)) + 1))
     return enough and marks.residual <= _SHARP * marks.pitch
 
 
-def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float) -> None:
-    """Every other strip must show the same marks, or the longer ones of them.
+def _check_unique(light: Single, best: Strip, strips: list[Strip]) -> None:
+    """Check that every other strip shows the same marks, or only the longer ones of them.
 
-    Numbers beside every eighth mark repeat themselves as well, but less exactly.
+    Numerals next to every eighth mark are periodic as well, but less exactly.
     """
     others = [
         strip
@@ -405,16 +385,13 @@ def _check_unique(light: Single, best: Strip, strips: list[Strip], pitch: float)
         ):
             continue
         raise AmbiguousRuler(
-            "the two edges of the ruler differ: state the expected scale (expected_px_per_m, "
-            "--expected-px-per-in), or cover one edge",
+            "the marks on the two edges of the ruler differ: cover one edge, or state the scale (--scale)",
             pitch_px=best.marks.pitch, other_pitch_px=other.marks.pitch,
-            px_per_in=best.marks.pitch / pitch * INCH,
-            other_px_per_in=other.marks.pitch / pitch * INCH,
         )  # fmt: skip
 
 
 def _run_together(light: Single, fine: Strip, coarse: Strip) -> bool:
-    """Whether the marks of a strip go on to that of the finer ones: they are its longer marks."""
+    """Return True if the marks of the coarse strip continue to the fine one, as longer marks do."""
     across = coarse.line.across
     way = float((fine.line.origin - coarse.line.origin) @ across)
     for part in (0.25, 0.5, 0.75):
@@ -434,34 +411,30 @@ _READINGS = {
     8: (0.125 * INCH,), 16: (0.0625 * INCH,), 32: (INCH / 32,), 64: (INCH / 64,),
     10: (0.001, 0.1 * INCH), 20: (0.0005, 0.05 * INCH),
 }  # fmt: skip
-"""Pitches [m] of marks that are numbered at every so many: inches in powers of two, centimetres,
-inches in tenths and twentieths. Every fourth mark is longer on most rulers, and tells nothing."""
+"""Possible pitches [m] for each number of marks per numeral: inches in powers of two, centimetres, and
+tenths and twentieths of an inch. Longer fourth marks are common to most rulers and decide nothing."""
 
-_REACH = 24  # pitches across, within which a ruler has its longest marks and its numbers
-_ACROSS = 0.25  # pitches
-_SUPPORT = 0.5  # of the lines that the period seen on most has, without which another is chance
-_FEWEST = 4  # numbers
-_CLEAR = 0.6  # of the ink's variance from mark to mark, that its period explains
-_AS_CLEAR = 0.75  # of the clearest period
-_INK = 0.15  # of the light on the face
+_REACH = 24  # distance from the marks within which longest marks and numerals are sought [pitches]
+_ACROSS = 0.25  # spacing of the lines searched [pitches]
+_SUPPORT = 0.5  # smallest number of lines that support a period, relative to the best supported one
+_FEWEST = 4  # numerals
+_CLEAR = 0.6  # fraction of the ink's variance that a period must explain
+_AS_CLEAR = 0.75  # the same relative to the best period
+_INK = 0.15  # relative to the light on the ruler's face
 
 
-def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
-    """The pitch of a ruler's marks [m] by the number of marks from number to number.
+def pitch_of(light: Single, strip: Strip) -> float:
+    """Return the pitch of a ruler's marks [m], from the number of marks between numerals.
 
     Args:
         light: linear light of the picture, shape (h, w).
-        strip: the marks.
-        expected: scale to within a quarter [px/m], which decides between two readings.
+        strip: strip with the marks.
 
     Raises:
-        AmbiguousRuler: no numbers or longest marks are seen, or they can be read in two ways.
+        AmbiguousRuler: no numerals or longest marks are visible, or two pitches are possible.
     """
     period = marks_per_number(light, strip)
     readings = _READINGS.get(period or 0, ())
-    if expected is not None:
-        near = strip.marks.pitch / expected
-        readings = tuple(one for one in readings if abs(one / near - 1) < _EXPECTED)
     if len(readings) == 1:
         return readings[0]
     seen = f"every {period}th mark is numbered" if period else "no numerals were found"
@@ -472,18 +445,18 @@ def pitch_of(light: Single, strip: Strip, expected: float | None) -> float:
 
 
 def marks_per_number(light: Single, strip: Strip) -> int | None:
-    """Marks from number to number, or between the longest marks; None if none are seen.
+    """Return the number of marks between numerals, or between the longest marks; None if not visible.
 
-    Along lines beside the marks the ink about each mark's place is summed. Its period on each line is
-    the shortest one that explains nearly all that any explains; the longest of all lines' periods is
-    that of the numbers, since all shorter marks repeat themselves more often.
+    The ink around the position of each mark is summed along lines parallel to the marks' strip. The period
+    of a line is the shortest one that explains almost as much variance as the best. The longest period of
+    all lines is that of the numerals, because shorter marks repeat more often.
     """
     line, marks = strip.line, strip.marks
     first, last = int(marks.number.min()), int(marks.number.max())
     face = max(float(np.percentile(line.profile(light), 80)), 1e-6)
     away = np.arange(-_REACH, _REACH + _ACROSS, _ACROSS) * line.pitch
-    # Three pixels wide, and between pixels: a line of the nearest ones goes up and down an edge that it
-    # lies along, in steps as regular as a ruler's numbers.
+    # Lines are interpolated and 3 px wide: a line of nearest pixels along an edge has steps that are as
+    # regular as the numerals.
     at, across = np.arange(line.samples), (away[:, None] + np.arange(-1.0, 2.0)).reshape(-1, 1)
     u, v = (
         (line.origin[i] + at * line.along[i] + across * line.across[i]).astype(np.float32)
@@ -498,7 +471,7 @@ def marks_per_number(light: Single, strip: Strip) -> int | None:
 
 
 def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
-    """Ink about each mark's place, the mean of what differs from most of its line, (lines, marks)."""
+    """Return the ink around each mark, the mean deviation from the line's median, (lines, marks)."""
     at = _place(np.arange(first - 0.5, last + 1), *fit)
     edges = np.clip(np.sort(np.rint(at)).astype(int), 0, profiles.shape[1])
     inside = profiles[:, edges[0] : max(edges[-1], edges[0] + 1)]
@@ -509,9 +482,9 @@ def _ink(profiles: Array, fit: Array, first: int, last: int) -> Array:
 
 
 def _periods(ink: Array) -> list[int | None]:
-    """The shortest period that explains the ink about the marks of each line; None where none does."""
+    """Return the shortest period that explains the ink of each line; None if there is none."""
     most = np.sort(ink, axis=1)[:, -_FEWEST:].min(axis=1, keepdims=True)
-    ink = np.minimum(ink, 0.7 * most)  # an 8 is no more than a 1
+    ink = np.minimum(ink, 0.7 * most)  # so that an 8 counts no more than a 1
     known = [n for n in _PERIODS if ink.shape[1] >= _FEWEST * n]
     explained = np.zeros((len(ink), len(known)))
     for k, n in enumerate(known):
@@ -529,45 +502,38 @@ def _periods(ink: Array) -> list[int | None]:
     ]
 
 
-_OF_K1 = 1e-3  # of k1, for a derivative
-_ROUNDS = 3
-_SEEN = 3.0  # standard errors from which a distortion is undone
-_LARGEST = 0.5
+_SEEN = 3.0  # standard errors above which a distortion is corrected
+_LARGEST = 0.5  # of k1
 
 
 def lens_of_marks(strip: Strip, camera: Camera) -> tuple[Camera, float | None]:
-    """The camera with the distortion k1 that the marks show, and the standard error of k1.
+    """Return the camera with the distortion k1 seen in the marks, and the standard error of k1.
 
-    Marks at even distances on a plane ruler have px(n) = (a + b n) / (1 + c n) behind a lens that
-    does not distort. k1 r^3 is not of that form: Gauss and Newton's steps find the k1 that leaves
-    least over. One of less than three standard errors is taken for none.
+    Without distortion, evenly spaced marks follow px(n) = (a + b n) / (1 + c n). A term k1 r^3 does not
+    have this form, so k1 is found by least squares. A k1 below three standard errors is set to zero.
 
     Args:
-        strip: the marks.
-        camera: whose k1 is not known; its scale may be off by some percent.
+        strip: strip with the marks.
+        camera: camera with unknown k1; its scale may be wrong by a few percent.
 
     Returns:
-        The camera; None where the marks are too few, or too close to the optical axis.
+        The camera, and the standard error; None if the marks are too close to the optical axis.
     """
-    k1, stderr = 0.0, math.inf
-    for _ in range(_ROUNDS):
-        here, there = (
-            _left_over(strip, dataclasses.replace(camera, k1=k1 + step)) for step in (0.0, _OF_K1)
-        )
-        slope = (there - here) / _OF_K1
-        power = float(slope @ slope)
-        if here.size < 8 or not power > 0:
-            return camera, None
-        k1 -= float(slope @ here) / power
-        if abs(k1) > _LARGEST:
-            return camera, None
-        stderr = math.sqrt(float(here @ here) / max(here.size - 4, 1) / power)
-    seen = abs(k1) > _SEEN * stderr
-    return (dataclasses.replace(camera, k1=k1) if seen else camera), stderr
+
+    def left_over(_: Indices, one_more: float) -> Array:
+        return _left_over(strip, dataclasses.replace(camera, k1=float(one_more) - 1))
+
+    n = strip.marks.number  # k1 + 1 is fitted, whose finite differences have a step of 1e-3
+    found, variance = curve_fit(left_over, n, np.zeros(n.size), [1.0], epsfcn=1e-6)
+    # The projective scale has three more parameters.
+    k1, stderr = float(found[0]) - 1, math.sqrt(variance[0, 0] * (n.size - 1) / (n.size - 4))
+    if not (math.isfinite(stderr) and abs(k1) <= _LARGEST):
+        return camera, None
+    return dataclasses.replace(camera, k1=k1 if abs(k1) > _SEEN * stderr else 0.0), stderr
 
 
 def _shown(strip: Strip, camera: Camera) -> Array:
-    """Places along the strip [px] of the marks behind a lens without distortion."""
+    """Return the positions of the marks along the strip [px] as seen by a lens without distortion."""
     line, centre = strip.line, np.array(camera.centre)
     u, v = (line.origin[i] + strip.marks.place * line.along[i] for i in (0, 1))
     rays = np.stack(camera.rays(u, v), axis=1)
@@ -575,23 +541,23 @@ def _shown(strip: Strip, camera: Camera) -> Array:
 
 
 def _left_over(strip: Strip, camera: Camera) -> Array:
-    """What the best projective scale leaves of the marks' places, for this lens [px]."""
+    """Return the residuals of the best projective scale for this lens [px]."""
     place, n = _shown(strip, camera), strip.marks.number
     x = (n - n.mean()) / max(np.ptp(n), 1)
-    # px = (a + b n) / (1 + c n) is linear in a, b, c but for px in the last column.
+    # px = (a + b n) / (1 + c n) is linear in a, b, c, except for px in the last column.
     model = np.column_stack([np.ones_like(x), x, -x * place])
     fit = np.linalg.lstsq(model, place, rcond=None)[0]
     return (fit[0] + fit[1] * x) / (1 + fit[2] * x) - place
 
 
 _TURNS = 3
-_LEAST_EXACT = 1e-3  # standard error of the scale, relative
+_LEAST_EXACT = 1e-3  # largest relative standard error of the scale
 
 
 def calibrate_ruler(
     image: str | PathLike[str] | Image, *, pitch: float | None = None, distance: float = 1.524,
     centre: tuple[float, float] | None = None, k1: float | None = None, tone: Tone | None = None,
-    expected_px_per_m: float | None = None, placement_stderr: float | None = None,
+    placement_stderr: float | None = None,
 ) -> Scale:  # fmt: skip
     """Measure the scale in the mid-plane from a ruler at the height of the optical axis.
 
@@ -610,8 +576,6 @@ def calibrate_ruler(
         k1: radial distortion, see `Camera`; None estimates it from the marks and uses it if it exceeds
             three standard errors.
         tone: the camera's tone curve, by default sRGB; its influence is small.
-        expected_px_per_m: approximate scale (within 25 %) [px/m]; selects among marks of different
-            spacing, or between the two edges.
         placement_stderr: standard error of the ruler's position in depth [m], included in that of the
             scale. None assumes the ruler in the plane; measurements then issue a warning.
 
@@ -620,25 +584,23 @@ def calibrate_ruler(
 
     Raises:
         RulerNotFound: too few regular marks, too many outliers, or a scale error above 0.1 %.
-        AmbiguousRuler: the two edges show different scales and none is expected, or the pitch is
-            ambiguous.
+        AmbiguousRuler: the two edges have different marks, or the pitch is ambiguous.
         UnreadableImage, DamagedImage: see `read_image`.
         ImagingError: a value outside its range.
 
     References:
         Chambers 2021, section 4.2.1.
     """
-    for name, value in (("pitch", pitch), ("expected_px_per_m", expected_px_per_m)):
-        if value is not None and not 0 < value < math.inf:
-            raise ImagingError(f"{name} must be finite and > 0, got {value}, in SI")
+    if pitch is not None and not 0 < pitch < math.inf:
+        raise ImagingError(f"pitch must be finite and > 0, got {pitch} m")
     if not 0 <= (placement_stderr or 0.0) < math.inf:
         raise ImagingError(f"placement_stderr must be finite and >= 0, got {placement_stderr} m")
     with named(image) as (rgb, _):
         luma = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         table = (tone or Tone.srgb()).table.astype(np.float32)
         light = np.asarray(cv2.LUT(luma, table), np.float32)
-        strip = _aligned(light, choose_strip(luma, light, pitch, expected_px_per_m))
-        step = pitch or pitch_of(light, strip, expected_px_per_m)
+        strip = _aligned(light, choose_strip(luma, light))
+        step = pitch or pitch_of(light, strip)
         middle = centre or ((rgb.shape[1] - 1) / 2, (rgb.shape[0] - 1) / 2)
         lens = Camera(strip.marks.pitch / step, distance, middle, k1 or 0.0)
         bent = None
@@ -654,7 +616,7 @@ def calibrate_ruler(
 
 
 def _aligned(light: Single, strip: Strip) -> Strip:
-    """The strip turned until both of its halves show the marks at the same places."""
+    """Return the strip rotated until both halves show the marks at the same positions."""
     line = strip.line
     for _ in range(_TURNS):
         halves = [marks_of(line.profile(light, part=part), line.pitch) for part in (-1.0, 1.0)]
@@ -697,9 +659,7 @@ def _scale(
             "too much: check that the ruler is in focus and its finest marks are at least 5 px apart",
             relative_stderr=random / px_per_m,
         )
-    a, b, c = fit
     return Scale(
-        px_per_m=px_per_m, stderr=math.hypot(random, px_per_m * placement / distance),
-        coefficients=(float(a), float(b / pitch), float(c / pitch)), tilt_deg=tilt,
+        px_per_m=px_per_m, stderr=math.hypot(random, px_per_m * placement / distance), tilt_deg=tilt,
         residual_px=marks.residual, marks=marks.number.size, source="ruler",
     )  # fmt: skip

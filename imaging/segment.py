@@ -1,6 +1,5 @@
 """Segment a picture into cloth, braid and tape, and find a coarse outline."""
 
-import colorsys
 import dataclasses
 import math
 from collections.abc import Callable
@@ -13,65 +12,51 @@ from scipy.ndimage import binary_fill_holes
 from skimage.filters.thresholding import threshold_otsu
 
 from . import errors
-from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_look
+from .camera import LUMA, Array, Flags, Image, Indices, Single, Tone, amount_of_luma
 
 Mask = Image
 
 
 def above(image: Image, level: float) -> Mask:
-    """Where an 8-bit image is brighter than a level."""
+    """Return the mask of pixels brighter than a level."""
     return np.where(image > level, 255, 0).astype(np.uint8)
 
 
 def shaped(mask: Mask, operation: int, size: int) -> Mask:
-    """A mask after a morphological operation with a square of `size` px.
-
-    Args:
-        mask: shape (h, w).
-        operation: `cv2.MORPH_OPEN` takes away what is narrower than the square, `cv2.MORPH_CLOSE`
-            fills gaps that are, `cv2.MORPH_ERODE` takes away a border of half of its size, and
-            `cv2.MORPH_DILATE` adds one.
-        size: of the square [px].
-    """
+    """Return a mask after one of OpenCV's morphological operations with a square of `size` px."""
     return np.asarray(cv2.morphologyEx(mask, operation, np.ones((size, size), np.uint8)), np.uint8)
 
 
-def parts(mask: Mask) -> NDArray[np.int32]:
-    """Labels of the connected parts, 0 outside."""
-    return np.asarray(cv2.connectedComponents(mask)[1], np.int32)  # thrice as fast as with areas
-
-
-def areas(labels: NDArray[np.int32]) -> Indices:
-    """Number of pixels of each part, 0 for the outside."""
-    area = np.bincount(labels.ravel())
-    area[0] = 0
-    return area
+def parts(mask: Mask) -> tuple[NDArray[np.int32], Indices]:
+    """Return the labels of the connected parts, 0 outside, and the number of pixels of each part."""
+    _, labels, found, _ = cv2.connectedComponentsWithStats(mask)
+    found[0, cv2.CC_STAT_AREA] = 0
+    return np.asarray(labels, np.int32), np.asarray(found[:, cv2.CC_STAT_AREA], np.int64)
 
 
 def chosen(labels: NDArray[np.int32], numbers: NDArray[np.integer] | int) -> Mask:
-    """The parts with these labels."""
+    """Return the mask of the parts with these labels."""
     return np.where(np.isin(labels, numbers), 255, 0).astype(np.uint8)
 
 
 def largest(mask: Mask) -> tuple[Mask, int]:
-    """The largest part of a mask after gaps under 5 px have been closed, and its pixel count."""
-    labels = parts(shaped(mask, cv2.MORPH_CLOSE, 5))
-    area = areas(labels)
+    """Return the largest part of a mask, with gaps under 5 px closed, and its number of pixels."""
+    labels, area = parts(shaped(mask, cv2.MORPH_CLOSE, 5))
     return chosen(labels, int(np.argmax(area))), int(area.max())
 
 
 def sampled(image: Image, mask: Mask, n: int) -> Image:
-    """About n pixels of a mask, from an even grid; all if it has fewer."""
+    """Return about n pixels of a mask on a regular grid, or all if there are fewer."""
     every = max(1, int(np.sqrt(cv2.countNonZero(mask) / n)))
     return image[::every, ::every][mask[::every, ::every] > 0]
 
 
 class Split(NamedTuple):
-    """A histogram of 8-bit values cut in two.
+    """A histogram of 8-bit values split into two classes.
 
     Attributes:
-        level: the last value of the lower class.
-        eta: between-class over total variance, 0 to 1; 0.64 for one normal distribution.
+        level: largest value of the lower class.
+        eta: between-class variance divided by total variance, 0 to 1; 0.64 for one normal distribution.
         low, high: means of the classes.
     """
 
@@ -82,15 +67,15 @@ class Split(NamedTuple):
 
 
 def otsu_split(values: Image) -> Split:
-    """The cut of 8-bit values that maximises the variance between its two classes.
+    """Split 8-bit values at Otsu's level, and compute the separability of the two classes.
 
-    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2; scikit-image's level, of which only the separability is ours.
+    eta(k) = w0 w1 (m1 - m0)^2 / sigma^2. scikit-image computes the level.
 
     Args:
         values: any shape.
 
     Returns:
-        The cut; eta is zero where all values are the same.
+        The split; eta is zero if all values are equal.
 
     References:
         Otsu 1979, IEEE Trans. Syst. Man Cybern. 9, equations 14 to 16.
@@ -116,8 +101,8 @@ def otsu_split(values: Image) -> Split:
 LEAST_CONTRAST = 30  # levels between cloth and muscle
 LEAST_AREA = 0.002  # of the picture
 TWO_CLASSES = 0.75  # eta of two separate classes; one normal distribution has 0.64
-_DARK = 40  # mean level of the bright class below which a muscle is under-exposed
-_SHADE = 0.15  # of the way from cloth to muscle at which its shaded side begins
+_DARK = 40  # an under-exposed muscle has a smaller mean level
+_SHADE = 0.15  # level of the shaded side, as a fraction of the difference between cloth and muscle
 
 
 _CLOTH = "put a dark cloth behind the muscle"
@@ -128,9 +113,9 @@ class MuscleMask(NamedTuple):
     """The muscle with its tapes.
 
     Attributes:
-        lit: its well lit part, 255 inside, shape (h, w).
-        whole: the shaded side as well, and rods that glare.
-        eta: separability of muscle and cloth, 0 to 1; nan where it was not found by its brightness.
+        lit: well lit part, 255 inside, shape (h, w).
+        whole: the same with its shaded side, and rods with glare.
+        eta: separability of muscle and cloth, 0 to 1; nan if the muscle was not found by its brightness.
     """
 
     lit: Mask
@@ -139,14 +124,14 @@ class MuscleMask(NamedTuple):
 
 
 def muscle_mask(rgb: Image) -> MuscleMask:
-    """The largest object that is brighter, or stronger in colour, than the cloth.
+    """Find the largest object that is brighter, or stronger in colour, than the cloth.
 
-    Otsu's level on the brightest of the three colours, and on the strength of the colour, max -
-    min, where this has two classes: a dark blue tape is no brighter than cloth, but bluer.
+    Otsu's level is applied to the brightest of the three colours. It is also applied to max - min of the
+    colours if that has two classes, because a dark blue tape is no brighter than the cloth.
 
     Raises:
-        NoMuscle: nothing stands out and holds together.
-        Underexposed: it does, but is too dark.
+        NoMuscle: no connected object stands out.
+        Underexposed: the object is too dark.
     """
     red, green, blue = cv2.split(rgb)
     value = np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
@@ -173,33 +158,31 @@ def muscle_mask(rgb: Image) -> MuscleMask:
 
 
 def _with_shaded_side(lit: Mask, value: Image, split: Split) -> Mask:
-    """The muscle's lit part and what is darker beside it, but not as dark as the cloth."""
+    """Extend the lit part of the muscle by adjacent pixels that are brighter than the cloth."""
     cloth = value[shaped(lit, cv2.MORPH_DILATE, 9) == 0]
     if cloth.size == 0:
         return lit
     low, high = map(float, np.quantile(cloth, [0.5, 0.98], method="inverted_cdf"))
     level = max(low + _SHADE * (split.high - low), high + 4)
     shade = shaped(above(value, min(level, split.level)), cv2.MORPH_OPEN, 3)
-    labels = parts(lit | shade)
+    labels, _ = parts(lit | shade)
     return chosen(labels, labels[::2, ::2][lit[::2, ::2] > 0])
 
 
-_BORDER = 1 / 60  # of the width: what is looked at on either side
-_ALONG = 1 / 30  # of the height, over which the border's colour is evened out
-_DIM = 0.3  # of the muscle's median brightness: what is darker is a rod or a black thread
-_STREAK = 0.12  # of the muscle's width, which the glare on a rod does not reach
-_TOUCHES = 0.03  # of the rows in which a muscle may reach the border
-_ROUNDS = 2  # of the cut that minimises energy
-_LEAST = 12.0  # levels that the muscle must stand off the border's colour
+_BORDER = 1 / 60  # width of the border, relative to that of the picture
+_ALONG = 1 / 30  # smoothing length of the border's colour, relative to the height
+_DIM = 0.3  # of the muscle's median brightness; darker pixels are rods or black threads
+_STREAK = 0.12  # of the muscle's width; glare on a rod is narrower
+_TOUCHES = 0.03  # fraction of the rows in which a muscle may reach the border
+_ROUNDS = 2  # GrabCut iterations
+_LEAST = 12.0  # levels between muscle and border
 
 
 def mask_against_border(rgb: Image) -> MuscleMask:
-    """The largest object that differs from the left and right borders in its rows.
+    """Find the largest object that differs from the left and right borders of its rows, by GrabCut.
 
-    The background of a row has the colour of its left border, of its right one, or one between
-    them by place; two halves of different cloth and a wall in uneven light are such. From what is
-    off all three, a cut through the picture's graph of neighbours, with mixtures of colours learnt
-    on either side of it, takes the muscle.
+    The background of a row has the colour of the left border, that of the right border, or the colour
+    interpolated between them. This covers two adjacent cloths and a wall in uneven light.
 
     Args:
         rgb: picture, shape (h, w, 3).
@@ -208,8 +191,8 @@ def mask_against_border(rgb: Image) -> MuscleMask:
         Rother, Kolmogorov and Blake 2004, "GrabCut".
 
     Raises:
-        NoMuscle: nothing stands off the background and holds together.
-        Clipped: what does reaches the left or the right border.
+        NoMuscle: no connected object differs from the background.
+        Clipped: the object reaches the left or right border.
     """
     off = _distance(rgb)
     value = np.asarray(np.clip(off, 0, 255), np.uint8)
@@ -241,13 +224,13 @@ def _border(width: int) -> int:
 
 
 def _without_streaks(lit: Mask) -> Mask:
-    """A mask without the streaks of light on a rod: black threads filled, what is narrow taken off."""
+    """Remove narrow streaks of glare on rods from a mask, after filling black threads."""
     size = max(3, round(_STREAK * float((lit > 0).sum(axis=1).max())))
     return shaped(_filled(shaped(lit, cv2.MORPH_CLOSE, 5)), cv2.MORPH_OPEN, size)
 
 
 def _distance(rgb: Image) -> Single:
-    """Levels by which each pixel is off its row's background, shape (h, w)."""
+    """Return the distance in colour of each pixel from the background of its row, shape (h, w)."""
     h, w = rgb.shape[:2]
     width, height = _border(w), max(3, round(_ALONG * h)) | 1
     picture, sides = rgb.astype(np.float32), []
@@ -261,31 +244,27 @@ def _distance(rgb: Image) -> Single:
 
 
 def _filled(mask: Mask) -> Mask:
-    """A part without the holes in it."""
+    """Fill the holes in a mask."""
     return np.where(np.asarray(binary_fill_holes(mask)), 255, 0).astype(np.uint8)
 
 
-_OWN_HUE = 60.0  # deg up to which a class may be the tape of the hue that was given
-_SURE_HUE = 25.0  # the same of the class with more pixels, which is the braid as a rule
-_LEAST_CHROMA = 0.01  # of chromaticity; rendered grey has 0.006 at most, tan on tan 0.018
-_COLOURS = 4000  # pixels that classes and median colours are found on
-_FEWEST = 50  # of a class
+_LEAST_CHROMA = 0.01  # of chromaticity; rendered grey has at most 0.006, tan on tan 0.018
+_COLOURS = 4000  # pixels used for classes and median colours
+_FEWEST = 50  # pixels of a class
 
 
-def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[Mask, float]:
-    """Separate the pixels of the tape from those of the muscle.
+def split_by_colour(rgb: Image, muscle: Mask) -> tuple[Mask, float]:
+    """Separate the pixels of the tape, the colour that covers the smaller area, from the braid's.
 
-    Chromaticity c = (R, G, B) / (R + G + B) does not depend on the light's strength. Otsu's cut
-    along its first principal axis gives two classes, and a second one along the line between
-    their means the answer. A fitting or a hose may have a third colour: where the tapes' class has two
-    that lie behind each other along the muscle, the outer one is none of the tapes'. White braids, whose
-    hue is noise, and red tapes, whose hue lies across the seam, need no special case.
+    Chromaticity c = (R, G, B) / (R + G + B) is independent of the strength of the light. Otsu's split
+    along its first principal axis gives two classes. A second split along the line between their means
+    refines them. A fitting or a hose may have a third colour: if the class of the tapes contains two
+    colours one behind the other along the muscle, the outer one is removed. White braids and red tapes
+    need no special treatment, because no hue is computed.
 
     Args:
         rgb: picture, shape (h, w, 3).
         muscle: > 0 on the muscle, shape (h, w).
-        tape_hue: of the tape [deg]; None takes the class with fewer pixels, as does a hue that
-            neither class has.
 
     Returns:
         mask: 255 on the tape, shape (h, w).
@@ -297,18 +276,12 @@ def split_by_colour(rgb: Image, muscle: Mask, tape_hue: float | None) -> tuple[M
     if eta == 0:
         return np.zeros_like(muscle), 0.0
     take_upper = bool(np.count_nonzero(upper) <= upper.size / 2)
-    if tape_hue is not None:
-        sides = (sample[upper], sample[~upper])
-        away = [hues_apart(hue_of(np.median(side, axis=0)), tape_hue) for side in sides]
-        nearest = bool(away[0] <= away[1])
-        if min(away) < (_OWN_HUE if nearest == take_upper else _SURE_HUE):
-            take_upper = nearest
     mask = np.where((_beyond(rgb, along, level) == take_upper) & (muscle > 0), 255, 0)
     return _without_fittings(rgb, mask.astype(np.uint8), muscle), eta
 
 
 def _two_colours(sample: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float]:
-    """Direction and level in chromaticity that separate two classes, and their separability."""
+    """Return direction and level in chromaticity that separate two classes, and their separability."""
     colour = _chromaticity(sample)
     along, nothing = np.linalg.eigh(np.cov(colour.T))[1][:, -1], (np.ones(3), 1.0, 0.0)
     for last in (False, True):
@@ -328,17 +301,17 @@ def _chromaticity(colours: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _beyond(rgb: Image, along: NDArray[np.floating], level: float) -> Flags:
-    """Where the chromaticity is beyond a level."""
-    # along . c > level, multiplied by R + G + B + 1, is one linear form of the picture.
+    """Return True where the chromaticity exceeds a level."""
+    # Multiplied by R + G + B + 1, along . c > level is a linear form of the picture.
     form = np.array([[*(along - level), -level]], np.float32)
     return np.asarray(cv2.transform(rgb.astype(np.float32), form)).reshape(rgb.shape[:2]) > 0
 
 
 def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
-    """The tapes' class without colours that lie beyond the tapes, those of a fitting or a hose.
+    """Remove colours that lie beyond the tapes, such as those of a fitting or a hose.
 
-    Of three colours, such as a tape's, that of its gloss and a grey fitting's, those are taken away that
-    begin along the muscle where the others end. At the braid a tape mixes with it to grey.
+    The class is split into three colours, such as tape, gloss on the tape and a grey fitting. A colour is
+    removed if it begins along the muscle where the others end.
     """
     braid, at = (np.argwhere(each) for each in ((muscle > 0) & (mask == 0), mask > 0))
     if min(len(braid), len(at)) < _FEWEST:
@@ -364,22 +337,11 @@ def _without_fittings(rgb: Image, mask: Mask, muscle: Mask) -> Mask:
     return mask
 
 
-def hue_of(rgb: NDArray[np.floating]) -> float:
-    """Hue [deg] of a colour, 0 to 360; zero for grey."""
-    red, green, blue = (float(value) for value in rgb)
-    return 360 * colorsys.rgb_to_hsv(red, green, blue)[0]
-
-
-def hues_apart(a: float, b: float) -> float:
-    """Distance of two hues around the circle [deg], 0 to 180."""
-    return abs((a - b + 180) % 360 - 180)
-
-
 def _cut(values: NDArray[np.floating]) -> tuple[float, float]:
-    """The level between two classes of values, and their separability.
+    """Return the level between two classes of values, and their separability.
 
-    Otsu's level lies half way between the means and cuts into the wider class, such as a glossy
-    tape; this one is as many standard deviations from the one as from the other.
+    The level has the same distance to both means in their standard deviations. Otsu's level is midway
+    between the means and would cut into the wider class, such as that of a glossy tape.
     """
     low, high = np.percentile(values, [0.2, 99.8])
     if not high > low:
@@ -394,7 +356,7 @@ def _cut(values: NDArray[np.floating]) -> tuple[float, float]:
     return float(level), split.eta
 
 
-_GAP = 0.4  # of the root of half the coloured area: how far apart parts of one tape may be
+_GAP = 0.4  # largest gap in one tape, relative to the square root of half the coloured area
 _LEAST_TAPE = 0.2  # of the larger tape's area
 
 
@@ -402,8 +364,8 @@ class Patch(NamedTuple):
     """The pixels of one tape.
 
     Attributes:
-        x, y: first column and row of its box.
-        mask: its pixels in the box, shape (h, w).
+        x, y: first column and row of the bounding box.
+        mask: pixels of the tape in the box, shape (h, w).
     """
 
     x: int
@@ -412,16 +374,16 @@ class Patch(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Middle of the box, u and v."""
+        """Centre of the box, u and v."""
         h, w = self.mask.shape
         return self.x + w / 2, self.y + h / 2
 
 
 def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
-    """The two tapes, the upper one first, or the left one if they are at the same height.
+    """Find the two tapes; the upper one comes first, or the left one if they are at the same height.
 
-    Parts that a streak of gloss divides are one tape; what has less than a fifth of the largest
-    one's pixels is none.
+    Parts divided by a streak of gloss are joined. Parts with less than a fifth of the pixels of the
+    largest part are ignored.
 
     Args:
         coloured: pixels of the tape's colour, shape (h, w).
@@ -429,7 +391,7 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
         eta: separability of the two colours.
 
     Raises:
-        AmbiguousHue, MissingFitting, ExtraFitting, Clipped: there are not two, or not all of them.
+        AmbiguousHue, MissingFitting, ExtraFitting, Clipped: there are not two complete tapes.
     """
 
     def patch(number: int) -> Patch:
@@ -439,21 +401,21 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
 
     coloured = shaped(coloured, cv2.MORPH_OPEN, 3)
     half = np.count_nonzero(coloured) / 2
-    labels = parts(shaped(coloured, cv2.MORPH_CLOSE, int(max(5, _GAP * np.sqrt(half))) | 1))
+    labels, _ = parts(shaped(coloured, cv2.MORPH_CLOSE, int(max(5, _GAP * np.sqrt(half))) | 1))
     labels[coloured == 0] = 0
-    area = areas(labels)
+    area = np.bincount(labels.ravel())
+    area[0] = 0
     numbers = np.flatnonzero((area > 0) & (area >= _LEAST_TAPE * area.max()))
     n = int(numbers.size)
     clipped = any(line.any() for line in (muscle[0], muscle[-1], muscle[:, 0], muscle[:, -1]))
     for holds, error, text in (
         (n < 2 and clipped, errors.Clipped, f"both tapes must be visible, and {_WHOLE}"),
         (n == 0 or (n != 2 and eta < TWO_CLASSES), errors.AmbiguousHue,
-         "the tapes must differ in colour from the braid: use another tape, or give its hue"),
+         "the tapes must differ in colour from the braid: use tape of another colour"),
         (n == 1, errors.MissingFitting,
          "two tapes must be visible; one is: check whether the other is covered, too dark or colourless"),
         (n > 2, errors.ExtraFitting,
-         "exactly two tapes must be visible: remove other objects of that colour, crop the picture, or "
-         "give the tape's hue"),
+         "exactly two tapes must be visible: remove other objects of that colour, or crop the picture"),
     ):  # fmt: skip
         if holds:
             raise error(text, tapes=n, eta_hue=eta)
@@ -464,20 +426,20 @@ def two_tapes(coloured: Mask, muscle: Mask, eta: float) -> tuple[Patch, Patch]:
     return upper, lower
 
 
-_SEPARATE = 0.7  # eta of brightness from which the background is dark and even
-_COARSE_PIXELS = 0.35e6  # the picture is thinned out to about this many for the first look
+_SEPARATE = 0.7  # smallest eta of brightness of a dark and uniform background
+_COARSE_PIXELS = 0.35e6  # approximate size of the thinned picture for the first pass
 _FINE_STEP = 4
 _FEWEST_ROWS = 48
-_GUARD = 2  # pixels next to a tape that its blur may reach
-_MARGIN = 40  # pixels around the muscle that are kept as cloth
+_GUARD = 2  # pixels next to a tape that its blur may affect
+_MARGIN = 40  # pixels of cloth kept around the muscle
 
 
 class TapeBand(NamedTuple):
     """One tape in the picture [px].
 
     Attributes:
-        box: top, bottom, left and right of its bounding box.
-        inner: coefficients of its inner edge, v = polynomial in u, highest power first, shape (3,).
+        box: top, bottom, left and right of the bounding box.
+        inner: coefficients of the inner edge, v = polynomial in u, highest power first, shape (3,).
         limbs: rows of the inner edge at its left and right end.
     """
 
@@ -487,11 +449,11 @@ class TapeBand(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """Its column."""
+        """Column of the middle."""
         return (self.box[2] + self.box[3]) / 2
 
     def moved(self, step: int, v0: int, u0: int) -> "TapeBand":
-        """The same in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
+        """Return the tape in pixels of the whole picture, v = step p((u - u0) / step) + v0."""
         a, b, c = self.inner
         inner = a / step, b - 2 * a * u0 / step, a * u0**2 / step - b * u0 + c * step + v0
         first, last, top, bottom = (row * step + v0 for row in (*self.limbs, *self.box[:2]))
@@ -501,16 +463,16 @@ class TapeBand(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Segmentation:
-    """The muscle to within some pixels.
+    """The muscle, to within a few pixels.
 
     Attributes:
         rows: rows between the tapes, shape (n,).
-        left, right: columns of the outermost muscle pixels in them, shape (n,).
-        upper, lower: the tapes.
+        left, right: columns of the outermost muscle pixels in these rows, shape (n,).
+        upper, lower: tapes.
         cloth, braid, tape: median colours, 0 to 255, shape (3,).
-        eta_value, eta_hue: separability of muscle and cloth, of tape and braid, 0 to 1; the first nan
-            where the muscle was found by its border and not by its brightness.
-        saturated: part of the muscle with a colour at 254 or more.
+        eta_value, eta_hue: separability of muscle and cloth, and of tape and braid, 0 to 1. The first is
+            nan if the muscle was not found by its brightness.
+        saturated: fraction of the muscle with a colour at 254 or more.
     """
 
     rows: Indices
@@ -526,30 +488,16 @@ class Segmentation:
     saturated: float
 
 
-class _Look(NamedTuple):
-    """Muscle and tapes in a picture of which every `step`-th pixel is looked at."""
+def segment(rgb: Image) -> Segmentation:
+    """Find the coarse outline of an upright muscle and its two tapes.
 
-    step: int
-    small: Image
-    muscle: MuscleMask
-    tape: Mask
-    upper: Patch
-    lower: Patch
-    eta_hue: float
-
-
-def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
-    """The coarse outline of an upright muscle and its two tapes.
-
-    The brightest of the three colours, or the strength of the colour, separates the muscle from
-    the cloth (Otsu on each); where this gives no muscle with two tapes, what is off the colours of
-    the picture's left and right borders does. The chromaticity along the line between the two
-    classes separates the tapes from the braid (Otsu again), without a seam at hue 0. Large pictures
-    are looked at twice, coarse for the place and then at every fourth pixel.
+    `muscle_mask` separates the muscle from a dark cloth. If it finds no muscle with two tapes, or if
+    muscle and cloth are poorly separated, `mask_against_border` is tried. `split_by_colour` separates the
+    tapes from the braid. Large pictures take two passes, a coarse one for the position and one with
+    every fourth pixel.
 
     Args:
         rgb: picture, shape (h, w, 3).
-        tape_hue: of the tape [deg]; None takes the colour that covers the smaller part.
 
     Raises:
         ImagingError: one of NoMuscle, Underexposed, AmbiguousHue, MissingFitting, ExtraFitting,
@@ -557,7 +505,7 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     """
     found = None
     try:
-        found = _segmented(rgb, tape_hue, muscle_mask)
+        found = _segmented(rgb, muscle_mask)
         if found.eta_value >= _SEPARATE:
             return found
     except (errors.Underexposed, errors.WrongOrientation):
@@ -565,55 +513,42 @@ def segment(rgb: Image, tape_hue: float | None = None) -> Segmentation:
     except errors.ImagingError:
         pass
     try:
-        return _segmented(rgb, tape_hue, mask_against_border)
+        return _segmented(rgb, mask_against_border)
     except errors.ImagingError:
         if found is not None:
             return found
         raise
 
 
-def _segmented(
-    rgb: Image, tape_hue: float | None, mask_by: Callable[[Image], MuscleMask]
-) -> Segmentation:
+def _segmented(rgb: Image, mask_by: Callable[[Image], MuscleMask]) -> Segmentation:
     step = max(1, round(np.sqrt(rgb.shape[0] * rgb.shape[1] / _COARSE_PIXELS)))
-    # A picture that would be looked at a little more finely than a large one needs no second look.
+    # With a step of 3, the first pass would be finer than the second pass of a large picture.
     step = _FINE_STEP if step == _FINE_STEP - 1 else step
-    look = _look(rgb, step, tape_hue, mask_by)
-    across, along = np.abs(np.subtract(look.upper.centre, look.lower.centre))
-    if across > along:
-        raise errors.WrongOrientation(
-            'the muscle must be upright: turn the camera, or set the orientation to "auto"',
-            across_px=float(across * step),
-        )
-    v0 = u0 = 0
-    if step > _FINE_STEP:
-        # The box of both tapes and the muscle between them, with a margin of cloth.
-        top, bottom = look.upper.y, look.lower.y + look.lower.mask.shape[0]
-        columns = np.flatnonzero(look.muscle.whole[top:bottom].any(axis=0))
+    v0, u0, part = 0, 0, rgb
+    while True:
+        h, w = part.shape[0] // step, part.shape[1] // step
+        even = part[: h * step, : w * step]
+        small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
+        soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
+        muscle = mask_by(soft)
+        coloured, eta_hue = split_by_colour(soft, muscle.lit)
+        patches = two_tapes(coloured, muscle.lit, eta_hue)
+        across, along = np.abs(np.subtract(patches[0].centre, patches[1].centre))
+        if part is rgb and across > along:
+            raise errors.WrongOrientation(
+                'the muscle must be upright: turn the camera, or set the orientation to "auto"',
+                across_px=float(across * step),
+            )
+        if step <= _FINE_STEP:
+            break
+        # Crop to both tapes and the muscle between them, with a margin of cloth.
+        top, bottom = patches[0].y, patches[1].y + patches[1].mask.shape[0]
+        columns = np.flatnonzero(muscle.whole[top:bottom].any(axis=0))
         margin = [-_MARGIN, _MARGIN]
         v0, v1 = np.clip(np.array([top, bottom]) * step + margin, 0, rgb.shape[0]).tolist()
         u0, u1 = np.clip(columns[[0, -1]] * step + margin, 0, rgb.shape[1]).tolist()
-        look = _look(rgb[v0:v1, u0:u1], _FINE_STEP, tape_hue, mask_by)
-    return _measured(look, v0, u0)
-
-
-def _look(
-    rgb: Image, step: int, tape_hue: float | None, mask_by: Callable[[Image], MuscleMask]
-) -> _Look:
-    h, w = rgb.shape[0] // step, rgb.shape[1] // step
-    even = rgb[: h * step, : w * step]
-    small = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
-    soft = np.asarray(cv2.blur(small, (3, 3)), np.uint8)
-    muscle = mask_by(soft)
-    tape, eta_hue = split_by_colour(soft, muscle.lit, tape_hue)
-    upper, lower = two_tapes(tape, muscle.lit, eta_hue)
-    return _Look(step, small, muscle, tape, upper, lower, eta_hue)
-
-
-def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
-    """The look's masks as rows, columns and colours of the whole picture."""
-    step = look.step
-    upper, lower = _tape(look.upper, lower=False), _tape(look.lower, lower=True)
+        part, step = rgb[v0:v1, u0:u1], _FINE_STEP
+    upper, lower = _tape(patches[0], lower=False), _tape(patches[1], lower=True)
     first, last = max(upper.limbs), min(lower.limbs)
     rows = np.arange(
         int(np.ceil(first * step)) + step + _GUARD, int(last * step) - step - _GUARD + 1
@@ -623,18 +558,18 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         raise errors.MissingFitting(
             f"at least {_FEWEST_ROWS} rows of braid must be visible between the tapes; got {rows.size}"
         )
-    band = look.muscle.whole[first : last + 1] > 0
+    band = muscle.whole[first : last + 1] > 0
     left = np.argmax(band, axis=1)
     right = band.shape[1] - 1 - np.argmax(band[:, ::-1], axis=1)
     if left.min() == 0 or right.max() == band.shape[1] - 1:
         raise errors.Clipped(f"{_WHOLE}, or {_CLOTH}", left_px=int(left.min() * step))
     at = np.arange(first, last + 1) * step
-    body = shaped(look.muscle.lit, cv2.MORPH_ERODE, 5)
+    body = shaped(muscle.lit, cv2.MORPH_ERODE, 5)
     inside = np.zeros_like(body)
     inside[first : last + 1] = body[first : last + 1]
-    cloth = ~shaped(look.muscle.whole, cv2.MORPH_DILATE, 9)
+    cloth = ~shaped(muscle.whole, cv2.MORPH_DILATE, 9)
     cloth, braid, tape = (
-        sampled(look.small, mask, _COLOURS) for mask in (cloth, inside, look.tape & body)
+        sampled(small, mask, _COLOURS) for mask in (cloth, inside, coloured & body)
     )
     if min(cloth.size, braid.size, tape.size) == 0:
         raise errors.NoMuscle("cloth, braid and tapes must all be visible; one has no pixels")
@@ -642,8 +577,8 @@ def _measured(look: _Look, v0: int, u0: int) -> Segmentation:
         rows=rows + v0, left=np.interp(rows, at, left * step) + u0,
         right=np.interp(rows, at, right * step) + u0, upper=upper.moved(step, v0, u0),
         lower=lower.moved(step, v0, u0), cloth=np.median(cloth, axis=0),
-        braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=look.muscle.eta,
-        eta_hue=look.eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
+        braid=np.median(braid, axis=0), tape=np.median(tape, axis=0), eta_value=muscle.eta,
+        eta_hue=eta_hue, saturated=float(np.mean(braid.max(axis=1) >= 254)),
     )  # fmt: skip
 
 
@@ -662,63 +597,53 @@ def _tape(found: Patch, *, lower: bool) -> TapeBand:
     return TapeBand((y, y + h, x, x + w), inner, (float(limbs[0]), float(limbs[1])))
 
 
-_BESIDE = np.arange(6, 17)  # px from the coarse outline, on either side of it
-_ROWS = 400  # that are looked at, evenly thinned out
-_CONTRAST = 0.12  # of the brighter side: contrast that nine rows in ten must have
+_BESIDE = np.arange(6, 17)  # distances to both sides of the coarse outline [px]
+_ROWS = 400  # rows sampled
+_CONTRAST = 0.12  # smallest contrast of nine rows in ten, relative to the brighter side
 _ONE_SIDED = 1.3  # of the braid's light
-_LUMA_FIRST = 0.5  # of the best colour's contrast with which luma, JPEG's sharpest, is preferred
 
 
 def edge_light(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Image, Single]:
-    """The picture in which the outline is found, and the linear amount of muscle for its values.
+    """Return the picture in which the outline is located, and the amount of muscle for its luma.
 
-    In front of dark cloth this is luma. In front of another background it is luma, or the colour
-    that separates the muscle where luma does not; where the muscle is the darker one, the picture
-    is inverted, and the amount is that of light which it lacks.
+    If the muscle is darker than the background, the picture is inverted.
 
     Args:
         rgb: picture, shape (h, w, 3).
-        coarse: where the muscle is.
-        tone: the camera's tone curve.
+        coarse: coarse outline of the muscle.
+        tone: tone curve of the camera.
 
     Returns:
-        The picture, shape (h, w, 3), of which luma is taken, or (h, w); and the amount for the
-        values 0 to 255.
+        The picture, RGB or shape (h, w), and the linear amount of muscle for the values 0 to 255.
 
     Raises:
-        NoMuscle: neither luma nor a colour has a contrast all along the outline.
+        NoMuscle: the contrast is insufficient along the outline.
     """
     inside, outside = _beside(rgb, coarse, tone)
     if not math.isnan(coarse.eta_value):
         dark, braid = map(tone.light, (coarse.cloth, coarse.braid))
         brighter = max((np.median(one, axis=0) for one in np.array_split(inside, 2)), key=LUMA.dot)
-        # Of one side in bright light the limb is brighter than threads that glare elsewhere.
+        # If one side is in bright light, its limb is brighter than glare on other threads.
         braid = brighter if brighter @ LUMA > _ONE_SIDED * (braid @ LUMA) else braid
-        return rgb, amount_of_look(tone, dark, braid, LUMA)
-    looks, contrasts = [LUMA, *np.eye(3)], []
-    for look in looks:  # what nine rows in ten have, negative where the muscle is darker
-        one, other = inside @ look, outside @ look
-        relative = (one - other) / np.maximum(np.maximum(one, other), 1e-4)
-        low, high = np.quantile(relative, [0.1, 0.9])
-        contrasts.append(float(low) if low > 0 else float(high) if high < 0 else 0.0)
-    least = np.abs(contrasts)
-    best = 0 if least[0] >= _LUMA_FIRST * least.max() else int(np.argmax(least))
-    if least[best] < _CONTRAST:
+        return rgb, amount_of_luma(tone, dark, braid)
+    one, other = inside @ LUMA, outside @ LUMA
+    relative = (one - other) / np.maximum(np.maximum(one, other), 1e-4)
+    low, high = np.quantile(relative, [0.1, 0.9])
+    contrast = float(low if low > 0 else high if high < 0 else 0.0)
+    if abs(contrast) < _CONTRAST:
         raise errors.NoMuscle(
             f"the whole outline must be brighter than the background, or darker everywhere: {_CLOTH}",
-            contrast=float(least[best]),
+            contrast=abs(contrast),
         )
-    gray = rgb[..., best - 1] if best else cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    gray = np.ascontiguousarray(gray, np.uint8)
-    background, muscle = np.median(outside, axis=0), np.median(inside, axis=0)
-    amount = amount_of_look(tone, background, muscle, looks[best])
-    if contrasts[best] > 0:
-        return gray, amount
+    amount = amount_of_luma(tone, np.median(outside, axis=0), np.median(inside, axis=0))
+    if contrast > 0:
+        return rgb, amount
+    gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     return cv2.bitwise_not(gray).astype(np.uint8), amount[::-1].copy()
 
 
 def _beside(rgb: Image, coarse: Segmentation, tone: Tone) -> tuple[Array, Array]:
-    """Linear light inside and outside of both sides of the outline, shape (n, 3) each."""
+    """Return the linear light inside and outside of both sides of the outline, shape (n, 3) each."""
     some = slice(None, None, max(1, coarse.rows.size // _ROWS))
     rows = coarse.rows[some].astype(np.intp)[:, None]
     found: list[list[Array]] = [[], []]

@@ -1,4 +1,4 @@
-"""The braid angle along a muscle from the spectrum of its unrolled front."""
+"""Measure the braid angle along a muscle from the spectrum of its unrolled front."""
 
 import dataclasses
 import math
@@ -14,21 +14,21 @@ from .edge import parabola_peak
 from .photograph import Photograph
 
 BAND = 1.3
-"""Azimuth to which the front is used on either side of the line of sight [rad]."""
+"""Largest azimuth used on either side of the line of sight [rad]."""
 
-_AROUND = 0.25  # of the radius: brightness is taken relative to the mean over so much
-_STRONGEST = 0.25  # of that mean: what sparkles or is black counts no more
+_AROUND = 0.25  # size of the area of the local mean brightness, relative to the radius
+_STRONGEST = 0.25  # limit of the contrast, so that sparkles and black threads count no more
 
 
 class Unrolled(NamedTuple):
-    """The contrast of a body's surface towards the camera.
+    """Contrast of the surface that faces the camera.
 
     Attributes:
-        azimuth: of the columns, from the line of sight to the axis [rad], shape (m,), uniform.
-        y: of the rows, as in `Silhouette` [m], shape (n,), uniform.
+        azimuth: azimuth of the columns from the line of sight to the axis [rad], shape (m,), uniform.
+        y: position of the rows, as in `Silhouette` [m], shape (n,), uniform.
         arc: length along the meridian from the first row [m], shape (n,).
         radius: R at y [m], shape (n,).
-        contrast: brightness over its local mean, less one, shape (n, m).
+        contrast: brightness divided by its local mean, minus one, shape (n, m).
     """
 
     azimuth: Array
@@ -39,17 +39,17 @@ class Unrolled(NamedTuple):
 
 
 def unrolled(rgb: Image, camera: Camera, body: Silhouette, first: float, last: float) -> Unrolled:
-    """The front of a body, sampled a pixel apart, without perspective, roll, lens and foreshortening.
+    """Unroll the front of a body at a spacing of one pixel, corrected for perspective, roll and lens.
 
-    The point at azimuth psi and position y is (x0 + R sin(psi'), y, d - R cos(psi')), with psi'
-    from the optical axis and psi from the line of sight to the body's axis.
+    The point at azimuth psi and position y is (x0 + R sin(psi'), y, d - R cos(psi')). psi' is measured from
+    the optical axis, and psi from the line of sight to the body's axis.
 
     Args:
         rgb: picture, shape (h, w, 3).
-        camera: the camera.
-        body: the body of revolution behind the outline.
-        first: position y at which it begins [m].
-        last: position y at which it ends [m].
+        camera: camera.
+        body: body of revolution with the measured outline.
+        first: first position y [m].
+        last: last position y [m].
     """
     px = 1 / camera.px_per_m
     y = np.asarray(first + np.arange(int((last - first) / px) + 1) * px, float)
@@ -76,35 +76,35 @@ def unrolled(rgb: Image, camera: Camera, body: Silhouette, first: float, last: f
 
 
 Spectrum = NDArray[np.complex64]
-"""Complex amplitudes, by row and frequency."""
+"""Complex amplitudes by row and frequency."""
 
 ACROSS = 0.44
 """Standard deviation of the Gaussian window across the band [rad]."""
 
 ALONG = 0.5
-"""The same along the meridian, over the mean radius."""
+"""Standard deviation of the window along the meridian, relative to the mean radius."""
 
 ENDS = 1.5
-"""Windows nearer to an end of the braid than this, over their standard deviation, are not looked at."""
+"""Smallest distance of a window from the ends of the braid, in its standard deviations."""
 
-_RAYS = np.deg2rad(np.arange(8.0, 78.0, 0.5))  # of a ray against the axis of azimuths, whitened
-_FINE = 0.4  # of a window's own width in the spectrum: how far samples of it are apart
-_LEAST_PITCH = 2.8  # px: of a finer pattern nothing is seen
-_SHORTEST = 3.5  # widths of the window from zero: nearer a ray belongs to the light's own fall
-_APART = 1.5  # standard deviations from window to window
+_RAYS = np.deg2rad(np.arange(8.0, 78.0, 0.5))  # angles of rays to the azimuthal axis, whitened
+_FINE = 0.4  # spacing of samples of the spectrum, in widths of the window
+_LEAST_PITCH = 2.8  # smallest pitch that is resolved [px]
+_SHORTEST = 3.5  # first sample of a ray, in widths of the window; below, shading dominates
+_APART = 1.5  # spacing of the windows in standard deviations
 _MOST = 24  # windows
-_OWN = np.deg2rad(4.0)  # that a window's ray may be off that of the kinematics
+_OWN = np.deg2rad(4.0)  # largest difference between a window's ray and the kinematics
 _COSINES = np.linspace(0.12, 0.985, 400)
 
 
 class Directions(NamedTuple):
-    """Result of the whole pattern.
+    """Result for the whole pattern.
 
     Attributes:
-        cosine_per_radius: c of cos(theta) = c R [1/m], which threads of one length have.
-        contrast: mean rise of the yarns' rays over the median ray, in powers of e.
-        apparent: yarns around the circumference in each direction, as the spectrum has them [-];
-            nan where there is no peak.
+        cosine_per_radius: c of cos(theta) = c R [1/m], for threads of equal length.
+        contrast: mean logarithm of the energy of the yarns' rays relative to the median ray.
+        apparent: number of yarns around the circumference in each direction in the spectrum [-]; nan
+            without a peak.
     """
 
     cosine_per_radius: float
@@ -112,29 +112,26 @@ class Directions(NamedTuple):
     apparent: float
 
     def twist_rate(self, radius: Array) -> Array:
-        """Azimuth per arc length of a yarn, cot(theta) / R [rad/m], at these radii."""
+        """Return the azimuth of a yarn per arc length, cot(theta) / R [rad/m], at these radii."""
         c = self.cosine_per_radius
         return c / np.sqrt(1 - np.minimum(c * radius, float(_COSINES[-1])) ** 2)
 
 
 def window_width(surface: Unrolled) -> float:
-    """Standard deviation of the windows along the meridian [m]."""
+    """Return the standard deviation of the windows along the meridian [m]."""
     return ALONG * float(surface.radius.mean())
 
 
 def rows_of(
     surface: Unrolled, azimuthal: Array, *, middle: float = 0.0, across: float = ACROSS
 ) -> Spectrum:
-    """Spectrum of every row at some frequencies, with a Gaussian window across the band.
+    """Return the spectrum of each row with a Gaussian window across the band, shape (n, k), complex.
 
     Args:
-        surface: the unrolled front.
+        surface: unrolled front.
         azimuthal: frequencies [1/rad], shape (k,).
-        middle: of the part [rad].
-        across: its standard deviation [rad].
-
-    Returns:
-        Shape (n, k), complex.
+        middle: azimuth of the window [rad].
+        across: standard deviation of the window [rad].
     """
     taper = np.exp(-((surface.azimuth - middle) ** 2) / (2 * across**2))
     waves = taper[:, None] * np.exp(-2j * np.pi * surface.azimuth[:, None] * azimuthal)
@@ -142,15 +139,14 @@ def rows_of(
 
 
 def directions(surface: Unrolled, px: float) -> Directions | None:
-    """The yarns' direction along the whole muscle; None if the picture is too small.
+    """Return the yarns' direction along the whole muscle; None if the picture is too small.
 
-    A function of one family's phase alone, such as its yarns' shades, has its spectrum on the ray
-    square to them, whatever yarn differs from yarn. In units of a Gaussian window's own widths the
-    power about this ray falls alike to both sides. Which rays belong to yarns is told by all
-    windows together, by cos(theta) = c R: threads of one length.
+    The spectrum of a pattern that is constant along the yarns of one family lies on the ray perpendicular
+    to them, even if the yarns differ. In units of the window's widths, the power is symmetric about this
+    ray. All windows together determine c of cos(theta) = c R, which holds for threads of equal length.
 
     Args:
-        surface: the unrolled front.
+        surface: unrolled front.
         px: size of a pixel [m].
     """
     width = window_width(surface)
@@ -188,7 +184,7 @@ def directions(surface: Unrolled, px: float) -> Directions | None:
             ray = _RAYS[near][np.argmax(rise[k, family, near])]
             rate = np.tan(ray) * ACROSS / width
             along += _sampled(power, azimuthal, axial, azimuthal, sign * rate * azimuthal)
-    # Yarns around, from the strongest wave along the rays.
+    # The number of yarns follows from the strongest wave along the rays.
     peaks, n = 1 + np.flatnonzero((along[1:-1] > along[:-2]) & (along[1:-1] >= along[2:])), math.nan
     if peaks.size:
         k = int(peaks[np.argmax((along * azimuthal)[peaks])])
@@ -208,7 +204,7 @@ def _power(surface: Unrolled, rows: Spectrum, centre: float, width: float, axial
 
 
 def _rays(power: Array, azimuthal: Array, axial: Array, width: float) -> Array:
-    """Energy of the gradient on each ray of both families, shape (2, rays)."""
+    """Return the energy of the gradient on each ray of both families, shape (2, rays)."""
     r = np.arange(_SHORTEST, azimuthal[-1] * 2 * np.pi * ACROSS, _FINE)[:, None]
     k = r * np.cos(_RAYS) / (2 * np.pi * ACROSS)
     f = r * np.sin(_RAYS) / (2 * np.pi * width)
@@ -222,26 +218,28 @@ def _sampled(power: Array, azimuthal: Array, axial: Array, k: Array, f: Array) -
 
 
 _HARMONICS = (1, 2)
-_SPAN = 2.0  # widths of a window in the spectrum to either side: where a yarn's wave is sought
-_FINER = 0.1  # of such a width
+_SPAN = 2.0  # range of frequencies searched for a yarn's wave, in widths of a window
+_FINER = 0.1  # spacing of these frequencies, in widths of a window
 _SIDES = 0.95, 0.28  # azimuth and width of the parts between which yarns are counted [rad]
-_SEEN = 0.3  # coherence of both parts from which a harmonic counts
-# Yarns that the harmonics' numbers may be off an even one, and 2 n_2 - n_1:
-_NEAR_EVEN = (1.0, 0.6, 0.5)
-_EXCESS, _UNSURE = 0.3, (0.5, 0.8)  # of a number not counted; its standard error by both, by one
+_SEEN = 0.3  # smallest coherence of a harmonic between both parts
+_NEAR_EVEN = (1.0, 0.6, 0.5)  # largest distance of n_1, n_2 and 2 n_2 - n_1 from an even number
+_EXCESS, _UNSURE = (
+    0.3,
+    (0.5, 0.8),
+)  # of a number not counted; standard error by both harmonics, by one
 
 
 class Waves:
-    """One family's wave in each window.
+    """The waves of both families in each window.
 
     Args:
-        surface: the unrolled front.
-        seen: what the whole pattern says.
+        surface: unrolled front.
+        seen: result for the whole pattern.
         width: standard deviation of the windows along the meridian [m].
-        spacing: of the windows, over this.
+        spacing: spacing of the windows relative to their width.
 
     Attributes:
-        centres: of the windows along the meridian [m], shape (w,).
+        centres: centres of the windows along the meridian [m], shape (w,).
     """
 
     def __init__(self, surface: Unrolled, seen: Directions, width: float, spacing: float) -> None:
@@ -259,16 +257,16 @@ class Waves:
             near = np.flatnonzero(np.abs(surface.arc - centre) < 3 * self.width)
             rows = slice(int(near[0]), int(near[-1]) + 1)
             weight = np.exp(-((surface.arc[rows] - centre) ** 2) / (2 * self.width**2))
-            # In this length, in place of the arc's own, threads of one length run straight.
+            # As functions of this length, threads of equal length are straight.
             off = (turn[rows] - np.interp(centre, surface.arc, turn)) / here
             self._windows.append((rows, weight / weight.sum(), off))
 
     def twist_rates(self, n: float) -> tuple[Array, Array]:
-        """Azimuth per arc length g of both families, for n yarns around in each direction.
+        """Return the azimuth per arc length g of both families, for n yarns in each direction.
 
         Returns:
             g: [rad/m], shape (2, w).
-            part: of the power at n / (2 pi) that is the family's wave, shape (2, w).
+            part: fraction of the power at n / (2 pi) due to the family's wave, shape (2, w).
         """
         k = n / (2 * np.pi)
         spectrum = rows_of(self.surface, k * np.array(_HARMONICS))
@@ -280,7 +278,7 @@ class Waves:
         return rates, parts
 
     def _wave(self, rows: Spectrum, weight: Array, off: Array, about: float) -> tuple[float, float]:
-        """Frequency near `about` at which a family's wave runs, and its part of the rows' power."""
+        """Return the frequency of a family's wave near `about`, and its fraction of the rows' power."""
         unit = 1 / (2 * np.pi * self.width)
         reach = min(_SPAN * unit, 0.5 * about)
         f = about + np.arange(-reach, reach + _FINER * unit, _FINER * unit)
@@ -293,10 +291,10 @@ class Waves:
         return float(f[0] + top * (f[1] - f[0])), float(power.max()) / max(total, 1e-30)
 
     def phase_across(self, n: float, rates: Array, harmonic: int) -> tuple[float, float]:
-        """Phase by which a harmonic's wave on the right is ahead of n yarns', against the left.
+        """Return the phase of a harmonic on the right relative to the left, compared with n yarns.
 
         Returns:
-            The phase [rad], and how far all windows agree in it, 0 to 1.
+            The phase [rad], and the agreement of all windows, 0 to 1.
         """
         k = np.array([harmonic * n / (2 * np.pi)])
         left, right = (
@@ -314,19 +312,19 @@ class Waves:
 
 
 def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
-    """Yarns around in each direction, whole where they can be counted, and the standard error.
+    """Return the number of yarns in each direction, an integer if counted, and the standard error.
 
-    Shade moves the crests that the first harmonic sees by so much of a pitch between the left and
-    the right, and those of the second by half of it, more or less: 2 n_2 - n_1 is free of it where it is
-    half. Lamps near the camera make one yarn more of 24, so that only an even number, as a braider's
-    carriers make, to which all three are near is counted; else n_2 less its usual excess is about right.
+    Shading shifts the crests between left and right, those of the second harmonic by about half as much as
+    those of the first. 2 n_2 - n_1 is free of the shift if it is exactly half. Lamps near the camera add up
+    to one yarn to 24. Braiders make even numbers, so an even number is accepted if all three are close to
+    it. Otherwise n_2 minus its usual excess is returned.
 
     Args:
-        waves: of the muscle.
-        apparent: n by the spectrum, to within one and a half.
+        waves: waves of the muscle.
+        apparent: n in the spectrum, accurate to 1.5.
 
     Returns:
-        n, and its standard error, 0 where it is whole.
+        n, and its standard error, which is 0 if the yarns were counted.
     """
     rates, _ = waves.twist_rates(apparent)
     numbers = []
@@ -343,18 +341,18 @@ def count_yarns(waves: Waves, apparent: float) -> tuple[float, float]:
     return (even, 0.0) if (off < _NEAR_EVEN).all() else (second - _EXCESS, _UNSURE[0])
 
 
-_SPACING = 0.5  # of windows, over their standard deviation
-_FEW = 28  # yarns around; windows are the longer the fewer there are
-_FRONT, _STRIPE, _SHINY = 1.0, 9, 2.5  # rad; columns; variance of a stripe over the middle one's
-_CONTRAST = 0.5  # of the rays in the mean, in powers of e, from which there is a weave
-_COHERENT = 0.06  # part of the rows' power that is one family's wave, from which it is believed
-_ALIKE = math.radians(4.0)  # that the two families may differ by
-_TILT = 0.6, 0.35  # crests move by so much of the meridian's slope against the lamps [rad of phase]
-_SHADE = 0.045  # [rad of phase] by which they stray besides, over one radius
-_PLACE = 0.012  # of its width by which a window's contrast is not in its middle
+_SPACING = 0.5  # spacing of the windows, in standard deviations
+_FEW = 28  # yarns; with fewer yarns the windows are longer
+_FRONT, _STRIPE, _SHINY = 1.0, 9, 2.5  # rad; columns; ratio of a stripe's variance to the median
+_CONTRAST = 0.5  # smallest contrast of a weave, see `Directions`
+_COHERENT = 0.06  # smallest fraction of the rows' power due to one family's wave
+_ALIKE = math.radians(4.0)  # largest difference of the two families
+_TILT = 0.6, 0.35  # shift of crests per slope of the meridian, and its error [rad of phase]
+_SHADE = 0.045  # other shifts of the crests over one radius [rad of phase]
+_PLACE = 0.012  # error of the position of a window, relative to its width
 _LEAST = 0.0007  # rad
-_NEIGHBOURS = 4.0  # windows over which the scatter of the two families is pooled
-_FEWEST = 4  # windows whose scatter says something
+_NEIGHBOURS = 4.0  # number of windows over which the scatter of the families is averaged
+_FEWEST = 4  # windows required for an estimate of the scatter
 
 
 NO_WEAVE = "two families of yarns could not be detected"
@@ -369,21 +367,18 @@ class BraidAngle:
     Attributes:
         z: positions from the upper tape's edge to the lower one's [m], shape (n,).
         angle: theta, mean of both families [rad], shape (n,); nan where it is not resolved.
-        stderr: its standard error [rad], shape (n,).
-        right, left: theta of the yarns that run to the right on the way down, and to the left,
-            shape (n,) [rad]. They differ where the muscle is twisted.
-        refusal: why the angle is nowhere known; empty if it is.
-        yarns: around the circumference in each direction; whole where they could be counted, else
-            as many as there seem to be; nan where none are seen.
-        yarns_stderr: its standard error, 0 where they were counted; nan where none are seen.
-        turns: N of a thread over the length, by threads of one length where nothing is resolved.
+        stderr: standard error of theta [rad], shape (n,).
+        refusal: reason if the angle is not resolved anywhere; otherwise empty.
+        yarns: number around the circumference in each direction, an integer if counted, otherwise an
+            estimate; nan if no yarns are visible.
+        yarns_stderr: standard error of the number, 0 if counted; nan if no yarns are visible.
+        turns: turns N of a thread over the length, computed for threads of equal length where the angle is
+            not resolved.
     """
 
     z: Array
     angle: Array
     stderr: Array
-    right: Array
-    left: Array
     refusal: str
     yarns: float
     yarns_stderr: float
@@ -391,7 +386,7 @@ class BraidAngle:
 
     @property
     def resolved(self) -> Flags:
-        """Where the angle is known, shape (n,)."""
+        """True where the angle is resolved, shape (n,)."""
         return np.isfinite(self.angle)
 
     @property
@@ -402,7 +397,7 @@ class BraidAngle:
 
     @property
     def mean(self) -> float:
-        """Mean angle where it is resolved [rad]; nan if it is nowhere."""
+        """Mean angle where it is resolved [rad]; nan if it is not resolved anywhere."""
         return float(np.nanmean(self.angle)) if self.resolved.any() else math.nan
 
     @property
@@ -416,23 +411,23 @@ def braid_angle(
 ) -> BraidAngle:
     """Measure the braid angle from the spectrum of the weave along the muscle.
 
-    The front is unrolled to azimuth phi and arc length s, where a yarn has d phi / ds = +-g,
-    g = cot(theta) / R. Across the front n yarns in 2 pi make a wave of n / (2 pi) per radian, and
-    this wave runs along s with the frequency f = g n / (2 pi), which Gaussian windows show. n is
-    counted: a lamp shifts the crests of round yarns towards itself, which stretches the pattern
-    across by up to 4 %; that n is whole, and even in a braid of two over two, undoes this.
-    Along s the same shift follows the slope of the meridian; its usual amount is taken off.
+    The front is unrolled to azimuth phi and arc length s, where a yarn has d phi / ds = +-g with
+    g = cot(theta) / R. n yarns in 2 pi make a wave of n / (2 pi) per radian across the front. Along s, the
+    frequency of the wave is f = g n / (2 pi), measured in Gaussian windows. A lamp shifts the crests of
+    round yarns towards itself and stretches the pattern across by up to 4 %. Counting n corrects this,
+    because n is an integer, and even in a braid of two over two. Along s, the shift is proportional to the
+    slope of the meridian, and its typical amount is subtracted.
 
     Args:
-        photo: the picture.
-        body: the body of revolution behind the outline.
+        photo: picture.
+        body: body of revolution with the measured outline.
         first: position y of the upper tape's inner edge [m].
-        last: the same of the lower tape.
-        relative_stderr: of the diameter, that of the scale left out.
+        last: position y of the lower tape's inner edge [m].
+        relative_stderr: relative standard error of the diameter without that of the scale.
 
     Returns:
-        The angle in windows with a standard deviation of half a mean radius, more where there are
-        fewer than 28 yarns around, half of it apart; no nearer to the tapes than 1.5 of it.
+        The angle in windows with a standard deviation of half the mean radius, or more for fewer than 28
+        yarns. Their spacing is half of it, and their distance from the tapes at least 1.5 times it.
     """
     surface = unrolled(photo.rgb, photo.camera, body, first, last)
     seen = directions(surface, 1 / photo.camera.px_per_m)
@@ -459,18 +454,21 @@ def braid_angle(
     stderr = np.hypot(_scatter(half, good), systematic)
     good &= np.isfinite(stderr)
     z = np.interp(waves.centres, surface.arc, surface.y) - first
-    angle, stderr, right, left = (
-        np.array([np.nan, *np.where(good, each, np.nan), np.nan])
-        for each in (angle, stderr, *families)
+    angle, stderr = (
+        np.array([np.nan, *np.where(good, each, np.nan), np.nan]) for each in (angle, stderr)
     )
+    # The turns are the integral of g ds / (2 pi), with the model where nothing was measured.
+    off = np.where(good, rate.mean(axis=0), waves.model) / waves.model
+    rates = seen.twist_rate(surface.radius) * np.interp(surface.arc, waves.centres, off)
+    turns = float(np.trapezoid(rates, surface.arc) / (2 * np.pi))
+    refusal = "" if good.any() else BLURRED
     return BraidAngle(
-        np.array([0.0, *z, last - first]), angle, stderr, right, left, "" if good.any() else BLURRED,
-        n, uncounted, _turns(surface, seen, waves, np.where(good, rate.mean(axis=0), waves.model)),
-    )  # fmt: skip
+        np.array([0.0, *z, last - first]), angle, stderr, refusal, n, uncounted, turns
+    )
 
 
 def shines(surface: Unrolled) -> bool:
-    """Whether the contrast forms stripes along the muscle, as gloss does."""
+    """Return True if the contrast forms stripes along the muscle, as gloss does."""
     across = np.var(surface.contrast[:, np.abs(surface.azimuth) < _FRONT], axis=0)
     across = np.convolve(across, np.ones(_STRIPE) / _STRIPE, "valid")
     return bool(across.max() > _SHINY * np.median(across))
@@ -478,12 +476,11 @@ def shines(surface: Unrolled) -> bool:
 
 def _nothing(length: float, reason: str) -> BraidAngle:
     none = np.full(2, np.nan)
-    at = np.array([0.0, length])
-    return BraidAngle(at, none, none, none, none, reason, *3 * (math.nan,))
+    return BraidAngle(np.array([0.0, length]), none, none, reason, *3 * (math.nan,))
 
 
 def _tilt(surface: Unrolled, seen: Directions, waves: Waves) -> Array:
-    """Rate along the arc of cos(theta) times the meridian's slope [rad/m], as the windows see it."""
+    """Return the derivative along the arc of cos(theta) times the meridian's slope, smoothed [rad/m]."""
     slope = np.gradient(surface.radius, surface.arc)
     rate = np.gradient(seen.cosine_per_radius * surface.radius * slope, surface.arc)
     per_row = waves.width / float(np.mean(np.diff(surface.arc)))
@@ -491,14 +488,8 @@ def _tilt(surface: Unrolled, seen: Directions, waves: Waves) -> Array:
     return np.interp(waves.centres, surface.arc, smooth)
 
 
-def _turns(surface: Unrolled, seen: Directions, waves: Waves, rate: Array) -> float:
-    """Turns of a thread, the integral of g ds / (2 pi): as measured, and beyond by the model."""
-    off = np.interp(surface.arc, waves.centres, rate / waves.model)
-    return float(np.trapezoid(seen.twist_rate(surface.radius) * off, surface.arc) / (2 * np.pi))
-
-
 def _scatter(half: Array, good: Flags) -> Array:
-    """Random error of the mean of two families, from half their difference about its mean course."""
+    """Return the random error of the families' mean, from half their difference without its trend."""
     if np.count_nonzero(good) < _FEWEST:
         return np.full(half.shape, np.nan)
     x = np.linspace(-1, 1, half.size)

@@ -1,4 +1,4 @@
-"""The device's control in the integers of its firmware: states, guards, law, plausibility."""
+"""The device's control in the integer arithmetic of its firmware: states, guards, law, plausibility."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,12 +19,12 @@ from .protocol import (
     pressure_error,
 )
 
-SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG, RANGE, FROZEN, NO_RESPONSE = range(1, 9)  # of FAULTS
+SILENCE, OVER_PRESSURE, JUMP, STALL, WATCHDOG, RANGE, FROZEN, NO_RESPONSE = range(1, 9)  # FAULTS
 TRIPS = (OVER_PRESSURE, JUMP, STALL, RANGE, FROZEN, NO_RESPONSE)
-IN_A_ROW = 3  # conversions beyond a limit that trip
+IN_A_ROW = 3  # consecutive conversions beyond a limit that cause a trip
 JUMP_TICKS = 5
-STALL_RISE = 5  # counts that count as a rise: about 1 psi of 200
-NO_BOARD = 0xFFFF  # of a blank memory
+STALL_RISE = 5  # smallest rise in counts, about 1 psi of 200
+NO_BOARD = 0xFFFF  # in a blank memory
 COUNTER = 0xFFFFFFFF  # records and ticks wrap here, after 99 days
 
 OK, VERB, NUMBER, TRIPPED, NO_LIMIT, PRESSURE, RUNNING, BAUD, OUTSIDE, ABOVE_CEILING = range(10)
@@ -32,7 +32,7 @@ REASONS = ("OK", "unknown verb", "number missing or out of range", "tripped: cle
            "no trip limit", "pressure above trip", "running: stop first", "too fast for this baud",
            "reading out of range", "above the compiled-in ceiling")  # fmt: skip
 
-# The fields of the law that the numbers of a command set.
+# Fields of the law set by the numbers of a command.
 LAW_FIELDS = {
     b"set": ("set_point", "feed_forward"),
     b"gain": ("proportional", "integral"),
@@ -40,7 +40,7 @@ LAW_FIELDS = {
     b"cal": ("zero", "span"),
 }
 
-# The limits that act at once: attribute, and in what unit of the command's number it is kept.
+# Limits that act immediately: attribute, and the factor by which the command's number is divided.
 LIMITS = {
     b"floor": ("floor", 1),
     b"ceiling": ("ceiling", 1),
@@ -49,36 +49,36 @@ LIMITS = {
     b"hbms": ("silent", 2),
 }
 
-CLOSE_BAND = 1  # counts within which a reading that varies does not stay for 0.1 s
-WIDE_BAND = 2  # the same for a second
-REST_BAND = 3  # left often by a reading that is alive, at rest
-WATCH_TICKS = 1000  # for which the reading is watched at rest
-WATCH_DRIFT = 8  # counts: more is a pressure that falls, not noise
-ALIVE_MOVES = 8  # times that it leaves its band in that time, at least
-LIVELY_MOVES = 24  # so often, and `still` is enough; with fewer it takes longer
-ANSWER = 5  # counts by which a pressure answers the controller, in the mean
-STEP_SIZE = 3 * PRESSURE_UNIT  # a smaller one need not be answered: strokes hide it
-QUICK_CHANGE = 8  # counts in four ticks: faster than strokes move a pressure
-QUICK_TICKS = 500  # for which less push is allowed after that, a start or a step
-OFF = 255  # of `frozen`
-PUSH_LIMIT = 75  # PWM counts above the holding output that count at most
-FIRST_LIMIT = 50  # the same before the circuit has answered: how slow it is is not known
+CLOSE_BAND = 1  # counts; a varying reading leaves this band within 0.1 s
+WIDE_BAND = 2  # counts; a varying reading leaves this band within a second
+REST_BAND = 3  # counts; a varying reading often leaves this band at rest
+WATCH_TICKS = 1000  # ticks for which the reading is observed at rest
+WATCH_DRIFT = 8  # counts; a larger change is a falling pressure, not noise
+ALIVE_MOVES = 8  # smallest number of times that a varying reading leaves its band in that time
+LIVELY_MOVES = 24  # number from which `still` applies unchanged; with fewer, the time is longer
+ANSWER = 5  # mean counts by which a pressure must respond to the controller
+STEP_SIZE = 3 * PRESSURE_UNIT  # smaller steps need no response, because strokes hide it
+QUICK_CHANGE = 8  # counts in four ticks, faster than strokes change a pressure
+QUICK_TICKS = 500  # ticks of a reduced push limit after such a change, a start or a step
+OFF = 255  # value of `frozen` that disables the guard
+PUSH_LIMIT = 75  # largest excess over the holding output that counts [PWM counts]
+FIRST_LIMIT = 50  # the same before the circuit has responded, while its speed is unknown
 MOST_PUSH = 65000  # PWM counts * ticks
-HEADROOM = 20 * PRESSURE_UNIT  # with less below the limit less push is allowed
-CLOSE_TICKS = 50  # for which a lively reading is never within CLOSE_BAND
-LEAP = 8  # counts in one tick: no pressure stops within a tick after that
-LEAP_TICKS = 20  # within CLOSE_BAND after a leap: the reading is not the pressure's
-SETTLED_SHIFT = 7  # the settled one, which knows nothing of a wound integral, of 128
+HEADROOM = 20 * PRESSURE_UNIT  # distance from the limit below which less push is allowed
+CLOSE_TICKS = 50  # ticks for which a lively reading never stays in CLOSE_BAND
+LEAP = 8  # counts in one tick, after which no pressure stops within a tick
+LEAP_TICKS = 20  # ticks in CLOSE_BAND after a leap, after which the reading is not believed
+SETTLED_SHIFT = 7  # the settled output follows with a time constant of 128 records
 HELD_SHIFT = 9  # the holding output follows with a time constant of 512 records
 
-# Whether the reading was seen to vary at rest, as that of a transducer with noise does.
+# Whether the reading has varied at rest, as the reading of a noisy transducer does.
 NOT_KNOWN, QUIET, ALIVE = range(3)
 
-NOTHING, STEP, START = range(3)  # what the pressure has to answer
+NOTHING, STEP, START = range(3)  # events to which the pressure must respond
 
 
 class Latch(NamedTuple):
-    """State that survives a reset: a trip, if `fault` is one of `TRIPS`, and the board's number, or 0."""
+    """State that survives a reset: a trip, if `fault` is one of `TRIPS`, and the board number, or 0."""
 
     fault: int = 0
     output: int = 0
@@ -87,18 +87,17 @@ class Latch(NamedTuple):
 
 
 class DeviceControl:
-    """State machine, guards and controller: one call of `step` per tick.
+    """State machine, guards and controller; `step` is called once per tick.
 
-    Guards compare raw counts before any arithmetic. A command's settings are staged and act from the
-    first tick of the next record, so that one law governs the whole of every record; `stop` and the
-    limits of the guards act at once.
+    Guards compare raw counts before any arithmetic. Settings act from the first tick of the next record, so
+    that a single law governs each record. `stop` and the limits of the guards act immediately.
     """
 
     def __init__(
         self, boot: int, fault: int, least_div: int, trip_ceiling: int, latch: Latch
     ) -> None:
         self.boot = boot
-        self._least_div = least_div  # ticks per record that the serial line can carry
+        self._least_div = least_div  # fewest ticks per record that the line allows
         self._trip_ceiling = trip_ceiling
         board = 0 if latch.board == NO_BOARD else latch.board
         self.latch = latch._replace(board=board) if latch.fault in TRIPS else Latch(board=board)
@@ -106,7 +105,7 @@ class DeviceControl:
         self.output = self.tick = self.seq = self.count = self.silence = 0
         self.phase = self.since = self.tripped_at = 0
         self.sync = self.report_state = self.report_settings = False
-        self.changed = False  # settings wait for the next record
+        self.changed = False  # True if settings wait for the next record
         self.law = self.next_law = ControlLaw()
         self.div = self.next_div = 5
         self.trip, self.jump, self.stall, self.silent = 0, 77, 1500, 500
@@ -118,7 +117,7 @@ class DeviceControl:
         self._over = self._jumped = self._outside = self._stall_ticks = self._stall_from = 0
 
     def step(self, pressure: int, force: int) -> Sample | None:
-        """One tick: guards, output, and the record if one is complete."""
+        """Run one tick; return the record if one is complete."""
         self.tick = (self.tick + 1) & COUNTER
         if self.phase == 0:
             self._begin_record()
@@ -151,7 +150,7 @@ class DeviceControl:
             self._enter(self._next_state)
         if self._next_sync:
             self._sync_left, self._next_sync = self._next_sync, 0
-        # the pin is checked at every record only, so its edges fall between two records.
+        # The pin changes only between two records.
         self.sync = self._sync_left > 0
         self._sync_left -= self.sync
 
@@ -213,7 +212,7 @@ class DeviceControl:
             self.leave(TRIP, NO_RESPONSE, pressure)
 
     def _stalls(self, pressure: int, error: int) -> bool:
-        """Whether output or integral is at the end of its range for too long without a rise."""
+        """Return True if output or integral is at its upper limit for too long without a rise."""
         high = self.law.high
         wound = high > 0 and self._integral >= high * INTEGRAL_UNIT
         if error <= 0 or not (self.output == 255 or wound):
@@ -232,19 +231,19 @@ class DeviceControl:
         return Sample(self.boot & 15, seq, self.tick, *sums, self.output, self._integral, flags)
 
     def in_force(self) -> int:
-        """The first record fully governed by a command given now."""
+        """Return the first record that is fully governed by a command given now."""
         return (self.seq + (self.phase > 0)) & COUNTER
 
     @property
     def settings(self) -> DeviceSettings:
-        """The settings that govern the records from `since` on."""
+        """Settings that govern the records from `since` on."""
         guards = self.div, self.trip, self.jump, self.stall, self.silent, self.floor, self.ceiling
         watch = self.plausibility
         frozen = watch.still, watch.frozen, watch.frozen_ticks
         return DeviceSettings(self.boot, self.since, self.law, *guards, *frozen)
 
     def execute(self, verb: bytes, values: list[int]) -> int:
-        """Carry out one command of the controller; index into `REASONS`."""
+        """Execute a command of the controller; return an index into `REASONS`."""
         match verb, values:
             case b"set" | b"gain" | b"ilim" | b"cal", _:
                 if verb == b"cal" and self.state in DRIVEN:
@@ -295,7 +294,7 @@ class DeviceControl:
             return OUTSIDE
         self._next_state, self._next_manual = state, output
         if self.state == self._next_state == RUN:
-            self._next_state = SAFE  # it runs already: nothing is staged
+            self._next_state = SAFE  # already running
         return OK
 
     def _clear(self) -> int:
@@ -311,7 +310,7 @@ class DeviceControl:
 
 
 class Band:
-    """A band of readings that the present one has not left."""
+    """Band of the latest readings."""
 
     __slots__ = ("high", "low")
 
@@ -319,7 +318,7 @@ class Band:
         self.low = self.high = 0
 
     def left(self, reading: int, width: int) -> bool:
-        """Whether the reading has left the band, which then restarts from it."""
+        """Return True if the reading has left the band, which then restarts from it."""
         if reading < self.low:
             self.low = reading
         elif reading > self.high:
@@ -331,12 +330,12 @@ class Band:
 
 
 class Plausibility:
-    """Watch the readings at rest, and in RUN whether they follow the output.
+    """Observe the readings at rest, and check in RUN whether they follow the output.
 
     Attributes:
-        still: ticks within `WIDE_BAND` that trip, of a reading that is alive; a less lively one has longer.
-        frozen: PWM counts by which the output may exceed the one that held the pressure.
-        frozen_ticks: ticks at twice that output that trip; fewer at a higher one.
+        still: ticks within `WIDE_BAND` after which a varying reading trips; longer if it varies less.
+        frozen: PWM counts by which the output may exceed the holding output.
+        frozen_ticks: ticks at twice that excess after which it trips; fewer at a larger excess.
         alive: `NOT_KNOWN`, `QUIET` or `ALIVE`.
     """
 
@@ -366,13 +365,13 @@ class Plausibility:
     def change(
         self, before: ControlLaw, law: ControlLaw, trip: int, integral: int, recent: Sequence[int]
     ) -> None:
-        """Apply another law or limit; a higher set point must be answered."""
+        """Apply another law or limit; the pressure must respond to a higher set point."""
         if law.set_point >= before.set_point + STEP_SIZE and self._asked == NOTHING:
             self._expect_answer(STEP, integral, recent)
         self._headroom = -pressure_error(law, trip)
 
     def watch(self, reading: int) -> None:
-        """Watch one reading at rest for noise; only a varying reading can be seen to freeze."""
+        """Observe a reading at rest; only freezing of a varying reading can be detected."""
         if self._watch_ticks == 0:
             self._watch_from, self._moves = reading, 0
         self._moves += self._wide.left(reading, REST_BAND)
@@ -384,7 +383,7 @@ class Plausibility:
                 self._liveliness = min(self._moves, LIVELY_MOVES)
 
     def stands_still(self, reading: int) -> bool:
-        """Whether a varying reading has been constant for too long."""
+        """Return True if a varying reading has been constant for too long."""
         self._still_ticks = 0 if self._wide.left(reading, WIDE_BAND) else self._still_ticks + 1
         enough = self._still_ticks * self._liveliness >= self.still * LIVELY_MOVES
         return enough and self.alive != QUIET
@@ -393,7 +392,7 @@ class Plausibility:
         self, law: ControlLaw, output: int, integral: int, error: int, record: bool, reading: int,
         oldest: int,
     ) -> bool:  # fmt: skip
-        """Whether the output has moved too much for a reading that has not changed."""
+        """Return True if the output has changed too much for a reading that has not changed."""
         self._close_ticks += 1
         before = self._close.low
         if self._close.left(reading, CLOSE_BAND):
@@ -415,8 +414,8 @@ class Plausibility:
         rests = self._close_ticks * self._liveliness >= enough * LIVELY_MOVES
         wound = self.alive != QUIET and rests
         push = max(self._push, self._wound_push) if wound else self._push
-        half = error // 2 if error >= 0 else -(-error // 2)  # as C divides
-        known = 0 if self._leapt else self._headroom + half  # it may have been at the limit
+        half = error // 2 if error >= 0 else -(-error // 2)  # division as in C
+        known = 0 if self._leapt else self._headroom + half  # after a leap it may be at the limit
         headroom = max(min(known, HEADROOM), HEADROOM // 4)
         quiet = self.alive == QUIET and self._asked != START
         share = (1 if self._quick_ticks else 2) << quiet
@@ -425,7 +424,7 @@ class Plausibility:
     def no_answer(
         self, law: ControlLaw, output: int, error: int, record: bool, recent: Sequence[int]
     ) -> bool:
-        """Whether the mean pressure does not follow a start or a higher set point."""
+        """Return True if the mean pressure does not respond to a start or a higher set point."""
         if self._asked == NOTHING:
             return False
         quiet = self.alive == QUIET
@@ -444,7 +443,7 @@ class Plausibility:
         self._answer_held, self._answer_sum = integral, sum(recent)
 
     def _pushed(self, push: int, output: int, held: int, law: ControlLaw, slack: int) -> int:
-        """What the output has pushed so far [counts * ticks], from what exceeds the one that held."""
+        """Return the sum over time of the output's excess over the holding output [counts * ticks]."""
         holding = (law.feed_forward * PRESSURE_UNIT + held + INTEGRAL_UNIT // 2) // INTEGRAL_UNIT
         limit = FIRST_LIMIT if self._asked == START else PUSH_LIMIT
         excess = min(output - slack - holding, limit)

@@ -1,4 +1,4 @@
-"""The firmware in Python, byte for byte equal to its C core: a device without hardware."""
+"""The firmware in Python, a device without hardware; its bytes are identical to those of the C core."""
 
 import re
 import struct
@@ -9,33 +9,33 @@ from pathlib import Path
 from .controller import COUNTER, NUMBER, OK, REASONS, VERB, WATCHDOG, DeviceControl, Latch
 from .protocol import DRIVEN, PROTOCOL, TICK_HZ, Sample, crc16, frame
 
-FIRMWARE = 3  # version of the firmware that this is the port of
+FIRMWARE = 3  # version of the ported firmware
 
-# Causes of a reset, as the ATmega328P's MCUSR has them.
+# Causes of a reset, as in the ATmega328P's MCUSR.
 POWER_ON, RESET_PIN, BROWN_OUT, WATCHDOG_RESET = 1, 2, 4, 8
 
-# Baud rates of the firmware: bytes sent in a tick and records in the ring, as in its Makefile.
+# Bytes sent in a tick and records in the ring for each baud rate, as in the firmware's Makefile.
 BAUD_RATES = {115200: (21, 64), 500000: (91, 32)}
 
-# Highest pressure limit [counts] that the firmware takes, unless built with another: 4.4 V.
+# Highest pressure limit [counts] that the firmware accepts by default: 4.4 V.
 TRIP_CEILING = 900
 
-RECEIVE_LIMIT = 127  # bytes received and not yet read that the device can hold
+RECEIVE_LIMIT = 127  # capacity for received bytes that have not been read
 
-_LIMIT = 200  # bytes to send that the device can hold
-_SAMPLE = 68  # room that a record needs; what else is sent leaves as much
+_LIMIT = 200  # capacity for bytes to send
+_SAMPLE = 68  # bytes reserved for a record; other lines must leave this much free
 _ANSWER, _REPEAT, _REPORT, _SETTINGS = _SAMPLE + 50, 2 * _SAMPLE, _SAMPLE + 100, _SAMPLE + 120
-_FUTURE = 1 << 31  # a record this old is one that is still to come
+_FUTURE = 1 << 31  # an apparent age from here on belongs to a future record
 _MEMORY = struct.Struct("<HBBHH")
 
-LINE_LIMIT = 63  # bytes of the longest line the device takes, its end aside
+LINE_LIMIT = 63  # bytes of the longest line accepted, without its end
 
 _PRINTABLE = bytes(range(ord(" "), ord("~") + 1))
 _HEX = b"0123456789ABCDEF"
 _NUMBER = re.compile(rb"(-?)(\d{1,6})(?:\.(\d{0,4}))?").fullmatch
 _REQUEST = re.compile(rb"(\d{1,10}) ([\dA-Fa-f]{1,16})").fullmatch
 
-# Verb: how many numbers it needs, and how each is stored: value * unit, rounded, within [low, high].
+# For each verb, the numbers required and how each is stored: value * unit, rounded, within [low, high].
 ARGUMENTS: dict[bytes, tuple[int, tuple[tuple[int, int, int], ...]]] = {
     **dict.fromkeys((b"hello", b"status", b"hb", b"rp", b"run", b"stop", b"clear"), (0, ())),
     b"strict": (1, ((1, 0, 1),)),
@@ -59,26 +59,26 @@ ARGUMENTS: dict[bytes, tuple[int, tuple[tuple[int, int, int], ...]]] = {
 
 
 def firmware_folder() -> Path:
-    """Where the sources of the firmware and its prebuilt `famrig.hex` are."""
+    """Return the folder of the firmware's sources and the prebuilt `famrig.hex`."""
     return Path(str(resources.files("rig"))) / "firmware"
 
 
 class Device:
-    r"""The device as the host sees it: bytes and counts in, bytes and an output out.
+    r"""The device as seen by the host: it takes bytes and counts, and returns bytes and an output.
 
     It has no clock and no thread: `tick` is one 2 ms tick of the controller. As on the hardware, a
     tick reads at most one line, answers in the same tick and sends `bytes_per_tick` bytes.
 
     Args:
-        eeprom: eight bytes that outlive the device: boot counter, the trip that is latched (fault,
-            output, counts), number of the board; fewer keep the first of them. Blank if None.
-        ring: records that can be repeated, 1 to 1024.
-        bytes_per_tick: sent in 2 ms: 21 at 115200 baud, 91 at 500000.
+        eeprom: eight bytes that survive the device: boot counter, latched trip (fault, output, counts) and
+            board number. A shorter array keeps only the first of them. None for a blank memory.
+        ring: number of records that can be repeated, 1 to 1024.
+        bytes_per_tick: bytes sent in 2 ms: 21 at 115200 baud, 91 at 500000.
         trip_ceiling: highest pressure limit that `trip` sets [counts], 1 to 1020.
 
     Attributes:
         output: PWM counts, 0 to 255; 0 is the safe output.
-        boot: the boot counter.
+        boot: boot counter.
 
     >>> device = Device()
     >>> device.feed(b"trip 600\n")
@@ -112,7 +112,7 @@ class Device:
         self._memory.store(self.boot, self._latched)
         self._ring: deque[Sample] = deque(maxlen=self._size)
         self._received, self._line = bytearray(), bytearray()
-        self._sending = bytearray(b"\n")  # ends the line that the reset has cut
+        self._sending = bytearray(b"\n")  # ends the line that the reset interrupted
         self._strict = False
         self._last = (0, 0, OK, 0)  # id, CRC, reason and record of the last command
         self._base = self._mask = 0
@@ -123,17 +123,17 @@ class Device:
 
     @property
     def output(self) -> int:
-        """The output [PWM counts], 0 to 255."""
+        """Output [PWM counts], 0 to 255."""
         return self._control.output
 
     @property
     def dump_open(self) -> bool:
-        """Whether the normally open dump valve is open: in every state but RUN and MAN."""
+        """True if the normally open dump valve is open: in every state except RUN and MAN."""
         return self._control.state not in DRIVEN
 
     @property
     def sync(self) -> bool:
-        """Whether the sync pin is high."""
+        """True if the sync pin is high."""
         return self._control.sync
 
     @property
@@ -143,27 +143,22 @@ class Device:
 
     @property
     def board(self) -> int:
-        """The number of the board, 0 for none."""
+        """Board number, 0 if there is none."""
         return self._control.latch.board
 
     def feed(self, data: bytes) -> None:
-        """Receive bytes; beyond `RECEIVE_LIMIT` unread ones they are lost and counted."""
+        """Receive bytes; bytes beyond `RECEIVE_LIMIT` unread ones are lost and counted."""
         room = RECEIVE_LIMIT - len(self._received)
         self._received += data[:room]
         self._overrun = (self._overrun + max(len(data) - room, 0)) & 0xFFFF
 
     def take(self) -> bytes:
-        """The bytes sent since the last call."""
+        """Return the bytes sent since the last call."""
         sent, self._out = bytes(self._out), bytearray()
         return sent
 
     def tick(self, pressure_counts: int, force_counts: int) -> None:
-        """One tick of 2 ms.
-
-        Args:
-            pressure_counts: of the converter, 0 to 1023.
-            force_counts: of the converter, 0 to 1023.
-        """
+        """Run one tick of 2 ms with readings of the converter, 0 to 1023 each."""
         control, sending = self._control, self._sending
         record = control.step(pressure_counts, force_counts)
         if record is not None:
@@ -198,7 +193,7 @@ class Device:
         self._sending += b"%b*%04X\n" % (body, crc16(body))
 
     def _report(self) -> None:
-        """One of the lines that are due, where there is room."""
+        """Send one of the lines that are due, if there is room."""
         c = self._control
         settings = not (self._hello or c.report_state)
         if self._room() < (_SETTINGS if settings else _REPORT):
@@ -221,7 +216,7 @@ class Device:
             self._send("P", boot, since, *law, *limits)
 
     def _repeat(self) -> None:
-        """The next record of the re-request; that some are too old is reported once per request."""
+        """Send the next requested record; report once per request that some are no longer stored."""
         seq, kept = self._control.seq, len(self._ring)
         while self._mask:
             wanted, age = self._mask & 1, (seq - self._base) & COUNTER
@@ -236,7 +231,7 @@ class Device:
                 return
 
     def _read(self) -> bool:
-        """Read up to the end of one line; whether it was answered."""
+        """Read up to the end of one line; return True if it was answered."""
         while self._received:
             ends = [at for at in map(self._received.find, (b"\r", b"\n")) if at >= 0]
             end = min(ends, default=len(self._received))
@@ -253,7 +248,7 @@ class Device:
             self._bad = (self._bad + 1) & 0xFFFF
             return False
         id_, verb, words = split_command(body)
-        if verb not in ARGUMENTS and body is line:  # noise without a CRC is no heartbeat
+        if verb not in ARGUMENTS and body is line:  # noise without a CRC is ignored
             self._bad = (self._bad + 1) & 0xFFFF
         else:
             self._good = (self._good + 1) & 0xFFFF
@@ -301,13 +296,13 @@ class Memory:
         self.latch = Latch(*latch)
 
     def store(self, boot: int, latch: Latch) -> None:
-        """Keep both."""
+        """Store both."""
         self.boot, self.latch = boot, latch
         self._eeprom[:] = _MEMORY.pack(boot, *latch)[: len(self._eeprom)]
 
 
 def body_of(line: bytes, *, strict: bool) -> bytes | None:
-    """The line without its CRC, or None if it must be refused."""
+    """Return the line without its CRC, or None if it must be refused."""
     if len(line) > LINE_LIMIT or line.translate(None, _PRINTABLE):
         return None
     if len(line) > 4 and line[-5:-4] == b"*":
@@ -319,7 +314,7 @@ def body_of(line: bytes, *, strict: bool) -> bytes | None:
 
 
 def split_command(body: bytes) -> tuple[int, bytes, list[bytes]]:
-    """Id (0 if there is none), verb and words of a command."""
+    """Return id (0 if there is none), verb and words of a command."""
     words = [word for word in body.split(b" ") if word]
     first = words[0] if words else b""
     numbered = 1 <= len(first) <= 5 and first.isdigit() and int(first) <= 0xFFFF
@@ -328,7 +323,7 @@ def split_command(body: bytes) -> tuple[int, bytes, list[bytes]]:
 
 
 def read_number(word: bytes, unit: int, low: int, high: int) -> int | None:
-    """A decimal number of at most six digits and four decimals, as the device stores it."""
+    """Return a decimal number of at most six digits and four decimals as the device stores it, or None."""
     match = _NUMBER(word)
     if match is None or (unit == 1 and b"." in word):
         return None
@@ -341,7 +336,7 @@ def read_number(word: bytes, unit: int, low: int, high: int) -> int | None:
 
 
 def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
-    """The numbers of a command, or None if one is missing, superfluous or out of range."""
+    """Return the numbers of a command, or None if one is missing, superfluous or out of range."""
     least, numbers = ARGUMENTS[verb]
     if not least <= len(words) <= len(numbers):
         return None
@@ -350,7 +345,7 @@ def read_numbers(verb: bytes, words: list[bytes]) -> list[int] | None:
 
 
 def read_request(words: list[bytes]) -> tuple[int, int] | None:
-    """First record and mask of a re-request, `rp base hexmask`."""
+    """Return first record and mask of a repeat request, `rp base hexmask`, or None."""
     match = _REQUEST(b" ".join(words))
     if match is None or int(match[1]) > 0xFFFFFFFF:
         return None

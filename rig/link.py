@@ -1,9 +1,9 @@
 """The connection to a device: the host's side of the protocol, recorded.
 
-`Session` has no clock and no thread: bytes and times in, bytes and events out. Every record comes once:
-missing ones are requested, and a doubtful one needs a confirmation. A command is sent until it is
-answered. Heartbeats go on only while somebody supervises the test. `Link` carries a session over a real
-port in real time, `VirtualLink` over a simulated rig in virtual time.
+`Session` has no clock and no thread: it takes bytes and times, and returns bytes and events. Every record
+is returned once. Missing records are requested again, and doubtful ones must be confirmed. A command is
+sent until it is answered. Heartbeats continue only while a test is supervised. `Link` runs a session over a
+real port in real time, `VirtualLink` over a simulated rig in virtual time.
 """
 
 import abc
@@ -37,26 +37,26 @@ from .protocol import (
 )
 
 HEARTBEAT = 0.2  # s between heartbeats
-ALIVE = 5.0  # s for which heartbeats continue after `keep_alive`: if a plan hangs for longer, the rig vents
+ALIVE = 5.0  # s for which heartbeats continue after `keep_alive`, even if the plan hangs
 SILENCE = 1.0  # s without a verified line
-SUSPICION = 10.0  # s after a damaged line during which odd records must come twice
-RETRY = 0.06  # s after which a command that was not answered is sent again
-GIVE_UP = 2.0  # s after which it has failed
-SPACING = 0.012  # s between two requests for records, at least
+SUSPICION = 10.0  # s after a damaged line during which unusual records must be confirmed
+RETRY = 0.06  # s after which an unanswered command is sent again
+GIVE_UP = 2.0  # s after which an unanswered command has failed
+SPACING = 0.012  # smallest time between two requests for records [s]
 MASK_BITS = 64  # records in a request
 _SLACK = 0.004  # s
 _LAST_ID = 30_000
-# From one record to the next it is odd: 2.5 psi of 200 in sum and count, force, output, integral.
+# Unusual changes between two records: sum and count (2.5 psi of 200), force, output, integral.
 _JUMP = (64, 13, 64, 32, 2 << 15)
 _MOST_TICKS = 50  # in a record
-_NEAR = 16  # records between two that confirm each other, at most
+_NEAR = 16  # largest distance of two records that confirm each other
 _CHANGES_SETTINGS = {"set", "gain", "ilim", "cal", "tele", "trip", "jump", "stall", "hbms",
                      "floor", "ceiling", "still", "frozen"}  # fmt: skip
 SLICE = 0.004  # s between two exchanges of bytes, the resolution of heartbeats and requests
 
 
 class Lost(NamedTuple):
-    """Records that are lost for good: first <= seq < first + records of that boot."""
+    """Records that are lost: first <= seq < first + records of that boot."""
 
     boot: int
     first: int
@@ -64,7 +64,7 @@ class Lost(NamedTuple):
 
 
 class Reset(NamedTuple):
-    """The device restarted; boots modulo 16, `cause` as in `Hello`, None if no hello came."""
+    """A restart of the device; boots modulo 16, `cause` as in `Hello`, None without a hello."""
 
     old: int
     new: int
@@ -72,20 +72,20 @@ class Reset(NamedTuple):
 
 
 class Silent(NamedTuple):
-    """No verified line for that many seconds; one event for each silence."""
+    """A number of seconds without a verified line; one event per silence."""
 
     seconds: float
 
 
 class Timing(NamedTuple):
-    """The record of its quarter second with the shortest latency: its tick and time of arrival [s]."""
+    """The record with the shortest latency in a quarter second: its tick and arrival time [s]."""
 
     boot: int
     tick: int
     arrival_s: float
 
 
-# Events that a journal notes, and the kind of note; its fields are those of the event.
+# Kinds of notes in the journal; their fields are those of the event.
 NOTES = {Lost: "lost", Reset: "reset", Silent: "silent", Timing: "clock"}
 Event = Message | Lost | Reset | Silent | Timing
 
@@ -95,12 +95,12 @@ class Command:
     """A command in progress.
 
     Attributes:
-        id: its number; the device answers a repeated number without executing it twice.
-        verb: what to do.
-        line: as it is sent.
-        answer: of the device, None until it has come.
-        failure: why none will come, None while one may.
-        sent_at: when it was sent first [s].
+        id: number of the command; the device answers a repeated number without executing it again.
+        verb: verb of the command.
+        line: line sent to the device.
+        answer: answer of the device, None until it arrives.
+        failure: reason why no answer is expected; None if one may arrive.
+        sent_at: time of the first transmission [s].
     """
 
     id: int
@@ -112,30 +112,30 @@ class Command:
 
     @property
     def done(self) -> bool:
-        """Whether it was answered or has failed."""
+        """True if the command was answered or has failed."""
         return self.answer is not None or self.failure is not None
 
 
 class Session:
     r"""One session with a device.
 
-    A record that does not follow from the newest one (its tick off the grid; on a line that is being
-    damaged also a value that jumps) is accepted only when the next one follows from it, or when the
-    same line has come twice: a CRC of 16 bits alone lets one damaged line in 65 536 pass.
+    A record is doubtful if its tick does not follow from the newest record, or, after a damaged line, if a
+    value jumps. It is accepted only if the next record follows from it, or if the same line arrives twice.
+    A CRC of 16 bits alone accepts one in 65 536 damaged lines.
 
     Args:
-        first_id: number of the first command. The device remembers the last one it executed, also from
-            a program that ran before: begin with another number than that one did.
+        first_id: number of the first command. The device remembers the last command it executed, even from
+            an earlier program, so use a number different from that program's.
 
     Attributes:
-        newest: the last record in order, or None.
-        gaps: the records that are missing, and when their turn is in the device's answer [s].
-        ring: records that the device can repeat.
-        recovered: records that came late, on request.
-        settings: what governs the records, None until the device has reported it.
-        hello: the last hello, None before the first.
-        status: the last status, None before the first.
-        bad_lines: lines refused so far.
+        newest: last record in order, or None.
+        gaps: missing records, and the expected times of their repetition [s].
+        ring: number of records that the device can repeat.
+        recovered: number of records received on request.
+        settings: settings that govern the records; None until the device has reported them.
+        hello: last hello, or None.
+        status: last status, or None.
+        bad_lines: number of lines refused.
 
     >>> session = Session()
     >>> _ = session.feed(b"T,3,17,90,1025,205,512,131,-42,1*0000\n", now=0.0)
@@ -149,13 +149,13 @@ class Session:
         self.status: DeviceStatus | None = None
         self.newest: Sample | None = None
         self.gaps: dict[int, float] = {}
-        self.ring, self._pace, self._round_trip = 64, 0.0085, SPACING  # until the hello tells
+        self.ring, self._pace, self._round_trip = 64, 0.0085, SPACING  # until the hello
         self._last_request = -math.inf
         self.bad_lines = self.recovered = 0
         self._splitter = Splitter()
-        self._lines: list[bytes] = []  # verified, verbatim, each record once
+        self._lines: list[bytes] = []  # verified lines, verbatim, each record once
         self._events: list[Event] = []
-        self._line_bytes = 50  # of the last record, its end included
+        self._line_bytes = 50  # of the last record, including the line feed
         self._begun, self._next, self._ticks = False, 0, 5
         self._doubtful: dict[int, set[bytes]] = {}
         self._candidate: tuple[Sample, bytes] | None = None
@@ -169,7 +169,7 @@ class Session:
         self._earliest = (math.inf, 0, 0.0)
 
     def feed(self, data: bytes, now: float) -> list[Event]:
-        """Return the events in `data`, received by host time `now` [s]; call it without data as well."""
+        """Return the events in `data`, received by host time `now` [s]; also to be called without data."""
         for line in self._splitter.feed(data) if data else ():
             message = parse(line)
             if message is None:
@@ -199,37 +199,37 @@ class Session:
         return events
 
     def take_lines(self) -> bytes:
-        """The verified lines since the last call, verbatim, each once, for the journal."""
+        """Return the verified lines since the last call, verbatim, each once, for the journal."""
         data = b"".join(self._lines)
         self._lines.clear()
         return data
 
     def give_up(self) -> None:
-        """Report all records that are still missing as lost, with the next `feed`."""
+        """Report all missing records as lost in the next `feed`."""
         if self.newest is not None:
             self._lose(self.newest.boot, sorted(self.gaps))
 
     @property
     def settings_known(self) -> bool:
-        """Whether the device has reported its settings since the last command that changed them."""
+        """True if the device has reported its settings since the last command that changed them."""
         return self.settings is not None and self._settings_due is None
 
     def idle(self, now: float) -> bool:
-        """Whether `feed` and `poll` have nothing to do at host time `now` [s] until a line arrives."""
+        """Return True if `feed` and `poll` have nothing to do at host time `now` [s] without a new line."""
         quiet = self._heard_at is not None and now - self._heard_at < SILENCE
         waits = self._settings_due is not None or self._command or self.gaps
         return quiet and not waits and now < self._beat_at + HEARTBEAT
 
     def command(self, verb: str, *values: float | str) -> Command:
-        """Begin a command, which `poll` sends; one that is still in progress is given up.
+        """Begin a command, which `poll` sends; a command in progress is abandoned.
 
         Raises:
-            RigError: a number that is not finite.
+            RigError: a number is not finite.
         """
         if not all(isinstance(value, str) or math.isfinite(value) for value in values):
             raise RigError(f"{verb} requires finite numbers, got {values}")
-        self._abandon("another command came before its answer")
-        self._id = self._id % _LAST_ID + 1  # 0 is for lines that need no answer
+        self._abandon("another command was given before its answer")
+        self._id = self._id % _LAST_ID + 1  # 0 is for lines without an answer
         line = frame(command_body(self._id, verb, *values))
         self._command, self._retry_at = Command(self._id, verb, line), -math.inf
         return self._command
@@ -239,14 +239,14 @@ class Session:
         self._alive_until = now + ALIVE
 
     def rest(self) -> None:
-        """Stop the heartbeats at once: the device vents within its limit of silence."""
+        """Stop the heartbeats, so that the device vents within its limit of silence."""
         self._alive_until = -math.inf
 
     def poll(self, now: float) -> bytes:
-        """The bytes to send at host time `now` [s]: heartbeat, command, request for records.
+        """Return the bytes to send at host time `now` [s]: heartbeat, command, request for records.
 
-        Every line keeps the device alive. So what the session sends by itself to a device that
-        drives its output ends with the heartbeats.
+        Any line counts as a sign of life. While the device drives its output, the session therefore sends
+        nothing by itself after the last heartbeat.
         """
         out = b""
         if self._beat_at + HEARTBEAT <= now < self._alive_until:
@@ -264,12 +264,12 @@ class Session:
         return out
 
     def _request(self, now: float) -> bytes:
-        """The line that asks for up to 64 missing records, or nothing.
+        """Return the line that requests up to 64 missing records, or nothing.
 
-        A request is a bit mask, and a new one takes the place of the one before; the device answers it
-        in ascending order at its own pace. So each request asks for everything that is missing but
-        what, at that pace, is under way; and for what will soon be overwritten in any case, since
-        requests are damaged, too. At 1 % damaged bytes nothing simpler suffices.
+        A request is a bit mask that replaces the previous one. The device repeats the records in ascending
+        order at its own pace. Each request therefore omits records that should be on their way. Records
+        that will soon be overwritten are always requested, because requests can be damaged as well. With
+        1 % of the bytes damaged, nothing simpler suffices.
         """
         if now - self._last_request < SPACING - 1e-9:
             return b""
@@ -293,7 +293,7 @@ class Session:
         return frame(command_body(0, "rp", base, f"{mask:x}"))
 
     def _overdue(self, turn: float) -> float:
-        """Time from which an answer whose turn that was is taken to be damaged."""
+        """Return the time after which a repetition expected at `turn` counts as damaged."""
         return turn + 1.25 * self._round_trip + _SLACK
 
     def _send(self, now: float) -> bytes:
@@ -329,19 +329,19 @@ class Session:
     def _on_answer(self, answer: Ack) -> None:
         command = self._command
         if command is None or command.id != answer.id or command.sent_at is None:
-            return  # an old one
+            return  # the answer to an earlier command
         command.answer, self._command = answer, None
         if answer.seq is not None and command.verb in _CHANGES_SETTINGS:
             self._settings_due = answer.seq
 
     def _set_pace(self, ticks_per_record: int) -> None:
-        """The device's pace from what its line carries besides new records; one in a tick at most."""
+        """Compute the device's pace from the capacity of the line beyond new records."""
         if self.hello is not None:
             left = max(self.hello.bytes_per_tick - self._line_bytes / ticks_per_record, 1.0)
             self._pace = max(1.0, self._line_bytes / left) / self.hello.tick_hz
 
     def _restart(self, new_boot: int) -> None:
-        """The device has restarted: missing records of the old boot are lost, and so are commands."""
+        """Handle a restart of the device: missing records and commands of the old boot are lost."""
         if self.newest is None:
             return
         old, self.newest, hello = self.newest.boot, None, self.hello
@@ -354,9 +354,9 @@ class Session:
         self._abandon("the device was reset")
 
     def _time(self, sample: Sample, now: float) -> None:
-        """Of each quarter second, report the arrival that is earliest against the device's clock.
+        """Report the earliest arrival in each quarter second, relative to the device's clock.
 
-        The arrival is that of the line's first byte: lines grow, and on a slow port by milliseconds.
+        The arrival time is that of the first byte, because on a slow port the length of lines matters.
         """
         quarter = (sample.boot, sample.tick // (TICK_HZ // 4))
         if self.hello is not None:
@@ -371,14 +371,14 @@ class Session:
         self._quarter, self._earliest = quarter, arrival
 
     def _take(self, sample: Sample, line: bytes, now: float) -> None:
-        """Take a record whose CRC is right, received at host time `now` [s]."""
+        """Process a record with a correct CRC, received at host time `now` [s]."""
         newest = self.newest
         if newest is None or sample.boot != newest.boot:
             self._take_stray(sample, line, now)
             return
         late = sample.seq < self._next
         if late and sample.seq not in self.gaps:
-            return  # it came before
+            return  # received before
         ahead = sample.seq - newest.seq
         on_grid = (sample.tick - newest.tick - self._ticks * ahead) % TICKS == 0
         odd = not on_grid or (now < self._suspicious_until and _has_jumped(sample, newest))
@@ -389,7 +389,7 @@ class Session:
     def _is_confirmed(
         self, sample: Sample, line: bytes, now: float, *, late: bool, near: bool
     ) -> bool:
-        """Whether a doubtful record is right after all; if not yet, it is requested again."""
+        """Return True if a doubtful record is confirmed; otherwise request it again."""
         copies = self._doubtful.setdefault(sample.seq, set())
         if line in copies:
             return True
@@ -402,12 +402,12 @@ class Session:
                     self._accept(*before, now)
                     return True
         copies.add(line)
-        if near and not late:  # else its number itself is doubtful
+        if near and not late:  # otherwise the number of the record is doubtful
             self._open_gap(sample, sample.seq + 1)
         return False
 
     def _take_stray(self, sample: Sample, line: bytes, now: float) -> None:
-        """A record of a boot that is not known: two that follow from each other begin it."""
+        """Process a record of an unknown boot; two consecutive records begin the boot."""
         before, self._candidate = self._candidate, (sample, line)
         if before is None or not _follows(sample, before[0]):
             return
@@ -429,7 +429,7 @@ class Session:
             self.newest, self._line_bytes = sample, len(line) + 1
         if seq in self.gaps:
             self.recovered += 1
-            taken = now - self.gaps.pop(seq)  # by its turn: the time that an answer takes
+            taken = now - self.gaps.pop(seq)  # time of the repetition relative to its turn
             if 0 <= taken < 0.25:
                 self._round_trip += (taken - self._round_trip) / 16
         else:
@@ -442,7 +442,7 @@ class Session:
         self._events.append(sample)
 
     def _open_gap(self, sample: Sample, end: int) -> None:
-        """Request next <= seq < end; those overwritten before `sample` are lost."""
+        """Request next <= seq < end; records already overwritten at `sample` are lost."""
         first = max(self._next, sample.seq + 1 - self.ring)
         if first > self._next:
             self._events.append(Lost(sample.boot, self._next, first - self._next))
@@ -451,7 +451,7 @@ class Session:
         self._next = end
 
     def _lose(self, boot: int, seqs: list[int]) -> None:
-        """Report lost records, runs of them together."""
+        """Report lost records, one event per run."""
         start = 0
         for i, seq in enumerate(seqs):
             del self.gaps[seq]
@@ -462,14 +462,14 @@ class Session:
 
 
 def _has_jumped(sample: Sample, other: Sample) -> bool:
-    """Whether a value differs by more than the distance of the two explains, or the state does."""
+    """Return True if the state differs, or a value by more than the distance of the records allows."""
     times = 1 + abs(sample.seq - other.seq) // 4
     pairs = zip(sample[3:8], other[3:8], _JUMP, strict=True)
     return sample.flags != other.flags or any(abs(a - b) > times * most for a, b, most in pairs)
 
 
 def _follows(sample: Sample, before: Sample) -> bool:
-    """Whether a record can be one that comes soon after another, at whatever rate of records."""
+    """Return True if a record can follow shortly after another, at any rate of records."""
     records, ticks = sample.seq - before.seq, (sample.tick - before.tick) % TICKS
     return (
         sample.boot == before.boot
@@ -483,16 +483,16 @@ def _follows(sample: Sample, before: Sample) -> bool:
 class AbstractLink(contextlib.AbstractContextManager):
     """A session with its recording; a subclass adds transport and clock.
 
-    Every wait goes through `sleep`, so that one plan runs in real and in virtual time. All methods
-    but `close` may be called from any thread.
+    All waiting is done by `sleep`, so that a plan runs in real and in virtual time. All methods except
+    `close` may be called from any thread.
 
     Args:
         first_id: number of the first command, see `Session`.
 
     Attributes:
-        session: the conversation.
-        alarms: losses, resets and silences that were not handled yet.
-        watch: called with every record, or None.
+        session: session with the device.
+        alarms: losses, resets and silences that have not been handled.
+        watch: function called with every record, or None.
     """
 
     def __init__(self, first_id: int) -> None:
@@ -512,7 +512,7 @@ class AbstractLink(contextlib.AbstractContextManager):
 
     @property
     def running(self) -> bool:
-        """Whether bytes are exchanged."""
+        """True while bytes are exchanged."""
         return True
 
     @abc.abstractmethod
@@ -525,11 +525,11 @@ class AbstractLink(contextlib.AbstractContextManager):
 
     @property
     def newest(self) -> Sample | None:
-        """The last record in order, or None."""
+        """Last record in order, or None."""
         return self.session.newest
 
     def attach(self, journal: Journal | None) -> None:
-        """Record into a journal from now on; None detaches it, which must happen before it is closed."""
+        """Record to a journal from now on. None detaches it, which is required before it is closed."""
         with self._lock:
             self._journal = journal
 
@@ -550,7 +550,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             self.session.keep_alive(self.now)
 
     def rest(self) -> None:
-        """Stop the heartbeats at once."""
+        """Stop the heartbeats."""
         with self._lock:
             self.session.rest()
 
@@ -559,7 +559,7 @@ class AbstractLink(contextlib.AbstractContextManager):
 
         Raises:
             RigError: the device refuses the command, or a number is not finite.
-            RigFault: no answer came, or the device was reset meanwhile.
+            RigFault: there was no answer, or the device was reset in the meantime.
         """
         with self._lock:
             command = self.session.command(verb, *values)
@@ -575,7 +575,7 @@ class AbstractLink(contextlib.AbstractContextManager):
         return command.answer
 
     def settle(self, seconds: float) -> None:
-        """Wait up to a time [s] for missing records; after that they are lost."""
+        """Wait up to a time [s] for missing records, which are then reported as lost."""
         until = self.now + seconds
         while self.running and self.session.gaps and self.now < until:
             self.sleep(SLICE)
@@ -584,7 +584,7 @@ class AbstractLink(contextlib.AbstractContextManager):
             self._take(self.session.feed(b"", self.now))
 
     def _pump(self, data: bytes) -> bytes:
-        """Process received bytes; returns the bytes to send."""
+        """Process received bytes, and return the bytes to send."""
         with self._lock:
             now = self.now
             events = self.session.feed(data, now)
@@ -608,13 +608,13 @@ class AbstractLink(contextlib.AbstractContextManager):
 
 
 def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
-    """A function that opens a serial port for this program alone.
+    """Return a function that opens a serial port for exclusive use.
 
-    Opening the port of most Arduino boards resets them: the link sees a reset, not a reconnection.
+    Opening the port resets most Arduino boards, so the link sees a reset, not a reconnection.
 
     Args:
-        path: a device such as /dev/serial/by-id/..., COM3, or a URL such as socket://host:port.
-        baud: bits a second, as the firmware was built for.
+        path: device such as /dev/serial/by-id/..., COM3, or a URL such as socket://host:port.
+        baud: bits per second for which the firmware was built.
     """
 
     def open_port() -> Any:
@@ -631,18 +631,18 @@ def serial_opener(path: str, baud: int = 115200) -> Callable[[], Any]:
 class Link(AbstractLink):
     """A link over a real port, in real time; one thread owns the port.
 
-    A port that disappears is opened again. Until then records and heartbeats are missing, so that a
-    running device vents within its limit of silence.
+    If the port disappears, it is opened again when it is back. Meanwhile records and heartbeats are
+    missing, and a running device vents within its limit of silence.
 
     Args:
-        opener: opens the port, as `serial_opener` does; the port has `in_waiting`, `read`, `write` and
-            `close` as pyserial's do, and its errors are `OSError`s.
+        opener: function that opens the port, such as that of `serial_opener`. The port has `in_waiting`,
+            `read`, `write` and `close` like those of pyserial, and raises `OSError`.
 
     Attributes:
-        port: what it has opened, None while it is away.
+        port: open port, or None.
 
     Raises:
-        RigError: the port cannot be opened: it is not there, or another program has it.
+        RigError: the port cannot be opened.
     """
 
     def __init__(self, opener: Callable[[], Any]) -> None:
@@ -665,7 +665,7 @@ class Link(AbstractLink):
 
     @property
     def running(self) -> bool:
-        """Whether the thread is neither closed nor ended by an error."""
+        """True while the thread is running."""
         return self._thread.is_alive()
 
     def sleep(self, seconds: float) -> None:
@@ -698,7 +698,7 @@ class Link(AbstractLink):
             self.port = self._opener()
         data = self.port.read(self.port.in_waiting or 1)
         while (waiting := self.port.in_waiting) and len(data) < 4096:
-            data += self.port.read(waiting)  # a socket reports one byte at most
+            data += self.port.read(waiting)  # a socket reports at most one waiting byte
         return data
 
     def _drop(self) -> None:
@@ -709,18 +709,18 @@ class Link(AbstractLink):
 
 
 class VirtualLink(AbstractLink):
-    """A link to a simulated rig: no thread, and time passes only in `sleep`.
+    """A link to a simulated rig without a thread; time passes only in `sleep`.
 
     Args:
-        rig: the device's side of the cable: `now` [s], `write(bytes)`, `read()` and
-            `advance(seconds)`, as `SimulatedRig` has them.
+        rig: device's side of the cable, with `now` [s], `write(bytes)`, `read()` and `advance(seconds)` as
+            in `SimulatedRig`.
         first_id: number of the first command.
     """
 
     def __init__(self, rig: Any, first_id: int = 0) -> None:
         super().__init__(first_id)
         self.rig = rig
-        self._part = b""  # of an incomplete line
+        self._part = b""  # incomplete line
 
     @property
     def now(self) -> float:
@@ -746,19 +746,19 @@ class VirtualLink(AbstractLink):
 def mean_counts(
     link: AbstractLink, seconds: float, wait: Callable[[float], None] | None = None
 ) -> tuple[float, float]:
-    """Mean sums of five readings of pressure and force [counts] over a time [s].
+    """Return the mean sums of five readings of pressure and force [counts] over a time [s].
 
     Args:
-        link: to the device, greeted, in any state; nothing is sent.
-        seconds: of the mean.
+        link: link to the device, after its hello, in any state; nothing is sent.
+        seconds: averaging time.
         wait: function that waits for a time [s] and supervises a run; omit it if no run is active.
 
     Raises:
-        RigFault: no record came.
+        RigFault: no record arrived.
     """
     found: list[Sample] = []
     wait = wait or link.sleep
-    wait(0.1)  # a record that was begun before has come
+    wait(0.1)  # for a record that has already begun
     link.watch = found.append
     try:
         wait(seconds)

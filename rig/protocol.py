@@ -1,11 +1,11 @@
-"""The protocol: lines with a CRC, messages, and the control law in integers.
+"""The protocol: lines with a CRC, messages, and the control law in integer arithmetic.
 
-Every line of the device, and every line of a host under `strict 1`, ends in `*HHHH`, the CRC-16 of
-the text before the asterisk. `firmware/README.md` lists the lines and their fields.
+Each line of the device, and each line of the host after `strict 1`, ends with `*HHHH`, the CRC-16 of the
+text before the asterisk. `firmware/README.md` lists the lines and their fields.
 
 The controller is PI with feed-forward: u = v + Kp e + I, dI/dt = Ki e, e = set point - measured
-pressure. The C core, its Python port and the audit of a record compute the same integers, so each
-sample determines what its output had to be.
+pressure. The C core, its Python port and the audit of a record compute the same integers, so the output of
+each record can be recomputed.
 """
 
 import binascii
@@ -14,20 +14,20 @@ from typing import Any, NamedTuple
 
 PROTOCOL = 3  # version of the protocol, field `proto` of the hello line
 TICK_HZ = 500  # ticks of the controller per second
-TICKS = 1 << 32  # a device counts its ticks modulo this: from 0 again after 99 days
+TICKS = 1 << 32  # ticks are counted modulo this number, which is reached after 99 days
 
 PRESSURE_UNIT = 128  # set point and error are in 1/128 psi
 GAIN_UNIT = 256  # gains and feed-forward: 1/256 of PWM counts (per psi, per psi and second)
-INTEGRAL_UNIT = PRESSURE_UNIT * GAIN_UNIT  # the integral is in 1/32768 PWM count: Kp e fits
+INTEGRAL_UNIT = PRESSURE_UNIT * GAIN_UNIT  # the integral is in 1/32768 PWM count, the unit of Kp e
 ZERO_UNIT = 16  # the zero of the transducer is in 1/16 count of the converter
 SPAN_UNIT = 64  # the span of the transducer, psi per 1024 counts, is in 1/64 psi
-MAX_ERROR = 32767  # the proportional term sees at most this error [1/128 psi], 256 psi
+MAX_ERROR = 32767  # largest error in the proportional term [1/128 psi], 256 psi
 _SPAN_SHIFT = 13  # 2^4 per count of zero and 2^16 of span, to 2^7 per psi
 
 SAFE, RUN, MANUAL, TRIP = range(4)  # states of the device
 STATES = ("SAFE", "RUN", "MAN", "TRIP")
-DRIVEN = (RUN, MANUAL)  # states in which the output may be on and the dump valve is shut
-# Why the device left RUN or MAN on its own, or started with the output off.
+DRIVEN = (RUN, MANUAL)  # states in which the output may be on and the dump valve is closed
+# Reasons why the device left RUN or MAN by itself, or started with the output off.
 FAULTS = ("none", "silence", "over-pressure", "jump", "stall", "watchdog", "range", "frozen",
           "no response")  # fmt: skip
 
@@ -40,9 +40,9 @@ class ControlLaw(NamedTuple):
         feed_forward: v [1/256 PWM count], 0 to 65280.
         proportional: Kp [1/256 PWM count / psi], 0 to 32767.
         integral: Ki [1/256 PWM count / (psi s)], 0 to 32767.
-        low: least value of the integral term [PWM counts], -255 to 0.
-        high: greatest value of the integral term [PWM counts], 0 to 255. The defaults are symmetric
-            about the feed-forward and span the whole output at v = 128.
+        low: smallest value of the integral term [PWM counts], -255 to 0.
+        high: largest value of the integral term [PWM counts], 0 to 255. The defaults are symmetric about
+            the feed-forward and cover the whole range of the output at v = 128.
         zero: converter counts at 0 psi [1/16 count].
         span: psi per 1024 counts [1/64 psi]; the default is a 200 psi transducer of 0 to 5 V.
 
@@ -61,14 +61,14 @@ class ControlLaw(NamedTuple):
 
     @property
     def set_point_psi(self) -> float:
-        """The set point [psi]."""
+        """Set point [psi]."""
         return self.set_point / PRESSURE_UNIT
 
 
 def pressure_error(law: ControlLaw, counts: int, ticks: int = 1) -> int:
-    """Set point minus measured pressure, summed over `ticks` ticks [1/128 psi], rounded once.
+    """Return set point minus measured pressure, summed over `ticks` ticks [1/128 psi], rounded once.
 
-    E = n set - span (16 counts - n zero) / 2^13, counts the sum of n conversions.
+    E = n set - span (16 counts - n zero) / 2^13, where counts is the sum of n conversions.
 
     >>> law = ControlLaw(set_point=40 * PRESSURE_UNIT)
     >>> pressure_error(law, 200) / PRESSURE_UNIT  # 200 counts of 200 psi / 1024 are 39.06 psi
@@ -79,14 +79,14 @@ def pressure_error(law: ControlLaw, counts: int, ticks: int = 1) -> int:
 
 
 def next_integral(law: ControlLaw, integral: int, error: int) -> int:
-    """The integral term after one record [1/32768 PWM count], limited to [low, high].
+    """Return the integral term after one record [1/32768 PWM count], limited to [low, high].
 
-    I + round(Ki E / 500), halves away from zero.
+    I + round(Ki E / 500), with halves rounded away from zero.
 
     Args:
-        law: the law.
-        integral: I before.
-        error: E, `pressure_error` of the sum over the ticks of the record.
+        law: control law.
+        integral: I before the record.
+        error: E, the `pressure_error` of the sum over the ticks of the record.
 
     >>> law = ControlLaw(integral=2 * GAIN_UNIT)
     >>> next_integral(law, 0, 500 * PRESSURE_UNIT) / INTEGRAL_UNIT  # 1 psi for 1 s, Ki = 2
@@ -98,12 +98,12 @@ def next_integral(law: ControlLaw, integral: int, error: int) -> int:
 
 
 def drive(law: ControlLaw, integral: int, error: int) -> int:
-    """The output u [PWM counts], v + Kp e + I, rounded and limited to 0..255.
+    """Return the output u = v + Kp e + I [PWM counts], rounded and limited to 0..255.
 
     Args:
-        law: the law.
+        law: control law.
         integral: I [1/32768 PWM count].
-        error: e [1/128 psi] of one tick; beyond `MAX_ERROR` it counts as that.
+        error: e [1/128 psi] of one tick, limited to `MAX_ERROR`.
 
     >>> drive(ControlLaw(feed_forward=128 * GAIN_UNIT, proportional=4 * GAIN_UNIT), 0, 256)
     136
@@ -119,13 +119,13 @@ class Sample(NamedTuple):
     """One record: `T,boot,seq,tick,p,q,f,u,i,st`.
 
     Attributes:
-        boot: the boot counter modulo 16.
+        boot: boot counter modulo 16.
         seq: number of the record since boot.
-        tick: the 2 ms tick it ended with, counted since boot.
+        tick: last 2 ms tick of the record, counted since boot.
         pressure_sum: sum of the pressure counts over the ticks of the record.
-        pressure_count: the pressure count of the last tick.
+        pressure_count: pressure count of the last tick.
         force_sum: sum of the force counts over the ticks of the record.
-        output: u [PWM counts], set from `pressure_count` and `integral`.
+        output: u [PWM counts], computed from `pressure_count` and `integral`.
         integral: I [1/32768 PWM count].
         flags: state + 4 * sync + 16 * fault.
     """
@@ -142,12 +142,12 @@ class Sample(NamedTuple):
 
     @property
     def state(self) -> int:
-        """`SAFE`, `RUN`, `MANUAL` or `TRIP`, at the last tick."""
+        """`SAFE`, `RUN`, `MANUAL` or `TRIP` at the last tick."""
         return self.flags & 3
 
     @property
     def sync(self) -> bool:
-        """Whether the sync pin is high."""
+        """True if the sync pin is high."""
         return bool(self.flags & 4)
 
     @property
@@ -162,20 +162,20 @@ class DeviceStatus(NamedTuple):
     Counters wrap at 65536.
 
     Attributes:
-        boot: the boot counter.
+        boot: boot counter.
         seq: number of the next record.
-        tick: the tick of this line.
+        tick: tick of this line.
         state: as in `Sample`.
         fault: as in `Sample`.
-        pressure_count: the last pressure count.
-        bad: lines of the host that were refused: CRC, length, no CRC under `strict 1`.
+        pressure_count: last pressure count.
+        bad: lines of the host that were refused: CRC, length, or no CRC after `strict 1`.
         good: lines of the host that were accepted.
-        overrun: bytes of the host for which there was no room.
-        dropped: lines of the device for which there was no room.
-        late: ticks that came late.
-        tripped_at: tick of the last trip since the boot, 0 where there was none or it is older.
-        tripped_count: the pressure count that tripped.
-        tripped_output: the output [PWM counts] before it was taken off.
+        overrun: bytes of the host that were lost for lack of space.
+        dropped: lines of the device that were lost for lack of space.
+        late: ticks that started late.
+        tripped_at: tick of the last trip since boot, 0 if there was none.
+        tripped_count: pressure count that caused the trip.
+        tripped_output: output [PWM counts] before the trip.
         alive: whether the reading varied at rest: 0 not known yet, 1 quiet, 2 alive.
     """
 
@@ -202,19 +202,19 @@ class DeviceSettings(NamedTuple):
     `P,boot,since,<law>,div,trip,jump,stall,silence,floor,ceiling,still,frozen,frozen_ticks`.
 
     Attributes:
-        boot: the boot counter.
-        since: the first record that all of this governs.
-        law: the control law.
-        ticks_per_record: as set by `tele`.
-        trip: over-pressure limit [counts]; 0 where none has been set.
-        jump: limit of the change over 5 ticks [counts].
+        boot: boot counter.
+        since: first record governed by these settings.
+        law: control law.
+        ticks_per_record: ticks per record, as set by `tele`.
+        trip: over-pressure limit [counts]; 0 if it has not been set.
+        jump: largest change over 5 ticks [counts].
         stall: ticks with output or integral at its upper limit without a rise.
         silence: ticks without an accepted line.
-        floor: least reading that is plausible [counts].
-        ceiling: greatest one.
+        floor: smallest plausible reading [counts].
+        ceiling: largest plausible reading [counts].
         still: ticks within two counts of a reading that varied at rest.
-        frozen: PWM counts by which the output may exceed the one that held the pressure.
-        frozen_ticks: ticks at twice that output without a move of the reading.
+        frozen: PWM counts by which the output may exceed the holding output.
+        frozen_ticks: ticks at twice that excess without a change of the reading.
     """
 
     boot: int
@@ -238,14 +238,14 @@ class Hello(NamedTuple):
     Attributes:
         protocol: `PROTOCOL`.
         firmware: version of the firmware.
-        boot: the boot counter.
-        cause: of the reset: 1 power, 2 reset pin, 4 brown-out, 8 watchdog, 0 unknown.
+        boot: boot counter.
+        cause: cause of the reset: 1 power, 2 reset pin, 4 brown-out, 8 watchdog, 0 unknown.
         tick_hz: ticks per second.
-        ticks_per_record: as set by `tele`.
-        ring: records that the device can still repeat.
-        bytes_per_tick: bytes that it can send in a tick.
-        trip_ceiling: highest pressure limit that it takes [counts].
-        board: its number, kept in its memory and in its calibration; 0 if it was given none.
+        ticks_per_record: ticks per record, as set by `tele`.
+        ring: number of records that the device can repeat.
+        bytes_per_tick: bytes that the device can send in a tick.
+        trip_ceiling: highest pressure limit accepted [counts].
+        board: board number, stored in the memory and in the calibration; 0 if there is none.
     """
 
     protocol: int
@@ -264,9 +264,9 @@ class Ack(NamedTuple):
     """`A,id,OK,seq` or `A,id,ERR,why`.
 
     Attributes:
-        id: of the command.
-        seq: the first record that the command governs in full; None where it was refused.
-        reason: why it was refused; empty where it was not.
+        id: number of the command.
+        seq: first record fully governed by the command; None if it was refused.
+        reason: reason of the refusal; otherwise empty.
     """
 
     id: int
@@ -275,7 +275,7 @@ class Ack(NamedTuple):
 
 
 class StoredRange(NamedTuple):
-    """`L,oldest,next`: the records that can still be repeated, oldest <= seq < next."""
+    """`L,oldest,next`: the records that can be repeated, oldest <= seq < next."""
 
     oldest: int
     next: int
@@ -285,7 +285,7 @@ Message = Sample | DeviceStatus | DeviceSettings | Hello | Ack | StoredRange
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16 of `data`: polynomial 0x1021, start 0xFFFF, not reflected.
+    """Return the CRC-16 of `data`: polynomial 0x1021, initial value 0xFFFF, not reflected.
 
     >>> hex(crc16(b"123456789"))
     '0x29b1'
@@ -294,7 +294,7 @@ def crc16(data: bytes) -> int:
 
 
 def frame(body: str) -> bytes:
-    r"""The line that carries `body`, ASCII without asterisk and line ends, with its CRC.
+    r"""Return the line with `body`, ASCII without asterisk and line ends, and its CRC.
 
     >>> frame("0 hb")
     b'0 hb*E088\n'
@@ -304,9 +304,9 @@ def frame(body: str) -> bytes:
 
 
 def command_body(id_: int, verb: str, *values: float | str) -> str:
-    """The body of a command, numbers with at most four decimals and no trailing zeros.
+    """Return the body of a command, with at most four decimals and no trailing zeros in numbers.
 
-    The device reads no more decimals than that; it stores gains in 1/256 steps and reports them.
+    The device reads no more than four decimals. It stores and reports gains in steps of 1/256.
 
     >>> command_body(7, "set", 40.0, 127.53125)
     '7 set 40 127.5312'
@@ -326,10 +326,10 @@ _LAW = len(ControlLaw._fields)
 
 
 def parse(line: bytes) -> Message | None:
-    """The message in a line of the device, or None if its CRC or form is wrong.
+    """Return the message in a line of the device, or None if its CRC or form is wrong.
 
     Args:
-        line: without the line feed.
+        line: line without the line feed.
 
     >>> parse(frame("T,3,17,90,1025,205,512,131,-42,1")[:-1]).pressure_sum
     1025
@@ -347,7 +347,7 @@ def parse(line: bytes) -> Message | None:
 
 
 def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
-    """The message of any other kind."""
+    """Return a message of any other kind."""
     made: Any = {b"S": DeviceStatus, b"P": DeviceSettings, b"H": Hello, b"L": StoredRange}.get(kind)
     if kind == b"A" and len(fields) == 3 and _INTEGER(fields[0]):
         id_, said, rest = fields
@@ -367,7 +367,7 @@ def _of_integers(kind: bytes, fields: list[bytes]) -> Message | None:
 
 
 class Splitter:
-    r"""Split a stream of bytes into lines; of noise without line ends the last `limit` bytes are kept.
+    r"""Split a stream of bytes into lines; only the last `limit` bytes without a line end are kept.
 
     >>> Splitter(limit=200).feed(b"one\ntwo\n\nthr")
     [b'one', b'two']
@@ -378,7 +378,7 @@ class Splitter:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that `data` completes, without their ends and without empty ones."""
+        """Return the lines completed by `data`, without line ends and without empty lines."""
         *lines, rest = (self._rest + data).split(b"\n")
         self._rest = rest[-self._limit :]
         return [line for line in lines if line]

@@ -29,26 +29,26 @@ from .errors import RigError
 CIRCUITS = {"air": PneumaticCircuit, "water": HydraulicCircuit}  # of each name in a plan
 _BITS_PER_BYTE = 10  # start, eight, stop
 FULL_COUNTS = 1023
-_STEPS = 1024  # of the converter over its reference
+_STEPS = 1024  # counts of the converter over its reference voltage
 _REFERENCE_VOLTS = 5.0
 LOG_INTERVAL = 0.02  # s of the test machine's clock (Chambers 2021, chapter 4)
-_BLOCK = 4096  # noise is drawn in blocks: a draw for one reading costs as much as a whole step
+_BLOCK = 4096  # noise is drawn in blocks, because single draws would double the time of a step
 
 
 @dataclasses.dataclass(frozen=True)
 class SimulatedSensor:
     """A linear sensor read by a 10-bit converter with a reference of 5 V.
 
-    counts = floor((low_volts + (high_volts - low_volts)(x - low)/(high - low) + noise) 1024 / 5)
+    counts = floor((low_volts + (high_volts - low_volts)(x - low)/(high - low) + noise) 1024 / 5),
 
-    held within 0..1023, as the data sheet of the ATmega328P has it.
+    limited to 0..1023, as in the data sheet of the ATmega328P.
 
     Attributes:
         low: reading [SI] at `low_volts`.
         high: reading [SI] at `high_volts`.
-        noise: standard deviation [SI], normal.
-        correlation_time: [s] of the noise; 0 for white noise. Noise that is correlated survives
-            the mean of several readings, as pick-up and pump ripple do.
+        noise: standard deviation of the normal noise [SI].
+        correlation_time: correlation time of the noise [s]; 0 for white noise. Averaging does not remove
+            correlated noise, such as pick-up and pump ripple.
         low_volts: output [V] at `low`; above 0, so that a broken wire differs from a low reading.
         high_volts: output [V] at `high`.
     """
@@ -68,25 +68,25 @@ class SimulatedSensor:
 
     @cached_property
     def zero_counts(self) -> float:
-        """Counts, not rounded down, at a reading of zero."""
+        """Counts at a reading of zero, before rounding down."""
         return self.low_volts * _STEPS / _REFERENCE_VOLTS - self.low * self.counts_per_unit
 
     def counts(self, reading: float, error: float = 0.0) -> int:
-        """Counts [0..1023] of a reading [SI] with an error [counts], limited by the ADC."""
+        """Return the counts [0..1023] of a reading [SI] with an error [counts]."""
         counts = int(self.zero_counts + self.counts_per_unit * reading + error)
         return 0 if counts < 0 else counts if counts < FULL_COUNTS else FULL_COUNTS
 
     def calibration(self) -> Sensor:
-        """The result of a perfect calibration of this sensor, for sums of five readings.
+        """Return the result of a perfect calibration of this sensor, for sums of five readings.
 
-        A converter rounds down, so that its counts are half a count low in the mean.
+        The converter rounds down, so its counts are low by half a count on average.
         """
         return Sensor(1 / (READINGS * self.counts_per_unit), READINGS * (self.zero_counts - 0.5))
 
     def errors(self, interval: float, seed: int | np.random.Generator) -> Iterator[float]:
-        """Endless noise [counts], one value every `interval` [s].
+        """Generate noise [counts], one value every `interval` [s].
 
-        The seed alone decides the values. Correlated noise is a first-order Gauss-Markov process.
+        The values depend only on the seed. Correlated noise is a first-order Gauss-Markov process.
         """
         rng = np.random.default_rng(seed)
         scale = self.noise * self.counts_per_unit
@@ -102,10 +102,10 @@ class SimulatedSensor:
 def pressure_transducer(
     high: float = 200 * PSI, noise: float = 0.25 * PSI, correlation_time: float = 0.01
 ) -> SimulatedSensor:
-    """The reference work's transducer, 0 to 200 psi; its noise and their correlation are ASSUMED.
+    """Return the reference work's transducer, 0 to 200 psi; noise and correlation time are ASSUMED.
 
-    Both are part of what is measured: with the air circuit's own motion below 0.12 psi, the printed
-    standard deviations of 0.27 to 0.34 psi are mostly the transducer's.
+    The printed standard deviations of 0.27 to 0.34 psi are mostly due to the transducer, because the
+    pressure of the air circuit varies by less than 0.12 psi.
 
     >>> round(1 / (pressure_transducer().counts_per_unit * PSI), 3)  # psi per count
     0.244
@@ -114,9 +114,9 @@ def pressure_transducer(
 
 
 def load_cell(high: float = 1500 * LBF, noise: float = 0.5 * LBF) -> SimulatedSensor:
-    """A load cell of -5 % to 100 % of its range; range and noise are ASSUMED.
+    """Return a load cell for -5 % to 100 % of its range; range and noise are ASSUMED.
 
-    The reference work's reads up to 1000 lbf, which the 7/8 in muscle exceeds at 100 psi.
+    The reference work's load cell reads up to 1000 lbf, which the 7/8 in muscle exceeds at 100 psi.
     """
     return SimulatedSensor(-0.05 * high, high, noise)
 
@@ -126,43 +126,42 @@ class MachineClock:
     """A clock with offset and drift: reading = offset + (1 + rate) t, with t the true time.
 
     Attributes:
-        offset: reading [s] at the true time 0.
-        rate: by which it gains, s per s.
+        offset: reading [s] at true time 0.
+        rate: gain of the clock [s per s].
     """
 
     offset: float = 0.0
     rate: float = 0.0
 
     def reading(self, true_time: float) -> float:
-        """The reading [s] at a true time [s]."""
+        """Return the reading [s] at a true time [s]."""
         return self.offset + (1 + self.rate) * true_time
 
     def true_time(self, reading: float) -> float:
-        """The true time [s] at which it shows a reading [s]."""
+        """Return the true time [s] of a reading [s]."""
         return (reading - self.offset) / (1 + self.rate)
 
 
 class TestMachine:
-    """A screw-driven machine that shortens a muscle at constant rate and lets it out again.
+    """A screw-driven machine that lets a muscle shorten at a constant rate and extends it again.
 
-    A stroke begins at the rest length, turns where the load falls to 0 (or after the given stroke),
-    and ends at the rest length. Neglected: the frame's compliance and the time that
-    the drive takes to reverse.
+    A stroke begins at the rest length, reverses where the load falls to 0 (or after the given stroke), and
+    ends at the rest length. Neglected: the compliance of the frame, and the time for reversing the drive.
 
     Args:
         rest_length: L0 [m], where strokes begin and end.
-        shortest: length [m] at which the machine's limit switch stops it.
-        clock: of its log.
+        shortest: length [m] at which the limit switch stops the machine.
+        clock: clock of its log.
         load_noise: standard deviation of the load in its log [N]; ASSUMED.
-        seed: of the noise.
+        seed: seed of the noise.
 
     Attributes:
         length: active length L [m].
         velocity: dL/dt [m/s], negative while the muscle shortens.
-        sync: whether its digital input is high.
-        cycles_left: strokes that remain, the present one included.
-        rows: of its log: time [s] of its own clock, displacement [m], negative where the muscle is shorter
-            than at rest, force [N], sync.
+        sync: True if its digital input is high.
+        cycles_left: remaining strokes, including the present one.
+        rows: rows of its log: time of its own clock [s], displacement [m], negative if the muscle is
+            shorter than at rest, force [N], sync.
     """
 
     __test__ = False  # not a test of pytest's
@@ -192,22 +191,22 @@ class TestMachine:
 
     @property
     def busy(self) -> bool:
-        """Whether strokes are under way."""
+        """True while strokes are in progress."""
         return self.cycles_left > 0
 
     def start(self, cycles: int, rate: float = 0.04 * INCH, *, stroke: float = math.inf) -> None:
         """Begin strokes from the rest length.
 
         Args:
-            cycles: number of strokes there and back.
-            rate: of the crosshead [m/s] (chapter 4: 0.04 in/s).
+            cycles: number of strokes, each there and back.
+            rate: speed of the crosshead [m/s] (chapter 4: 0.04 in/s).
             stroke: largest stroke [m]; the machine also reverses at the limit switch.
         """
         self._turn_at = max(self.shortest, self.rest_length - stroke)
         self._rate, self.velocity, self.cycles_left = rate, -rate, cycles
 
     def step(self, now: float, dt: float, load: float) -> None:
-        """Move by dt [s] up to the true time `now` [s], under the load [N] at its beginning."""
+        """Move by dt [s] to the true time `now` [s], under the load [N] at the beginning of the step."""
         velocity = self.velocity
         length = self.length + velocity * dt
         if velocity < 0:
@@ -223,9 +222,9 @@ class TestMachine:
         self.length, self._last_load = length, load
 
     def _log(self, now: float, dt: float, length: float, load: float) -> None:
-        """One row at its nominal time, between the last step and this one."""
+        """Add a row at its nominal time, between the previous step and this one."""
         share = min(max(1 - (now - self._next_at) / dt, 0.0), 1.0)
-        # The load belongs to the beginning of the step: at `share` of it, it is `share` on from there.
+        # The load is known at the beginning of the step and extrapolated by `share` of the step.
         force = load + share * (load - self._last_load) + self._rng.normal() * self.load_noise
         x = self.length + share * (length - self.length)
         self.rows.append((self._next_row, x - self.rest_length, force, float(self.sync)))
@@ -233,7 +232,7 @@ class TestMachine:
         self._next_at = self.clock.true_time(self._next_row)
 
     def write_log(self, path: str | Path) -> Path:
-        """Write the log as a delimited file with units, as such machines do."""
+        """Write the log as a delimited file with a row of units, as such machines do."""
         lines = ["Time,Extension,Load,Digital input", "(s),(mm),(N),(-)"]
         for time, displacement, force, sync in self.rows:
             lines.append(f"{time:.4f},{displacement * 1e3:.5f},{force:.4f},{sync:.0f}")
@@ -243,15 +242,15 @@ class TestMachine:
 
 
 class ByteChannel:
-    """One direction of a serial line: bytes arrive one by one, at its baud rate.
+    """One direction of a serial line; bytes arrive one by one at its baud rate.
 
     Args:
-        baud: bits a second; None delivers at once.
-        limit: bytes that may wait; what comes on top is lost, as in a UART. None for no limit.
+        baud: bits per second; None for immediate delivery.
+        limit: largest number of waiting bytes; further bytes are lost, as in a UART. None for no limit.
 
     Attributes:
-        waiting: bytes that have not been received.
-        cut: whether the cable is out: nothing enters, and bytes under way are lost.
+        waiting: number of bytes that have not been received.
+        cut: True if the cable is unplugged: nothing is accepted, and bytes on the line are lost.
     """
 
     def __init__(self, *, baud: float | None = None, limit: int | None = None) -> None:
@@ -262,7 +261,7 @@ class ByteChannel:
         self.waiting, self.cut = 0, False
 
     def send(self, data: bytes, now: float) -> None:
-        """Put bytes in at a time [s], which must not go back."""
+        """Send bytes at a time [s], which must not decrease."""
         if self.cut or not data:
             return
         if self._limit is not None:
@@ -273,7 +272,7 @@ class ByteChannel:
         self.waiting += len(data)
 
     def receive(self, now: float) -> bytes:
-        """The bytes that have arrived by a time [s]."""
+        """Return the bytes that have arrived by a time [s]."""
         queue, arrived = self._queue, []
         if self.cut:
             queue.clear()
@@ -295,10 +294,10 @@ class ByteChannel:
 
 
 class SimulatedRig:
-    r"""The far end of a serial line: a device, its sensors and its plant.
+    r"""A device with its sensors and its plant, at the far end of a serial line.
 
-    Nothing waits: `advance` runs the rig. The same arguments give the same bytes, whatever the
-    steps in which it is advanced.
+    `advance` runs the rig in virtual time. The same arguments give the same bytes, independent of the
+    steps in which the rig is advanced.
 
     Args:
         circuit: circuit; pneumatic if omitted.
@@ -307,20 +306,20 @@ class SimulatedRig:
         device: device; if omitted, the Python port of the firmware at this baud rate.
         pressure_sensor: sensor; `pressure_transducer()` if omitted.
         force_sensor: sensor; `load_cell()` if omitted.
-        baud: of the line, one of `BAUD_RATES`.
+        baud: baud rate of the line, one of `BAUD_RATES`.
         to_device: line from the host; if omitted, one at this baud rate without faults.
         to_host: line from the device; if omitted, one at this baud rate without faults.
-        clock_rate: by which the device's clock gains on true time [-]; -0.002 is usual for an Uno.
-        friction: of the muscle, `DahlFriction.share`; ASSUMED.
-        seed: of the sensors' noise.
+        clock_rate: gain of the device's clock over true time [-]; -0.002 is typical of an Uno.
+        friction: friction of the muscle, see `DahlFriction.share`; ASSUMED.
+        seed: seed of the sensors' noise.
 
     Attributes:
-        now: true time [s], and the host's.
-        machine: the test machine.
-        plant: circuit and muscle, in operation.
-        device: the device.
-        sensor_fault: counts that the converter reads in place of the pressure (1023: unplugged,
-            with the input biased high), or None.
+        now: true time, and time of the host [s].
+        machine: test machine.
+        plant: circuit and muscle.
+        device: device.
+        sensor_fault: counts that the converter reads instead of the pressure (1023 if unplugged with the
+            input biased high), or None.
 
     >>> rig = SimulatedRig()
     >>> rig.write(b"1 hello\n")
@@ -380,11 +379,11 @@ class SimulatedRig:
         self.to_device.send(data, self.now)
 
     def read(self) -> bytes:
-        """The bytes that have arrived at the host since the last call."""
+        """Return the bytes that have arrived at the host since the last call."""
         return self.to_host.receive(self.now)
 
     def advance(self, seconds: float) -> None:
-        """Advance time: the plant, then one tick of the device, every 2 ms of its clock."""
+        """Advance time; every 2 ms of the device's clock, step the plant and then the device."""
         end = self.now + seconds
         device, plant, machine = self.device, self.plant, self.machine
         pressure_counts, force_counts = self.pressure_sensor.counts, self.force_sensor.counts
@@ -407,9 +406,9 @@ class SimulatedRig:
         self.now = end
 
     def calibration(self) -> Calibration:
-        """The result of a perfect calibration of this rig, the feed-forward included.
+        """Return the result of a perfect calibration of this rig, including the feed-forward.
 
-        The hydraulic feed-forward is the cubic fitted to the pump's steady outputs, 5 to 115 psi.
+        The hydraulic feed-forward is a cubic fitted to the pump's steady outputs from 5 to 115 psi.
         """
         sensors = self.pressure_sensor.calibration(), self.force_sensor.calibration()
         feed_forward = FeedForward.bias(128.0)
@@ -423,12 +422,12 @@ class SimulatedRig:
 def machine_for(
     muscle: AbstractMuscle, clock: MachineClock | None = None, seed: int = 0
 ) -> TestMachine:
-    """A test machine that holds a muscle at its rest length, and stops short of its least length.
+    """Return a test machine at the rest length of a muscle, with a limit switch above its least length.
 
     Args:
-        muscle: to be held.
-        clock: of the machine's log.
-        seed: of the noise of its load.
+        muscle: muscle.
+        clock: clock of the machine's log.
+        seed: seed of the noise of its load.
     """
     rest, least = float(muscle.rest_length), float(muscle.length_range()[0])
     return TestMachine(rest, shortest=least + 0.01 * (rest - least), clock=clock, seed=seed)

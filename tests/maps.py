@@ -124,7 +124,7 @@ def solved(P: np.ndarray, q: np.ndarray, A: np.ndarray, b: np.ndarray, cones: li
 # ---- raw records beside the repository; tests that need them are skipped where they are absent
 
 RAW = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
-COLUMNS = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]", "valve_state": "4"}
+COLUMNS = {"force": "1 [N]", "pressure": "2 [kPa]", "time": "3 [s]"}
 LEAST_PULL = 8.0  # N, by the data's own description
 BPA10 = {
     "10cm": {"Unkink": 83e-3, "kinked25": 79.75e-3, "kinked50": 76.5e-3, "kinked75": 73.25e-3},

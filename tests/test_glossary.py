@@ -7,7 +7,7 @@ from pathlib import Path
 import fitting
 from famjax.boundary.units import UNITS
 from fitting.evidence import Evidence, SharedErrors, carry, moves_of
-from fitting.report import Findings, specimen_table
+from fitting.report import Findings
 
 GLOSSARY = Path(__file__).parents[1] / "docs" / "glossary.md"
 _UNITS = {unit for kind in UNITS.values() for unit in kind}
@@ -64,9 +64,8 @@ def test_tables_of_a_fit_with_all_evidence() -> None:
     tables = [
         *Findings(found, evidence).tables(),
         Findings(found, evidence).numbers("metric"),
-        specimen_table(found, "metric"),
     ]
-    assert len(tables) == 8
+    assert len(tables) == 4
     assert not unexplained([c for _, head, rows in tables for c in (*head, *(r[0] for r in rows))])
 
 

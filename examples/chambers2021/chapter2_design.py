@@ -13,11 +13,7 @@ from famjax import units
 from famjax.braids import NEUTRAL_ANGLE, gaylord_force
 from famjax.compile_options import quick_jit
 from famjax.design import (
-    CatalogueBraid,
-    Combination,
-    Feasibility,
     fam_angle,
-    feasibility,
     fitting_diameter_on_bladder,
     fitting_diameter_on_braid,
     load_catalogue,
@@ -107,8 +103,9 @@ def braid_angles() -> list[Row]:
         columns.items(), enumerate(table["fam_diameter_in"])
     ):
         computed = _angle(diameter, nominal)
-        verdict = feasibility(diameter * units.INCH, offered[nominal])
-        remark = "" if verdict is Feasibility.FEASIBLE else f" ({verdict})"
+        low, high = np.array(offered[nominal].diameter_range) / units.INCH
+        outside = " (boundary)" if table[column][k] else " (infeasible)"
+        remark = "" if low <= diameter <= high else outside
         entry = f"{nominal} in braid on {diameter} in{remark}"
         if table[column][k]:
             key = f"braid_angle_table.{column}.{k}"
@@ -116,19 +113,6 @@ def braid_angles() -> list[Row]:
         else:
             found.append(Row("2.3", entry, computed, "deg"))
     return found
-
-
-def combination(diameter: float, braid: CatalogueBraid) -> Combination:
-    """Build a bladder with this outer diameter [in] and the specimen's wall under a braid, in inches."""
-    numbers = (
-        diameter,
-        printed()["specimen"]["bladder_thickness_in"],
-        *(
-            size / units.INCH
-            for size in (braid.nominal_diameter, braid.thickness, *braid.diameter_range)
-        ),
-    )
-    return Combination(*map(jnp.asarray, numbers), rest_length=jnp.ones(()))
 
 
 # %% [markdown]

@@ -13,12 +13,13 @@
 
 # %%
 
+import numpy as np
 from beside_print import Chapter, Row, printed
 from twin import Twin
 
 from famjax import units
 from famjax.app import analyse, simulate
-from fitting.records import Characterisation, force_rmse, read_machine_log
+from fitting.records import Characterisation, Isobar, read_machine_log
 from rig.control import Control
 from rig.journal import read_journal
 from rig.plan import Isobaric, PlanFile
@@ -90,6 +91,17 @@ def held(tests: dict[str, Characterisation]) -> list[Row]:
 
 
 # %%
+def force_rmse(one: Isobar, other: Isobar) -> float:
+    """RMS difference [N] of the force over both branches, at common lengths (equation 3.8)."""
+    low, high = (of(one.length[k], other.length[k]) for k, of in ((-1, max), (0, min)))
+    at = np.linspace(low, high, 100)
+    ours, theirs = (
+        [np.interp(at, bar.length[::-1], of[::-1]) for of in (bar.shortening, bar.lengthening)]
+        for bar in (one, other)
+    )
+    return float(np.sqrt(np.mean(np.square(np.subtract(ours, theirs)))))
+
+
 def fluids(tests: dict[str, Characterisation]) -> list[Row]:
     """Return the RMS difference of the force between the fluids."""
     theirs = dict(
@@ -100,8 +112,13 @@ def fluids(tests: dict[str, Characterisation]) -> list[Row]:
         )
     )
     found = []
-    for pressure, difference in force_rmse(*tests.values()).items():
-        P = round(pressure / units.PSI)
+    air, water = tests.values()
+    others = {bar.set_pressure: bar for bar in water.isobars}
+    for bar in air.isobars:
+        if bar.set_pressure not in others:
+            continue
+        P = round(bar.set_pressure / units.PSI)
+        difference = force_rmse(bar, others[bar.set_pressure])
         entry = f"TWIN, {P} psi, difference of force between air and water"
         found.append(Row("3.5", entry, difference / units.LBF, "lbf", theirs.get(P)))
     return found

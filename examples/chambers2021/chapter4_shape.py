@@ -10,15 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from beside_print import Chapter, Row, beside, printed
 from jaxtyping import Array, Float
-from specimen import inelastic_braid, profile, transcribed_profile
+from specimen import elliptic_ends, inelastic_braid, profile, transcribed_profile, tube_volume
 from twin import Twin
 
 from famjax import units
-from famjax.braids import braid_angle_from_blocked_force, diameter_from_length
+from famjax.braids import diameter_from_length
 from famjax.compile_options import quick_jit
-from famjax.geometries import tube_volume
 from famjax.measured import Meridian
-from famjax.profiles import EllipticToroidEnds, FourierProfile
+from famjax.profiles import FourierProfile
+from imaging.campaign import POSITION
 
 chapter = Chapter(__name__)
 
@@ -71,6 +71,14 @@ def camera() -> list[Row]:
 
 
 # %%
+def _angle_from_slope(
+    pressure: Float[np.ndarray, " n"], force: Float[np.ndarray, " n"], diameter: float
+) -> float:
+    """Return theta0 [deg] of a braid whose dF/dP is pi D0^2/4 (2 tan(theta0)^2 - 1)."""
+    magnification = 4 * np.polyfit(pressure, force, 1)[0] / (math.pi * diameter**2)
+    return math.degrees(math.atan(math.sqrt((magnification + 1) / 2)))
+
+
 @chapter.table("section 4: angle from the slope of blocked force")
 def angle_from_slope() -> list[Row]:
     """theta0 at which Gaylord's blocked force rises with pressure like the tested one."""
@@ -79,7 +87,7 @@ def angle_from_slope() -> list[Row]:
     found = []
     for diameter, key in ((0.875, "from_D0_0p875"), (1.025, "from_D0_1p025")):
         angle, *between = (
-            math.degrees(float(braid_angle_from_blocked_force(P[part], F[part], diameter)))
+            _angle_from_slope(P[part], F[part], diameter)
             for part in (slice(None), *(slice(k, k + 2) for k in range(P.size - 1)))
         )
         spread = max(abs(one - angle) for one in between)
@@ -121,7 +129,7 @@ def _shapes() -> tuple[dict[str, Float[Array, "profiles ..."]], ...]:
     lengths = jnp.array([rest * (1 - row["contraction"]) for row in rows])
 
     def measures(even: FourierProfile, length: Float[Array, ""]) -> dict[str, Float[Array, "..."]]:
-        meridian = Meridian.of(even, length)
+        meridian = Meridian.of(even.diameter, length)
         return {
             "w": even.w,
             "mean D": meridian.mean_diameter,
@@ -225,8 +233,8 @@ def _synthetic_diameters() -> Float[Array, "profiles n"]:
     of, braid = printed()["specimen"], inelastic_braid()
     length = of["active_length_in"] * (1 - jnp.array(CONTRACTIONS)[:, None])
     middle = diameter_from_length(length, braid.rest_thread_length, braid.turns)
-    shape = EllipticToroidEnds(middle, of["braid_resting_diameter_in"], END_LENGTH, END_ANGLE)
-    return shape.diameter(_X[::2], length)
+    end = of["braid_resting_diameter_in"]
+    return elliptic_ends(_X[::2], length, middle, end, END_LENGTH, END_ANGLE)
 
 
 @functools.cache
@@ -282,7 +290,7 @@ def photographed_terms(twin: Twin) -> list[Row]:
     diameters = table.diameter[table.ok] / units.INCH
     found = []
     for terms, largest, rmse in zip(of["terms"], of["max_error_in"], of["rmse_in"], strict=True):
-        errors = fit_terms(table.position, diameters, terms) - diameters
+        errors = fit_terms(POSITION, diameters, terms) - diameters
         for name, value, theirs in (
             ("largest error", np.abs(errors).max(axis=1).mean(), largest),
             ("RMSE", np.sqrt((errors**2).mean(axis=1)).mean(), rmse),

@@ -1,6 +1,7 @@
 """Chapter 5, the elastic braid: how the threads stretch at the resting length."""
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,9 +11,13 @@ from jaxtyping import Array, Float
 from specimen import PRESSURES, elastic_braid
 
 from famjax import units
-from famjax.braids import BraidState, BraidStretch, thread_tension
+from famjax.braids import (
+    braid_angle_from_length,
+    diameter_from_length,
+    gaylord_force,
+    thread_tension,
+)
 from famjax.compile_options import quick_jit
-from fitting.records import InSitu, thread_in_situ
 
 chapter = Chapter(__name__)
 
@@ -50,8 +55,26 @@ DIGIT = 0.0005
 WHY = "half a unit of the last digit of the printed diameters"
 
 
+class InSitu(NamedTuple):
+    """State of the threads at each printed pressure, in SI, and their moduli.
+
+    Attributes:
+        thread_length: B [m].
+        braid_angle: theta [rad].
+        strain: B / B0 - 1 [-], with B0 the length without pressure.
+        tension: tension of one thread [N].
+        moduli: slopes of stress against strain [Pa]: through the origin, and at high pressure.
+    """
+
+    thread_length: np.ndarray
+    braid_angle: np.ndarray
+    strain: np.ndarray
+    tension: np.ndarray
+    moduli: np.ndarray
+
+
 def in_situ(change: float | np.ndarray = 0.0) -> InSitu:
-    """Return the threads' state at the printed diameters and tested blocked forces, in SI.
+    """Return the threads' state at the printed diameters and tested blocked forces.
 
     Args:
         change: change of the printed diameters [in].
@@ -59,16 +82,16 @@ def in_situ(change: float | np.ndarray = 0.0) -> InSitu:
     of, table = printed()["specimen"], printed()["elastic_braid"]
     tested = printed()["tested"]
     force = dict(zip(tested["pressure_psi"], tested["blocked_force_lbf"], strict=True)) | {0: 0}
-    return thread_in_situ(
-        (np.array(table["D_in"]) + change) * units.INCH,
-        np.array([force[P] for P in table["pressure_psi"]]) * units.LBF,
-        np.array(table["pressure_psi"]) * units.PSI,
-        length=of["active_length_in"] * units.INCH,
-        turns=of["turns_N"],
-        n_threads=of["threads"],
-        area=of["thread_area_in2"] * units.INCH**2,
-        high_pressure=HIGH_PRESSURE * units.PSI,
-    )
+    F = np.array([force[P] for P in table["pressure_psi"]]) * units.LBF
+    D, P = (np.array(table["D_in"]) + change) * units.INCH, np.array(table["pressure_psi"])
+    L = of["active_length_in"] * units.INCH
+    B = np.hypot(L, np.pi * of["turns_N"] * D)
+    strain = B / B[P == 0].mean() - 1
+    tension = (F + P * units.PSI * np.pi * D**2 / 4) * B / (of["threads"] * L)
+    stress = tension / (of["thread_area_in2"] * units.INCH**2)
+    high = P >= HIGH_PRESSURE
+    moduli = strain @ stress / (strain @ strain), np.polyfit(strain[high], stress[high], 1)[0]
+    return InSitu(B, np.arcsin(L / B), strain, tension, np.array(moduli))
 
 
 @chapter.table("table 5.1: threads at the printed diameters")
@@ -108,8 +131,7 @@ def from_diameters() -> list[Row]:
 @chapter.table("section 5: moduli in situ")
 def moduli() -> list[Row]:
     def both(change: float | np.ndarray = 0.0) -> np.ndarray:
-        state = in_situ(change)
-        return np.array([state.proportional.modulus, state.high_pressure.modulus]) / units.PSI
+        return in_situ(change).moduli / units.PSI
 
     found = both()
     each = np.eye(len(printed()["elastic_braid"]["D_in"])) * DIGIT
@@ -140,13 +162,41 @@ def _at(pressure: float) -> int:
     return SWEPT.tolist().index(pressure)
 
 
+class BraidState(NamedTuple):
+    """A braid at a length and pressure under Gaylord's force, in inches, radians and lbf."""
+
+    thread_length: Array
+    diameter: Array
+    braid_angle: Array
+    gaylord_force: Array
+    tension: Array  # of one thread
+
+
+class BraidStretch(NamedTuple):
+    """The same braid with and without the stretch of its threads."""
+
+    elastic: BraidState
+    inelastic: BraidState
+
+
 @quick_jit
 def _stretched(
     softness: Float[Array, ""],
     length: Float[Array | np.ndarray, "..."],
     pressure: Float[Array | np.ndarray, " n"],
 ) -> BraidStretch:
-    return elastic_braid(softness).stretch(length, pressure)
+    braid = elastic_braid(softness)
+    L, P = jnp.broadcast_arrays(jnp.asarray(length), jnp.asarray(pressure))
+
+    def state(thread_length: Array) -> BraidState:
+        diameter = diameter_from_length(L, thread_length, braid.turns)
+        angle = braid_angle_from_length(L, thread_length)
+        force = gaylord_force(P, diameter / 2, angle)
+        tension = thread_tension(force, P, diameter / 2, angle, braid.n_threads)
+        return BraidState(thread_length, diameter, angle, force, tension)
+
+    rest = jnp.broadcast_to(braid.rest_thread_length, L.shape)
+    return BraidStretch(state(braid.thread_length(L, P)), state(rest))
 
 
 @functools.cache

@@ -16,12 +16,11 @@ from force_balance import (
     spread,
     terms,
 )
-from specimen import PRESSURES, elastic_braid, measured_family
+from specimen import PRESSURES, elastic_braid, measured_family, tube_volume
 from twin import Twin
 
 import famjax
 from famjax import units
-from famjax.geometries import tube_volume
 
 chapter = Chapter(__name__)
 
@@ -273,9 +272,7 @@ def thread_along_outline() -> float:
 @chapter.table("section 6: summary")
 def headline() -> list[Row]:
     table, found = "6, summary", _differences(terms())
-    stretched = float(
-        elastic_braid().stretch(np.asarray(_length()), np.asarray(100.0)).elastic.thread_length
-    )
+    stretched = float(elastic_braid().thread_length(np.asarray(_length()), np.asarray(100.0)))
     size = {name: spread(lambda of, name=name: _differences(of)[name]) for name in found}
     share = Row(
         table, "the same over the measured", found["share"], "1", 0.047, 0.0005 + size["share"],

@@ -9,18 +9,26 @@ import jax.numpy as jnp
 import numpy as np
 from beside_print import printed
 from jaxtyping import Array, Bool, Float
-from specimen import GEOMETRIES, PRESSURES, bladder, elastic_braid, four_geometries, inelastic_braid
+from specimen import (
+    GEOMETRIES,
+    PRESSURES,
+    bladder,
+    elastic_braid,
+    elliptic_ends,
+    four_geometries,
+    inelastic_braid,
+)
 from twin import Twin
 
 import famjax
 import fitting
 from famjax import units
 from famjax.app import simulate
+from famjax.braids import diameter_from_length
 from famjax.compile_options import quick_jit
 from famjax.geometries import AbstractGeometry
 from famjax.measured import AverageDiameterGeometry
-from famjax.profiles import EllipticToroidEnds
-from famjax.surfaces import AssumedShapeFamily, SampledSurface
+from famjax.surfaces import SampledSurface
 from famjax.terms import AbstractForceTerm, BladderWall, PressurisedBraid, VirtualWork
 from rig.control import Control
 from rig.plan import Isobaric, PlanFile
@@ -102,13 +110,14 @@ def with_ends() -> dict[str, AbstractGeometry]:
     rigid = inelastic_braid(units.INCH)
     braid = elastic_braid(inch=units.INCH, psi=units.PSI)
     end = of["braid_resting_diameter_in"] * units.INCH
-    shape = AssumedShapeFamily(braid, EllipticToroidEnds(end, end, 1.1 * units.INCH, 1.0))
     lengths = tube.rest_length * (1 - np.linspace(0, 0.35, 29))
     pressures, x = np.array([0.0, 100 * units.PSI]), np.linspace(0, 1, 201)
+    at = lengths[:, None], pressures[:, None, None]
+    middle = diameter_from_length(at[0], braid.thread_length(*at), braid.turns)
     surface = SampledSurface(
         lengths=lengths,
         pressures=pressures,
-        diameters=shape.diameter(x, lengths[:, None], pressures[:, None, None]),
+        diameters=elliptic_ends(x, at[0], middle, end, 1.1 * units.INCH, 1.0),
         braid=braid,
     )
     shapes = (

@@ -4,11 +4,13 @@ Values are in inches and psi, as printed, or in other units given by `inch` and 
 """
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from beside_print import printed
+from jaxtyping import Array
 
 from famjax import Bladder, Braid, ElasticBraid, EstimatedGeometry, MeasuredGeometry, Muscle, Real
 from famjax.braids import LinearThread
@@ -107,15 +109,41 @@ def measured_family(inch: float = 1.0, psi: float = 1.0, change: Change = NONE) 
     rest = printed()["specimen"]["active_length_in"] * inch
     rows = printed()["profile_100psi"]
     return MeasuredFamily(
-        jnp.array([rest * (1 - row["contraction"]) for row in rows]),
-        [_scaled(profile(row), inch, change.diameter) for row in rows],
-        100.0 * psi,
-        elastic_braid(inch=inch, psi=psi, change=change),
+        lengths=jnp.array([rest * (1 - row["contraction"]) for row in rows]),
+        profiles=tuple(_scaled(profile(row), inch, change.diameter) for row in rows),
+        reference_pressure=100.0 * psi,
+        braid=elastic_braid(inch=inch, psi=psi, change=change),
     )
 
 
 def _scaled(one: FourierProfile, inch: float, wider: Real) -> FourierProfile:
     return FourierProfile((one.a0 + wider) * inch, one.a * inch, one.b * inch, one.w)
+
+
+def tube_volume(length: float, outer_diameter: float, thickness: float) -> float:
+    """Return the volume of the rubber in a tube, V = pi t (D - t) L."""
+    return math.pi * thickness * (outer_diameter - thickness) * length
+
+
+def elliptic_ends(
+    x: Real, length: Real, middle: Real, end: Real, end_length: float, angle: float
+) -> Array:
+    """Return the diameter of a cylinder whose ends are elliptic arcs swept around the axis.
+
+    Each arc leaves the cylinder tangentially and covers `angle` [rad] of the ellipse's parameter.
+
+    Args:
+        x: position as a fraction of the active length.
+        length: active length.
+        middle: diameter of the cylinder.
+        end: diameter at the fittings.
+        end_length: axial length of each end.
+        angle: in (0, pi/2).
+    """
+    zeta = jnp.minimum(jnp.minimum(x, 1 - x) * length / end_length, 1)
+    height = jnp.sqrt(math.cos(angle) ** 2 + math.sin(angle) ** 2 * zeta * (2 - zeta))
+    rise = (height - math.cos(angle)) / (1 - math.cos(angle))
+    return jnp.asarray(end + (middle - end) * rise)
 
 
 def latex() -> PressurePolynomialMaterial:

@@ -1,11 +1,6 @@
 from .checks import Check as Check, read_checks as read_checks
-from .evaluation import GEOMETRIES as GEOMETRIES, evaluation_steps as evaluation_steps
-from .folder import (
-    FolderStep as FolderStep,
-    Sheet as Sheet,
-    read_sheet as read_sheet,
-    run_steps as run_steps,
-)
+from .evaluation import GEOMETRIES as GEOMETRIES, evaluate as evaluate
+from .folder import Sheet as Sheet, read_sheet as read_sheet
 from .isobaric import (
     Analysis as Analysis,
     analyse as analyse,

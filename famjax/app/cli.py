@@ -11,7 +11,6 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ COMMANDS = (
 )  # fmt: skip
 """Location of each command, `module:function`."""
 RIG_COMMANDS = (
-    *(f"{_HERE}.commands:rig_{name}" for name in ("characterise", "convert", "simulate")),
+    *(f"{_HERE}.commands:rig_{name}" for name in ("convert", "simulate")),
     *(f"{_HERE}.tuning:rig_{name}" for name in ("step", "tune")),
 )
 """Commands under `famjax rig` that import other packages; `rig.cli` defines the rest."""
@@ -77,26 +76,25 @@ def clashes() -> list[str]:
     Other distributions use two of these names, and any script's folder can hold a `fitting.py`. The
     packages of famjax contain `__famjax__`.
     """
-    places = {name: _foreign(name) for name in ("fitting", "imaging", "rig")}
-    return [
-        f"{name!r} resolved to {where}, which is not famjax's own {name!r} package. A file or folder of "
-        "that name shadows it, or another distribution has overwritten it: rename the file, or uninstall "
-        "the other distribution and install famjax again."
-        for name, where in places.items()
-        if where
-    ]
-
-
-def _foreign(name: str) -> str:
-    """Return the location of a package if it is not famjax's own; foreign code is not executed."""
-    spec = importlib.util.find_spec(name)
-    if spec is None:
-        return ""
-    if spec.origin is None:  # a folder without __init__.py
-        return str(list(spec.submodule_search_locations or ["?"]))
-    read = getattr(spec.loader, "get_source", None)
-    source = read(name) if read is not None else None
-    return "" if source is not None and "__famjax__" in source else spec.origin
+    found = []
+    for name in ("fitting", "imaging", "rig"):
+        spec = importlib.util.find_spec(name)
+        if spec is None:
+            continue
+        # A folder without __init__.py has no origin.
+        where = spec.origin or str(list(spec.submodule_search_locations or ()))
+        text = (
+            Path(where).read_text(encoding="utf-8", errors="replace")
+            if Path(where).is_file()
+            else ""
+        )
+        if "__famjax__" not in text:
+            found.append(
+                f"{name!r} resolved to {where}, which is not famjax's own {name!r} package: rename "
+                "the file or folder of that name, or uninstall the other distribution and install famjax "
+                "again."
+            )
+    return found
 
 
 def _run(arguments: list[str]) -> int:
@@ -127,7 +125,7 @@ def _run(arguments: list[str]) -> int:
         print(f"famjax: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(farewell(arguments), file=sys.stderr)
+        print("famjax: stopped", file=sys.stderr)
         return STOPPED
     return code or 0
 
@@ -148,7 +146,7 @@ def command_line(arguments: Sequence[str]) -> "App":
     app = App(name="famjax", version=f"famjax {__version__}", help=_HELP, help_format="markdown",
               default_parameter=options, suppress_keyboard_interrupt=False)  # fmt: skip
     _register(app, COMMANDS, command)
-    if command in {"rig", "--install-completion"}:
+    if command == "rig":
         from rig import cli
 
         rig = App(name="rig", help=cli.__doc__, help_format="markdown", default_parameter=options)
@@ -158,10 +156,6 @@ def command_line(arguments: Sequence[str]) -> "App":
     else:
         rig = App(name="rig", help=_RIG_HELP)
     app.command(rig)
-    app.register_install_completion_command(
-        help="Install shell completion of commands and options for bash, zsh or fish. This adds a line "
-        "to the shell's start-up file."
-    )
     return app
 
 
@@ -199,14 +193,6 @@ def _as_note(message: Warning | str, category: type[Warning], *_: Any) -> None:
         print(f"note: {message}", file=sys.stderr)
 
 
-def farewell(arguments: Sequence[str]) -> str:
-    """Return the message for an interrupted command."""
-    resumable = {"compare": "the output folder", "characterise": "results"}
-    place = resumable.get("".join(arguments[:1]))
-    kept = f"finished work is kept in {place}; run the same command again to resume"
-    return f"famjax: stopped; {kept if place else 'nothing was written'}"
-
-
 def end_at_interrupts(arguments: Sequence[str]) -> None:
     """Exit at once when a command is interrupted.
 
@@ -217,15 +203,12 @@ def end_at_interrupts(arguments: Sequence[str]) -> None:
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     if ignored or "".join(arguments[:1]) in {"measure", "rig"}:
         return
-    text = farewell(arguments)
+    resumes = "".join(arguments[:1]) in {"compare", "characterise"}
+    left = "run the same command again to resume" if resumes else "nothing was written"
 
-    def end(_number: int, frame: FrameType | None) -> None:
-        while frame is not None:
-            if frame.f_code.co_name == "write_all":  # it removes its unfinished files
-                raise KeyboardInterrupt
-            frame = frame.f_back
+    def end(*_: object) -> None:
         shown = "\n\x1b[?25h" if sys.stderr.isatty() else ""  # show the cursor again
-        os.write(2, f"{shown}{text}\n".encode())
+        os.write(2, f"{shown}famjax: stopped; {left}\n".encode())
         os._exit(STOPPED)
 
     signal.signal(signal.SIGINT, end)

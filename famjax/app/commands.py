@@ -1,27 +1,23 @@
 """Commands that combine packages: photographs with a log, rig tests, a characterisation folder."""
 
+import dataclasses
 import functools
 import json
+import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import imaging.cli
 from famjax.boundary.errors import InputError
-from famjax.boundary.files import Origin, check_output
-from famjax.boundary.units import parse_quantity, unit_system
+from famjax.boundary.files import check_output
+from famjax.boundary.units import unit_system
 from famjax.compilation_cache import start_jax
 from famjax.console import (
-    Columns,
     Jobs,
     Seed,
-    Signed,
     Units,
-    add_cwd_to_path,
     in_units,
-    parse_columns,
-    parse_entries,
     print_json,
     print_rows,
     progress,
@@ -32,8 +28,6 @@ from rig.cli import ended_in_words
 if TYPE_CHECKING:
     from famjax import AbstractMuscle
     from imaging.cli import AddLog
-
-    from .isobaric import Analysis
 
 
 @functools.wraps(imaging.cli.measure)
@@ -61,32 +55,28 @@ def new(folder: Path) -> int:
     folder
         Folder, created if missing. It must not contain a sheet yet.
     """
-    from .folder import SHEET, skeleton
+    from .folder import SHEET
 
     check_output(folder)
     path = folder / SHEET
     if path.exists():
         raise InputError(f"{path} is there already: edit it, or choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(skeleton(), encoding="utf-8")
-    print(
-        f"written: {path}; fill it in, copy the files there, then run: famjax characterise {folder}"
-    )
+    shutil.copyfile(Path(__file__).parent / "templates" / SHEET, path)
+    print(f"written: {path}; fill it in, add the files, and run: famjax characterise {folder}")
     return 0
 
 
 def characterise(
     folder: Path,
     *,
-    only: tuple[str, ...] = (),
-    force: tuple[str, ...] = (),
     jobs: Jobs = None,
     units: Units | None = None,
 ) -> int:
     """Evaluate a characterisation folder: force, pictures, shape, fits with four geometries, report.
 
-    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. Steps whose files
-    and options have not changed are skipped, so an interrupted run resumes.
+    The sheet `characterisation.toml` describes the folder; `famjax new` writes one. The first steps are
+    skipped if their files and options have not changed, so an interrupted run resumes.
 
     Writes one folder per step to `FOLDER/results`, and `report/report.html` with its figures as SVG in
     `report/figures` and its numbers as CSV in `report/tables`. Cross-checks compare quantities that two
@@ -97,11 +87,6 @@ def characterise(
     ----------
     folder
         Folder with a `characterisation.toml`.
-    only
-        Run only this step, repeatable: records, pictures, shape, cylinder, elastic-cylinder,
-        average-diameter, measured, virtual-work, report.
-    force
-        Run this step again, repeatable.
     jobs
         Set the number of processes that measure pictures; default: one per core.
     units
@@ -110,25 +95,15 @@ def characterise(
     """
     start_jax()
 
-    from .evaluation import evaluation_steps
-    from .folder import read_sheet, run_steps
-    from .report.page import first_run, report_step
+    from .evaluation import evaluate
+    from .folder import read_sheet
 
     sheet = read_sheet(folder)
-    results, system = sheet.results, units or sheet.units
-    results.mkdir(exist_ok=True)
-    origin = first_run(results, Origin.of_this_command())
-    steps = evaluation_steps(
-        sheet, executor="auto" if jobs is None else jobs, origin=origin, system=system
-    )
-    steps.append(report_step(sheet, steps, origin=origin, system=system))
-    run_steps(
-        steps, results, only=only, force=force,
-        tell=lambda text: print(text, file=sys.stderr, flush=True),
-    )  # fmt: skip
-    report = results / "report" / "report.html"
-    if report.exists():
-        print("written:", report)
+    sheet = dataclasses.replace(sheet, units=units or sheet.units)
+    tell = functools.partial(print, file=sys.stderr, flush=True)
+    for said in evaluate(sheet, executor="auto" if jobs is None else jobs, tell=tell):
+        tell(said)
+    print("written:", sheet.results / "report" / "report.html")
     return 0
 
 
@@ -136,8 +111,6 @@ def rig_simulate(
     plan: Path,
     *,
     fit: Path | None = None,
-    own: tuple[str, ...] = (),
-    baud: Literal[115200, 500000] = 115200,
     seed: Seed = 0,
     output: Path = Path("famjax-rig"),
     units: Units = "metric",
@@ -155,11 +128,6 @@ def rig_simulate(
         TOML file with the tables [plan] and [rig], including a pressure limit.
     fit
         Simulate the muscle of this `fit.json`; default: the 7/8 in muscle of the reference work.
-    own
-        Trust this module of your own that defines classes in the fit, repeatable, `--own my_rubber`.
-        Modules named only in the file are never imported.
-    baud
-        Set the baud rate of the firmware.
     seed
         Seed all noise; the same seed gives the same files.
     output
@@ -172,96 +140,28 @@ def rig_simulate(
     start_jax()
     from rig import read_plan
 
+    from .isobaric import figures, plot_characterisation
     from .simulation import simulate
 
     with ended_in_words():
         test = read_plan(plan)
-        muscle, specimen = _simulated_muscle(fit, own)
+        muscle, known = _simulated_muscle(fit)
         with progress("simulating") as show:
-            done = simulate(
-                test, output, muscle=muscle, specimen=specimen, baud=baud, seed=seed, progress=show
-            )
-        return _report_test(done.analysis, [*done.paths], output, units, json_)
-
-
-def rig_characterise(
-    journal: Path,
-    log: Path,
-    *,
-    rest_length: str,
-    column: Columns = (),
-    sync_column: str | None = None,
-    near: Annotated[str | None, Signed] = None,
-    near_within: str = "5s",
-    skip_cycles: int = 0,
-    shortening_positive: bool = False,
-    pushing_positive: bool = False,
-    zero_displacement: Annotated[str, Signed] = "0mm",
-    specimen: tuple[str, ...] = (),
-    output: Path = Path("famjax-rig"),
-    units: Units = "metric",
-    json_: bool = False,
-) -> int:
-    """Turn a rig journal and the log of the test machine into curves, figures and a dataset to fit.
-
-    Writes `dataset.csv`, `characterisation.json` and `characterisation.png`.
-
-    Parameters
-    ----------
-    journal
-        Journal of the rig.
-    log
-        Log of the test machine: delimited text with time, displacement and force, with units.
-    rest_length
-        Active length at zero contraction with its unit, `9.28125in`.
-    column
-        Assign a column of the log to a quantity if its name does not identify it, repeatable:
-        `force="Kraft [N]"`, by name or number, with the unit. `pressure=-` ignores the pressure. Also
-        `decimal=,` and, for absolute pressures, `atmosphere=101.3kPa`.
-    sync_column
-        Align the clocks by this column of the log, the rig's sync pulses (`run` raises pin D7 at the
-        first stroke at each pressure); default: align by the load.
-    near
-        Approximate offset from machine time to journal time with its unit; needed if equal strokes make
-        the alignment ambiguous.
-    near_within
-        Largest error of that offset.
-    skip_cycles
-        Skip this number of strokes at the start of each pressure.
-    shortening_positive
-        Declare that the machine's displacement increases as the muscle shortens.
-    pushing_positive
-        Declare that the machine's force is positive in compression.
-    zero_displacement
-        Displacement reading of the machine at the rest length.
-    specimen
-        Describe the muscle for the fit, key_unit=value, repeatable.
-    output
-        Write the files to this folder; it is created if missing.
-    units
-        Choose the units of the picture and the table: si, metric or us.
-    json_
-        Print one JSON object on standard output, and nothing else.
-    """
-    from fitting.records import read_machine_log, write_dataset
-    from rig import read_journal
-
-    from .isobaric import analyse
-
-    with ended_in_words():
-        entries = parse_entries(specimen, "specimen", "wall_thickness_mm=1.6")
-        rest, zero = (parse_quantity(one, "length") for one in (rest_length, zero_displacement))
-        roughly = near and (parse_quantity(near, "time"), parse_quantity(near_within, "time"))
-        machine = read_machine_log(log, columns=parse_columns(column))
-        tell_columns(machine.taken)
-        found = analyse(
-            read_journal(journal), machine, rest_length=rest, zero_displacement=zero,
-            sync_column=sync_column, near=roughly or None, skip_cycles=skip_cycles,
-            shortening_positive=shortening_positive, pushing_positive=pushing_positive,
-        )  # fmt: skip
-        output.mkdir(parents=True, exist_ok=True)
-        path = write_dataset(found.characterisation, output / "dataset.csv", specimen=entries)
-        return _report_test(found, [path], output, units, json_)
+            done = simulate(test, output, muscle=muscle, specimen=known, seed=seed, progress=show)
+    found, picture = done.analysis, output / "characterisation.png"
+    document, numbers = figures(found), output / "characterisation.json"
+    plot_characterisation(found, units).savefig(picture, dpi=150)
+    numbers.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    paths = [str(path) for path in (*done.paths, numbers, picture)]
+    if json_:
+        print_json(document | {"files": paths})
+        return 0
+    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
+    print(found.alignment)
+    for note in found.characterisation.notes:
+        print("note:", note)
+    print("written:", ", ".join(paths))
+    return 0
 
 
 def rig_convert(journal: Path, target: Path) -> int:
@@ -281,53 +181,24 @@ def rig_convert(journal: Path, target: Path) -> int:
     return 0
 
 
-def _report_test(
-    found: "Analysis", paths: list[Path], output: Path, units: str, json_: bool
-) -> int:
-    """Write the figures and the picture of a test, and print its table."""
-    from .isobaric import figures, plot_characterisation
-
-    document = figures(found)
-    picture, numbers = output / "characterisation.png", output / "characterisation.json"
-    plot_characterisation(found, units).savefig(picture, dpi=150)
-    numbers.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    paths = [*paths, numbers, picture]
-    if json_:
-        print_json(document | {"files": [str(p) for p in paths]})
-        return 0
-    print_rows("Isobars", in_units(document["isobars"], unit_system(units)))
-    print(found.alignment)
-    for note in found.characterisation.notes:
-        print("note:", note)
-    print("written:", ", ".join(map(str, paths)))
-    return 0
-
-
-def _simulated_muscle(
-    fit_json: Path | None, own: Sequence[str]
-) -> tuple["AbstractMuscle", dict[str, Any]]:
+def _simulated_muscle(fit: Path | None) -> tuple["AbstractMuscle", dict[str, Any]]:
     """Return a fit's muscle, or the reference work's, with its dataset entries."""
-    from famjax import Muscle
-    from famjax.muscle import MeanMuscle
-
     from .simulation import reference_muscle
 
-    if fit_json is None:
-        muscle, others = reference_muscle(), ()
-        known = {"name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
-                 "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875}  # fmt: skip
-    else:
-        from fitting import load_fit
-
-        if own:
-            add_cwd_to_path()
-        saved = load_fit(fit_json, own=own)
-        muscle = saved.muscle
-        others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
-        specimen = saved.document["data"]["specimen"]
-        known = {
-            key: value for key, value in specimen.items()
-            if value is not None and not key.startswith("rest_length")
+    if fit is None:
+        return reference_muscle(), {
+            "name": "7/8 in, simulated", "wall_thickness_in": 0.0625, "bladder_diameter_in": 0.875,
+            "braid_thickness_in": 0.011, "nominal_diameter_in": 0.875,
         }  # fmt: skip
+    from famjax import Muscle
+    from famjax.muscle import MeanMuscle
+    from fitting import load_fit
+
+    saved = load_fit(fit)
+    specimen = saved.document["data"]["specimen"]
     # The fitted model may be the mean of several.
-    return MeanMuscle((muscle, *others)) if others else muscle, known
+    others = tuple(one.muscle for one in saved.outlook.others if isinstance(one.muscle, Muscle))
+    return MeanMuscle((saved.muscle, *others)) if others else saved.muscle, {
+        key: value for key, value in specimen.items()
+        if value is not None and not key.startswith("rest_length")
+    }  # fmt: skip

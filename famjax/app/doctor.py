@@ -9,31 +9,21 @@ import sys
 from pathlib import Path
 
 from famjax import __version__
-from famjax.compilation_cache import VARIABLE, cache_root, contents, start_jax, switch_on
+from famjax.compilation_cache import VARIABLE, start_jax, switch_on
 from famjax.console import print_json, print_rows, progress
 
 from .cli import clashes
 
 
-def versions() -> dict[str, str]:
-    """Return the version of Python and of each required package, or "not installed"."""
-    found = {"python": platform.python_version()}
-    for needed in ("jaxlib", *(importlib.metadata.requires("famjax") or ())):
-        name = re.split(r"[^\w.-]", needed)[0]
-        if name == "famjax":
-            continue
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
-
-
 def doctor() -> int:
     """Print versions, devices, precision and name clashes. Exits with 1 if it finds a problem."""
-    print(f"famjax {__version__}")
-    for name, version in versions().items():
-        print(f"  {name} {version}")
+    print(f"famjax {__version__}\n  python {platform.python_version()}")
+    needed = [re.split(r"[^\w.-]", one)[0] for one in importlib.metadata.requires("famjax") or ()]
+    for name in dict.fromkeys(["jaxlib", *(one for one in needed if one != "famjax")]):
+        try:
+            print(f"  {name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            print(f"  {name} not installed")
     import jax
 
     found = clashes()
@@ -44,28 +34,11 @@ def doctor() -> int:
             f"JAX finds no device: JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}. "
             "Set JAX_PLATFORMS=cpu, or unset it"
         )
-    print(
-        "float64:",
-        "on" if jax.config.read("jax_enable_x64") else "off in this process (JAX's default)",
-        "- famjax commands that fit switch it on themselves",
-    )
-    print("compilation cache:", _cache_sentence())
-    for problem in found:
-        print("problem:", problem)
-    if not found:
-        print("no problems found")
+    print("float64: off by default in JAX; famjax commands that fit switch it on")
+    off = f"off; every command compiles again. Set {VARIABLE} to a folder that only you can write"
+    print("compilation cache:", switch_on() or off)
+    print("\n".join(f"problem: {problem}" for problem in found) or "no problems found")
     return 1 if found else 0
-
-
-def _cache_sentence() -> str:
-    if folder := switch_on():
-        number, size = contents(folder)
-        return f"{folder}, {number} programs, {size / 1e6:.3g} MB"
-    root = cache_root()
-    why = f"{VARIABLE} disables it, or there is no home directory" if root is None else (
-        f"cannot write a private folder in {root}; set {VARIABLE} to another folder"
-    )  # fmt: skip
-    return f"off ({why}); every command compiles again"
 
 
 def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -> int:
@@ -101,15 +74,15 @@ def reproduce(*, output: Path = Path("famjax-reproduce"), json_: bool = False) -
     if json_:
         print_json(rows)
         return 0
-    outside, misprints, inside, new = (
-        [row for row in rows if row["verdict"] == verdict]
+    by = {
+        verdict: [row for row in rows if row["verdict"] == verdict]
         for verdict in ("outside", "misprint", "within", "not published")
-    )
-    print_rows("Out of tolerance", outside)
-    print_rows("Misprints of the reference work", misprints)
+    }
+    print_rows("Out of tolerance", by["outside"])
+    print_rows("Misprints of the reference work", by["misprint"])
     print(
-        f"{len(inside)} of {len(inside) + len(outside)} printed figures are within tolerance; the work "
-        f"misprints {len(misprints)} more. {len(new)} computed values have no printed figure"
+        f"{len(by['within'])} of {len(by['within'] + by['outside'])} printed figures are within tolerance; "
+        f"the work misprints {len(by['misprint'])} more. {len(by['not published'])} computed values have "
+        f"no printed figure\nwritten: {output / benchmark.PAGE}"
     )
-    print(f"written: {output / benchmark.PAGE}")
     return 0

@@ -16,7 +16,7 @@ from famjax.compilation_cache import start_jax
 from famjax.console import Output, Units, add_cwd_to_path, in_units, print_json, print_rows
 
 if TYPE_CHECKING:
-    from famjax.plant import AbstractCircuit, Plant
+    from famjax.plant import AbstractCircuit
 
 _COUNTS = 255  # full scale of the valve output
 
@@ -84,7 +84,7 @@ def simulate(
         TOML file with the tables [circuit], [load] and one [[step]] per command; optionally [friction]
         and [controller].
     every
-        Time between two rows of the table with its unit, a multiple of 2 ms.
+        Time between two rows of the table with its unit, in steps of 2 ms.
     own
         Trust this module of your own that defines classes in the card, repeatable, `--own my_rubber`.
         Modules named only in the file are never imported.
@@ -99,19 +99,14 @@ def simulate(
     import numpy as np
 
     from famjax.compile_options import quick_jit
-    from famjax.plans import circuit_of, read_plan
-    from famjax.plant import TICK, Command, Regulated, simulate as run
+    from famjax.plans import read_plan
+    from famjax.plant import TICK, Command, simulate as run
 
-    folder, each = Output(output), round(parse_quantity(every, "time") / TICK)
-    if each < 1:
-        raise InputError(
-            f"--every must be at least 2 ms, the time step of the simulation; got {every}"
-        )
+    folder, each = Output(output), max(round(parse_quantity(every, "time") / TICK), 1)
     tables = read_plan(plan)
-    steps, circuit = _steps(tables, plan), circuit_of(tables, plan)
-    controller = _controller(tables, plan, circuit) if steps[0].signal is None else None
-    plant, length = _plant(tables, plan, circuit, card, own)
-    system: Any = plant if controller is None else Regulated(plant, controller)
+    steps = _steps(tables, plan)
+    system, length = _system(tables, plan, card, own, controlled=steps[0].signal is None)
+    plant = getattr(system, "plant", system)
     counts = [max(round(one.duration / TICK), 1) for one in steps]
     asked = [one.set_pressure if one.signal is None else one.signal for one in steps]
     drives = [one.force if plant.load.moves else one.rate for one in steps]
@@ -119,25 +114,18 @@ def simulate(
         asked, [one.dump for one in steps], drives)))  # fmt: skip
     states = quick_jit(run)(system, command, TICK, start=system.start(length))
     states = getattr(states, "plant", states)
-    found = {
-        "time_s": TICK * np.arange(1, sum(counts) + 1),
-        "pressure_Pa": np.asarray(states.pressure),
-        "length_m": np.asarray(states.position),
-        "force_N": np.asarray(states.force),
-    }
-    if (bad := ~np.isfinite(found["force_N"] + found["pressure_Pa"])).any():
+    time = TICK * np.arange(1, sum(counts) + 1)
+    found = np.stack([time, states.pressure, states.position, states.force], axis=1)
+    if (bad := ~np.isfinite(found).all(axis=1)).any():
         raise InputError(
-            f"{plan}: the muscle has no valid state after {found['time_s'][bad][0]:.3f} s, at a length of "
-            f"{found['length_m'][bad][0]:.4g} m; shorten the stroke, or increase stiffness or damping"
+            f"{plan}: the muscle has no valid state after {time[bad][0]:.3f} s, at a length of "
+            f"{found[bad][0, 2]:.4g} m; shorten the stroke, or increase stiffness or damping"
         )
-
-    def rows(places: Any) -> list[dict[str, float]]:
-        columns = (one[places].tolist() for one in found.values())
-        return [dict(zip(found, row, strict=True)) for row in zip(*columns, strict=True)]
-
-    table = in_units(rows(slice(each - 1, None, each)), unit_system(units))
+    names = ("time_s", "pressure_Pa", "length_m", "force_N")
+    rows: Any = [dict(zip(names, row, strict=True)) for row in found.tolist()]
+    table = in_units(rows[each - 1 :: each], unit_system(units))
     table = [{name: float(f"{value:.9g}") for name, value in row.items()} for row in table]
-    summary = rows(np.cumsum(counts) - 1)
+    summary = [rows[k - 1] for k in np.cumsum(counts)]
     paths = folder.write(
         {"simulation.csv": csv_text(table).encode(), "simulation.svg": _drawn(table)}
     )
@@ -164,42 +152,36 @@ def _steps(tables: dict[str, Any], plan: Path) -> list[_Step]:
     return steps
 
 
-def _plant(
-    tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit", card: str, own: tuple[str, ...]
-) -> tuple["Plant", float]:
-    """Return the plant and its initial length [m]."""
+def _system(
+    tables: dict[str, Any], plan: Path, card: str, own: tuple[str, ...], *, controlled: bool
+) -> tuple[Any, float]:
+    """Return the plant, with its controller if there is one, and its initial length [m]."""
     from famjax.muscles import open_card
-    from famjax.plans import friction_of
-    from famjax.plant import DrivenLength, MovingLoad, Plant
+    from famjax.plans import circuit_of, friction_of
+    from famjax.plant import DrivenLength, MovingLoad, Plant, PressureController, Regulated
+    from famjax.units import PSI
 
+    circuit = circuit_of(tables, plan)
     load = from_entries(_Load, tables.get("load", {}), _LOAD_FORM, where=f"{plan}: [load]: ")
+    control = None
+    if controlled:
+        entries = tables.get("controller", {})
+        gains = from_entries(_Controller, entries, where=f"{plan}: [controller]: ")
+        proportional, integral = (one / _COUNTS / PSI for one in dataclasses.astuple(gains))
+        control = PressureController(proportional, integral, feed_forward(circuit))
     if own:
         add_cwd_to_path()
     opened = open_card(card, own=own)
     for note in opened.provenance.notes:
         print(f"note: {note}", file=sys.stderr)
     muscle = opened.safe()
-    friction = friction_of(tables, plan, muscle)
     length = float(muscle.rest_length) if load.length is None else load.length
-    moved: Any = DrivenLength()
-    if load.mass is not None:
-        relaxed = length if load.relaxed is None else load.relaxed
-        moved = MovingLoad.hung(load.mass, stiffness=load.stiffness, relaxed=relaxed,
-                                damping=load.damping)  # fmt: skip
-    return Plant(circuit, muscle, moved, friction), length
-
-
-def _controller(tables: dict[str, Any], plan: Path, circuit: "AbstractCircuit") -> Any:
-    from famjax.plant import PressureController
-    from famjax.units import PSI
-
-    gains = from_entries(_Controller, tables.get("controller", {}), where=f"{plan}: [controller]: ")
-    per_psi = 1 / _COUNTS / PSI
-    return PressureController(
-        gains.proportional_counts_per_psi * per_psi,
-        gains.integral_counts_per_psi_s * per_psi,
-        feed_forward(circuit),
-    )
+    relaxed = length if load.relaxed is None else load.relaxed
+    moved = DrivenLength() if load.mass is None else MovingLoad.hung(
+        load.mass, stiffness=load.stiffness, relaxed=relaxed, damping=load.damping
+    )  # fmt: skip
+    plant = Plant(circuit, muscle, moved, friction_of(tables, plan, muscle))
+    return (plant if control is None else Regulated(plant, control)), length
 
 
 def feed_forward(circuit: "AbstractCircuit") -> Any:
@@ -207,11 +189,11 @@ def feed_forward(circuit: "AbstractCircuit") -> Any:
     from famjax.units import PSI
     from rig.calibration import fit_feed_forward
 
-    if not hasattr(circuit, "steady_signal"):
-        return [float(circuit.bias)]  # pyright: ignore[reportAttributeAccessIssue]
+    steady: Any = getattr(circuit, "steady_signal", None)
+    if steady is None:  # a valve, closed at its bias
+        return [float(circuit.parameters()["bias"])]
     pressures = [5 * PSI * k for k in range(1, 24)]
-    outputs = [_COUNTS * circuit.steady_signal(P) for P in pressures]  # pyright: ignore
-    found = fit_feed_forward(pressures, outputs)
+    found = fit_feed_forward(pressures, [_COUNTS * steady(P) for P in pressures])
     return [one / _COUNTS / found.scale**k for k, one in enumerate(found.coefficients)]
 
 
@@ -221,10 +203,8 @@ def _drawn(rows: list[dict[str, float]]) -> bytes:
 
     figure = Figure(figsize=(7, 6), layout="constrained")
     time, *others = rows[0]
-    panels = figure.subplots(len(others), 1, sharex=True)
-    for axes, key in zip(panels, others, strict=True):
+    for axes, key in zip(figure.subplots(len(others), 1, sharex=True), others, strict=True):
         name, _, unit = key.rpartition("_")
         axes.plot([row[time] for row in rows], [row[key] for row in rows], color="k")
-        axes.set_ylabel(f"{name} [{unit}]")
-    panels[-1].set_xlabel("time [s]")
+        axes.set(xlabel="time [s]", ylabel=f"{name} [{unit}]")
     return as_svg(figure).encode()

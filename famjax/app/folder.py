@@ -5,12 +5,13 @@ A step runs again only if its inputs change, so an interrupted run resumes.
 
 import dataclasses
 import hashlib
-import importlib.resources
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, NotNegative, Positive, Text, from_entries, read_toml
@@ -23,12 +24,6 @@ RESULTS = "results"
 """Folder for computed files."""
 
 
-def skeleton() -> str:
-    """Return a sheet to fill in, with a comment on every entry."""
-    place = importlib.resources.files("famjax.app") / "templates" / SHEET
-    return place.read_text(encoding="utf-8")
-
-
 @dataclasses.dataclass(frozen=True)
 class Records:
     """Force data of the test: journal and machine log, or a force map."""
@@ -36,22 +31,17 @@ class Records:
     journal: Text | None = None
     machine_log: Text | None = None
     force_map: Text | None = None
-    sync_column: Text | None = None
     near: float | None = None
-    skip_cycles: int = 0
+    skip_cycles: Annotated[int, Meta(ge=0, description="a whole number >= 0")] = 0
     zero_displacement: float = 0.0
     shortening_positive: bool = False
     pushing_positive: bool = False
     columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        both = (self.journal is None, self.machine_log is None)
-        if self.force_map is None and any(both):
+        given = tuple(one is not None for one in (self.journal, self.machine_log, self.force_map))
+        if given not in {(True, True, False), (False, False, True)}:
             raise ValueError("give journal and machine_log of one test, or a force_map alone")
-        if self.force_map is not None and not all(both):
-            raise ValueError("force_map replaces journal and machine_log: keep one of them")
-        if self.skip_cycles < 0:
-            raise ValueError(f"skip_cycles must be >= 0, got {self.skip_cycles}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,11 +54,8 @@ class Photographs:
     distance: Positive | None = None
     pitch: Positive | None = None
     ruler_placement: NotNegative | None = None
-    tape_diameter: Positive | None = None
-    recipe: Text | None = None
     k1: float | None = None
     tone: Literal["srgb"] | None = None
-    orientation: Literal["vertical", "horizontal", "auto"] | None = None
     log_offset: float | None = None
 
 
@@ -85,8 +72,8 @@ class Fit:
     def __post_init__(self) -> None:
         if ":" in self.law:
             raise InputError(
-                f"the law must be one of famjax's own, got {self.law!r}: files never import modules by "
-                "themselves. Fit your own law by famjax fit DATASET --law module:Class"
+                f"the law must be one of famjax's own, got {self.law!r}: a file never imports a module. "
+                "Fit your own law by famjax fit DATASET --law module:Class"
             )
 
 
@@ -145,15 +132,8 @@ class Sheet:
         return path
 
 
-_LENGTHS = ("zero_displacement", "distance", "pitch", "ruler_placement", "tape_diameter")
-_FORM = Form(
-    {
-        **SHARED_ERRORS.kinds,
-        "near": "time",
-        "log_offset": "time",
-        **dict.fromkeys(_LENGTHS, "length"),
-    }
-)
+_LENGTHS = dict.fromkeys(("zero_displacement", "distance", "pitch", "ruler_placement"), "length")
+_FORM = Form({**SHARED_ERRORS.kinds, **_LENGTHS, "near": "time", "log_offset": "time"})
 _TABLES: dict[str, Any] = {
     "records": Records, "photographs": Photographs, "fit": Fit, "errors": SharedErrors, "units": Shown,
 }  # fmt: skip
@@ -169,9 +149,9 @@ def read_sheet(folder: Path) -> Sheet:
     if not path.exists():
         raise InputError(f"{folder} has no {SHEET}: `famjax new {folder}` writes one to fill in")
     content = read_toml(path, "sheet")
-    unknown = content.keys() - {"specimen", *_TABLES}
+    plain = [table for table in content.values() if not isinstance(table, dict)]
     missing = {"specimen", "records"} - content.keys()
-    if unknown or missing or not all(isinstance(table, dict) for table in content.values()):
+    if plain or missing or content.keys() - {"specimen", *_TABLES}:
         raise InputError(
             f"{path}: a sheet must have the tables [specimen] and [records], and may have "
             f"[photographs], [fit], [errors] and [units]; got {', '.join(content) or 'none'}"
@@ -195,8 +175,9 @@ def read_sheet(folder: Path) -> Sheet:
     except InputError as error:
         raise InputError(f"{path}: [specimen]: {error}") from None
     except TypeError:
-        needed = "name, rest_length_<unit> and wall_thickness_<unit> are needed"
-        raise InputError(f"{path}: [specimen]: {needed}") from None
+        raise InputError(
+            f"{path}: [specimen]: name, rest_length_<unit> and wall_thickness_<unit> are needed"
+        ) from None
     return Sheet(
         folder, specimen, entries, None if turns is None else float(turns), tables["records"],
         tables.get("photographs"), tables.get("fit", Fit()), tables.get("errors", SharedErrors()),
@@ -205,93 +186,55 @@ def read_sheet(folder: Path) -> Sheet:
 
 
 MARK = "step.json"
-"""File in a step's folder, written last, with digests of its inputs and files."""
+"""File in a step's folder with digests of its inputs and, once the step is done, of its files."""
 
 
-@dataclasses.dataclass(frozen=True)
-class FolderStep:
-    """A step of an evaluation.
+class Steps:
+    """Runs the steps of an evaluation in order, except those already done with the same inputs.
 
-    Attributes:
-        name: name of the step and of its folder.
-        files: input files, in addition to those of earlier steps.
-        options: options that the step depends on, as JSON types.
-        after: names of the steps whose files it reads.
-        run: function that writes the files of the step into the given folder.
-        resumes: names of files in its folder from which an interrupted step resumes.
-        says: lines that describe the files of the step, printed after each run, even if it is skipped.
-    """
-
-    name: str
-    files: Sequence[Path]
-    options: Mapping[str, object]
-    after: Sequence[str]
-    run: Callable[[Path], None]
-    resumes: Sequence[str] = ()
-    says: Callable[[Path], Sequence[str]] = lambda _: ()
-
-
-def run_steps(
-    steps: Sequence[FolderStep],
-    folder: Path,
-    *,
-    only: Sequence[str] = (),
-    force: Sequence[str] = (),
-    tell: Callable[[str], None],
-) -> None:
-    """Run the steps in order, except those already done with the same inputs.
-
-    A step is done if its mark lists the same inputs, options and earlier steps, and its own files are
-    unchanged.
+    A step depends on its own files and options and on all steps before it. A step that was interrupted
+    starts from the files in its folder.
 
     Args:
-        steps: steps in order of their dependencies.
-        folder: folder of the results, with one folder per step.
-        only: names of the steps to run, if not all; the steps they need must be done.
-        force: names of steps to run again.
+        results: folder of the results, with one folder per step.
         tell: called with one line per step.
-
-    Raises:
-        InputError: a name is unknown, or a required step is not done.
     """
-    known = [step.name for step in steps]
-    for name in (*only, *force):
-        if name not in known:
-            raise InputError(f"there is no step {name!r} here; the steps are {', '.join(known)}")
-    keys: dict[str, str] = {}
-    for step in steps:
-        chosen = not only or step.name in only
-        keys[step.name] = key = _key(step, keys)
-        place = folder / step.name
-        done = step.name not in force and _is_done(place, key)
-        if not chosen and not done and any(
-            step.name in other.after for other in steps if other.name in only
-        ):  # fmt: skip
-            raise InputError(
-                f"{' and '.join(only)} needs {step.name}, which is not done: run it first"
-            )
-        if not chosen:
-            continue
-        if done:
-            tell(f"{step.name}: unchanged")
-        else:
-            tell(f"{step.name} ...")
-            _run(step, place, key, () if step.name in force else step.resumes)
-        for line in step.says(place):
-            tell(line)
 
+    def __init__(self, results: Path, tell: Callable[[str], None]) -> None:
+        self._results, self._tell, self._key = results, tell, ""
 
-def _run(step: FolderStep, place: Path, key: str, kept: Sequence[str]) -> None:
-    (place / MARK).unlink(missing_ok=True)
-    place.mkdir(parents=True, exist_ok=True)
-    for path in place.iterdir():
-        if path.name not in kept:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-    step.run(place)
-    files = sorted(path for path in place.rglob("*") if path.is_file() and path.name != MARK)
-    held = {path.relative_to(place).as_posix(): digest(path) for path in files}
-    mark = json.dumps({"key": key, "files": held}, indent=1, sort_keys=True)
-    (place / MARK).write_text(mark + "\n", encoding="utf-8")
+    def run(
+        self,
+        name: str,
+        work: Callable[[Path], None],
+        *,
+        files: Sequence[Path] = (),
+        options: Any = None,
+    ) -> None:
+        """Run a step.
+
+        Args:
+            name: name of the step and of its folder.
+            work: called with the folder, into which it writes its files.
+            files: files that it reads, besides those of earlier steps.
+            options: all other values that it depends on.
+        """
+        read = [[path.name, digest(path)] for path in files]
+        content = json.dumps([self._key, name, read, options], sort_keys=True)
+        self._key = hashlib.sha256(content.encode()).hexdigest()
+        place = self._results / name
+        mark, known = place / MARK, _mark_of(place)
+        if known == {"key": self._key, "files": _digests(place)}:
+            self._tell(f"{name}: unchanged")
+            return
+        self._tell(f"{name} ...")
+        if known.get("key") != self._key and place.exists():
+            shutil.rmtree(place)
+        place.mkdir(parents=True, exist_ok=True)
+        mark.write_text(json.dumps({"key": self._key}), encoding="utf-8")
+        work(place)
+        done = json.dumps({"key": self._key, "files": _digests(place)}, indent=1)
+        mark.write_text(done + "\n", encoding="utf-8")
 
 
 def digest(path: Path) -> str:
@@ -300,22 +243,14 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _key(step: FolderStep, keys: Mapping[str, str]) -> str:
-    """Return one digest of all inputs of a step."""
-    content = {
-        "name": step.name,
-        "files": [[path.name, digest(path)] for path in sorted(step.files)],
-        "options": step.options,
-        "after": [keys[name] for name in step.after],
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+def _digests(place: Path) -> dict[str, str]:
+    files = sorted(path for path in place.rglob("*") if path.is_file() and path.name != MARK)
+    return {path.relative_to(place).as_posix(): digest(path) for path in files}
 
 
-def _is_done(place: Path, key: str) -> bool:
+def _mark_of(place: Path) -> dict[str, Any]:
     try:
         mark = json.loads((place / MARK).read_text(encoding="utf-8"))
-        return mark["key"] == key and all(
-            digest(place / name) == known for name, known in mark["files"].items()
-        )
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    except (OSError, ValueError):
+        return {}
+    return mark if isinstance(mark, dict) else {}

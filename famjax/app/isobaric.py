@@ -1,13 +1,13 @@
 """Tests at constant pressure: from journal and machine log to curves, figures and a picture."""
 
-import csv
 import dataclasses
 import math
 from collections import defaultdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,7 +21,6 @@ from fitting.records import (
     IsobaricRecord,
     MachineLog,
     align_by_load,
-    align_by_pulses,
     characterise,
     combine,
     fit_clock,
@@ -78,21 +77,20 @@ def table(record: Record) -> dict[str, NDArray[Any]]:
 
 def clocks(record: Record) -> dict[int, ClockMap]:
     """Fit the map from device time to host time for each epoch with at least two clock notes."""
-    epochs = record.epoch.tolist()
-    parts = [record.epoch_parts[epoch] for epoch in epochs]
-    boots, ticks = record.column("boot").tolist(), record.column("tick").tolist()
-    keys = zip(parts, boots, (tick % TICKS for tick in ticks), strict=True)
-    at = dict(zip(keys, zip(epochs, ticks, strict=True), strict=True))
+    columns = (record.epoch, record.column("boot"), record.column("tick"))
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    at = {
+        (record.epoch_parts[epoch], boot, tick % TICKS): (epoch, tick) for epoch, boot, tick in rows
+    }
     pairs = defaultdict[int, list[tuple[int, float]]](list)
     for part, note in zip(record.note_parts, record.notes, strict=True):
         if note["note"] == "clock" and (part, note["boot"], note["tick"]) in at:
             epoch, tick = at[part, note["boot"], note["tick"]]
             pairs[epoch].append((tick, note["arrival_s"]))
+    every = {epoch: np.array(mine).T for epoch, mine in sorted(pairs.items()) if len(mine) > 1}
     return {
-        epoch: fit_clock(np.array(seen) / TICK_HZ, arrivals)
-        for epoch, mine in sorted(pairs.items()) if len(mine) > 1
-        for seen, arrivals in [[list(one) for one in zip(*mine, strict=True)]]
-    }  # fmt: skip
+        epoch: fit_clock(ticks / TICK_HZ, arrivals) for epoch, (ticks, arrivals) in every.items()
+    }
 
 
 def _blocks(record: Record, time: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -115,31 +113,13 @@ def convert(journal: str | Path, target: str | Path) -> Path:
     target = Path(target)
     if target.suffix != ".csv":
         raise RigError(f"the target must end in .csv, got {target.name!r}")
-    columns = table(read_journal(journal))
-    with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+    pd.DataFrame(table(read_journal(journal))).to_csv(target, index=False)
     return target
 
 
-_APART = 3.0  # largest ratio of the durations of two records of one test
+_NEAR = 5.0  # s, largest error of a given clock offset
 _STRETCH = 0.05  # largest stretch of a muscle, as a fraction of the rest length
 _MOST_POINTS = 20_000  # points drawn of a pressure record
-
-
-class Loads(NamedTuple):
-    """Fit of the load in the journal as gain x load of the log + zero, at the same times.
-
-    Attributes:
-        gain: gain [-].
-        zero: zero [N].
-        scatter: RMS residual, relative to the range of the journal's load [-].
-    """
-
-    gain: float
-    zero: float
-    scatter: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,13 +130,14 @@ class Analysis:
         alignment: alignment of the machine's clock with the journal's.
         record: the test on one clock.
         characterisation: curves and figures.
-        loads: comparison of both loads.
+        loads: gain of the journal's load against the log's, and the rest of its scatter relative to its
+            range [-].
     """
 
     alignment: Alignment
     record: IsobaricRecord
     characterisation: Characterisation
-    loads: Loads
+    loads: tuple[float, float]
 
 
 def analyse(
@@ -164,8 +145,7 @@ def analyse(
     log: MachineLog,
     *,
     rest_length: float,
-    sync_column: str | None = None,
-    near: tuple[float, float] | None = None,
+    near: float | None = None,
     skip_cycles: int = 0,
     shortening_positive: bool = False,
     zero_displacement: float = 0.0,
@@ -181,8 +161,7 @@ def analyse(
         journal: journal of the rig.
         log: log of the test machine.
         rest_length: L0 [m].
-        sync_column: column of the log with the rig's sync pulses; None aligns the clocks by load.
-        near: approximate offset of the clocks and its largest error [s], if known.
+        near: approximate offset of the clocks [s], within 5 s; None if unknown.
         skip_cycles: number of strokes to skip at the start of each pressure.
         shortening_positive: True if the machine's displacement grows as the muscle shortens.
         zero_displacement: displacement reading at L0 [m].
@@ -197,24 +176,32 @@ def analyse(
     """
     if log.force is None:
         raise RigError(f"{log.source} needs a column with the force of the machine; export it too")
-    columns = table(journal)
-    known = np.isfinite(columns["time_s"])
-    if known.sum() < 2:
+    columns: Any = pd.DataFrame(table(journal))
+    columns = columns[np.isfinite(columns.time_s)].copy()
+    if len(columns) < 2:
         raise RigError(f"{journal.path} has no clock notes: its records have no time of the host")
-    device = columns["device_time_s"][known]
-    period = float(np.median(np.diff(device)))
-    time = columns["time_s"][known] - (period - 1 / TICK_HZ) / 2
-    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time)) > 0])
-    time = time[rising]
-    pressure, force = columns["pressure_Pa"][known][rising], columns["force_N"][known][rising]
-    if alignment is None and sync_column is not None:
-        alignment = _by_pulses(time, columns["sync"][known][rising], log, sync_column)
-    elif alignment is None:
-        errors = [clock.error for clock in clocks(journal).values()]
+    period = float(np.median(np.diff(columns.device_time_s)))
+    columns["time_s"] -= (period - 1 / TICK_HZ) / 2
+    latest = columns.time_s.cummax().shift(fill_value=-math.inf)
+    columns = columns[columns.time_s > latest]
+    time, force = columns.time_s.to_numpy(), columns.force_N.to_numpy()
+    if alignment is None:
+        errors = (clock.error for clock in clocks(journal).values())
         error = max((one for one in errors if math.isfinite(one)), default=0.0)
-        alignment = _by_load(time, force, log, near, error, pushing_positive=pushing_positive)
+        load = -log.force if pushing_positive else log.force
+        window = None if near is None else (near, _NEAR)
+        try:
+            alignment = align_by_load(time, force, log.time, load, near=window, time_error=error)
+        except InputError as problem:
+            covered = " and ".join(f"{np.ptp(one):.4g} s" for one in (time, log.time))
+            raise InputError(
+                f"{log.source}: {problem}. Check the force column of the log, its sign "
+                f"(pushing_positive is {str(pushing_positive).lower()}), and the unit of its time: journal "
+                f"and log cover {covered}"
+            ) from None
     record = combine(
-        log, alignment, time, pressure, _set_pressures(journal), rest_length=rest_length,
+        log, alignment, time, columns.pressure_Pa.to_numpy(), _set_pressures(journal),
+        rest_length=rest_length,
         shortening_positive=shortening_positive, zero_displacement=zero_displacement,
         pushing_positive=pushing_positive,
     )  # fmt: skip
@@ -230,62 +217,12 @@ def analyse(
     return Analysis(alignment, record, curves, _loads(time, force, record))
 
 
-def _by_load(
-    time: np.ndarray,
-    force: np.ndarray,
-    log: MachineLog,
-    near: tuple[float, float] | None,
-    time_error: float,
-    *,
-    pushing_positive: bool,
-) -> Alignment:
-    """Align the clocks by load; if the loads disagree, name the column of the log that agrees."""
-    sign = -1.0 if pushing_positive else 1.0
-    load = sign * log.channel("force")
-    try:
-        return align_by_load(time, force, log.time, load, near=near, time_error=time_error)
-    except InputError as error:
-        opposite = "the force with the opposite sign"
-        known = {"the displacement": log.displacement, **log.others}
-        others = {opposite: -load} | {
-            f"{sign}{name}": values if not sign else -values
-            for name, values in known.items() for sign in ("", "the negative of ")
-            if np.isfinite(values).all()
-        }  # fmt: skip
-        for name, values in others.items():
-            try:
-                align_by_load(time, force, log.time, values, near=near)
-            except InputError:
-                continue
-            remedy = f"pushing_positive must be {str(not pushing_positive).lower()}"
-            if name != opposite:
-                remedy = "are columns swapped or wrongly named?"
-            raise InputError(
-                f"{log.source}: the load of the journal does not agree with the log's force but with "
-                f"{name}: {remedy}"
-            ) from None
-        ours, theirs = (float(t[-1] - t[0]) for t in (time, log.time))
-        much = f". The journal covers {ours:.4g} s and the log {theirs:.4g} s: check the unit of its time"
-        apart = max(ours, theirs) > _APART * min(ours, theirs)
-        raise InputError(f"{log.source}: {error}{much if apart else ''}") from None
-
-
-def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> Loads:
-    """Fit the journal's load to the log's at the rows of the record."""
+def _loads(time: np.ndarray, force: np.ndarray, record: IsobaricRecord) -> tuple[float, float]:
+    """Fit the journal's load to the log's; return the gain and the relative scatter."""
     ours = np.interp(record.time, time, force)
     gain, zero = np.polyfit(record.force, ours, 1)
     left = ours - gain * record.force - zero
-    return Loads(float(gain), float(zero), float(np.sqrt(np.mean(left**2)) / np.ptp(ours)))
-
-
-def _by_pulses(time: np.ndarray, sync: np.ndarray, log: MachineLog, column: str) -> Alignment:
-    """Align the clocks by the edges of the rig's pulses in a column of the log."""
-    if column not in log.others:
-        raise RigError(f"the log has no column {column!r}; it has {', '.join(log.others)}")
-    # Uniform over an interval; both edges of a pulse may have the same error between two rows.
-    resolution = log.interval / math.sqrt(12) * math.sqrt(2)
-    ours, theirs = _edges(time, sync), _edges(log.time, log.others[column])
-    return align_by_pulses(ours, theirs, resolution=resolution)
+    return float(gain), float(np.sqrt(np.mean(left**2)) / np.ptp(ours))
 
 
 def _set_pressures(journal: Record) -> list[tuple[float, float]]:
@@ -296,17 +233,6 @@ def _set_pressures(journal: Record) -> list[tuple[float, float]]:
     )  # fmt: skip
 
 
-def _edges(time: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return the times [s] at which a level crosses its middle, halfway between two readings.
-
-    Crossings in a gap of the readings are left out.
-    """
-    high = level > (np.nanmin(level) + np.nanmax(level)) / 2
-    step = np.diff(time)
-    edges = np.flatnonzero((high[1:] != high[:-1]) & (step < 1.5 * np.median(step)))
-    return (time[edges] + time[edges + 1]) / 2
-
-
 def figures(found: Analysis) -> dict[str, Any]:
     """Return the figures of an analysis for JSON, with units in the keys; None if not measured."""
     rows = [
@@ -314,27 +240,14 @@ def figures(found: Analysis) -> dict[str, Any]:
         for row in found.characterisation.rows()
     ]
     aligned = found.alignment
-    residual = "residual_N" if aligned.method == "load" else "residual_s"
     alignment = {
-        "method": aligned.method,
         "offset_s": aligned.offset,
         "reference_s": aligned.reference,
         "offset_error_s": aligned.offset_error,
         "rate": aligned.rate,
         "rate_error": finite_or_none(aligned.rate_error),
-        residual: aligned.residual,
     }
     return {"isobars": rows, "alignment": alignment, "notes": list(found.characterisation.notes)}
-
-
-def branches_csv(muscle: Characterisation) -> str:
-    """Return both branches of every isobar over length as CSV in SI; empty cells if not measured."""
-    lines = ["set_pressure_Pa,length_m,shortening_N,lengthening_N"]
-    for bar in muscle.isobars:
-        for row in zip(bar.length, bar.shortening, bar.lengthening, strict=True):
-            cells = ("" if math.isnan(value) else f"{value:.8g}" for value in row)
-            lines.append(f"{bar.set_pressure:.8g},{','.join(cells)}")
-    return "\n".join(lines) + "\n"
 
 
 def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
@@ -351,31 +264,25 @@ def plot_characterisation(found: Analysis, system: str = "metric") -> Figure:
         InputError: the unit system is unknown.
     """
     units = unit_system(system)
-    pressure_unit, force_unit = units["pressure"], units["force"]
-    N, Pa = factor(force_unit, "force"), factor(pressure_unit, "pressure")
+    N, Pa = (factor(units[kind], kind) for kind in ("force", "pressure"))
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     muscle, record = found.characterisation, found.record
-    shades = np.linspace(0.15, 0.9, len(muscle.isobars))
-    for shade, bar in zip(shades, muscle.isobars, strict=True):
-        contraction = (muscle.rest_length - bar.length) / muscle.rest_length
-        colour = (0.1, 0.25, float(shade))
-        left.plot(contraction, bar.shortening / N, color=colour, lw=1.2)
-        left.plot(contraction, bar.lengthening / N, color=colour, lw=1.2, ls="--")
-        label = f"{bar.set_pressure / Pa:.4g}"
-        left.annotate(label, (contraction[0], bar.lengthening[0] / N), fontsize=7)
-    left.set(xlabel="contraction (L0 - L)/L0", ylabel=f"force [{force_unit}]")
-    left.set_title(
-        f"shortening (solid), lengthening (dashed); set pressure [{pressure_unit}]", fontsize=9
-    )
-    held = np.isfinite(record.set_pressure)
-    step = max(1, int(held.sum()) // _MOST_POINTS)
-    error = (record.pressure - record.set_pressure)[held][::step] / Pa
-    right.plot(record.time[held][::step], error, lw=0.5, color=(0.1, 0.25, 0.5))
-    strokes = [bar.largest_pressure_error for bar in muscle.isobars]
-    largest = 1.5 * max(strokes) / Pa
+    for shade, bar in zip(np.linspace(0.15, 0.9, len(muscle.isobars)), muscle.isobars, strict=True):
+        contraction = 1 - bar.length / muscle.rest_length
+        left.plot(contraction, bar.shortening / N, color=(0.1, 0.25, shade))
+        left.plot(contraction, bar.lengthening / N, "--", color=(0.1, 0.25, shade))
+        at = (contraction[0], bar.lengthening[0] / N)
+        left.annotate(f"{bar.set_pressure / Pa:.4g}", at, fontsize=7)
+    title = f"shortening (solid), lengthening (dashed); set pressure [{units['pressure']}]"
+    left.set(xlabel="contraction (L0 - L)/L0", ylabel=f"force [{units['force']}]", title=title)
+    held = np.flatnonzero(np.isfinite(record.set_pressure))
+    held = held[:: max(1, held.size // _MOST_POINTS)]
+    error = (record.pressure - record.set_pressure)[held] / Pa
+    largest = 1.5 * max(bar.largest_pressure_error for bar in muscle.isobars) / Pa
     right.axhline(0, color="k", lw=0.5)
-    right.set(xlabel="time [s]", ylabel=f"pressure - set pressure [{pressure_unit}]",
-              ylim=(-largest, largest))  # fmt: skip
-    right.set_title("pressure error (steps of the set pressure exceed the axis)", fontsize=9)
+    right.plot(record.time[held], error, lw=0.5, color=(0.1, 0.25, 0.5))
+    title = "pressure error (steps of the set pressure exceed the axis)"
+    label = f"pressure - set pressure [{units['pressure']}]"
+    right.set(xlabel="time [s]", ylabel=label, ylim=(-largest, largest), title=title)
     return figure

@@ -1,9 +1,9 @@
 """A complete test without hardware: plan, rig, journal, machine log, characterisation, dataset."""
 
-import dataclasses
 import datetime
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
@@ -12,19 +12,12 @@ from famjax.plant import LinearMcKibben
 from famjax.units import INCH, PSI
 from fitting.records import read_machine_log, write_dataset
 from rig.calibration import Calibration
-from rig.device import Device
 from rig.errors import RigError
 from rig.execution import JOURNAL, Attendant, Request, Situation, record_test
 from rig.journal import read_journal
 from rig.link import VirtualLink
 from rig.plan import PlanFile
-from rig.simulation import (
-    CIRCUITS,
-    MachineClock,
-    SimulatedRig,
-    load_cell,
-    machine_for,
-)
+from rig.simulation import CIRCUITS, MachineClock, SimulatedRig, load_cell, machine_for
 
 from .isobaric import Analysis, analyse
 
@@ -32,8 +25,7 @@ LOG, DATASET = "machine.csv", "dataset.csv"
 """File names of a test in addition to its journal."""
 
 
-@dataclasses.dataclass(frozen=True)
-class SimulatedTest:
+class SimulatedTest(NamedTuple):
     """Result of a simulated test.
 
     Attributes:
@@ -54,12 +46,10 @@ class Watcher(Attendant):
 
     def __init__(self, progress: Callable[[float, float], None]) -> None:
         self._progress = progress
-        self._due = 0.0
 
     def look(self, situation: Situation) -> Request:
-        """Report progress if a second has passed."""
-        if situation.done >= self._due:
-            self._due = situation.done + 1.0
+        """Report progress in the first twentieth of a second."""
+        if situation.done % 1.0 < 1 / 20:
             self._progress(situation.done, situation.done + situation.left)
         return ""
 
@@ -99,8 +89,6 @@ def simulate(
     clock: MachineClock | None = None,
     clock_rate: float = -0.002,
     friction: float = 0.02,
-    device: Device | None = None,
-    baud: int = 115200,
     seed: int = 0,
     began: datetime.datetime | None = None,
     calibrated: Callable[[Calibration], Calibration] | None = None,
@@ -119,8 +107,6 @@ def simulate(
         clock: clock of the machine's log; by default 12.345 s ahead and 50 ppm fast.
         clock_rate: relative rate error of the device's clock.
         friction: friction of the muscle, see `SimulatedRig`.
-        device: device just switched on, see `SimulatedRig`.
-        baud: baud rate, see `SimulatedRig`.
         seed: seed of all noise.
         began: date of the test; the current time by default.
         calibrated: function from the true calibration of the sensors to the assumed one; the identity by
@@ -138,16 +124,14 @@ def simulate(
     folder.mkdir(parents=True, exist_ok=True)
     muscle = muscle or LinearMcKibben()
     machine = machine_for(muscle, clock or MachineClock(12.345, 50e-6), seed=seed + 2)
-    if test.plan.stroke > machine.rest_length - machine.shortest:
-        raise RigError(
-            f"the plan's stroke of {test.plan.stroke:.5g} m is longer than the "
-            f"{machine.rest_length - machine.shortest:.5g} m that the machine allows this muscle"
-        )
+    longest = machine.rest_length - machine.shortest
+    if test.plan.stroke > longest:
+        raise RigError(f"the plan's stroke of {test.plan.stroke:.5g} m must be <= {longest:.5g} m")
     # Blocked force at the limit plus a margin: a saturated load cell would bend the curves.
     most = 1.2 * float(muscle.blocked_force(test.pressure_limit))
     rig = SimulatedRig(
-        CIRCUITS[test.circuit](), muscle, machine, device, force_sensor=load_cell(most), baud=baud,
-        clock_rate=clock_rate, friction=friction, seed=seed,
+        CIRCUITS[test.circuit](), muscle, machine, force_sensor=load_cell(most), clock_rate=clock_rate,
+        friction=friction, seed=seed,
     )  # fmt: skip
     believed = rig.calibration() if calibrated is None else calibrated(rig.calibration())
     record_test(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,9 +11,9 @@ from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.files import write_all
-from famjax.boundary.units import parse_quantity, unit_system
+from famjax.boundary.units import unit_system
 from famjax.compilation_cache import start_jax
-from famjax.console import Units, add_cwd_to_path, in_units, print_json, print_rows, progress
+from famjax.console import Units, in_units, print_json, print_rows, progress
 from famjax.units import PSI
 from rig.cli import ended_in_words
 
@@ -81,8 +82,8 @@ def rig_step(
             output.mkdir(parents=True, exist_ok=True)
             with cli.opened(port, baud) as link:
                 record_test(test, link, calibration, output / JOURNAL)
-    print("written:", output / JOURNAL)
-    print(f"next: famjax rig tune {output / JOURNAL} --plan {plan}")
+    journal = output / JOURNAL
+    print(f"written: {journal}\nnext: famjax rig tune {journal} --plan {plan}")
     return 0
 
 
@@ -106,8 +107,6 @@ def rig_tune(
     plan: Path,
     simulate: bool = False,
     card: str | None = None,
-    own: tuple[str, ...] = (),
-    length: str | None = None,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("tuned.toml"),
     seed: int = 0,
     units: Units = "metric",
@@ -130,10 +129,6 @@ def rig_tune(
     card
         Card written by `famjax card`, or a bundled muscle; default: the 7/8 in muscle of the reference
         work.
-    own
-        Trust this module of your own that defines classes in the card, repeatable, `--own my_rubber`.
-    length
-        Active length in the step test with its unit; default: the muscle's rest length.
     output
         Write the plan with the new gains to this file; it must not exist.
     seed
@@ -144,8 +139,13 @@ def rig_tune(
         Print one JSON object in SI units on standard output, and nothing else.
     """
     start_jax()
-    from famjax.control.tuning import Duty, Gains, expect, tune
+    from famjax.control.tuning import Duty, Gains, drawn_circuits, expect, tune
+    from famjax.muscles import open_card
+    from famjax.plant import LinearMcKibben
     from rig.plan import read_plan
+    from rig.simulation import CIRCUITS
+
+    from .dynamics import feed_forward
 
     if (journal is None) != simulate:
         raise InputError(
@@ -153,47 +153,46 @@ def rig_tune(
         )
     if output.exists():
         raise InputError(f"{output} exists: choose another file with --output")
-    if own:
-        add_cwd_to_path()
     with ended_in_words():
         test = read_plan(plan)
-        muscle = _muscle(card, own)
-        told: list[str] = []
+        muscle = LinearMcKibben() if card is None else open_card(card).safe()
         if journal is None:
-            plants, forwards = _assumed(test, muscle, seed)
+            circuits, told = drawn_circuits(CIRCUITS[test.circuit](), _DRAWS, seed), []
+            forwards = np.array([feed_forward(one) for one in circuits])
         else:
-            plants, forwards, told = _identified(journal, test, muscle, length, seed)
-    given = test.plan
+            circuits, forwards, told = _identified(journal, test, muscle, seed)
+    plants = [_plant(one, muscle) for one in circuits]
+    given, control = test.plan, test.control
     duty = Duty(given.pressures, given.stroke, given.rate, given.settle, test.pressure_limit)
-    control = test.control
-    largest = float(np.max(np.abs(np.diff([0.0, *given.pressures]))))
-    now = Gains(
-        control.proportional / 255, control.integral / 255,
-        largest / given.rise if given.rise else 1e3 * PSI,
-    )  # fmt: skip
+    steps = np.abs(np.diff([0.0, *given.pressures]))
+    largest = float(steps.max())
+    ramp = largest / given.rise if given.rise else 1e3 * PSI
+    now = Gains(control.proportional / 255, control.integral / 255, ramp)
     with progress("optimising the gains") as show:
         found = tune(plants, forwards, duty, seed=seed, progress=show)
     proportional, integral, _ = found.in_counts()
-    rise = largest / found.ramp
-    text = tuned_text(plan.read_text(encoding="utf-8"), proportional, integral, rise)
-    write_all(output.parent, {output.name: text.encode()})
-    rows = [
-        {"gains": name, **_figures(expect(plants, forwards, one, duty, seed + 1), duty)}
-        for name, one in (("the plan's", now), ("tuned", found))
-    ]
     gains = {
         "proportional_counts_per_psi": proportional, "integral_counts_per_psi_s": integral,
-        "rise_s": rise,
+        "rise_s": largest / found.ramp,
     }  # fmt: skip
+    text = tuned_text(plan.read_text(encoding="utf-8"), gains)
+    write_all(output.parent, {output.name: text.encode()})
+    rows = []
+    for name, one in (("the plan's", now), ("tuned", found)):
+        seen = expect(plants, forwards, one, duty, seed + 1)
+        overshoot = 100 * (seen.overshoot / np.where(steps, steps, np.inf)).max()
+        rows.append({
+            "gains": name, "rms_pressure_Pa": float(seen.rms.mean()),
+            "worst_rms_pressure_Pa": float(seen.rms.max()), "overshoot_percent": float(overshoot),
+            "settled_rms_pressure_Pa": float(seen.late.mean()),
+            "highest_pressure_Pa": float(seen.highest.max()),
+        })  # fmt: skip
     if json_:
         print_json({"gains": gains, "expected": rows, "notes": told, "file": str(output)})
         return 0
     for one in told:
         print(f"note: {one}")
-    print(
-        f"proportional {proportional:.3g} counts/psi, integral {integral:.3g} counts/(psi s), "
-        f"rise {rise:.2g} s"
-    )
+    print_rows("Gains", [gains])
     print_rows("Expected in simulation, true pressures", in_units(rows, unit_system(units)))
     if rows[1]["highest_pressure_Pa"] > test.pressure_limit:
         print(
@@ -204,45 +203,16 @@ def rig_tune(
     return 0
 
 
-def _figures(seen: Any, duty: Any) -> dict[str, float]:
-    steps = np.abs(np.diff([0.0, *duty.pressures]))
-    return {
-        "rms_pressure_Pa": float(seen.rms.mean()),
-        "worst_rms_pressure_Pa": float(seen.rms.max()),
-        "overshoot_percent": float(100 * (seen.overshoot / np.where(steps, steps, np.inf)).max()),
-        "settled_rms_pressure_Pa": float(seen.late.mean()),
-        "highest_pressure_Pa": float(seen.highest.max()),
-    }
-
-
-def _muscle(card: str | None, own: tuple[str, ...]) -> Any:
-    from famjax.muscles import open_card
-    from famjax.plant import LinearMcKibben
-
-    return LinearMcKibben() if card is None else open_card(card, own=own).safe()
-
-
 def _plant(circuit: Any, muscle: "AbstractMuscle") -> "Plant":
     from famjax.plant import DahlFriction, DrivenLength, Plant
 
     return Plant(circuit, muscle, DrivenLength(), DahlFriction())
 
 
-def _assumed(test: "PlanFile", muscle: Any, seed: int) -> tuple[list["Plant"], np.ndarray]:
-    """Draw plants of an unmeasured rig, each with the feed-forward of its calibration."""
-    from famjax.control.tuning import drawn_circuits
-    from rig.simulation import CIRCUITS
-
-    from .dynamics import feed_forward
-
-    drawn = drawn_circuits(CIRCUITS[test.circuit](), _DRAWS, seed)
-    return [_plant(one, muscle) for one in drawn], np.array([feed_forward(one) for one in drawn])
-
-
 def _identified(
-    journal: Path, test: "PlanFile", muscle: Any, length: str | None, seed: int
-) -> tuple[list["Plant"], np.ndarray, list[str]]:
-    """Draw plants consistent with the journal of a step test, with the feed-forward of its rig."""
+    journal: Path, test: "PlanFile", muscle: Any, seed: int
+) -> tuple[list[Any], np.ndarray, list[str]]:
+    """Draw circuits consistent with the journal of a step test; return their feed-forward and notes."""
     from fitting.plant import FREE, identify_plant
     from rig.journal import read_journal, stored_calibration
     from rig.simulation import CIRCUITS
@@ -259,21 +229,18 @@ def _identified(
             f"{journal} is from the {circuit} circuit, but the plan describes the {test.circuit} "
             "circuit: use the plan of the step test"
         )
-    rest = float(muscle.rest_length) if length is None else parse_quantity(length, "length")
-    assumed = CIRCUITS[test.circuit]()
+    rest, assumed = float(muscle.rest_length), CIRCUITS[test.circuit]()
     held, spread = _HELD[test.circuit]
     free = [name for name in FREE[type(assumed)] if name != held]
     rows = plant_record(record, rest)
     fit = identify_plant(rows, _plant(assumed, muscle), free=free)
     if not fit.pressure_rms < _MISSED:
         raise InputError(
-            f"the {test.circuit} circuit of the plan misses the recorded pressure by "
-            f"{fit.pressure_rms / PSI:.2g} psi RMS: check that the journal is from this circuit, check the "
-            "supply, and check for leaks"
+            f"the plan's {test.circuit} circuit misses the recorded pressure by "
+            f"{fit.pressure_rms / PSI:.2g} psi RMS: check the journal, the supply, and for leaks"
         )
-    volume = float(muscle.volume(rest, rows.pressure.mean())) + float(
-        assumed.parameters().get("dead_volume", 0.0)
-    )
+    known = {name: float(value) for name, value in assumed.parameters().items()}
+    volume = float(muscle.volume(rest, rows.pressure.mean())) + known.get("dead_volume", 0.0)
     declared, rng, circuits = assumed.declared(), np.random.default_rng(seed), []
     size = np.sqrt(np.diag(np.nan_to_num(fit.covariance)))
     scale = np.where(size, size, 1.0)
@@ -285,27 +252,19 @@ def _identified(
     draws[0], factors[0] = 0.0, 1.0
     for draw, factor in zip(draws, factors, strict=True):
         values = {e.name: e.value + off for e, off in zip(fit.estimates, draw, strict=True)}
-        values[held] = float(assumed.parameters()[held]) * factor
+        values[held] = known[held] * factor
         if held == "displacement":  # same pressures with other flows
             values["needle"] *= factor
             values["bulk_modulus"] /= factor
         else:
             values["conductance"] *= 1 + (values[held] - values[held] / factor) / volume
-        circuits.append(
-            assumed.with_parameters(
-                {n: float(np.clip(v, declared[n].low, declared[n].high)) for n, v in values.items()}
-            )
-        )
+        for name, value in values.items():
+            values[name] = float(np.clip(value, declared[name].low, declared[name].high))
+        circuits.append(assumed.with_parameters(values))
     powers = forward.scale ** np.arange(len(forward.coefficients))
-    found = np.array(forward.coefficients) / 255 / powers
-    told = [
-        f"{one.name} {one.value:.4g} +- {one.stderr:.2g} {one.unit}".rstrip()
-        for one in fit.estimates
-    ]
-    return (
-        [_plant(one, muscle) for one in circuits], np.tile(found, (len(circuits), 1)),
-        [*told, *fit.warnings],
-    )  # fmt: skip
+    found = np.tile(np.array(forward.coefficients) / 255 / powers, (len(circuits), 1))
+    told = [f"{e.name} {e.value:.4g} +- {e.stderr:.2g} {e.unit}".rstrip() for e in fit.estimates]
+    return circuits, found, [*told, *fit.warnings]
 
 
 def plant_record(record: "Record", length: float) -> "PlantRecord":
@@ -337,13 +296,11 @@ def plant_record(record: "Record", length: float) -> "PlantRecord":
     )  # fmt: skip
 
 
-def tuned_text(text: str, proportional: float, integral: float, rise: float) -> str:
-    """Replace gains and rise time in the text of a plan; every other character is unchanged."""
-    for key, value in (
-        ("proportional_counts_per_psi", proportional), ("integral_counts_per_psi_s", integral),
-    ):  # fmt: skip
-        text = re.sub(rf"^(\s*{key}\s*=\s*)[^\s#]+", rf"\g<1>{value:.4g}", text, flags=re.MULTILINE)
-    if re.search(r"^\s*rise_s\s*=", text, re.MULTILINE):
-        return re.sub(r"^(\s*rise_s\s*=\s*)[^\s#]+", rf"\g<1>{rise:.3g}", text, flags=re.MULTILINE)
-    return re.sub(r"^(\s*\[plan\][^\n]*\n)", rf"\g<1>rise_s = {rise:.3g}\n", text, count=1,
-                  flags=re.MULTILINE)  # fmt: skip
+def tuned_text(text: str, gains: Mapping[str, float]) -> str:
+    """Replace gains and `rise_s` in the text of a plan; every other character is unchanged."""
+    if not re.search(r"^\s*rise_s\s*=", text, re.MULTILINE):
+        text = re.sub(r"^(\s*\[plan\].*\n)", r"\1rise_s = 0\n", text, count=1, flags=re.MULTILINE)
+    for key, value in gains.items():
+        new = rf"\g<1>{value:.4g}"
+        text = re.sub(rf"^(\s*{key}\s*=\s*)[^\s#]+", new, text, flags=re.MULTILINE)
+    return text

@@ -1,11 +1,10 @@
 """The error class for bad input, and the import of user-defined classes."""
 
 import difflib
-import importlib.util
+import importlib
 import inspect
 import numbers
 import operator
-import sys
 from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import Any
@@ -117,15 +116,12 @@ def class_named(path: str, base: type, what: str) -> type:
     try:
         found: Any = operator.attrgetter(name)(importlib.import_module(module))
     except _FAILURES as error:
-        if importlib.util.find_spec(module.partition(".")[0]) is None or module in sys.modules:
-            raise InputError(f"the {what} {path!r} was not found ({error}): {where}") from None
         raise InputError(
-            f"the module {module} of the {what} {path!r} could not be imported: "
-            f"{type(error).__name__}: {error}. Fix it so that `python -c 'import {module}'` works"
+            f"the {what} {path!r} cannot be imported ({type(error).__name__}: {error}): {where}"
         ) from None
     if not (isinstance(found, type) and issubclass(found, base)):
-        room = ".".join(base.__module__.split(".")[:2])
-        raise InputError(f"the {what} {path!r} must be a class derived from {room}.{base.__name__}")
+        of = f"{base.__module__}.{base.__name__}"
+        raise InputError(f"the {what} {path!r} must be a class derived from {of}")
     if inspect.isabstract(found):
         lacks = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
         raise InputError(f"the {what} {path!r} is abstract: it must define {lacks}")

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-UNFINISHED = ".unfinished"
-"""Suffix of a file until it is complete."""
 _COMPRESSION = 3  # of 9: two thirds of the default's time, for files a tenth larger
 
 
@@ -34,11 +32,9 @@ def check_output(folder: Path) -> None:
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
-    if not nearest.is_dir():
-        raise InputError(f"the output folder {folder} cannot be created: {nearest} is not a folder")
-    if not os.access(nearest, os.W_OK | os.X_OK):
+    if not (nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)):
         raise InputError(
-            f"the output folder {folder} cannot be written: no permission in {nearest}"
+            f"the output folder {folder} cannot be written: {nearest} must be a folder with permission"
         )
 
 
@@ -102,22 +98,6 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     return [folder / name for name in files]
 
 
-def write_whole(file: Path, content: bytes) -> None:
-    """Write a file completely or not at all; an existing file is replaced."""
-    draft = file.with_name(file.name + UNFINISHED)
-    with draft.open("wb") as open_draft:
-        open_draft.write(content)
-        open_draft.flush()
-        os.fsync(open_draft.fileno())
-    os.replace(draft, file)
-    if os.name == "posix":
-        folder = os.open(file.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
-
 @dataclasses.dataclass(frozen=True)
 class Origin:
     """Date and command that created a file.
@@ -164,7 +144,6 @@ def differing(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def some_of(texts: Sequence[str], between: str = ", ") -> str:
-    """Join the first five texts and add the number of the remaining ones."""
-    shown = [text if len(text) < 200 else text[:200] + " ..." for text in texts[:5]]
-    more = f"{between}and {len(texts) - 5} more" if len(texts) > 5 else ""
-    return between.join(shown) + more
+    """Join the first five texts, cut to 200 characters, and add the number of the remaining ones."""
+    more = [f"and {len(texts) - 5} more"] * (len(texts) > 5)
+    return between.join([text[:200] for text in texts[:5]] + more)

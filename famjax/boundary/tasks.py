@@ -22,18 +22,16 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .errors import InputError
-from .files import differing, some_of, write_whole
+from .files import differing, some_of, write_all
 
 AnyExecutor: TypeAlias = Any
 """Where tasks run: None for this process, a number of spawned processes, or an executor."""
 
 _FORMAT = "famjax parts 2"
 _TAKEN_OVER = (
-    "jax_enable_x64",
-    "jax_compilation_cache_dir",
-    "jax_persistent_cache_min_compile_time_secs",
+    "jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs",
     "jax_persistent_cache_min_entry_size_bytes",
-)
+)  # fmt: skip
 """JAX settings that a worker copies from its parent process."""
 _one_at_a_time = threading.RLock()
 
@@ -55,31 +53,21 @@ class Store:
         InputError: the file belongs to other work, or cannot be read or written.
     """
 
-    def __init__(
-        self, path: Path | str | None, kind: str, settings: dict[str, Any], count: int
-    ) -> None:
+    def __init__(self, path: Any, kind: str, settings: dict[str, Any], count: int) -> None:
         self.path = None if path is None else Path(path)
-        self._count = count
         self._parts: dict[int, Any] = {}
         if self.path is None:
             return
         head = json.dumps({"format": _FORMAT, "kind": kind, "parts": count, "settings": settings})
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             if not self.path.exists():
-                write_whole(self.path, head.encode() + b"\n")
+                write_all(self.path.parent, {self.path.name: head.encode()})
             self._read(self.path, json.loads(head))
         except OSError as error:
             raise InputError(f"the {kind} file {self.path} cannot be used: {error}") from None
 
     def __contains__(self, index: int) -> bool:
         return index in self._parts
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, index: int) -> Any:
-        return self._parts[index]
 
     def __iter__(self) -> Iterator[Any]:
         """Iterate over the finished parts in order of their index."""
@@ -93,28 +81,26 @@ class Store:
             OSError: the file cannot be written.
         """
         if self.path is not None:
-            line = json.dumps({"index": index, "part": part}, default=_encoded) + "\n"
+            line = json.dumps({"index": index, "part": part}, default=_encoded)
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(line)
+                # The break comes first: a line that was cut off stays alone.
+                file.write(f"\n{line}")
                 file.flush()
                 os.fsync(file.fileno())
             part = json.loads(line, object_hook=_decoded)["part"]
         self._parts[index] = part
 
     def _read(self, path: Path, head: dict[str, Any]) -> None:
-        first, *lines = path.read_bytes().splitlines(keepends=True)
+        first, *lines = path.read_bytes().split(b"\n")
         try:
             there = json.loads(first)
         except ValueError as error:
-            raise InputError(
-                f"{path} is damaged ({error}): give another file, or remove it"
-            ) from None
+            raise InputError(f"{path} is damaged ({error}): remove it, or give another") from None
         if there != head:
             raise InputError(
                 f"{path} holds a {head['kind']} with other data or other settings: "
                 f"{some_of(differing(there, head), '; ')}. Give another file, or remove it"
             )
-        good = [first]
         for number, line in enumerate(lines, 2):
             try:
                 row = json.loads(line.decode(), object_hook=_decoded)
@@ -122,10 +108,6 @@ class Store:
             except (ValueError, KeyError, TypeError):
                 text = f"line {number} of {path} is damaged; its part will be computed again"
                 warnings.warn(text, UserWarning, stacklevel=4)
-            else:
-                good.append(line.rstrip() + b"\n")
-        if good != [first, *lines]:
-            write_whole(path, b"".join(good))
 
 
 def _encoded(value: Any) -> Any:
@@ -143,14 +125,9 @@ def _decoded(entries: dict[str, Any]) -> Any:
 
 
 def run_tasks(
-    function: Callable[[Any], Any],
-    items: Sequence[Any],
-    *,
-    executor: AnyExecutor = None,
-    store: Store | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    names: Sequence[str] | None = None,
-) -> Store:
+    function: Callable[[Any], Any], items: Sequence[Any], *, executor: AnyExecutor = None,
+    store: Store | None = None, progress: Callable | None = None, names: Sequence[str] | None = None,
+) -> Store:  # fmt: skip
     """Apply a function to every unfinished item; each result is stored as soon as it is ready.
 
     Stored results survive an interrupt or an error in the function. An error carries the name of its
@@ -180,8 +157,8 @@ def run_tasks(
     waiting = [index for index in range(len(items)) if index not in kept]
     done, tell = len(items) - len(waiting), progress or (lambda _done, _total: None)
     tell(done, len(items))
+    jobs: dict[Any, int] = {}
     with _pool(executor, len(waiting)) as pool:
-        jobs: dict[Any, int] = {}
         try:
             if pool is None:
                 results = ((index, functools.partial(function, items[index])) for index in waiting)
@@ -217,8 +194,8 @@ def _check_travels(work: Any) -> None:
         pickle.dumps(work)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InputError(
-            f"this work cannot be sent to another process ({error}): define your class or function in a "
-            "module and import it, or omit the executor"
+            f"this work cannot be sent to another process ({error}): define your code in a module, or omit "
+            "the executor"
         ) from None
 
 
@@ -229,7 +206,7 @@ def _as_done(
     waiting: Sequence[int],
     jobs: dict[Any, int],
 ) -> Iterator[tuple[int, Callable[[], Any]]]:
-    """Submit all items and yield the index and result of each finished one, even during submission."""
+    """Submit all items; yield index and result of each finished one, even during submission."""
     for index in waiting:
         job = pool.submit(call, items[index])
         if job.done():

@@ -10,18 +10,15 @@ import math
 import sys
 import tomllib
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from msgspec import Meta, ValidationError, convert
 
 from .errors import InputError
-from .units import UNITS, si_unit
-
-if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
+from .units import UNITS
 
 T = TypeVar("T")
 Refusal = Callable[[str], InputError]
@@ -48,23 +45,23 @@ class Form:
 
     kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
     keys: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    codecs: Mapping[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = dataclasses.field(
-        default_factory=dict
-    )
+    codecs: Mapping[type, tuple[Callable, Callable]] = dataclasses.field(default_factory=dict)
 
     def key(self, name: str) -> str:
         """Return the key under which a field is written."""
-        if name in self.kinds:
-            return _spelt(name, si_unit(self.kinds[name]))
-        return self.keys.get(name, name)
+        return next(iter(self.known_keys(name)))
 
-    def keys_of(self, name: str) -> str:
-        """List all keys under which a quantity is read."""
-        return ", ".join(_spelt(name, unit) for unit in UNITS[self.kinds[name]])
+    def known_keys(self, name: str) -> dict[str, float]:
+        """Return all keys under which a field is read, with the multiplier of each unit to SI."""
+        if name not in self.kinds:
+            return {self.keys.get(name, name): 1.0}
+        units = UNITS[self.kinds[name]]
+        return {f"{name}_{unit}" if unit else name: size for unit, size in units.items()}
 
     def pattern(self, name: str) -> str:
-        """Return the key of a field, with `<unit>` for any unit."""
-        return f"{name}_<unit>" if name in self.kinds else self.key(name)
+        """Return the key of a field, with all its units in brackets."""
+        units = [unit for unit in UNITS[self.kinds[name]] if unit] if name in self.kinds else []
+        return f"{name}_<{'|'.join(units)}>" if units else self.key(name)
 
 
 PLAIN = Form()
@@ -72,11 +69,7 @@ PLAIN = Form()
 
 
 def read_toml(
-    path: "str | Path | Traversable",
-    what: str,
-    error: Refusal = InputError,
-    *,
-    where: str | None = None,
+    path: Any, what: str, error: Refusal = InputError, *, where: str | None = None
 ) -> dict[str, Any]:
     """Read the entries of a TOML file.
 
@@ -100,13 +93,9 @@ def read_toml(
 
 
 def from_entries(
-    kind: type[T],
-    entries: Mapping[str, Any],
-    form: Form = PLAIN,
-    *,
-    where: str = "",
-    error: Refusal = InputError,
-) -> T:
+    kind: type[T], entries: Mapping[str, Any], form: Form = PLAIN,
+    *, where: str = "", error: Refusal = InputError,
+) -> T:  # fmt: skip
     """Build a dataclass from the entries of a table, in SI.
 
     A single number is read as a list with one element, and "none" as None.
@@ -182,70 +171,40 @@ def toml_text(entries: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _spelt(name: str, unit: str) -> str:
-    return f"{name}_{unit}" if unit else name
-
-
 def _values(kind: Any, entries: Mapping[str, Any], form: Form) -> dict[str, Any]:
     """Return the fields of a dataclass by name."""
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {field.name: field for field in dataclasses.fields(kind)}
+    known = {key: (name, size) for name in fields for key, size in form.known_keys(name).items()}
     found: dict[str, str] = {}
     values: dict[str, Any] = {}
-    problems = []
-    for key, value in entries.items():
-        name, factor = _field(key, fields, form)
-        if name is None:
-            problems.append(f"unknown key {key!r}")
-        elif name in found:
+    problems = [f"unknown key {key!r}" for key in entries if key not in known]
+    for key in (key for key in entries if key in known):
+        name, size = known[key]
+        if name in found:
             raise InputError(f"{name} is given twice, as {found[name]} and {key}; keep one")
-        else:
-            found[name] = key
-            values[name] = _scaled(_value(key, value, hints[name], form), factor)
+        found[name], values[name] = key, _scaled(_value(key, entries[key], hints[name], form), size)
     for name, field in fields.items():
         if name not in found and field.default is field.default_factory is dataclasses.MISSING:
-            units = f", as {form.keys_of(name)}" if name in form.kinds else ""
-            problems.append(f"{form.pattern(name)} is missing: {_described(hints[name])}{units}")
+            problems.append(f"{form.pattern(name)} is missing: {_described(hints[name])}")
     if problems:
-        known = ", ".join(map(form.pattern, fields))
-        raise InputError(f"{'; '.join(problems)}; valid keys: {known}")
+        valid = ", ".join(map(form.pattern, fields))
+        raise InputError(f"{'; '.join(problems)}; valid keys: {valid}")
     return values
-
-
-def _field(key: str, fields: Iterable[str], form: Form) -> tuple[str | None, float]:
-    """Return the field for a key (None if there is none) and the multiplier of its unit."""
-    quantities = [name for name in fields if name in form.kinds]
-    for name in fields:
-        if name not in quantities and form.key(name) == key:
-            return name, 1.0
-    stems = [name for name in quantities if f"{key}_".startswith(f"{name}_")]
-    if not stems:
-        return None, 1.0
-    name = max(stems, key=len)
-    unit, kind = key[len(name) + 1 :], form.kinds[name]
-    if unit in UNITS[kind]:
-        return name, UNITS[kind][unit]
-    fault = f"has the unknown unit {unit!r}" if unit else "has no unit"
-    raise InputError(
-        f"{key} {fault}: it must end with a unit of {kind}; write one of {form.keys_of(name)}"
-    )
 
 
 def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
     """Convert a value to the type of its field."""
     kinds = typing.get_args(hint)
-    coded = next((one for one in (hint, *kinds) if one in form.codecs), None)
-    if coded is not None and not (value == "none" and NoneType in kinds):
+    if value == "none" and NoneType in kinds and str not in kinds:
+        return None
+    for coded in (one for one in (hint, *kinds) if one in form.codecs):
         try:
             return form.codecs[coded][1](value)
         except (ValueError, TypeError) as problem:
             raise InputError(f"{key}: {problem}") from None
-    if dataclasses.is_dataclass(hint):
-        if not isinstance(value, dict):
-            raise InputError(f"{key} must be a table, got {value!r}")
+    if dataclasses.is_dataclass(hint) and isinstance(value, dict):
         return from_entries(typing.cast("Any", hint), value, form, where=f"[{key}]: ")
-    if value == "none" and NoneType in kinds and str not in kinds:
-        return None
     listed = kinds[0] if typing.get_origin(hint) is Annotated else hint
     single = Ellipsis in typing.get_args(listed) and isinstance(value, int | float)
     try:
@@ -256,18 +215,16 @@ def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
 
 def _described(hint: Any) -> str:
     """Describe the allowed values in words."""
-    kinds = typing.get_args(hint)
-    if typing.get_origin(hint) is Annotated:
+    kinds, origin = typing.get_args(hint), typing.get_origin(hint)
+    if origin is Annotated:
         words = [one.description for one in kinds if isinstance(one, Meta) and one.description]
         return words[0] if words else _described(kinds[0])
-    if typing.get_origin(hint) is Literal:
+    if origin is Literal:
         return " or ".join(map(str, kinds))
-    if typing.get_origin(hint) is tuple:
+    if origin is tuple:
         count = "" if Ellipsis in kinds else f"{ {2: 'two', 3: 'three'}[len(kinds)] } "
         return f"{count}numbers in brackets"
-    if NoneType in kinds:
-        return _described(kinds[0])
-    return _WORDS.get(hint, "a table")
+    return _described(kinds[0]) if NoneType in kinds else _WORDS.get(hint, "a table")
 
 
 def _scaled(value: Any, factor: float) -> Any:

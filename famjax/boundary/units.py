@@ -39,13 +39,8 @@ UNITS = _Kinds({
     "energy": {"J": 1.0, "in lbf": INCH * LBF},
     "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9, "in3": INCH**3},
     "scale": {"px/m": 1.0, "px/cm": 1e2, "px/mm": 1e3, "px/in": 1 / INCH},
-    "rate": {
-        "m_per_s": 1.0,
-        "mm_per_s": MILLIMETRE,
-        "in_per_s": INCH,
-        "mm_per_min": MILLIMETRE / 60,
-        "in_per_min": INCH / 60,
-    },
+    "rate": {"m_per_s": 1.0, "mm_per_s": MILLIMETRE, "in_per_s": INCH,
+             "mm_per_min": MILLIMETRE / 60, "in_per_min": INCH / 60},
 })  # fmt: skip
 """Multipliers to SI for each kind of quantity; the first unit of each is the SI unit."""
 
@@ -93,11 +88,10 @@ def factor(unit: str, kind: str) -> float:
     >>> round(factor("psi", "pressure"), 3), factor("in", "length")
     (6894.757, 0.0254)
     """
-    if unit not in UNITS[kind]:
-        raise InputError(
-            f"{unit!r} is not a known unit of {kind}; use one of: {', '.join(UNITS[kind])}"
-        )
-    return UNITS[kind][unit]
+    known = UNITS[kind]
+    if unit not in known:
+        raise InputError(f"{unit!r} is not a known unit of {kind}; use one of: {', '.join(known)}")
+    return known[unit]
 
 
 def to_si(value: float, unit: str, kind: str) -> float:
@@ -225,59 +219,39 @@ class Quantity(NamedTuple):
 
 
 class Sentence(str):
-    """Text that keeps its quantities; as a string they are in mm, kPa, N and MPa.
+    """Text of several parts, with its quantities in mm, kPa, N and MPa.
 
     Args:
-        *parts: texts, quantities and nested sentences in order.
+        *parts: texts and quantities in order.
 
     >>> found = Sentence("The length is ", Quantity(0.296, "length"), ".")
     >>> found, sentence_in_units(found, "us")
     ('The length is 296 mm.', 'The length is 11.65 in.')
     """
 
-    parts: tuple[str | Quantity, ...]
-
     def __new__(cls, *parts: str | Quantity) -> "Sentence":
         """Join the parts in metric units."""
-        made = super().__new__(cls, "".join(_part_in_units(one, "metric") for one in parts))
-        made.parts = parts
-        return made
-
-    def __reduce__(self) -> tuple[type["Sentence"], tuple[str | Quantity, ...]]:
-        return Sentence, self.parts
+        texts = (one.in_units("metric") if isinstance(one, Quantity) else one for one in parts)
+        return super().__new__(cls, "".join(texts))
 
 
-def sentence_in_units(sentence: str, system: str) -> str:
-    """Convert a sentence to a unit system (si, metric or us); plain text is unchanged."""
-    if isinstance(sentence, Sentence):
-        return "".join(_part_in_units(one, system) for one in sentence.parts)
-    return sentence
-
-
-def text_in_units(text: str, system: str) -> str:
-    """Convert the lengths, pressures and forces in a text from a file to a unit system.
+def sentence_in_units(text: str, system: str) -> str:
+    """Convert the lengths, pressures and forces in a text to a unit system (si, metric or us).
 
     Converts numbers followed by a unit, and ranges such as `159 to 236 mm`. Quantities already in a
     unit of the system keep every digit, and other numbers are unchanged.
 
-    >>> text_in_units("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
+    >>> sentence_in_units("At 344738 Pa the strokes from 159 to 236 mm lack 1.02 s.", "us")
     'At 50 psi the strokes from 6.26 to 9.291 in lack 1.02 s.'
     """
     wanted = unit_system(system)
 
     def converted(match: re.Match[str]) -> str:
-        unit = match["unit"]
-        kind = _SPOKEN[unit]
+        unit, kind = match["unit"], _SPOKEN[match["unit"]]
         if unit in (wanted[kind], *_ALSO.get(system, ())):
             return match[0]
-        shown = [
-            f"{from_si(to_si(float(one), unit, kind), wanted[kind], kind):.4g}"
-            for one in (match["first"], match["last"]) if one is not None
-        ]  # fmt: skip
-        return f"{' to '.join(shown)} {wanted[kind]}"
+        size = UNITS[kind][unit] / UNITS[kind][wanted[kind]]
+        ends = (one for one in (match["first"], match["last"]) if one is not None)
+        return f"{' to '.join(f'{float(one) * size:.4g}' for one in ends)} {wanted[kind]}"
 
     return _WITH_UNIT.sub(converted, text)
-
-
-def _part_in_units(part: str | Quantity, system: str) -> str:
-    return part.in_units(system) if isinstance(part, Quantity) else sentence_in_units(part, system)

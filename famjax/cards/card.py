@@ -5,6 +5,7 @@
 
 import dataclasses
 import functools
+import html
 import json
 import re
 from collections.abc import Sequence
@@ -15,12 +16,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import msgspec
 import numpy as np
-from jaxtyping import Array, Float
-from msgspec import UNSET, Meta, Struct, UnsetType
+from jaxtyping import Float
+from msgspec import Meta, Struct
 
 from .._arrays import Real, RealArray, as_real, in_trace
 from ..boundary.errors import InputError, Own
-from ..boundary.files import write_all
+from ..boundary.files import as_svg, write_all
 from ..continuation import Region, SafeMuscle, continued_volume
 from ..equilibrium import EquilibriumMuscle
 from ..muscle import (
@@ -50,17 +51,8 @@ Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 class _Entry(Struct, forbid_unknown_fields=True):
     """A JSON object with exactly these entries."""
 
-    def _check(self, name: str, shape: tuple[int, ...]) -> None:
-        """Raise unless a table has the shape given by its axes."""
-        try:
-            fits = np.shape(getattr(self, name)) == shape
-        except ValueError:  # rows of unequal lengths
-            fits = False
-        if not fits:
-            raise ValueError(f"{name} must have the shape {shape}")
 
-
-class Member(_Entry):
+class Member(_Entry, omit_defaults=True):
     """One model of the muscle, its weight in the force and its mounting."""
 
     muscle: Annotated[
@@ -69,9 +61,9 @@ class Member(_Entry):
     series_compliance_m_per_N: float
     weight: float
     series_exponent: Annotated[
-        float | UnsetType,
+        float | None,
         Meta(description="n in the series deflection compliance 100 N (F/100 N)^n; 1 if omitted"),
-    ] = UNSET
+    ] = None
 
 
 class Ranges(_Entry):
@@ -83,8 +75,7 @@ class Ranges(_Entry):
     @classmethod
     def of(cls, region: Region) -> "Ranges":
         """Convert a region to plain numbers."""
-        ends = (np.asarray(one, float).tolist() for one in (region.length, region.pressure))
-        return cls(*ends)
+        return cls(*(np.asarray(one, float).tolist() for one in (region.length, region.pressure)))
 
 
 class Volume(_Entry):
@@ -93,9 +84,6 @@ class Volume(_Entry):
     length_m: list[float]
     pressure_Pa: list[float]
     volume_m3: list[list[float]]
-
-    def __post_init__(self) -> None:
-        self._check("volume_m3", (len(self.length_m), len(self.pressure_Pa)))
 
 
 class Covariance(_Entry):
@@ -107,11 +95,6 @@ class Covariance(_Entry):
     scales: list[float]
     matrix: list[list[float]]
 
-    def __post_init__(self) -> None:
-        n = len(self.parameters)
-        for name, shape in (("matrix", (n, n)), ("values", (n,)), ("scales", (n,))):
-            self._check(name, shape)
-
 
 class Sample(_Entry):
     """Parameters of the first member in muscles drawn from the covariance, one row per muscle."""
@@ -119,9 +102,6 @@ class Sample(_Entry):
     seed: int
     numbers: list[str]
     rows: list[list[float]]
-
-    def __post_init__(self) -> None:
-        self._check("rows", (len(self.rows), len(self.numbers)))
 
 
 class Elements(_Entry):
@@ -239,7 +219,7 @@ def slip_from_dict(document: dict[str, Any]) -> CentredSlip:
         return msgspec.convert(known, Hysteresis).centred()
     except msgspec.ValidationError as error:
         raise InputError(
-            f"the hysteresis cannot be read ({error}): write the file again with famjax assess --hysteresis"
+            f"the hysteresis cannot be read ({error}): write it by famjax assess --hysteresis"
         ) from None
 
 
@@ -287,18 +267,33 @@ class MuscleCard:
         L, P = 1e3 * np.asarray(self.data.length), 1e-3 * np.asarray(self.data.pressure)
         return f"MuscleCard({self.name}: {L[0]:.4g} to {L[1]:.4g} mm, {P[0]:.4g} to {P[1]:.4g} kPa)"
 
+    def _repr_html_(self) -> str:
+        from matplotlib.figure import Figure  # noqa: PLC0415 -- 0.3 s, only for notebooks
+
+        L, P = np.linspace(*self.data.length, 80), np.linspace(*self.data.pressure, 6)[1:]
+        figure = Figure(figsize=(6, 3.5), layout="constrained")
+        axes = figure.subplots()
+        labels = [f"{1e-3 * level:.3g} kPa" for level in P]
+        axes.plot(1e3 * L, self.safe().force(L[:, None], P), label=labels)
+        axes.set(xlabel="active length, mm", ylabel="force, N")
+        axes.legend()
+        said = [
+            self,
+            self.provenance.verdict or "no verdict",
+            *(one.muscle for one in self.members),
+        ]
+        text = html.escape("\n".join(map(str, said)))
+        return f"<pre>{text}</pre>{as_svg(figure)}"
+
     @functools.cached_property
     def muscle(self) -> AbstractMuscle:
         """The identified model with the test rig's compliance. Simulators need `safe` instead."""
-        return joined(self.members, self.weights, mounted=giving_way(self.members))
+        return combined(self.members, self.weights)
 
     @functools.cached_property
     def _safe(self) -> SafeMuscle:
         if in_trace():
-            raise InputError(
-                "a card's region cannot be computed while JAX traces: call muscle = card.safe() before "
-                "jit, grad or vmap, and use the muscle inside"
-            )
+            raise InputError("call card.safe() before jit, grad or vmap, and use the muscle inside")
         data = (np.asarray(one) for one in (self.data.length, self.data.pressure))
         return SafeMuscle.of(self.muscle, *data, hysteresis=self.hysteresis)
 
@@ -328,54 +323,38 @@ class MuscleCard:
         """
         if self.draws is None:
             return None
-        mounted = giving_way(self.members)
-        return eqx.filter_vmap(
-            lambda row: varied(self.members, self.weights, row, mounted=mounted),
-            out_axes=eqx.if_array(0),
-        )(as_real(np.array(self.draws.rows)))
+        rows = as_real(np.array(self.draws.rows))
+        vary = functools.partial(combined, self.members, self.weights)
+        return eqx.filter_vmap(vary, out_axes=eqx.if_array(0))(rows)
 
     def cut(self, rest_length: float) -> "MuscleCard":
         """Return the card of this muscle at another rest length; see `famjax.cut_to_length`.
 
-        The region covers the same contractions and pressures. Errors and sample are omitted, because one
-        specimen does not show how specimens differ.
+        The region covers the same contractions and pressures. Errors, sample and hysteresis are omitted,
+        because one specimen does not show how specimens differ.
 
         Raises:
             InputError: the muscle cannot be cut to this length.
         """
+        fault = f"{self.name} cannot be cut to {rest_length:.4g} m"
         if not 0 < rest_length < np.inf:
-            raise InputError(f"the rest length must be > 0, got {rest_length} m")
+            raise InputError(f"{fault}: the rest length must be > 0")
         try:
             members = tuple(
                 one.with_muscle(cut_to_length(one.muscle, rest_length)) for one in self.members
             )
-        except eqx.EquinoxRuntimeError:
-            raise InputError(
-                f"{self.name} cannot be cut to {rest_length:.4g} m, which is shorter than its rounded "
-                "ends. Give a longer rest length"
-            ) from None
-        except ValueError as error:
-            raise InputError(f"{self.name} cannot be cut to {rest_length:.4g} m: {error}") from None
+        except (eqx.EquinoxRuntimeError, ValueError) as error:
+            why = error if isinstance(error, ValueError) else "it is shorter than its rounded ends"
+            raise InputError(f"{fault}: {why}") from None
         wide = _diameter_at_rest(members[0].muscle)
         if rest_length < wide:
-            raise InputError(
-                f"{self.name} cannot be cut to {rest_length:.4g} m: the rest length must exceed the "
-                f"diameter, {wide:.4g} m. Give a longer rest length"
-            )
+            raise InputError(f"{fault}: the rest length must exceed the diameter, {wide:.4g} m")
         old = float(self.muscle.rest_length)
-        ratio, hysteresis = rest_length / old, self.hysteresis
-        if hysteresis is not None:
-            cycle, slip = hysteresis.cycle, hysteresis.slip
-            if cycle.kind == "stroke":
-                ends = {"start": ratio * cycle.start, "turn": ratio * cycle.turn}
-                cycle = dataclasses.replace(cycle, **ends)
-            slip = dataclasses.replace(slip, rest_length=as_real(rest_length))
-            hysteresis = CentredSlip(slip, cycle)
-        notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m"]
-        return MuscleCard(
-            self.name, members, self.weights, Region(ratio * self.data.length, self.data.pressure),
-            hysteresis=hysteresis, provenance=msgspec.structs.replace(self.provenance, notes=notes),
-        )  # fmt: skip
+        lost = "" if self.hysteresis is None else ", without hysteresis"
+        notes = [*self.provenance.notes, f"cut from {old:.6g} to {rest_length:.6g} m{lost}"]
+        data = Region(rest_length / old * self.data.length, self.data.pressure)
+        provenance = msgspec.structs.replace(self.provenance, notes=notes)
+        return MuscleCard(self.name, members, self.weights, data, provenance=provenance)
 
 
 def _diameter_at_rest(mounted: AbstractMuscle) -> float:
@@ -386,39 +365,21 @@ def _diameter_at_rest(mounted: AbstractMuscle) -> float:
     return 2 * float(mounted.geometry.dimensions(mounted.rest_length, 0.0).radius)
 
 
-def varied(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    numbers: Float[Array, " numbers"],
-    *,
-    mounted: Sequence[bool],
+def combined(
+    members: Sequence[MountedMuscle], weights: Any, numbers: Any = None, *, rigid: bool = False
 ) -> AbstractMuscle:
-    """Return the muscle with new parameters in its first member; the other forces shift equally.
+    """Combine all members into one muscle, each with its mounting if that is compliant and not `rigid`.
 
-    The spread of the force is therefore the first member's, whatever its weight. The errors of the
-    other members' parameters are not included.
+    With `numbers`, the parameters of the first member are new, and the other forces shift equally: the
+    spread of the force is the first member's, whatever its weight.
     """
-    first = flatten(members[0])[1](numbers)
-    if len(members) == 1:
-        return joined([first], weights, mounted=mounted)
-    shifted = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
-    return joined([first, *members], shifted, mounted=(mounted[0], *mounted))
-
-
-def joined(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    *,
-    mounted: Sequence[bool],
-) -> AbstractMuscle:
-    """Combine all members into one muscle, each with its mounting if that is compliant."""
-    own = [one if loose else one.muscle for one, loose in zip(members, mounted, strict=True)]
+    loose = [not rigid and bool(np.any(np.asarray(one.compliance))) for one in members]
+    own = [one if kept else one.muscle for one, kept in zip(members, loose, strict=True)]
+    if numbers is not None:
+        first = flatten(members[0])[1](numbers)
+        own = [first if loose[0] else first.muscle, *(own if len(own) > 1 else [])]
+        weights = jnp.concatenate([jnp.ones(1), jnp.asarray(weights).at[0].add(-1.0)])
     return own[0] if len(own) == 1 else MeanMuscle(own, jnp.asarray(weights))
-
-
-def giving_way(members: Sequence[MountedMuscle]) -> tuple[bool, ...]:
-    """Return, for each member, True if its mounting is compliant."""
-    return tuple(bool(np.any(np.asarray(one.compliance))) for one in members)
 
 
 # --- conversion
@@ -434,7 +395,7 @@ def card_as_document(card: MuscleCard) -> CardDocument:
     for one, weight in zip(card.members, np.asarray(card.weights, float), strict=True):
         if not isinstance(one.muscle, Muscle | EquilibriumMuscle):
             raise InputError(f"a {type(one.muscle).__name__} has no card format")
-        exponent = UNSET if one.exponent is None else float(one.exponent)
+        exponent = None if one.exponent is None else float(one.exponent)
         members.append(
             Member(muscle_as_dict(one.muscle), float(one.compliance), float(weight), exponent)
         )
@@ -450,10 +411,9 @@ def card_as_document(card: MuscleCard) -> CardDocument:
 
 def _volume(card: MuscleCard) -> Volume | None:
     """Tabulate the volume over the region for readers without a geometry; None if the model has none."""
-    L, P = (
-        np.linspace(float(ends[0]), float(ends[1]), count)
-        for ends, count in zip((card.region.length, card.region.pressure), _TABLE, strict=True)
-    )
+    ranges = Ranges.of(card.region)
+    (short, long), (low, high) = ranges.length_m, ranges.pressure_Pa
+    L, P = np.linspace(short, long, _TABLE[0]), np.linspace(low, high, _TABLE[1])
     try:
         table = card.volume(L[:, None], P)
     except InputError:
@@ -467,24 +427,22 @@ def card_from_document(document: CardDocument, *, own: Own = ()) -> MuscleCard:
     Raises:
         InputError: a muscle is invalid, or the sample belongs to other parameters.
     """
-    members = tuple(
-        MountedMuscle(
-            muscle_from_dict(one.muscle, own=own),
-            one.series_compliance_m_per_N,
-            None if one.series_exponent is UNSET else one.series_exponent,
-        )
-        for one in document.members
-    )
-    names, loops = number_names(members[0]), document.hysteresis
-    if document.sample is not None and tuple(document.sample.numbers) != names:
+    members = []
+    for one in document.members:
+        muscle = muscle_from_dict(one.muscle, own=own)
+        members.append(MountedMuscle(muscle, one.series_compliance_m_per_N, one.series_exponent))
+    names, loops, sample = number_names(members[0]), document.hysteresis, document.sample
+    if sample is not None and (
+        tuple(sample.numbers) != names or any(len(row) != len(names) for row in sample.rows)
+    ):
         raise InputError(
             "the muscle card is damaged: the sample must have the parameters of the first member, "
-            f"{', '.join(names)}; got {', '.join(document.sample.numbers)}"
+            f"{', '.join(names)}; got {', '.join(sample.numbers)}"
         )
     return MuscleCard(
-        document.name, members, np.array([one.weight for one in document.members]),
+        document.name, tuple(members), np.array([one.weight for one in document.members]),
         Region(document.data.length_m, document.data.pressure_Pa), document.covariance,
-        document.sample, None if loops is None else loops.centred(), document.provenance,
+        sample, None if loops is None else loops.centred(), document.provenance,
     )  # fmt: skip
 
 
@@ -504,18 +462,14 @@ def read_card(path: "str | Path | Traversable", *, own: Own = ()) -> MuscleCard:
     """
     file = Path(path) if isinstance(path, str) else path
     try:
-        return card_from_document(
-            msgspec.json.decode(file.read_bytes(), type=CardDocument), own=own
-        )
+        document = msgspec.json.decode(file.read_bytes(), type=CardDocument)
+        return card_from_document(document, own=own)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except msgspec.ValidationError as error:
-        raise InputError(
-            f"{path} is not a muscle card of schema {SCHEMA}, or is damaged: {error}; write one from a fit "
-            "by famjax card"
-        ) from None
     except msgspec.DecodeError as error:
-        raise InputError(f"{path} is not a JSON file: {error}") from None
+        raise InputError(
+            f"{path} is no muscle card of schema {SCHEMA}, or damaged: {error}; write one by famjax card"
+        ) from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -1,18 +1,18 @@
 """Muscles drawn from the uncertainty of a fit: the parameters of one model, varied jointly."""
 
-import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array
 
 from ..boundary.errors import InputError
 from ..compile_options import quick_jit
 from ..continuation import Region, grid_slopes, largest_share, rising
 from ..muscle import MountedMuscle, flatten, number_names
-from .card import Sample, varied
+from .card import Sample, combined
 
 _AT_ONCE = 32
 _RISES = 0.9  # fraction of the region
@@ -20,14 +20,9 @@ _TRIES = 50  # per requested muscle
 
 
 def draw(
-    members: Sequence[MountedMuscle],
-    weights: Float[Array | np.ndarray, " members"],
-    directions: Float[np.ndarray, "directions numbers"],
-    region: Region,
-    *,
-    seed: int = 0,
-    count: int = 32,
-) -> Sample:
+    members: Sequence[MountedMuscle], weights: Any, directions: np.ndarray, region: Region,
+    *, seed: int = 0, count: int = 32,
+) -> Sample:  # fmt: skip
     """Draw muscles from the covariance of a fit; each has a safe continuation.
 
     x = x0 + sum z_k d_k with z_k standard normal. A draw is rejected if a parameter leaves its declared
@@ -37,69 +32,56 @@ def draw(
     Args:
         members: models of the muscle; the parameters of the first vary.
         weights: weights of the members in the force.
-        directions: independent directions of one standard deviation each, in the order of `flatten`.
+        directions: independent directions of one standard deviation each, in the order of `flatten`,
+            shape (directions, numbers).
         region: region in which the force of the card's own muscle rises.
         seed: seed of NumPy's default generator.
         count: number of muscles.
 
     Raises:
-        InputError: too few draws are valid, or the directions belong to another muscle.
+        InputError: too few draws are valid.
     """
     first = members[0]
     flat, _ = flatten(first)
-    if directions.ndim != 2 or directions.shape[1] != flat.size:
-        raise InputError(
-            f"the directions must have {flat.size} numbers each, got shape {directions.shape}"
-        )
     rng, kept, tried = np.random.default_rng(seed), [], 0
     while len(kept) < count and tried < _TRIES * count:
         z = rng.standard_normal((_AT_ONCE, len(directions)))
         rows = np.asarray(flat) + z @ directions
         good, rises = map(np.asarray, _looked_at(tuple(members), weights, region, rows))
-        shares = [largest_share(cells) for cells in rises]
         kept += [
             row
-            for row, one, share in zip(rows, good, shares, strict=True)
-            if one and share >= _RISES
+            for row, one, cells in zip(rows, good, rises, strict=True)
+            if one and largest_share(cells) >= _RISES
         ]
         tried += _AT_ONCE
     if len(kept) < count:
         raise InputError(
-            f"only {len(kept)} of {tried} muscles drawn from the fit's errors are valid (parameters in "
-            f"range, force rising where the card's does), and {count} are needed: the fit determines "
-            "too little"
+            f"only {len(kept)} of {tried} draws are valid, {count} are needed: the fit tells too little"
         )
     return Sample(seed, list(number_names(first)), np.array(kept[:count]).tolist())
 
 
 @quick_jit
 def _looked_at(
-    members: tuple[MountedMuscle, ...],
-    weights: Float[Array | np.ndarray, " members"],
-    region: Region,
-    rows: Float[Array | np.ndarray, "n numbers"],
-) -> tuple[Bool[Array, " n"], Bool[Array, "n lengths pressures"]]:
-    """Return, for each muscle, True if it is valid everywhere, and where its force rises.
+    members: tuple[MountedMuscle, ...], weights: Any, region: Region, rows: Any
+) -> tuple[Array, Array]:
+    """Return, for each row of numbers, True if the muscle is valid, and where its force rises.
 
     Mountings are omitted to save time: a compliance in series does not change the sign of the slopes.
     """
-    rigid = (False,) * len(members)
 
     def one(row: Array) -> tuple[Array, Array]:
-        at = grid_slopes(varied(members, weights, row, mounted=rigid), region)
+        at = grid_slopes(combined(members, weights, row, rigid=True), region)
         possible = _in_ranges(flatten(members[0])[1](row)) & jnp.all(jnp.isfinite(at.force))
         return possible, jnp.asarray(rising(at))
 
     return jax.lax.map(one, jnp.asarray(rows))  # one by one: equilibrium shapes need memory
 
 
-def _in_ranges(mounted: MountedMuscle) -> Bool[Array, ""]:
+def _in_ranges(mounted: MountedMuscle) -> Array:
     """Return True if every parameter is within its declared range, up to rounding."""
-    values = mounted.parameters()
-    inside = jnp.ones((), bool)
-    for name, spec in mounted.declared().items():
-        for end, sign in ((spec.low, 1.0), (spec.high, -1.0)):
-            if math.isfinite(end):
-                spare = 1e-9 * max(abs(end), 1e-12)
-                inside &= sign * (values[name] - end) >= -spare
-    return inside
+    values, known = mounted.parameters(), mounted.declared()
+    ends = np.array([(one.low, one.high) for one in known.values()])
+    low, high = (ends + 1e-9 * np.maximum(np.abs(ends), 1e-12) * [-1.0, 1.0]).T
+    found = jnp.stack([values[name] for name in known])
+    return jnp.all((low <= found) & (found <= high))

@@ -6,27 +6,14 @@ part its class in its annotation. There is no table of classes, so user-defined 
 
 import dataclasses
 import functools
-import types
+import importlib
 import typing
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
-from .. import (
-    braids,
-    continuation,
-    equilibrium,
-    geometries,
-    materials,
-    measured,
-    muscle,
-    profiles,
-    slip,
-    surfaces,
-    terms,
-)  # fmt: skip
+from .. import geometries, materials, terms
 from .._arrays import as_number
 from ..boundary.errors import InputError, Own, check_trusted, class_named, class_path
 from ..equilibrium import EquilibriumMuscle
@@ -34,8 +21,8 @@ from ..muscle import AbstractMuscle, Muscle
 from ..parameters import declaration
 
 _ROOMS = (
-    braids, geometries, materials, measured, muscle, equilibrium, continuation, profiles, surfaces,
-    slip, terms,
+    "braids", "geometries", "materials", "measured", "muscle", "equilibrium", "continuation", "profiles",
+    "surfaces", "slip", "terms",
 )  # fmt: skip
 _PLAIN = (bool, int, float, tuple[float, ...])
 
@@ -61,11 +48,9 @@ class Form(NamedTuple):
 Forms = dict[str, Form]
 """Forms by the key of their entry, in the constructor's order."""
 
-_MUSCLE: Forms = {
-    "geometry": Form("geometry", geometries.AbstractGeometry, is_part=True),
-    "material": Form("material", materials.AbstractMaterial, is_part=True),
-}
-_TERMS = Form("terms", terms.AbstractForceTerm, is_part=True, many=True)
+_GEOMETRY = {"geometry": Form("geometry", geometries.AbstractGeometry, is_part=True)}
+_TERMS = {"terms": Form("terms", terms.AbstractForceTerm, is_part=True, many=True)}
+_MATERIAL = {"material": Form("material", materials.AbstractMaterial, is_part=True)}
 
 
 def muscle_as_dict(muscle: AbstractMuscle) -> dict[str, Any]:
@@ -93,17 +78,6 @@ def muscle_from_dict(card: dict[str, Any], *, own: Own = ()) -> AbstractMuscle:
     return _read(card, EquilibriumMuscle if of_mechanics else Muscle, "muscle", own)
 
 
-def own_modules(card: Any) -> list[str]:
-    """List the modules of classes in a card that are not part of famjax, sorted."""
-    found = set()
-    for key, value in card.items() if isinstance(card, dict) else enumerate(card):
-        if isinstance(value, dict | list):
-            found.update(own_modules(value))
-        elif key == "type" and ":" in value:
-            found.add(value.partition(":")[0])
-    return sorted(found)
-
-
 @functools.cache
 def forms_of(cls: type) -> Forms:
     """Return the forms of the entries of a class.
@@ -115,15 +89,18 @@ def forms_of(cls: type) -> Forms:
     for field in dataclasses.fields(cls):
         if not field.init or field.name.startswith("_"):
             continue
-        spec = declaration(field)
-        if spec is not None and isinstance(spec.unit, str):
-            given = [one for one in typing.get_args(field.type) if one is not type(None)]
-            number, optional = (given[0], True) if given else (field.type, False)
-            found[_key(field.name, spec.unit)] = Form(field.name, number, optional=optional)
-        elif spec is not None or field.type in _PLAIN:
-            found[field.name] = Form(field.name, field.type)
-        else:
-            found[field.name] = _part(cls, field.name, field.type)
+        spec, arguments = declaration(field), typing.get_args(field.type)
+        optional = type(None) in arguments
+        many = typing.get_origin(field.type) is tuple and field.type not in _PLAIN
+        kind: Any = arguments[0] if optional or many else field.type
+        is_part = isinstance(kind, type) and issubclass(kind, eqx.Module)
+        if spec is None and kind not in _PLAIN and not is_part:
+            raise InputError(
+                f"a card cannot store the field {field.name!r} of {cls.__name__}: declare a number with "
+                "its unit by famjax.parameter or famjax.parameters.number, and a part by its class"
+            )
+        unit = spec.unit if spec is not None and isinstance(spec.unit, str) else ""
+        found[_key(field.name, unit)] = Form(field.name, kind, is_part, optional, many)
     return found
 
 
@@ -133,25 +110,10 @@ def _key(name: str, unit: str) -> str:
     return f"{name}_{said}" if said else name
 
 
-def _part(cls: type, name: str, annotation: Any) -> Form:
-    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
-    optional = origin in {typing.Union, types.UnionType} and type(None) in arguments
-    many = origin is tuple
-    base = arguments[0] if optional or many else annotation
-    if not (isinstance(base, type) and issubclass(base, eqx.Module)):
-        raise InputError(
-            f"a card cannot store the field {name!r} of {cls.__name__}: declare a number with its unit by "
-            "famjax.parameter or famjax.parameters.number, and a part by its class"
-        )
-    return Form(name, base, True, optional, many)
-
-
 def _muscle_forms(*, usual: bool) -> Forms:
     """Return a muscle's forms: material and deadband, or else its terms."""
-    if not usual:
-        return {"geometry": _MUSCLE["geometry"], "terms": _TERMS}
     usual_term: Any = terms.PressurisedBraid
-    return _MUSCLE | forms_of(usual_term)
+    return _GEOMETRY | (_MATERIAL | forms_of(usual_term) if usual else _TERMS)
 
 
 # --- to plain data
@@ -182,13 +144,10 @@ def _written(part: Any, where: str) -> dict[str, Any]:
 
 def _type_written(cls: type) -> str:
     """Return the name of a famjax class, or `module:Class` for others."""
-    if _famjax_class(cls.__name__) is cls:
+    if _classes().get(cls.__name__) is cls:
         return cls.__name__
     if "<locals>" in cls.__qualname__:
-        raise InputError(
-            f"{cls.__name__} is defined in a function, so a card cannot refer to it: define the class in a "
-            "module"
-        )
+        raise InputError(f"{cls.__name__} is defined in a function: define it in a module")
     return class_path(cls)
 
 
@@ -205,78 +164,71 @@ def _read(card: Any, base: type, where: str, own: Own) -> Any:
     unknown = [key for key in card if key not in forms and key != "type"]
     if missing or unknown:
         wrong = f"no entry {missing[0]!r}" if missing else f"the unknown entry {unknown[0]!r}"
-        raise InputError(
-            f"the muscle card has {wrong} in {where}; its entries are {', '.join(forms)}"
-        )
+        raise InputError(f"the muscle card has {wrong} in {where}; entries: {', '.join(forms)}")
     values = {}
     for key, form in forms.items():
         value, at = card[key], f"{where}.{form.field}"
-        if form.many and isinstance(value, list):
-            value = [_read(one, form.annotation, f"{at}[{k}]", own) for k, one in enumerate(value)]
-        elif form.many:
+        if form.many and not isinstance(value, list):
             raise InputError(f"{at} of the muscle card must be a list, got {value!r}")
-        elif form.is_part and not (form.optional and value is None):
-            value = _read(value, form.annotation, at, own)
-        elif not form.is_part and not (form.optional and value is None):
-            value = _number(value, form.annotation, at)
+        if form.many:
+            value = [_read(one, form.annotation, f"{at}[{k}]", own) for k, one in enumerate(value)]
+        elif value is not None or not form.optional:
+            value = (_read if form.is_part else _number)(value, form.annotation, at, own)
         values[form.field] = value
     try:
         return cls(*values.values()) if cls is Muscle else cls(**values)
     except (ValueError, RuntimeError) as error:  # RuntimeError from checks of traced values
-        raise InputError(
-            f"{where} of the muscle card is not a valid {cls.__name__}: {error}"
-        ) from None
+        raise InputError(f"{where} of the card is not a valid {cls.__name__}: {error}") from None
 
 
 def _type_read(name: Any, base: type, where: str, own: Own) -> type:
     """Return the class that a card names, if it is allowed there."""
     if isinstance(name, str) and ":" in name:
-        what = f"type of {where} of the muscle card"
+        what = f"type of {where} of the card"
         check_trusted(name, own, what)
         return class_named(name, base, what)
-    found = _famjax_class(name) if isinstance(name, str) else None
-    if found is None or not issubclass(found, base):
-        classes = {one: _famjax_class(one) for room in _ROOMS for one in vars(room)}
-        known = sorted(one for one, cls in classes.items() if cls and issubclass(cls, base))
+    known = {one: cls for one, cls in _classes().items() if issubclass(cls, base)}
+    if name not in [*known]:
         raise InputError(
-            f"{where} of the muscle card has the unknown type {name!r}; use one of "
-            f"{', '.join(known)}, or module:Class for your own class"
+            f"{where} of the card has the unknown type {name!r}; use one of "
+            f"{', '.join(sorted(known))}, or module:Class"
         )
-    return found
+    return known[name]
 
 
-def _famjax_class(name: str) -> type | None:
-    """Return the concrete class with this name in the modules of muscle parts; imports nothing."""
-    if name.startswith("Abstract"):
-        return None
-    classes = (vars(room).get(name) for room in _ROOMS)
-    ours = {room.__name__ for room in _ROOMS}
-    return next((c for c in classes if isinstance(c, type) and c.__module__ in ours), None)
+@functools.cache
+def _classes() -> dict[str, type]:
+    """Return the concrete classes of muscle parts by name."""
+    return {
+        name: cls
+        for room in _ROOMS
+        for name, cls in vars(importlib.import_module(f"famjax.{room}")).items()
+        if isinstance(cls, type)
+        and cls.__module__ == f"famjax.{room}"
+        and not name.startswith("Abstract")
+    }
 
 
-def _number(value: Any, annotation: Any, where: str) -> Any:
+def _number(value: Any, annotation: Any, where: str, _own: Own) -> Any:
     """Convert to a truth value, whole number or array, as the field is annotated."""
     if annotation in (bool, int):
-        if type(value) is not annotation:
-            raise InputError(
-                f"{where} of the muscle card must be of type {annotation.__name__}, got {value!r}"
-            )
-        return value
+        if type(value) is annotation:
+            return value
+        raise InputError(
+            f"{where} of the card must be of type {annotation.__name__}, got {value!r}"
+        )
     try:
         numbers = np.asarray(value, float)
     except (ValueError, TypeError):  # text, or lists of unequal lengths
         numbers = np.full((), np.nan)
     if not np.isfinite(numbers).all():
-        raise InputError(f"{where} of the muscle card must hold finite numbers, got {value!r}")
+        raise InputError(f"{where} of the card must hold finite numbers, got {value!r}")
     if annotation in _PLAIN:
         return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
-    axes = annotation.dim_str
-    # A named axis would have to keep one size throughout a checked function.
-    sizes = (one if one == "..." or one.isdigit() else "_" for one in axes.split())
-    shaped: Any = Float[np.ndarray, " ".join(sizes)]
-    if not isinstance(numbers, shaped):
+    axes, shape = annotation.dim_str.split(), numbers.shape
+    digits = [one for one in zip(axes, map(str, shape), strict=False) if one[0].isdigit()]
+    if "..." not in axes and (len(axes) != len(shape) or any(a != b for a, b in digits)):
         raise InputError(
-            f"{where} of the muscle card must be numbers of shape ({axes.strip()}), got shape "
-            f"{numbers.shape}"
+            f"{where} of the card must be numbers of shape ({' '.join(axes)}), got shape {shape}"
         )
     return as_number(numbers)

@@ -1,15 +1,14 @@
-"""Pressure required for a force: at one state, or along a trajectory with hysteresis."""
+"""Pressure required for a force, and roots of functions that need not be monotone."""
 
 import enum
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from .._arrays import Real, RealArray, as_real, at_each, compiled
 from ..muscle import bisected
@@ -23,7 +22,7 @@ class Outcome(enum.IntEnum):
 
     Results contain it as an integer array `code`, so one infeasible point does not affect the rest of a
     batch. `FEASIBLE` is 0. `str(outcome)` is its name, a colon and its message; `Outcome.words`
-    converts one code or an array of codes.
+    names one code or an array of codes.
 
     >>> print(Outcome(2).name, "/", Outcome.FEASIBLE)
     FORCE_HIGH / FEASIBLE: the requested value is attained
@@ -45,77 +44,36 @@ class Outcome(enum.IntEnum):
         "the force is too low for the allowed pressures: request more, or shorten the muscle",
     )
     FORCE_HIGH = 2, "the force is too high for the allowed pressures: request less, or lengthen it"
-    STIFFNESS_LOW = 3, "too soft for this torque: request at least stiffness_range(...).lowest"
-    STIFFNESS_HIGH = 4, "too stiff for this torque: request at most stiffness_range(...).highest"
-    TORQUE_LOW = 5, "below all torques of the taut pair at this angle: see torque_range"
-    TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: see torque_range"
+    STIFFNESS_LOW = 3, "too soft for this torque: the answer has the least stiffness"
+    STIFFNESS_HIGH = 4, "too stiff for this torque: the answer has the largest stiffness"
+    TORQUE_LOW = 5, "below all torques of the taut pair at this angle: request more"
+    TORQUE_HIGH = 6, "above all torques of the taut pair at this angle: request less"
     SLACK = 7, "a muscle is too short for the least pull at this angle: lengthen its path"
     NO_STATE = 8, "no force at this length, or an input is nan: see muscle.length_range()"
-    MOMENT_ARM = 9, "the lever is beyond its dead centre, or the paths are exchanged"
-    NO_EQUILIBRIUM = 10, "no equilibrium within the joint's angles: lower the load, or widen them"
-    BEYOND_ANGLES = 11, "the angle is outside the joint's range: widen Antagonist.angles"
+    MOMENT_ARM = (
+        9,
+        "a moment arm has the wrong sign: at a dead centre, or the paths are exchanged",
+    )
 
     def __str__(self) -> str:
         return f"{self.name}: {self.message}"
 
     @classmethod
-    def words(cls, codes: Any, *, messages: bool = False) -> Any:
-        """Convert codes to names.
-
-        Args:
-            codes: an integer or an array of integers; not traced.
-            messages: append the message to each name.
-
-        Returns:
-            A string for one code, or an array of strings with the shape of the codes.
+    def words(cls, codes: Any) -> np.ndarray:
+        """Convert an integer or an array of integers, not traced, to names of the same shape.
 
         Raises:
             ValueError: a number is not a code.
         """
         given = np.asarray(codes)
-        texts = [str(one) if messages else one.name for one in map(cls, given.ravel().tolist())]
-        return np.array(texts).reshape(given.shape) if given.ndim else texts[0]
-
-
-class Answer(eqx.Module):
-    """A result with status codes; its repr shows the numbers, and the codes as names.
-
-    Attributes:
-        code: `Outcome` of each element.
-    """
-
-    code: eqx.AbstractVar[jax.Array]
-
-    @property
-    def outcome(self) -> Any:
-        """Names of the codes: a string for one code, else an array; not available while tracing."""
-        return Outcome.words(self.code)
-
-    def __repr__(self) -> str:
-        leaves = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        if any(isinstance(one, Tracer) or not hasattr(one, "dtype") for one in leaves.values()):
-            return eqx.tree_pformat(self)
-        del leaves["code"]
-        form: Any = {"threshold": 12, "separator": ", ", "formatter": {"float": "{:.6g}".format}}
-        said = {name: np.array2string(np.asarray(one), **form) for name, one in leaves.items()}
-        said["outcome"] = str(self.outcome)
-        parts = ", ".join(f"{name}={' '.join(text.split())}" for name, text in said.items())
-        return f"{type(self).__name__}({parts})"
-
-
-@runtime_checkable
-class HasForce(Protocol):
-    """Any object with a force: a `Muscle`, a published model, or a muscle from a file."""
-
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        """Static pull F [N] at active length L [m] and gauge pressure P [Pa]."""
-        ...
+        names = [cls(code).name for code in given.ravel().tolist()]
+        return np.array(names).reshape(given.shape)
 
 
 # --- first crossing of a value
 
 
-class Crossing(eqx.Module):
+class Crossing(NamedTuple):
     """First position at which a function reaches a value.
 
     Attributes:
@@ -131,13 +89,7 @@ class Crossing(eqx.Module):
     highest: RealArray
 
 
-def first_crossing(
-    function: Callable[[RealArray], RealArray],
-    stations: Float[Array, " n"],
-    target: RealArray,
-    *,
-    falling_only: bool = False,
-) -> Crossing:
+def first_crossing(function: Callable, stations: RealArray, target: RealArray) -> Crossing:
     """Find the first position between stations where a function reaches a target value.
 
     The search bisects the first cell whose end values bracket the target, to machine precision. A
@@ -148,7 +100,6 @@ def first_crossing(
             function theorem, to any order.
         stations: increasing x, shape (n,); not differentiated.
         target: target value, shape ().
-        falling_only: skip cells in which the function rises.
     """
     stations = jax.lax.stop_gradient(stations)
     values = jax.lax.stop_gradient(jax.vmap(function)(stations))
@@ -166,29 +117,20 @@ def first_crossing(
     within = jnp.abs(wanted - inside) <= ROUNDED * jnp.finfo(values.dtype).eps * size
     left = jnp.where(within, inside, wanted) - values
     before, after = left[:-1], left[1:]
-    falls = (before <= 0) & (after >= 0)
-    rises = (before >= 0) & (after <= 0)
-    cells = numbers[:-1] & numbers[1:] & (falls if falling_only else falls | rises)
+    cells = numbers[:-1] & numbers[1:] & (jnp.sign(before) * jnp.sign(after) <= 0)
     found, cell = jnp.any(cells), jnp.argmax(cells)
     change = jnp.abs(values[cell + 1] - values[cell])
     scale = jnp.where(found & (change > 0), change, jnp.maximum(size, 1.0))
-    root = bracketed(
-        lambda x: (function(x) - target) / scale,
-        stations[cell],
-        stations[cell + 1],
-        falls=values[cell] > values[cell + 1],
-    )
+    falls = values[cell] > values[cell + 1]
+    ends = stations[cell], stations[cell + 1]
+    root = bracketed(lambda x: (function(x) - target) / scale, *ends, falls=falls)
     nearest = stations[jnp.where(wanted > highest, most_at, least_at)]
     at = jnp.where(found, root, jnp.where(known, nearest, jnp.nan))
     return Crossing(at, found & jnp.isfinite(wanted), lowest, highest)
 
 
 def bracketed(
-    residual: Callable[[RealArray], RealArray],
-    low: RealArray,
-    high: RealArray,
-    *,
-    falls: Bool[Array, ""] | bool = False,
+    residual: Callable, low: RealArray, high: RealArray, *, falls: Any = False
 ) -> RealArray:
     """Find the root of a residual in a bracket by bisection, differentiable by the implicit theorem.
 
@@ -204,19 +146,16 @@ def bracketed(
     width, fine = jnp.where(high == low, 1.0, high - low), jnp.finfo(jnp.result_type(low))
     sign = jnp.where(falls, -1.0, 1.0)
     share = bisected(
-        lambda share: sign * residual(low + share * width),
-        jnp.zeros_like(width),
-        jnp.ones_like(width),
-        tolerance=float(fine.eps),
-        max_steps=fine.nmant + 2,
-    )
+        lambda share: sign * residual(low + share * width), jnp.zeros_like(width),
+        jnp.ones_like(width), tolerance=float(fine.eps), max_steps=fine.nmant + 2,
+    )  # fmt: skip
     return low + share * width
 
 
 # --- pressure at one state
 
 
-class InversePressure(Answer):
+class InversePressure(eqx.Module):
     """Pressure required for a force; every field has the broadcast shape of the arguments.
 
     Attributes:
@@ -230,14 +169,9 @@ class InversePressure(Answer):
     force: RealArray
     code: Int[Array, "..."]
 
-    @property
-    def feasible(self) -> Array:
-        """True where the force is attained, same shape."""
-        return self.code == Outcome.FEASIBLE
-
 
 def pressure_for_force(
-    muscle: HasForce, force: Real, length: Real, pressures: tuple[Real, Real]
+    muscle: Any, force: Real, length: Real, pressures: tuple[Real, Real]
 ) -> InversePressure:
     """Find the lowest pressure at which a muscle pulls with a given force at a given length.
 
@@ -265,121 +199,23 @@ def pressure_for_force(
     >>> [f"{kPa:.1f}" for kPa in found.pressure / 1e3], [Outcome(int(c)).name for c in found.code]
     (['284.0', '600.0'], ['FEASIBLE', 'FORCE_HIGH'])
     """
-    low, high = (as_real(one) for one in pressures)
-    return _at_each_state(muscle, as_real(force), as_real(length), low, high)
+    return _at_each_state(muscle, *map(as_real, (force, length, *pressures)))
 
 
 @compiled
-def _at_each_state(
-    muscle: HasForce, force: RealArray, length: RealArray, low: RealArray, high: RealArray
-) -> InversePressure:
+def _at_each_state(muscle: Any, *states: RealArray) -> InversePressure:
     def one(F: RealArray, L: RealArray, low: RealArray, high: RealArray) -> InversePressure:
-        return _inverse(lambda P: muscle.force(L, P), F, low, high)
+        stations = jnp.linspace(low, high, _CELLS + 1)
+        wanted = jnp.where(F < 0, jnp.zeros_like(F), F)
+        crossing = first_crossing(lambda P: muscle.force(L, P), stations, wanted)
+        known = jnp.isfinite(crossing.highest) & jnp.isfinite(F)
+        below = (F < 0) | (crossing.lowest > F)
+        beyond = jnp.where(below, Outcome.FORCE_LOW, Outcome.FORCE_HIGH)
+        code = jnp.where(crossing.found & (F >= 0), Outcome.FEASIBLE, beyond)
+        return InversePressure(
+            jnp.where(known, crossing.at, jnp.nan),
+            jnp.where(known, muscle.force(L, crossing.at), jnp.nan),
+            jnp.where(known, code, Outcome.NO_STATE).astype(int),
+        )
 
-    return at_each(one, force, length, low, high)
-
-
-def _inverse(
-    pull: Callable[[RealArray], RealArray], force: RealArray, low: RealArray, high: RealArray
-) -> InversePressure:
-
-    wanted = jnp.where(force < 0, jnp.zeros_like(force), force)
-    crossing = first_crossing(pull, jnp.linspace(low, high, _CELLS + 1), wanted)
-    known = jnp.isfinite(crossing.highest) & jnp.isfinite(force)
-    below = (force < 0) | (force < crossing.lowest)
-    beyond = jnp.where(below, Outcome.FORCE_LOW, Outcome.FORCE_HIGH)
-    code = jnp.where(crossing.found & (force >= 0), Outcome.FEASIBLE, beyond)
-    return InversePressure(
-        jnp.where(known, crossing.at, jnp.nan),
-        jnp.where(known, pull(crossing.at), jnp.nan),
-        jnp.where(known, code, Outcome.NO_STATE).astype(int),
-    )
-
-
-# --- along a trajectory
-
-
-@runtime_checkable
-class HasMemory(Protocol):
-    """Hysteresis along a history, such as `famjax.slip.MaxwellSlip` or `CentredSlip`."""
-
-    def start(self, length: Real, pressure: Real) -> Any:
-        """State at the start of a history, at a length [m] and a gauge pressure [Pa]."""
-        ...
-
-    def moved(self, state: Any, length: Real, pressure: Real) -> Any:
-        """State after a monotone motion to a length and a pressure."""
-        ...
-
-    def added(self, state: Any, length: Real, pressure: Real) -> RealArray:
-        """Force [N] that the history adds to the static force at this length and pressure."""
-        ...
-
-
-class CommandedPressure(Answer):
-    """Pressures for a trajectory; every field has the shape (n,).
-
-    Attributes:
-        pressure: gauge pressure P [Pa] at each point, within the limits. If the force is not attained,
-            the pressure of the nearest pull, from which the history continues.
-        code: an `Outcome` at each point: FEASIBLE, FORCE_LOW, FORCE_HIGH or NO_STATE.
-    """
-
-    pressure: RealArray
-    code: Int[Array, "..."]
-
-
-def pressure_along(
-    muscle: HasForce,
-    memory: HasMemory,
-    length: Real,
-    force: Real,
-    pressures: tuple[Real, Real],
-) -> CommandedPressure:
-    """Find the pressures at which a muscle with hysteresis pulls with given forces at given lengths.
-
-    Solves F(L, P) + F_h(history, P) = F at every point. The previous points determine the branch, so
-    no sign of the velocity is required, and minor loops follow from the slip elements. The history
-    begins at the first length and the lowest pressure.
-
-    Args:
-        muscle: static force model.
-        memory: hysteresis, such as `HysteresisFit.centred` from `fitting.fit_hysteresis`.
-        length: L [m] in time order, shape (n,); must include every turning point.
-        force: F [N] at these lengths, shape (n,) or ().
-        pressures: lowest and highest gauge pressure [Pa].
-
-    Returns:
-        Pressures and codes, shape (n,), computed by `jax.lax.scan`; differentiable by the implicit
-        function theorem at every point.
-
-    References:
-        Vo-Minh, Tjahjowidodo, Ramon & Van Brussel 2011, IEEE/ASME Transactions on Mechatronics
-        16(1), 177-186: feed-forward of pneumatic muscles with Maxwell-slip elements.
-    """
-    lengths, forces = jnp.broadcast_arrays(as_real(length), as_real(force))
-    low, high = (as_real(one) for one in pressures)
-    return _pressure_along(muscle, memory, lengths, forces, low, high)
-
-
-@compiled
-def _pressure_along(
-    muscle: HasForce,
-    memory: HasMemory,
-    lengths: Float[Array, " n"],
-    forces: Float[Array, " n"],
-    low: RealArray,
-    high: RealArray,
-) -> CommandedPressure:
-    def step(state: Any, wanted: tuple[Array, Array]) -> tuple[Any, CommandedPressure]:
-        L, F = wanted
-
-        def pull(P: RealArray) -> RealArray:
-            return muscle.force(L, P) + memory.added(memory.moved(state, L, P), L, P)
-
-        found = _inverse(pull, F, low, high)
-        # Without a state, the history continues from the lowest pressure.
-        P = jnp.where(jnp.isfinite(found.pressure), found.pressure, low)
-        return memory.moved(state, L, P), CommandedPressure(found.pressure, found.code)
-
-    return jax.lax.scan(step, memory.start(lengths[0], low), (lengths, forces))[1]
+    return at_each(one, *states)

@@ -10,10 +10,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 from scipy.optimize import minimize
 
-from .._arrays import RealArray
 from ..boundary.errors import InputError
 from ..plant import TICK, AbstractCircuit, Command, Plant, PressureController
 from ..units import PSI
@@ -28,7 +27,9 @@ _OVERSHOOT = 0.08  # of a step: none that costs nothing
 _MARGIN = 2.0 * PSI  # below the limit
 _GOOD = 0.1 * PSI  # an error that matters as much as one in a hundred of overshoot too many
 _RANGE = np.log([(0.1, 40.0), (0.05, 200.0), (2.0, 200.0)])  # counts/psi, counts/(psi s), psi/s
+_FIRST = 4.0, 8.0, 20.0  # start of the search, in the same units
 _PER_COUNT = np.array([1 / 255 / PSI, 1 / 255 / PSI, PSI])
+_CERTAIN = "supply", "bias", "relief", "critical_ratio", "full_speed", "exponent"
 _SPREAD = {"displacement": 0.05, "needle": 0.05}
 _OTHERS = 0.3
 
@@ -79,22 +80,17 @@ class Duty:
         """Check the task.
 
         Raises:
-            InputError: there is no pressure, a pressure reaches the limit, or a time or rate is not > 0.
+            InputError: there is no pressure, a pressure reaches the limit, or a time or rate is too small.
         """
-        if not self.pressures or not all(0 < one < self.limit for one in self.pressures):
+        pressures_fit = self.pressures and all(0 < one < self.limit for one in self.pressures)
+        if not (pressures_fit and self.rate > 0 and self.stroke > 0 and self.settle > _LATE):
             raise InputError(
-                f"the set pressures must be one or more, above 0 and below the limit of {self.limit:g} Pa; "
-                f"got {self.pressures}"
-            )
-        if not (self.rate > 0 and self.stroke > 0 and self.settle > _LATE):
-            raise InputError(
-                f"stroke and rate must be > 0 and settle above {_LATE:g} s; got {self.stroke:g} m, "
-                f"{self.rate:g} m/s and {self.settle:g} s"
+                "set pressures must be above 0 and below the limit, stroke and rate above 0, and the "
+                f"settling time above {_LATE:g} s; got {self}"
             )
 
 
-@dataclasses.dataclass(frozen=True)
-class Expected:
+class Expected(NamedTuple):
     """Expected behaviour for every plant and set pressure, shape (plants, pressures).
 
     Attributes:
@@ -105,24 +101,14 @@ class Expected:
         force: mean pull [N] during the strokes.
     """
 
-    rms: Float[np.ndarray, "plants pressures"]
-    overshoot: Float[np.ndarray, "plants pressures"]
-    late: Float[np.ndarray, "plants pressures"]
-    highest: Float[np.ndarray, "plants pressures"]
-    force: Float[np.ndarray, "plants pressures"]
+    rms: Any
+    overshoot: Any
+    late: Any
+    highest: Any
+    force: Any
 
 
-class _Figures(NamedTuple):
-    rms: RealArray
-    overshoot: RealArray
-    late: RealArray
-    highest: RealArray
-    force: RealArray
-
-
-def drawn_circuits(
-    circuit: AbstractCircuit, count: int = 8, seed: int = 0
-) -> list[AbstractCircuit]:
+def drawn_circuits(circuit: Any, count: int = 8, seed: int = 0) -> list[AbstractCircuit]:
     """Return the circuit and random variations that represent an unmeasured rig.
 
     The distribution is log-uniform: pump and needle within 5 %, all other parameters within 30 %,
@@ -133,48 +119,40 @@ def drawn_circuits(
         count: number of circuits, including the nominal one.
         seed: random seed.
     """
-    rng, found = np.random.default_rng(seed), [circuit]
-    free = {
-        name: one for name, one in circuit.declared().items()
-        if name not in ("supply", "bias", "relief", "critical_ratio", "full_speed", "exponent")
-    }  # fmt: skip
+    rng, found, known = np.random.default_rng(seed), [circuit], circuit.declared()
     for _ in range(count - 1):
         values = {}
-        for name, one in free.items():
+        for name in [name for name in known if name not in _CERTAIN]:
             spread = _SPREAD.get(name, _OTHERS)
             value = float(circuit.parameters()[name]) * math.exp(rng.uniform(-spread, spread))
-            values[name] = float(np.clip(value, one.low, one.high))
+            values[name] = float(np.clip(value, known[name].low, known[name].high))
         found.append(circuit.with_parameters(values))
     return found
 
 
 def expect(
-    plants: Sequence[Plant],
-    feed_forwards: Float[np.ndarray, "plants k"],
-    gains: Gains,
-    duty: Duty,
-    seed: int = 0,
+    plants: Sequence[Plant], feed_forwards: np.ndarray, gains: Gains, duty: Duty, seed: int = 0
 ) -> Expected:
     """Simulate a controller with given gains.
 
     Args:
         plants: plants with the same structure, each with one driven muscle.
-        feed_forwards: coefficients of the output that holds a set pressure; see `PressureController`.
+        feed_forwards: coefficients of the output that holds a set pressure, one row for each plant;
+            see `PressureController`.
         gains: gains of the controller.
         duty: task of the controller.
         seed: random seed of the sensor noise.
     """
-    figures = _figures(*_batched(plants), jnp.asarray(feed_forwards), jnp.log(jnp.array(gains)),
-                       *_course(duty, seed))  # fmt: skip
-    return Expected(*map(np.asarray, figures))
+    found = _figures(*_batched(plants), jnp.asarray(feed_forwards), jnp.log(jnp.array(gains)),
+                     *_course(duty, seed))  # fmt: skip
+    return jax.tree.map(np.asarray, found)
 
 
 def tune(
     plants: Sequence[Plant],
-    feed_forwards: Float[np.ndarray, "plants k"],
+    feed_forwards: np.ndarray,
     duty: Duty,
     *,
-    start: Gains | None = None,
     seed: int = 0,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Gains:
@@ -188,7 +166,6 @@ def tune(
         plants: as for `expect`.
         feed_forwards: as for `expect`.
         duty: task of the controller.
-        start: initial guess; moderate gains if omitted.
         seed: random seed of the sensor noise.
         progress: called with the number of completed steps and the maximum number.
 
@@ -207,18 +184,15 @@ def tune(
             return 1e9, np.zeros(3)
         return float(value), np.asarray(slope)
 
-    given = Gains.per_psi(4.0, 8.0, 20.0) if start is None else start
-    first = np.clip(np.log(np.maximum(given.in_counts(), 1e-6)), *box.T)
     done = itertools.count(1)
     found = minimize(
-        cost, first, jac=True, bounds=box, method="L-BFGS-B",
+        cost, np.clip(np.log(_FIRST), *box.T), jac=True, bounds=box, method="L-BFGS-B",
         options={"maxiter": _STEPS, "ftol": 1e-5},
         callback=progress and (lambda _: progress(next(done), _STEPS)),
     )  # fmt: skip
     if found.fun >= 1e9:
         raise InputError(
-            "no gains were found that hold the pressures: the pressures cannot be reached by the pump or "
-            "supply, or the circuit's numbers are wrong"
+            "no gains hold the pressures: pump or supply cannot reach them, or the circuit is wrong"
         )
     return Gains.per_psi(*np.exp(found.x).tolist())
 
@@ -229,22 +203,14 @@ def _batched(plants: Sequence[Plant]) -> tuple[Plant, Plant]:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *(one[0] for one in parts)), parts[0][1]
 
 
-class _Counts(NamedTuple):
-    """Ticks before the step, of settling, of a simulated leg, and of a whole leg."""
+def _course(duty: Duty, seed: int) -> tuple[Any, ...]:
+    """Set pressures before and after each step [Pa], rates [m/s], noise [Pa], and the ticks.
 
-    before: int
-    settle: int
-    leg: int
-    whole: int
-
-
-def _course(duty: Duty, seed: int) -> tuple[Array, Array, Array, Array, _Counts]:
-    """Set pressures before and after each step [Pa], rates [m/s], noise [Pa], and the ticks."""
-    leg = duty.stroke / duty.rate
-    counts = _Counts(*(round(t / TICK) for t in (_BEFORE, duty.settle, min(_LEG, leg), leg)))
-    legs = np.repeat(
-        [0.0, -duty.rate, duty.rate], [counts.before + counts.settle, *[counts.leg] * 2]
-    )
+    The ticks are those before the strokes, of a simulated leg and of a whole leg.
+    """
+    whole = duty.stroke / duty.rate
+    ready, leg, whole = (round(t / TICK) for t in (_BEFORE + duty.settle, min(_LEG, whole), whole))
+    legs = np.repeat([0.0, -duty.rate, duty.rate], [ready, leg, leg])
     keep = math.exp(-TICK / CORRELATION)
     rng = np.random.default_rng(seed)
     noise = rng.normal(scale=NOISE * math.sqrt(1 - keep**2), size=(legs.size, len(duty.pressures)))
@@ -252,27 +218,17 @@ def _course(duty: Duty, seed: int) -> tuple[Array, Array, Array, Array, _Counts]
         noise[k] += keep * noise[k - 1]
     after = np.array(duty.pressures, float)
     before = np.concatenate([[0.0], after[:-1]])
-    low, high, rates = map(jnp.asarray, (before, after, legs))
-    return low, high, rates, jnp.asarray(noise.T), counts
+    return *map(jnp.asarray, (before, after, legs, noise.T)), (ready, leg, whole)
 
 
 @eqx.filter_jit
-def _figures(
-    arrays: Plant,
-    static: Plant,
-    feed: Float[Array, "plants k"],
-    gains: Float[Array, "3"],
-    before: Float[Array, " n"],
-    after: Float[Array, " n"],
-    rates: Float[Array, " ticks"],
-    noise: Float[Array, "n ticks"],
-    counts: _Counts,
-) -> _Figures:
+def _figures(arrays: Plant, static: Plant, feed: Array, gains: Array, *course: Any) -> Expected:
+    before, after, rates, noise, counts = course
     proportional, integral, ramp = jnp.exp(gains)
-    time = TICK * (jnp.arange(rates.size) - counts.before)
-    ready = counts.before + counts.settle
+    begin, (ready, leg, whole) = round(_BEFORE / TICK), counts
+    time = TICK * (jnp.arange(rates.size) - begin)
 
-    def one(plant: Plant, forward: Array, low: Array, high: Array, noise: Array) -> _Figures:
+    def one(plant: Plant, forward: Array, low: Array, high: Array, noise: Array) -> Expected:
         controller = PressureController(proportional, integral, forward)
         way = jnp.sign(high - low) * ramp * jnp.maximum(time, 0.0)
         wanted = jnp.where(high > low, jnp.minimum(low + way, high), jnp.maximum(low + way, high))
@@ -292,14 +248,14 @@ def _figures(
         first = at_rest, controller.start(), held
         _, (pressure, force) = jax.lax.scan(tick, first, (wanted, rates, noise))
         error, late = pressure - high, ready - round(_LATE / TICK)
-        legs = error[ready:].reshape(2, counts.leg) ** 2
-        lasting = jnp.mean(legs[:, counts.leg // 2 :]) * (counts.whole - counts.leg)
-        beyond = jnp.sign(high - low) * error[counts.before : ready]
-        return _Figures(
-            jnp.sqrt((jnp.sum(legs) / 2 + lasting) / counts.whole),
+        legs = error[ready:].reshape(2, leg) ** 2
+        lasting = jnp.mean(legs[:, leg // 2 :]) * (whole - leg)
+        beyond = jnp.sign(high - low) * error[begin:ready]
+        return Expected(
+            jnp.sqrt((jnp.sum(legs) / 2 + lasting) / whole),
             jnp.maximum(jnp.max(beyond), 0.0),
             jnp.sqrt(jnp.mean(error[late:ready] ** 2)),
-            jnp.max(pressure[counts.before :]),
+            jnp.max(pressure[begin:]),
             jnp.mean(force[ready:]),
         )
 
@@ -311,16 +267,11 @@ def _figures(
 
 @eqx.filter_jit
 def _cost(
-    arrays: Plant,
-    static: Plant,
-    feed: Float[Array, "plants k"],
-    x: Float[Array, "3"],
-    limit: float,
-    *course: Any,
-) -> tuple[Array, Float[Array, "3"]]:
+    arrays: Plant, static: Plant, feed: Array, x: Array, limit: float, *course: Any
+) -> tuple[Array, Array]:
     """Cost and its gradient in the logarithms of the gains in counts and psi."""
 
-    def cost(x: Float[Array, "3"]) -> tuple[Array, Array]:
+    def cost(x: Array) -> tuple[Array, Array]:
         seen = _figures(arrays, static, feed, x + np.log(_PER_COUNT), *course)
         step = jnp.abs(course[1] - course[0])
         over = jnp.maximum(seen.overshoot / step - _OVERSHOOT, 0.0) / 0.01

@@ -2,7 +2,6 @@ from .catalogue import (
     Catalogue as Catalogue,
     CatalogueBladder as CatalogueBladder,
     CatalogueBraid as CatalogueBraid,
-    CatalogueError as CatalogueError,
     CatalogueTube as CatalogueTube,
     EndFitting as EndFitting,
     fitting_diameter_on_bladder as fitting_diameter_on_bladder,
@@ -14,7 +13,6 @@ from .catalogue import (
 from .report import (
     design_document as design_document,
     design_rows as design_rows,
-    end_fitting_rows as end_fitting_rows,
     exclusion_rows as exclusion_rows,
     feasible_table as feasible_table,
     summary as summary,
@@ -23,12 +21,10 @@ from .search import (
     OBJECTIVES as OBJECTIVES,
     BuildablePair as BuildablePair,
     Combination as Combination,
-    Feasibility as Feasibility,
     Requirement as Requirement,
     Search as Search,
     costs_of as costs_of,
     fam_angle as fam_angle,
-    feasibility as feasibility,
     front_members as front_members,
     search as search,
 )

@@ -20,9 +20,8 @@ References:
 import collections
 import dataclasses
 import importlib.resources
-import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,7 +38,8 @@ if TYPE_CHECKING:
 NOMINAL_ANGLE = math.pi / 4
 """Braid angle [rad] at which a braid has its nominal diameter: 45 deg."""
 
-_Size = Annotated[Positive, Meta(description="a number > 0 and finite or a list of them")]
+_ROUNDING = 1e-9  # relative: 0.75 in and 19.05 mm are the same diameter
+
 _Pair = Annotated[
     tuple[Positive, Positive], Meta(description="two numbers in brackets, > 0 and finite")
 ]
@@ -49,13 +49,9 @@ _Coefficients = Annotated[
 ]
 
 
-class CatalogueError(InputError):
-    """A catalogue file or an option is invalid; the message gives the place and the remedy."""
-
-
 def _check_wall(diameter: float, thickness: float) -> None:
     if not 2 * thickness < diameter:
-        raise CatalogueError(
+        raise InputError(
             f"a wall of {thickness:.4g} m closes a tube of {diameter:.4g} m; check both units"
         )
 
@@ -69,10 +65,7 @@ class CatalogueBraid:
         nominal_diameter: diameter [m] at 45 deg.
         thickness: t_braid [m] where two threads cross.
         diameter_range: smallest and largest diameter [m], at which the braid jams.
-        source: origin of the row.
-        boundary_range: usable diameters [m] outside the jamming range, according to the source.
-            `diameter_range` if omitted.
-        angle_range: printed angles [rad] at the ends of `diameter_range`, or None.
+        boundary_range: usable diameters [m] beyond the jamming range, according to the source, or None.
         n_threads: number n [-] of threads in both families, or None if unknown.
         breaking_load: breaking load [N] of one thread, or None if unknown.
     """
@@ -81,9 +74,7 @@ class CatalogueBraid:
     nominal_diameter: Positive
     thickness: Positive
     diameter_range: _Pair
-    source: Text
     boundary_range: _Pair | None = None
-    angle_range: _Pair | None = None
     n_threads: Positive | None = None
     breaking_load: Positive | None = None
 
@@ -92,17 +83,16 @@ class CatalogueBraid:
         straight = nominal / math.cos(NOMINAL_ANGLE)
         smallest, largest = self.diameter_range
         if not smallest < nominal < largest < straight:
-            raise CatalogueError(
+            raise InputError(
                 "diameter_range must be [smallest, largest], contain the nominal diameter and end below "
                 f"nominal / cos(45 deg) = {straight:.4g} m, where the threads run around the muscle; "
                 f"got [{smallest:.4g}, {largest:.4g}] m and a nominal diameter of {nominal:.4g} m"
             )
-        low, high = self.boundary_range or self.diameter_range
-        if not low <= smallest < largest <= high < straight:
-            raise CatalogueError(
-                f"boundary_range must contain diameter_range and end below {straight:.4g} m; got "
-                f"[{low:.4g}, {high:.4g}] m and [{smallest:.4g}, {largest:.4g}] m"
-            )
+
+    def fits(self, diameter: float) -> bool:
+        """Return True if the braid can be used on a bladder of an outer diameter [m]."""
+        smallest, largest = self.boundary_range or self.diameter_range
+        return smallest * (1 - _ROUNDING) <= diameter <= largest * (1 + _ROUNDING)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,17 +103,13 @@ class CatalogueBladder:
         name: unique in the catalogue.
         diameter: outer diameter [m].
         thickness: wall thickness [m].
-        source: origin of the row.
         coefficients: E_n [Pa] of the rubber for `PolynomialMaterial`, or None if unknown.
-        coefficients_source: origin of the coefficients, or None.
     """
 
     name: Text
-    diameter: _Size
-    thickness: _Size
-    source: Text
+    diameter: Positive
+    thickness: Positive
     coefficients: _Coefficients | None = None
-    coefficients_source: Text | None = None
 
     def __post_init__(self) -> None:
         _check_wall(self.diameter, self.thickness)
@@ -143,14 +129,12 @@ class CatalogueTube:
         outer_diameter: outer diameter [m] before swaging.
         thickness: wall thickness [m] before swaging.
         swage_reduction: reduction of the outer diameter [m] in the die.
-        source: origin of the row.
     """
 
     name: Text
-    outer_diameter: _Size
-    thickness: _Size
+    outer_diameter: Positive
+    thickness: Positive
     swage_reduction: Positive
-    source: Text
 
     def __post_init__(self) -> None:
         _check_wall(self.outer_diameter - self.swage_reduction, self.thickness)
@@ -176,7 +160,7 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
         The catalogue in SI.
 
     Raises:
-        CatalogueError: a missing or unknown unit, an unknown key, a value out of range, or a
+        InputError: a missing or unknown unit, an unknown key, a value out of range, or a
             duplicate name; the message gives file and row.
 
     >>> catalogue = load_catalogue()
@@ -192,7 +176,7 @@ def load_catalogue(paths: Iterable[str | Path] = (), *, bundled: bool = True) ->
     for kind, of in rows.items():
         for name, count in collections.Counter(row.name for row in of).items():
             if count > 1:
-                raise CatalogueError(f"the {kind} {name!r} appears twice: remove or rename one")
+                raise InputError(f"the {kind} {name!r} appears twice: remove or rename one")
     return Catalogue(*rows.values())
 
 
@@ -201,64 +185,36 @@ _Rows = Annotated[tuple[dict[str, Any], ...], Meta(description="rows, each below
 
 @dataclasses.dataclass(frozen=True)
 class _CatalogueFile:
-    source: Annotated[
-        str,
-        Meta(pattern=r"\S", description="a text in quotes that names the origin of the numbers"),
-    ]
+    source: str = ""  # of the numbers, for the reader
     braid: _Rows = ()
     bladder: _Rows = ()
     tube: _Rows = ()
 
 
-def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
-
-    content = read_toml(path, "catalogue", CatalogueError, where=where)
-    file = from_entries(_CatalogueFile, content, where=where, error=CatalogueError)
-    return {
-        kind: [
-            row
-            for number, fields in enumerate(getattr(file, kind), 1)
-            for row in _rows(kind, fields, f"{where}[[{kind}]] number {number}", file.source)
-        ]
-        for kind in _KINDS
-    }
-
-
+_KINDS: dict[str, type[Any]] = {
+    "braid": CatalogueBraid, "bladder": CatalogueBladder, "tube": CatalogueTube,
+}  # fmt: skip
 _FORM = Form(
     kinds={
         **dict.fromkeys(("diameter", "nominal_diameter", "outer_diameter", "thickness"), "length"),
         **dict.fromkeys(("diameter_range", "boundary_range", "swage_reduction"), "length"),
         "coefficients": "stress",
         "breaking_load": "force",
-        "angle_range": "angle",
     }
 )
 
 
-_KINDS: dict[str, tuple[type[Any], tuple[str, ...]]] = {
-    "braid": (CatalogueBraid, ()),
-    "bladder": (CatalogueBladder, ("diameter", "thickness")),
-    "tube": (CatalogueTube, ("outer_diameter", "thickness")),
-}
-"""Class of the rows in each table, and the sizes that may be lists."""
-
-
-def _rows(kind: str, fields: Mapping[str, Any], where: str, source: str) -> list[Any]:
-    """Expand one table of a file: one row for each combination of the listed sizes."""
-    cls, sizes = _KINDS[kind]
-    where += f" ({fields['name']!r}): " if "name" in fields else ": "
-    keys = [key for size in sizes for key in fields if key.startswith(f"{size}_")]
-    lists = [one if isinstance(one := fields[key], list) and one else [one] for key in keys]
-    rows = []
-    for values in itertools.product(*lists):
-        units = (key.rpartition("_")[2] for key in keys)
-        texts = (
-            f"{one} {unit}".replace(".0 ", " ") for one, unit in zip(values, units, strict=True)
-        )
-        named = {"name": f"{kind} {' x '.join(texts)}"} if sizes else {}
-        given = {"source": source, **named, **fields, **dict(zip(keys, values, strict=True))}
-        rows.append(from_entries(cls, given, _FORM, where=where, error=CatalogueError))
-    return rows
+def _read(path: "Path | Traversable", where: str) -> dict[str, list[Any]]:
+    content = read_toml(path, "catalogue", where=where)
+    file = from_entries(_CatalogueFile, content, where=where)
+    found: dict[str, list[Any]] = {}
+    for kind, cls in _KINDS.items():
+        found[kind] = []
+        for k, fields in enumerate(getattr(file, kind), 1):
+            name = f" ({fields['name']!r})" if "name" in fields else ""
+            at = f"{where}[[{kind}]] number {k}{name}: "
+            found[kind].append(from_entries(cls, fields, _FORM, where=at))
+    return found
 
 
 # --- end-fittings
@@ -330,6 +286,10 @@ def fitting_diameter_on_bladder(
     )
 
 
+BRAID_COMPRESSION, BLADDER_COMPRESSION = 0.17, 0.30
+"""Compressions c [-] of the reference work's first muscle; later ones have 0.27 in the braid."""
+
+
 @dataclasses.dataclass(frozen=True)
 class EndFitting:
     """Dimensions of an inner fitting.
@@ -342,7 +302,7 @@ class EndFitting:
         diameter_on_bladder: diameter [m] of the step under bladder and braid.
         bore_stretch: relative stretch [-] of the bladder's bore on the fitting; negative if there
             is clearance.
-        feasible: True if the diameter is positive and the stretch is allowed.
+        feasible: True if the diameter is positive and the bore is not stretched.
     """
 
     tube: CatalogueTube
@@ -355,51 +315,20 @@ class EndFitting:
 
 
 def size_end_fittings(
-    catalogue: Catalogue,
-    braid: CatalogueBraid,
-    bladder_diameter: float,
-    *,
-    braid_compression: float = 0.17,
-    bladder_compression: float = 0.30,
-    allowed_bore_stretch: float = 0.0,
+    catalogue: Catalogue, braid: CatalogueBraid, bladder: CatalogueBladder
 ) -> list[EndFitting]:
-    """Size the inner fitting for every tube and every bladder of one diameter.
-
-    Args:
-        catalogue: from `load_catalogue`.
-        braid: sleeve.
-        bladder_diameter: outer diameter [m] of the bladder.
-        braid_compression: c_braid [-]; 0.17 for the reference work's first muscle, 0.27 for every
-            later one.
-        bladder_compression: c_bladder [-]; 0.30 in the reference work.
-        allowed_bore_stretch: largest relative stretch [-] of the bladder's bore.
+    """Size the inner fitting of a braid and a bladder for every swage tube of a catalogue.
 
     Returns:
-        One fitting per tube and bladder thickness, in the order of the catalogue.
-
-    Raises:
-        ValueError: no bladder has this diameter, or a compression is outside [0, 1).
+        One fitting for each tube, in the order of the catalogue.
     """
-    for name, share in (("braid", braid_compression), ("bladder", bladder_compression)):
-        if not 0 <= share < 1:
-            raise ValueError(f"{name}_compression must be in [0, 1), got {share}")
-    bladders = [b for b in catalogue.bladders if abs(b.diameter / bladder_diameter - 1) < 1e-9]
-    if not bladders:
-        offered = ", ".join(f"{d:.6g}" for d in sorted({b.diameter for b in catalogue.bladders}))
-        raise ValueError(
-            f"the catalogue has no bladder with a diameter of {bladder_diameter:.6g} m; available: "
-            f"{offered} m"
-        )
     found = []
-    for tube, bladder in itertools.product(catalogue.tubes, bladders):
+    for tube in catalogue.tubes:
         bore = swaged_bore(tube.outer_diameter, tube.thickness, tube.swage_reduction)
-        on_braid = float(fitting_diameter_on_braid(bore, braid.thickness, braid_compression))
-        on_bladder = float(
-            fitting_diameter_on_bladder(
-                bore, braid.thickness, bladder.thickness, bladder_compression
-            )
-        )
+        on_braid = float(fitting_diameter_on_braid(bore, braid.thickness, BRAID_COMPRESSION))
+        layers = bore, braid.thickness, bladder.thickness
+        on_bladder = float(fitting_diameter_on_bladder(*layers, BLADDER_COMPRESSION))
         stretch = on_bladder / bladder.bore - 1
-        fits = on_bladder > 0 and stretch <= allowed_bore_stretch
+        fits = on_bladder > 0 and stretch <= 0
         found.append(EndFitting(tube, bladder, braid, on_braid, on_bladder, stretch, fits))
     return found

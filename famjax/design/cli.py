@@ -4,16 +4,13 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import Annotated, TypeVar
 
 from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.toml_file import Form, from_entries
 from famjax.console import Output, Units, parse_entries, print_json, print_rows
-
-if TYPE_CHECKING:
-    from .search import Range, Requirement
 
 _T = TypeVar("_T")
 _SHOWN = 10  # rows of the front printed; the file contains all
@@ -43,7 +40,7 @@ def design(
 ) -> int:
     """Search a catalogue of braids, bladders and tubes for a muscle that meets a requirement.
 
-    Writes `design.json` (Pareto front, refined design, candidates excluded by each limit, end-fittings)
+    Writes `design.json` (Pareto front, refined design with end-fitting, candidates excluded by each limit)
     and `feasible.csv`. If no candidate is feasible, prints the nearest miss and exits with 1.
 
     Parameters
@@ -83,17 +80,20 @@ def design(
     start_jax()
     from .catalogue import load_catalogue
     from .report import design_document, feasible_table, summary
-    from .search import DEFAULT_OBJECTIVES, search as search_catalogue
+    from .search import DEFAULT_OBJECTIVES, Requirement, search as search_catalogue
 
     place = Output(output)
     if not 1 <= search < math.inf:
         raise InputError(f"--search must be >= 1 and finite, as in --search 1e6; got {search}")
-    requirement, offered = parse_requirement(require), load_catalogue(catalogue, bundled=bundled)
+    requirement = _read(Requirement, require, "--require", "pressure_psi=100")
+    varied = _read(_Varied, vary, "--vary", "rest_length_mm=100:600")
+    longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
     found = search_catalogue(
-        offered, requirement, **parse_ranges(vary, requirement), about=int(search),
-        objectives=objective or DEFAULT_OBJECTIVES, end_fittings=end_fittings,
+        load_catalogue(catalogue, bundled=bundled), requirement,
+        rest_length=varied.rest_length or (longest / 4, longest), pressure=varied.pressure,
+        about=int(search), objectives=objective or DEFAULT_OBJECTIVES, end_fittings=end_fittings,
     )  # fmt: skip
-    document = design_document(found, offered, system=units)
+    document = design_document(found, system=units)
     document["origin"] = Origin.of_this_command().as_dict()
     files = {"feasible.csv": feasible_table(found, system=units)} if found.refined else {}
     paths = place.write({"design.json": document, **files})
@@ -116,29 +116,11 @@ def design(
 
 def _narrow(rows: list[dict]) -> list[dict]:
     """Rows without the columns that only the file contains."""
-    left = ("start", "feasibility", "tube", "blocked_force", "thread", "turns")
+    left = ("tube", "diameter_on", "blocked_force", "thread", "turns")
     return [{key: row[key] for key in row if not key.startswith(left)} for row in rows]
 
 
 # --- options
-
-
-def parse_requirement(entries: Iterable[str]) -> "Requirement":
-    """Parse a requirement from entries such as `force_lbf=900`, `stroke_mm=50`, `contraction=0.3`.
-
-    Args:
-        entries: `key_unit=value`; the keys are the fields of `Requirement`, and `pressure` is
-            required.
-
-    Raises:
-        InputError: an entry cannot be read, or no muscle can meet it.
-
-    >>> parse_requirement(["pressure_bar=7", "stroke_mm=50"]).stroke
-    0.05
-    """
-    from .search import Requirement
-
-    return _read(Requirement, entries, "--require", "pressure_psi=100")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,30 +129,6 @@ class _Varied:
 
     pressure: tuple[float, float] | None = None
     rest_length: tuple[float, float] | None = None
-
-
-def parse_ranges(entries: Iterable[str], requirement: "Requirement") -> "dict[str, Range]":
-    """Parse the ranges of a search, such as `rest_length_mm=100:600` and `pressure_psi=20:100`.
-
-    Args:
-        entries: `key_unit=least:greatest`, or a single number to fix the value. By default the
-            pressure ranges from a quarter of the required pressure to all of it, and the rest
-            length from a quarter of the longest length (or 0.5 m) to all of it.
-        requirement: in SI.
-
-    Raises:
-        InputError: an entry cannot be read.
-
-    >>> asked = parse_requirement(["pressure_kPa=700"])
-    >>> parse_ranges(["rest_length_mm=100:600"], asked)
-    {'pressure': (175000.0, 700000.0), 'rest_length': (0.1, 0.6)}
-    """
-    varied = _read(_Varied, entries, "--vary", "rest_length_mm=100:600")
-    longest = requirement.longest_length if requirement.longest_length < math.inf else _USUAL
-    return {
-        "pressure": varied.pressure or (requirement.pressure / 4, requirement.pressure),
-        "rest_length": varied.rest_length or (longest / 4, longest),
-    }
 
 
 def _read(kind: type[_T], entries: Iterable[str], option: str, example: str) -> _T:

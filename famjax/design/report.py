@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..boundary.units import Row, entry, factor, unit_system
-from .catalogue import Catalogue, size_end_fittings
-from .search import COLUMNS, CONSTRAINTS, Combination, Feasibility, Search, feasibility
-
-_MOST_ROWS = 100_000  # of the table of feasible designs
+from ..braids import turns_from_angle
+from .search import COLUMNS, CONSTRAINTS, Search
 
 
 def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -> Row:
@@ -25,7 +23,8 @@ def _entries(source: Mapping[str, Any], kinds: Mapping[str, str], system: str) -
 def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system: str) -> list[Row]:
     """Return candidates of a search as rows; an unknown number is None.
 
-    Each row lists the parts to buy, the columns of the search, and length and turns of the threads.
+    Each row lists the parts to buy, the sizes of the end-fitting, the columns of the search, and length
+    and turns of the threads.
 
     Args:
         found: from `search`.
@@ -38,21 +37,24 @@ def design_rows(found: Search, at: Sequence[int] | NDArray[np.int64], *, system:
 
 
 def _row(found: Search, numbers: Mapping[str, Any], system: str) -> Row:
-    pair = found.pairs[int(numbers["pair"])]
-    braid = Combination.of(pair.bladder, pair.braid, numbers["rest_length"]).braid
+    pair, angle = found.pairs[int(numbers["pair"])], numbers["braid_angle"]
+    length, diameter = numbers["rest_length"], pair.bladder.diameter
+    fitting: Row = {}
+    if pair.fitting is not None:
+        sizes = {"diameter_on_braid": "length", "diameter_on_bladder": "length"}
+        fitting = {"tube": pair.fitting.tube.name, **_entries(vars(pair.fitting), sizes, system)}
     return {
         "bladder": pair.bladder.name,
         "braid": pair.braid.name,
-        "feasibility": str(pair.fit),
-        "tube": pair.tube,
+        **fitting,
         **_entries(numbers, COLUMNS, system),
-        **entry("thread_length", float(braid.rest_thread_length), "length", system),
-        "turns": float(braid.turns),
+        **entry("thread_length", length / math.sin(angle), "length", system),
+        "turns": float(turns_from_angle(length, diameter, angle)),
     }
 
 
 def exclusion_rows(found: Search, *, system: str) -> list[Row]:
-    """Number of candidates that each constraint excludes, largest first, and the best value found.
+    """Return how many candidates each constraint excludes, largest first, and the best value found.
 
     `alone` counts the candidates that meet all other constraints.
     """
@@ -73,24 +75,19 @@ def exclusion_rows(found: Search, *, system: str) -> list[Row]:
     return sorted(rows, key=lambda row: -row["excluded"])
 
 
-def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict[str, Any]:
+def design_document(found: Search, *, system: str) -> dict[str, Any]:
     """Return the result of a search, without the table of feasible designs, ready for JSON.
 
     Args:
         found: from `search`.
-        catalogue: the searched catalogue.
         system: "si", "metric" or "us".
 
     Returns:
         `search` (requirement in SI and number of candidates), `front`, `refined`, `exclusions`,
-        `nearest` (empty if a candidate is feasible), `end_fittings`.
+        `nearest` (empty if a candidate is feasible).
     """
-    refined = []
-    if found.refined is not None:
-        (start,) = design_rows(found, found.front[:1], system=system)
-        end = _row(found, found.refined, system)
-        refined = [{"goal": "balanced", "gain": found.refined["gain"]} | end | {"start": start}]
     asked = dataclasses.asdict(found.requirement)
+    refined = [] if found.refined is None else [_row(found, found.refined, system)]
     return {
         "search": {
             "candidates": len(found.margins),
@@ -98,41 +95,18 @@ def design_document(found: Search, catalogue: Catalogue, *, system: str) -> dict
             "objectives": list(found.objectives),
             "asked_si": {k: v if math.isfinite(v) else None for k, v in asked.items()},
             "ranges_si": {name: list(ends) for name, ends in found.ranges.items()},
-            "pairs": [{"bladder": p.bladder.name, "braid": p.braid.name} for p in found.pairs],
             "pairs_left_out": found.left_out,
         },
         "front": design_rows(found, found.front, system=system),
         "refined": refined,
         "exclusions": exclusion_rows(found, system=system),
         "nearest": [] if refined else design_rows(found, found.nearest, system=system),
-        "end_fittings": end_fitting_rows(catalogue, system=system),
     }
 
 
-def end_fitting_rows(catalogue: Catalogue, *, system: str) -> list[Row]:
-    """Rows with the end-fittings of every bladder, and of every braid that fits it."""
-    sizes = {"diameter_on_braid": "length", "diameter_on_bladder": "length"}
-    return [
-        {
-            "tube": one.tube.name,
-            "bladder": one.bladder.name,
-            "braid": one.braid.name,
-            **_entries(vars(one), sizes, system),
-            **entry("bladder_bore", one.bladder.bore, "length", system),
-            "bore_stretch": one.bore_stretch,
-            "feasible": one.feasible,
-        }
-        for braid in catalogue.braids
-        for diameter in sorted({bladder.diameter for bladder in catalogue.bladders})
-        if feasibility(diameter, braid) is not Feasibility.INFEASIBLE
-        for one in size_end_fittings(catalogue, braid, diameter)
-    ]
-
-
 def feasible_table(found: Search, *, system: str) -> bytes:
-    """Return the feasible candidates as CSV; beyond 100,000 an even selection."""
+    """Return the feasible candidates as CSV."""
     at = found.feasible
-    at = at[:: max(1, -(-len(at) // _MOST_ROWS))]
     units = {name: unit_system(system)[kind] for name, kind in COLUMNS.items()}
     columns = [found.columns[n][at] / factor(units[n], kind) for n, kind in COLUMNS.items()]
     lines = [",".join(["bladder", "braid", *(f"{n}_{u}".rstrip("_") for n, u in units.items())])]
@@ -140,13 +114,6 @@ def feasible_table(found: Search, *, system: str) -> bytes:
         bought = found.pairs[k].bladder.name, found.pairs[k].braid.name
         lines.append(",".join([*bought, *(f"{value:.9g}" for value in row)]))
     return ("\n".join(lines) + "\n").encode()
-
-
-_REASONS = {
-    "braid": "the braid does not fit the bladder",
-    "end_fitting": "no swage tube in the catalogue fits",
-    "untested": "the strength of the threads is unknown",
-}
 
 
 def summary(found: Search, *, system: str) -> list[str]:
@@ -162,7 +129,7 @@ def summary(found: Search, *, system: str) -> list[str]:
         f"{len(found.feasible):,} of {len(found.margins):,} candidates ({len(found.pairs)} pairs of "
         "bladder and braid) meet all requirements."
     ]
-    if left_out := [f"{n} ({_REASONS[reason]})" for reason, n in found.left_out.items() if n]:
+    if left_out := [f"{n} ({reason})" for reason, n in found.left_out.items()]:
         said.append(f"Excluded pairs: {', '.join(left_out)}.")
     for row in [] if len(found.feasible) else exclusion_rows(found, system=system):
         column, side = CONSTRAINTS[row["constraint"]]

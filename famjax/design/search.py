@@ -8,8 +8,8 @@ of the reference work, D is the bladder's outer diameter: the braid's thickness 
 force and counts only in the diameter outside the braid.
 """
 
+import collections
 import dataclasses
-import enum
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -24,21 +24,20 @@ from numpy.typing import NDArray
 from .. import units
 from .._arrays import Given, Real, RealArray, as_real
 from ..boundary.errors import InputError
-from ..braids import Braid, braid_angle_from_diameter, gaylord_force, thread_tension
+from ..braids import Braid, braid_angle_from_diameter, thread_tension
 from ..compile_options import quick_jit
 from ..geometries import Bladder, EstimatedGeometry
-from ..materials import AbstractMaterial, PolynomialMaterial
+from ..materials import PolynomialMaterial
 from ..muscle import Muscle, bisected
-from ..parameters import number
+from ..parameters import Parametrised, number
 from .catalogue import (
     NOMINAL_ANGLE,
     Catalogue,
     CatalogueBladder,
     CatalogueBraid,
+    EndFitting,
     size_end_fittings,
 )
-
-_ROUNDING = 1e-9  # relative: 0.75 in and 19.05 mm are the same diameter
 
 Floats = NDArray[np.floating]
 Range = tuple[float, float]
@@ -49,18 +48,11 @@ ATMOSPHERE = 101325.0
 LATEX = (257.8 * units.PSI, -57.9 * units.PSI, 32.7 * units.PSI)
 """Default E_n [Pa]: latex of the reference work (Chambers 2021, chapter 6)."""
 
-COLUMNS: dict[str, str] = {
-    "rest_length": "length",
-    "pressure": "pressure",
-    "braid_angle": "angle",
-    "blocked_force": "force",
-    "force": "force",
-    "contraction": "number",
-    "stroke": "length",
-    "outer_diameter": "length",
-    "air": "volume",
-    "thread_factor": "number",
-}
+COLUMNS = {
+    "rest_length": "length", "pressure": "pressure", "braid_angle": "angle", "blocked_force": "force",
+    "force": "force", "contraction": "number", "stroke": "length", "outer_diameter": "length",
+    "air": "volume", "thread_factor": "number",
+}  # fmt: skip
 """Columns of a candidate and the quantity of each, which sets its unit; see `Search`."""
 
 OBJECTIVES: dict[str, Literal["least", "most"]] = {
@@ -92,18 +84,10 @@ _ALWAYS = ("force", "contraction")  # every muscle must pull and contract
 # --- a bladder under a braid
 
 
-class Feasibility(enum.StrEnum):
-    """Fit of a braid on a bladder."""
-
-    FEASIBLE = "feasible"
-    BOUNDARY = "boundary"
-    INFEASIBLE = "infeasible"
-
-
 def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
     """Braid angle theta [rad] on a muscle, from cos(theta) / D = cos(45 deg) / D_nominal.
 
-    Jamming is neglected; see `feasibility`.
+    Jamming is neglected; see `CatalogueBraid.fits`.
 
     Args:
         diameter: D [m], outer diameter of the bladder.
@@ -122,36 +106,18 @@ def fam_angle(diameter: Real, nominal_diameter: Real) -> RealArray:
     return braid_angle_from_diameter(diameter, nominal_diameter, NOMINAL_ANGLE)
 
 
-def feasibility(diameter: float, braid: CatalogueBraid) -> Feasibility:
-    """Return whether the braid fits a bladder without jamming.
-
-    Feasible within the braid's `diameter_range`, boundary outside it but within `boundary_range`,
-    infeasible elsewhere. The ranges include their ends.
-
-    Args:
-        diameter: D [m], outer diameter of the bladder.
-        braid: row of the catalogue.
-    """
-
-    def within(limits: tuple[float, float]) -> bool:
-        return limits[0] * (1 - _ROUNDING) <= diameter <= limits[1] * (1 + _ROUNDING)
-
-    if within(braid.diameter_range):
-        return Feasibility.FEASIBLE
-    wider = within(braid.boundary_range or braid.diameter_range)
-    return Feasibility.BOUNDARY if wider else Feasibility.INFEASIBLE
-
-
-class Combination(eqx.Module):
+class Combination(Parametrised):
     """A bladder under a braid; instances can be stacked leaf by leaf for `jax.vmap`.
 
     Attributes:
         bladder_diameter: outer diameter D0 [m], on which the threads lie.
         bladder_thickness: wall thickness t0 [m].
         nominal_diameter: braid diameter [m] at 45 deg.
-        braid_thickness: thickness [m] of the braid.
-        smallest_diameter: diameter [m] at which the stretched braid jams.
+        braid_thickness: thickness [m] of the braid, neglected in the force.
         largest_diameter: diameter [m] at which the shortened braid jams.
+        material: stress law of the bladder.
+        n_threads: number of threads [-]; nan if unknown.
+        breaking_load: breaking load [N] of one thread; nan if unknown.
         rest_length: active length L0 [m] at rest; force against contraction does not depend on it.
     """
 
@@ -159,18 +125,21 @@ class Combination(eqx.Module):
     bladder_thickness: Float[Given, "..."] = number("m")
     nominal_diameter: Float[Given, "..."] = number("m")
     braid_thickness: Float[Given, "..."] = number("m")
-    smallest_diameter: Float[Given, "..."] = number("m")
     largest_diameter: Float[Given, "..."] = number("m")
+    material: PolynomialMaterial
+    n_threads: Float[Given, "..."] = number(default=math.nan)
+    breaking_load: Float[Given, "..."] = number("N", default=math.nan)
     rest_length: Float[Given, "..."] = number("m", default=1.0)
 
     @classmethod
     def of(
-        cls, bladder: CatalogueBladder, braid: CatalogueBraid, rest_length: Real = 1.0
+        cls, bladder: CatalogueBladder, braid: CatalogueBraid, coefficients: Sequence[float]
     ) -> "Combination":
-        """Combine two rows of the catalogue at an active length L0 [m]."""
+        """Combine two rows of the catalogue, with E_n [Pa] of the bladder, at a length of 1 m."""
         return cls(
             bladder.diameter, bladder.thickness, braid.nominal_diameter, braid.thickness,
-            *braid.diameter_range, rest_length,
+            braid.diameter_range[1], PolynomialMaterial(coefficients),
+            braid.n_threads or math.nan, braid.breaking_load or math.nan,
         )  # fmt: skip
 
     @property
@@ -179,96 +148,56 @@ class Combination(eqx.Module):
         return fam_angle(self.bladder_diameter, self.nominal_diameter)
 
     @property
-    def braid(self) -> Braid:
-        """Braid at rest on the bladder; its thickness is neglected."""
-        return Braid.from_rest(
+    def muscle(self) -> Muscle:
+        """The muscle as a cylinder; the braid's thickness is neglected."""
+        braid = Braid.from_rest(
             diameter=self.bladder_diameter, braid_angle=self.braid_angle, length=self.rest_length
         )
+        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
+        return Muscle(EstimatedGeometry(braid, bladder), self.material)
 
     @property
-    def geometry(self) -> EstimatedGeometry:
-        """Cylindrical geometry of braid and bladder; the braid's thickness is neglected."""
-        bladder = Bladder(self.rest_length, self.bladder_diameter, self.bladder_thickness)
-        return EstimatedGeometry(self.braid, bladder)
-
-    def muscle(self, material: AbstractMaterial) -> Muscle:
-        """Return the muscle with the estimated geometry and this bladder material."""
-        return Muscle(self.geometry, material)
-
-    def contraction_range(self) -> tuple[RealArray, RealArray]:
-        """Least and greatest contraction [-] without jamming; zero is always included.
-
-        A boundary combination rests outside the braid's range and is assumed to work from there.
-        """
-        least, greatest = (  # 1 - sin(theta) / sin(theta0)
-            1 - jnp.sin(fam_angle(D, self.nominal_diameter)) / jnp.sin(self.braid_angle)
-            for D in (self.smallest_diameter, self.largest_diameter)
-        )
-        return jnp.minimum(least, 0.0), jnp.maximum(greatest, 0.0)
-
-    def diameter(self, contraction: Real) -> RealArray:
-        """Braid diameter D [m] at a contraction [-], broadcast shape; nan where the braid jams."""
-        length, free = self._length(contraction)
-        return jnp.where(free, self.braid.diameter(length), jnp.nan)
+    def jam_contraction(self) -> RealArray:
+        """Contraction [-] at which the braid jams, 1 - sin(theta) / sin(theta0); 0 at the least."""
+        jammed = fam_angle(self.largest_diameter, self.nominal_diameter)
+        return jnp.maximum(1 - jnp.sin(jammed) / jnp.sin(self.braid_angle), 0.0)
 
     def outer_diameter(self, contraction: Real) -> RealArray:
         """Diameter [m] outside the braid at a contraction [-]; nan where the braid jams."""
-        return self.diameter(contraction) + 2 * self.braid_thickness
+        length, free = self._length(contraction)
+        geometry: Any = self.muscle.geometry
+        return jnp.where(free, geometry.braid.diameter(length) + 2 * self.braid_thickness, jnp.nan)
 
-    def force(
-        self, contraction: Real, pressure: Real, material: AbstractMaterial | None = None
-    ) -> RealArray:
+    def force(self, contraction: Real, pressure: Real) -> RealArray:
         """Pull F [N] at a contraction [-] and gauge pressure P [Pa]; nan where the braid jams.
 
-        Args:
-            contraction: (L0 - L) / L0 [-], a fraction.
-            pressure: gauge pressure P [Pa].
-            material: bladder material; None neglects the bladder, F = F_G.
-
-        Returns:
-            F [N], broadcast shape; not clipped, so it is negative beyond the free contraction.
-
-        References:
-            Gaylord 1958; Chambers 2021, equations 6.1 and 6.9.
+        Not clipped: negative beyond the free contraction.
         """
         length, free = self._length(contraction)
-        if material is None:
-            radius = self.braid.diameter(length) / 2
-            pull = gaylord_force(pressure, radius, self.braid.braid_angle(length))
-        else:
-            pull = self.muscle(material).force(length, pressure)
-        return jnp.where(free, pull, jnp.nan)
+        return jnp.where(free, self.muscle.force(length, pressure), jnp.nan)
 
-    def usable_contraction(
-        self, pressure: Real, material: AbstractMaterial | None = None
-    ) -> RealArray:
-        """Contraction [-] at zero force, or at jamming if that comes first.
+    def usable_contraction(self, pressure: Real) -> RealArray:
+        """Contraction [-] at zero force, or at jamming if that comes first, for a scalar pressure.
 
-        Found by bisection, with derivatives from the implicit function theorem. The result has the
-        pressure's shape and is nan where the pressure does not move the bladder.
+        Found by bisection, with derivatives from the implicit function theorem; nan if the pressure
+        does not move the bladder.
         """
-        greatest = self.contraction_range()[1]
+        greatest = self.jam_contraction
         fine = jnp.finfo(greatest.dtype)
+        scale = jax.lax.stop_gradient(self.force(0.0, pressure))
 
-        def one(P: RealArray) -> RealArray:
-            scale = jax.lax.stop_gradient(self.force(0.0, P, material))
+        def missing(share: RealArray) -> RealArray:
+            return -self.force(share * greatest, pressure) / jnp.where(scale > 0, scale, 1.0)
 
-            def missing(share: RealArray) -> RealArray:
-                return -self.force(share * greatest, P, material) / jnp.where(scale > 0, scale, 1.0)
-
-            ends = jnp.zeros_like(greatest), jnp.ones_like(greatest)
-            share = bisected(missing, *ends, tolerance=float(fine.eps), max_steps=fine.nmant + 2)
-            found = jnp.where(self.force(greatest, P, material) > 0, 1.0, share) * greatest
-            return jnp.where(scale > 0, found, jnp.nan)
-
-        return jnp.vectorize(one)(as_real(pressure))
+        ends = jnp.zeros_like(greatest), jnp.ones_like(greatest)
+        share = bisected(missing, *ends, tolerance=float(fine.eps), max_steps=fine.nmant + 2)
+        found = jnp.where(self.force(greatest, pressure) > 0, 1.0, share) * greatest
+        return jnp.where(scale > 0, found, jnp.nan)
 
     def _length(self, contraction: Real) -> tuple[RealArray, Array]:
         """Length [m] and a mask of states without jamming; jammed states get the rest length."""
-        least, greatest = self.contraction_range()
-        rounding = 8 * jnp.finfo(least.dtype).eps
         at = as_real(contraction)
-        free = (at >= least - rounding) & (at <= greatest + rounding)
+        free = at <= self.jam_contraction + 8 * jnp.finfo(self.rest_length.dtype).eps
         return self.rest_length * (1 - jnp.where(free, at, 0.0)), free
 
 
@@ -316,19 +245,17 @@ class Requirement:
 
 @dataclasses.dataclass(frozen=True)
 class BuildablePair:
-    """A bladder under a braid, with its swage tube.
+    """A bladder under a braid, with its end-fitting.
 
     Attributes:
         bladder: row of the catalogue.
         braid: row of the catalogue.
-        fit: feasible or boundary; see `feasibility`.
-        tube: fitting swage tube with the thickest wall, or None if none is required.
+        fitting: end-fitting in the tube with the thickest wall that fits, or None if none is required.
     """
 
     bladder: CatalogueBladder
     braid: CatalogueBraid
-    fit: Feasibility
-    tube: str | None
+    fitting: EndFitting | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -346,7 +273,7 @@ class Search:
         ranges: ranges of rest length [m] and pressure [Pa].
         objectives: as given.
         pairs: pairs that can be built.
-        left_out: number of excluded pairs by reason: "braid", "end_fitting", "untested".
+        left_out: number of excluded pairs by reason.
         columns: columns of all candidates.
         margins: relative margin to each of `CONSTRAINTS`, shape (candidates, constraints). Negative
             if the constraint is violated; nan if the braid jams first or the value is unknown.
@@ -373,8 +300,7 @@ class Search:
     @property
     def nearest(self) -> NDArray[np.int64]:
         """Index of the candidate whose worst shortfall is smallest, shape (1,) or (0,)."""
-        missed = np.fmin(np.fmax(-self.margins, 0.0), 1.0)
-        missed = np.where(np.isnan(self.margins), 1.0, missed)
+        missed = np.clip(np.nan_to_num(-self.margins, nan=1.0), 0.0, 1.0)
         worst, together = (np.round(one, 6) for one in (missed.max(axis=-1), missed.sum(axis=-1)))
         return np.lexsort((together, worst))[:1]
 
@@ -428,33 +354,33 @@ def search(
         raise InputError(f"about must be >= 1, got {about}")
     greatest = requirement.pressure
     ranges = {"rest_length": rest_length, "pressure": pressure or (greatest / 4, greatest)}
-    for name, (low, high) in ranges.items():
+    for (name, (low, high)), unit in zip(ranges.items(), ("m", "Pa"), strict=True):
         if not 0 < low <= high < math.inf:
             raise InputError(
-                f"the {name} range must satisfy 0 < least <= greatest, got "
-                f"{low:.6g} to {high:.6g} {'m' if name == 'rest_length' else 'Pa'}"
+                f"the {name} range must satisfy 0 < least <= greatest, got {low:.6g} to {high:.6g} {unit}"
             )
     if ranges["pressure"][1] > greatest * (1 + 1e-9):  # the same pressure in two units
         raise InputError(
             f"the pressure range ends at {ranges['pressure'][1]:.6g} Pa, above the required "
             f"pressure of {greatest:.6g} Pa: lower the range or raise the requirement"
         )
-    pairs, left_out = buildable_pairs(catalogue, requirement, end_fittings=end_fittings)
+    pairs, left_out = _buildable_pairs(catalogue, requirement, end_fittings=end_fittings)
     share = about // max(1, len(pairs))
     free = [high > low for low, high in ranges.values()]
     each = max(1, math.isqrt(share) if all(free) else share)
     sizes = max(1, share // each) if all(free) else each, each
-    lengths, pressures = (
+    axes = [
         np.linspace(*ends, size if varied else 1)
         for ends, size, varied in zip(ranges.values(), sizes, free, strict=True)
-    )
+    ]
     asked = {name: jnp.asarray(value) for name, value in vars(requirement).items()}
-    known, table = {}, np.zeros((0, len(COLUMNS) + len(CONSTRAINTS)))
+    stacked, table = None, np.zeros((0, len(COLUMNS) + len(CONSTRAINTS)))
     if pairs:
-        known = _known(pairs, coefficients)
-        table = np.asarray(_grid(known, jnp.asarray(lengths), jnp.asarray(pressures), asked))
+        stacked = _stacked(pairs, coefficients)
+        lengths, pressures = map(jnp.asarray, axes)
+        table = np.asarray(_grid(stacked, lengths, pressures, asked))
     columns: dict[str, NDArray] = dict(zip(COLUMNS, table.T, strict=False))
-    columns["pair"] = np.repeat(np.arange(len(pairs)), lengths.size * pressures.size)
+    columns["pair"] = np.repeat(np.arange(len(pairs)), axes[0].size * axes[1].size)
     found = Search(
         requirement, ranges, wanted, tuple(pairs), left_out, columns,
         table[:, len(COLUMNS) :], np.zeros(0, dtype=np.int64), None,
@@ -464,28 +390,14 @@ def search(
     costs = costs_of({name: columns[name][feasible] for name in wanted}, wanted)
     at = front_members(costs, FRONT_STEP)
     at = at[np.argsort(costs[at] @ balance(costs[at]), kind="stable")]
-    front = feasible[at]
-    refined = _refined(found, costs[at], int(front[0]), known, asked)
-    return dataclasses.replace(found, front=front, refined=refined)
+    refined = _refined(found, costs[at], int(feasible[at[0]]), stacked, asked)
+    return dataclasses.replace(found, front=feasible[at], refined=refined)
 
 
-def buildable_pairs(
-    catalogue: Catalogue,
-    requirement: Requirement,
-    *,
-    end_fittings: bool,
+def _buildable_pairs(
+    catalogue: Catalogue, requirement: Requirement, *, end_fittings: bool
 ) -> tuple[list[BuildablePair], dict[str, int]]:
-    """Return the pairs that can be built, and count the others by reason.
-
-    Args:
-        catalogue: from `load_catalogue`.
-        requirement: in SI.
-        end_fittings: True if a swage tube must fit.
-
-    Returns:
-        (pairs in the order of the catalogue, number of excluded pairs by reason). Reasons: "braid",
-        the braid does not fit the bladder; "end_fitting", no tube fits; "untested", a thread_factor
-        is required but the threads' breaking load is unknown.
+    """Return the pairs that can be built, and the number of other pairs by reason.
 
     Raises:
         InputError: end-fittings are required, but the catalogue has no tubes.
@@ -494,73 +406,60 @@ def buildable_pairs(
         raise InputError(
             "the catalogue has no swage tubes: add [[tube]] rows, or search without end-fittings"
         )
-    pairs, left_out = [], {"braid": 0, "end_fitting": 0, "untested": 0}
+    pairs, left_out = [], collections.Counter()
     for braid in catalogue.braids:
         for bladder in catalogue.bladders:
-            fit = feasibility(bladder.diameter, braid)
-            fitting = [
-                one.tube
-                for one in size_end_fittings(catalogue, braid, bladder.diameter)
-                if end_fittings and one.feasible and one.bladder == bladder
-            ]
-            tube = max(fitting, key=lambda one: one.thickness, default=None)
-            if fit is Feasibility.INFEASIBLE:
-                left_out["braid"] += 1
-            elif end_fittings and tube is None:
-                left_out["end_fitting"] += 1
+            sized = size_end_fittings(catalogue, braid, bladder) if end_fittings else []
+            fitting = [one for one in sized if one.feasible]
+            thickest = max(fitting, key=lambda one: one.tube.thickness, default=None)
+            if not braid.fits(bladder.diameter):
+                left_out["the braid does not fit the bladder"] += 1
+            elif end_fittings and thickest is None:
+                left_out["no swage tube in the catalogue fits"] += 1
             elif requirement.thread_factor > 0 and braid.breaking_load is None:
-                left_out["untested"] += 1
+                left_out["the strength of the threads is unknown"] += 1
             else:
-                pairs.append(BuildablePair(bladder, braid, fit, tube and tube.name))
-    return pairs, left_out
+                pairs.append(BuildablePair(bladder, braid, thickest))
+    return pairs, dict(left_out)
 
 
-def _known(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> dict[str, Any]:
-    """Stacked parameters of the pairs in SI; nan if unknown."""
+def _stacked(pairs: Sequence[BuildablePair], coefficients: Sequence[float]) -> Combination:
+    """Stack the pairs, with laws of one order."""
     rubber = [list(p.bladder.coefficients or coefficients) for p in pairs]
     order = max(map(len, rubber))
-    numbers = [(p.braid.n_threads, p.braid.breaking_load) for p in pairs]
-    combinations = [Combination.of(p.bladder, p.braid) for p in pairs]
-    return {
-        "combination": jax.tree.map(lambda *leaves: jnp.stack(leaves), *combinations),
-        "coefficients": jnp.asarray([one + [0.0] * (order - len(one)) for one in rubber]),
-        "threads": jnp.asarray(np.array(numbers, dtype=np.float64)),
-    }
+    each = [
+        Combination.of(p.bladder, p.braid, one + [0.0] * (order - len(one)))
+        for p, one in zip(pairs, rubber, strict=True)
+    ]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
 
 def _performance(
-    known: Mapping[str, Any],
-    usable: RealArray,
-    rest_length: RealArray,
-    pressure: RealArray,
-    asked: Mapping[str, Any],
+    pair: Combination, usable: RealArray, pressure: RealArray, asked: Mapping[str, Any]
 ) -> Float[Array, " numbers"]:
-    """Values of `COLUMNS`, then margins of `CONSTRAINTS`, for one pair at L0 [m] and P [Pa].
+    """Values of `COLUMNS`, then margins of `CONSTRAINTS`, for one pair at P [Pa].
 
     Outer diameter and air are evaluated at the required contraction, or at the usable contraction if
     that is less. The free air of an isothermal stroke is ((P + P_a) V - P_a V0) / P_a.
     """
-    muscle = eqx.tree_at(lambda c: c.rest_length, known["combination"], rest_length)
-    rubber = PolynomialMaterial(known["coefficients"])
-    n_threads, breaking_load = known["threads"]
-    at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest_length), usable)
-    blocked = muscle.force(0.0, pressure, rubber)
+    muscle, rest = pair.muscle, pair.rest_length
+    at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest), usable)
+    blocked = pair.force(0.0, pressure)
     tension = thread_tension(
-        blocked, pressure, muscle.bladder_diameter / 2, muscle.braid_angle, n_threads
+        blocked, pressure, pair.bladder_diameter / 2, pair.braid_angle, pair.n_threads
     )
-    empty = muscle.geometry.inner_volume(rest_length, jnp.zeros_like(pressure))
-    full = muscle.geometry.inner_volume(rest_length * (1 - at), pressure)
+    full = muscle.volume(rest * (1 - at), pressure)
     columns = {
-        "rest_length": rest_length,
+        "rest_length": rest,
         "pressure": pressure,
-        "braid_angle": muscle.braid_angle,
+        "braid_angle": pair.braid_angle,
         "blocked_force": blocked,
-        "force": muscle.force(asked["force_contraction"], pressure, rubber),
+        "force": pair.force(asked["force_contraction"], pressure),
         "contraction": usable,
-        "stroke": usable * rest_length,
-        "outer_diameter": muscle.outer_diameter(at),
-        "air": full * (1 + pressure / ATMOSPHERE) - empty,
-        "thread_factor": breaking_load / tension,
+        "stroke": usable * rest,
+        "outer_diameter": pair.outer_diameter(at),
+        "air": full * (1 + pressure / ATMOSPHERE) - muscle.volume(rest, jnp.zeros_like(pressure)),
+        "thread_factor": pair.breaking_load / tension,
     }
     margins = [
         _margin(columns[column], asked[name], upper=side == "most", always=name in _ALWAYS)
@@ -581,17 +480,20 @@ def _margin(found: RealArray, limit: RealArray, *, upper: bool, always: bool) ->
 
 @quick_jit
 def _grid(
-    known: Mapping[str, Any], lengths: RealArray, pressures: RealArray, asked: Mapping[str, Any]
+    pairs: Combination, lengths: RealArray, pressures: RealArray, asked: Mapping[str, Any]
 ) -> Float[Array, "candidates numbers"]:
-    def of_state(state: tuple[Mapping[str, Any], RealArray]) -> RealArray:
+    def of_state(state: tuple[Combination, RealArray]) -> RealArray:
         pair, pressure = state
-        rubber = PolynomialMaterial(pair["coefficients"])
-        usable = pair["combination"].usable_contraction(pressure, rubber)
-        return jax.vmap(lambda length: _performance(pair, usable, length, pressure, asked))(lengths)
+        usable = pair.usable_contraction(pressure)
 
-    n_pairs = len(known["coefficients"])
-    repeated = jax.tree.map(lambda one: jnp.repeat(one, len(pressures), axis=0), known)
-    states = repeated, jnp.tile(pressures, n_pairs)
+        def one(length: RealArray) -> RealArray:
+            long = eqx.tree_at(lambda c: c.rest_length, pair, length)
+            return _performance(long, usable, pressure, asked)
+
+        return jax.vmap(one)(lengths)
+
+    repeated = jax.tree.map(lambda one: jnp.repeat(one, len(pressures), axis=0), pairs)
+    states = repeated, jnp.tile(pressures, len(pairs.rest_length))
     table = jax.lax.map(of_state, states)  # one at a time to limit memory
     return table.reshape(-1, table.shape[-1])
 
@@ -646,36 +548,30 @@ def balance(costs: Floats) -> Floats:
 
 
 def _refined(
-    found: Search, costs: Floats, first: int, known: Mapping[str, Any], asked: Mapping[str, Any]
+    found: Search, costs: Floats, first: int, pairs: Combination | None, asked: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Minimise the weighted costs near the first design on the front, for the same pair.
 
     Each grid is centred on the best design so far and is a quarter as wide as the last one.
     """
-    n, pair = len(COLUMNS), int(found.columns["pair"][first])
-    own = jax.tree.map(lambda values: values[pair : pair + 1], known)
-    names = list(found.ranges)
-    at = np.array([found.columns[name][first] for name in names], dtype=np.float64)
+    pair = int(found.columns["pair"][first])
+    own = jax.tree.map(lambda values: values[pair : pair + 1], pairs)
+    at = np.array([found.columns[name][first] for name in found.ranges], dtype=np.float64)
     low, high = np.array(list(found.ranges.values()), dtype=np.float64).T
-    spacing = [np.diff(np.unique(found.columns[name])) for name in names]
+    spacing = [np.diff(np.unique(found.columns[name])) for name in found.ranges]
     reach = np.array([2 * steps.max(initial=0.0) for steps in spacing])
     weights = balance(costs)
-
-    def score(values: NDArray) -> Floats:
-        columns = dict(zip(COLUMNS, values.T, strict=False))
-        total = costs_of(columns, found.objectives) @ weights
-        return np.where((values[:, n:] >= 0).all(axis=-1), total, np.inf)
-
-    before = float(costs[0] @ weights)
-    best = None
+    best, numbers = math.inf, np.zeros(0)
     for _ in range(_ZOOMS):
         ends = np.clip(at + reach * np.linspace(-1, 1, _STEPS)[:, None], low, high)
-        values = np.asarray(_grid(own, *(jnp.asarray(one) for one in ends.T), asked))
-        found_here = score(values)
-        k = int(np.argmin(found_here))
-        if best is None or found_here[k] < best[0]:
-            best = found_here[k], values[k]
-        at, reach = best[1][: len(names)], reach / 4
-    assert best is not None
-    columns = dict(zip(COLUMNS, best[1].tolist(), strict=False))
-    return {"pair": pair, "gain": before - best[0], **columns}
+        lengths, pressures = map(jnp.asarray, ends.T)
+        values = np.asarray(_grid(own, lengths, pressures, asked))
+        columns = dict(zip(COLUMNS, values.T, strict=False))
+        total = costs_of(columns, found.objectives) @ weights
+        total = np.where((values[:, len(COLUMNS) :] >= 0).all(axis=-1), total, np.inf)
+        k = int(np.argmin(total))
+        if total[k] < best or not numbers.size:
+            best, numbers = total[k], values[k]
+        at, reach = numbers[: at.size], reach / 4
+    columns = dict(zip(COLUMNS, numbers.tolist(), strict=False))
+    return {"pair": pair, "gain": float(costs[0] @ weights) - best, **columns}

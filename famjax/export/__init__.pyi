@@ -12,7 +12,6 @@ from .table import (
     TableErrors as TableErrors,
     made_of as made_of,
     read_subject as read_subject,
-    table_errors as table_errors,
     tabulated as tabulated,
 )
 from .targets import TARGETS as TARGETS, export as export

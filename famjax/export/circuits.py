@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import __version__
 from ..boundary.errors import InputError
-from ..plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit, SlipFriction
+from ..plant import DahlFriction, HydraulicCircuit, Plant, PneumaticCircuit
 from ..slip import CentredSlip, MaxwellSlip
 from .table import Subject, tabulated_volume
 
@@ -47,8 +47,7 @@ def plant_words(subject: Subject) -> dict[str, Any]:
     plant: Any = subject.plant
     if type(plant.circuit) not in (PneumaticCircuit, HydraulicCircuit):
         raise InputError(
-            "only plants with a PneumaticCircuit or a HydraulicCircuit can be exported; got "
-            f"{type(plant.circuit).__name__}"
+            f"a plant with a {type(plant.circuit).__name__} cannot be exported: use air or water of famjax"
         )
     circuit = {name: getattr(plant.circuit, name) for name in plant.circuit.__dataclass_fields__}
     if circuit.get("relief", 0.0) is None:  # no valve: zero conductance
@@ -79,18 +78,16 @@ def _friction(friction: Any) -> tuple[list[str], dict[str, Any]]:
         return [], none
     if type(friction) is DahlFriction:
         return _defined("f", friction.parameters()), none | {"MEMORY": 2}
-    elements = getattr(friction, "elements", None)
-    centred = isinstance(elements, CentredSlip)
-    slip: Any = elements.slip if isinstance(elements, CentredSlip) else elements
-    if type(friction) is not SlipFriction or not isinstance(slip, MaxwellSlip):
+    centred = isinstance(friction, CentredSlip)
+    slip: Any = friction.slip if centred else friction
+    if type(slip) is not MaxwellSlip:
         raise InputError(
-            "only DahlFriction, or SlipFriction with Maxwell-slip elements, can be exported; got "
-            f"{type(friction).__name__}"
+            f"a {type(friction).__name__} cannot be exported: use DahlFriction, MaxwellSlip or CentredSlip"
         )
     numbers: dict[str, Any] = {"rest_length": slip.rest_length, "modulus": slip.modulus}
     whole = {"wall": len(slip.wall.threshold), "cycle": 0, "cycled": 0}
     if centred:
-        cycle = elements.cycle
+        cycle = friction.cycle
         numbers |= {"start": cycle.start, "turn": cycle.turn}
         whole |= {"cycle": 1 + (cycle.kind == "stroke"), "cycled": int(cycle.cycled)}
     both = {
@@ -134,15 +131,12 @@ def fmu(subject: Subject, sources: Mapping[str, bytes]) -> bytes:
     name, plant = subject.identifier, subject.plant
     assert plant is not None
     words: dict[str, Any] = {
-        "name": name,
-        "MODEL": quoteattr(subject.name),
-        "TOOL": quoteattr(f"famjax {__version__}"),
+        "name": name, "MODEL": quoteattr(subject.name), "TOOL": quoteattr(f"famjax {__version__}"),
         "ABOUT": quoteattr("; ".join(line.strip() for line in subject.about_table)),
         "HEADING": f" * {name}, exported by famjax {__version__}",
-        "LENGTH": repr(float(subject.muscle.rest_length)),
-        "SIGNAL": resting_signal(plant),
+        "LENGTH": repr(float(subject.muscle.rest_length)), "SIGNAL": resting_signal(plant),
         "GUID": hashlib.sha256(b"".join(sources.values())).hexdigest()[:32],
-    }
+    }  # fmt: skip
     files = {f"sources/{one}": content for one, content in sources.items()}
     files[f"sources/{name}_fmu.c"] = filled("fmu.c", words)
     files["modelDescription.xml"] = filled("fmu.xml", words)

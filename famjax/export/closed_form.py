@@ -4,18 +4,12 @@ Statements are written with Python operators; for MATLAB, the arithmetic operato
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from .. import materials
 from ..braids import Braid, CompliantBraid
 from ..geometries import EndEffectGeometry, EstimatedGeometry
-from ..materials import (
-    MooneyRivlinMaterial,
-    NeoHookeanMaterial,
-    OgdenMaterial,
-    PolynomialMaterial,
-    SaturatingMaterial,
-)
 from ..muscle import AbstractMuscle, Muscle
 from ..terms import BladderWall, PressurisedBraid
 
@@ -36,13 +30,13 @@ Stress = tuple[dict[str, tuple[float, str]], str]
 """Parameters of a law, and the stress as an expression of the strains e and o."""
 
 
-def _polynomial(law: PolynomialMaterial) -> Stress:
+def _polynomial(law: materials.PolynomialMaterial) -> Stress:
     E = {f"E_{k}": (float(one), "Pa, bladder") for k, one in enumerate(law.coefficients, 1)}
     terms = " + ".join(f"E_{k} * abs(e)**{k}" for k in range(1, len(E) + 1))
     return E, f"sign(e) * ({terms})"
 
 
-def _saturating(law: SaturatingMaterial) -> Stress:
+def _saturating(law: materials.SaturatingMaterial) -> Stress:
     numbers = {
         "E_inf": (float(law.final_modulus), "Pa, bladder"),
         "S": (float(law.saturation_stress), "Pa, bladder"),
@@ -51,32 +45,22 @@ def _saturating(law: SaturatingMaterial) -> Stress:
     return numbers, "E_inf * e - S * sign(e) * expm1(-abs(e) / s)"
 
 
-def _ogden(law: OgdenMaterial) -> Stress:
+def _ogden(pairs: Iterable[tuple[Any, Any]]) -> Stress:
+    """Laws of rubber as sums of Ogden's terms, with modulus mu and exponent alpha each."""
     numbers, terms = {}, []
-    for k, (modulus, exponent) in enumerate(zip(law.moduli, law.exponents, strict=True), 1):
+    for k, (modulus, exponent) in enumerate(pairs, 1):
         numbers[f"mu_{k}"] = (float(modulus), "Pa, bladder")
         numbers[f"alpha_{k}"] = (float(exponent), "-, bladder")
         terms.append(f"mu_{k} * ((1 + e)**alpha_{k} - ((1 + e) * (1 + o))**-alpha_{k})")
     return numbers, " + ".join(terms)
 
 
-def _mooney_rivlin(law: MooneyRivlinMaterial) -> Stress:
-    numbers = {name: (float(one), "Pa, bladder") for name, one in law.parameters().items()}
-    radial = "1 / ((1 + e)**2 * (1 + o)**2)"
-    return numbers, f"2 * ((1 + e)**2 - {radial}) * (C10 + (1 + o)**2 * C01)"
-
-
-def _neo_hookean(law: NeoHookeanMaterial) -> Stress:
-    numbers = {"mu": (float(law.shear_modulus), "Pa, bladder")}
-    return numbers, "mu * ((1 + e)**2 - 1 / ((1 + e)**2 * (1 + o)**2))"
-
-
 _STRESSES: Mapping[type, Callable[[Any], Stress]] = {
-    PolynomialMaterial: _polynomial,
-    SaturatingMaterial: _saturating,
-    OgdenMaterial: _ogden,
-    MooneyRivlinMaterial: _mooney_rivlin,
-    NeoHookeanMaterial: _neo_hookean,
+    materials.PolynomialMaterial: _polynomial,
+    materials.SaturatingMaterial: _saturating,
+    materials.OgdenMaterial: lambda law: _ogden(zip(law.moduli, law.exponents, strict=True)),
+    materials.MooneyRivlinMaterial: lambda law: _ogden([(2 * law.c10, 2.0), (-2 * law.c01, -2.0)]),
+    materials.NeoHookeanMaterial: lambda law: _ogden([(law.shear_modulus, 2.0)]),
 }
 """Laws with a closed form: stress for the strain e in its own direction and o in the other."""
 
@@ -112,9 +96,7 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
         "r0": (bladder.rest_mid_radius, "m, middle of the wall at rest"),
         "P_d": (terms[PressurisedBraid].deadband_pressure, "Pa, deadband"),
     }
-    cut, B, wall = "L", "B0", "V / (2 * pi * R * l)"
-    middle = "R / r0 - 1"
-    steps = []
+    cut, B, wall, middle = "L", "B0", "V / (2 * pi * R * l)", "R / r0 - 1"
     if ends is not None:
         numbers["k"] = (ends, "-, end factor")
         cut = "L0 * (1 - k * (1 - L / L0))"
@@ -123,32 +105,24 @@ def closed_form(muscle: AbstractMuscle) -> ClosedForm | None:
         B = "B0 / (1 - c * B0 * P * l / (2 * pi * N**2))"
     if not bladder.embedded:
         numbers["t_b"] = (braid.thickness, "m, thickness of the braid")
-        steps.append(("Ro", "R - t_b"))
-        wall, middle = "Ro - sqrt(Ro**2 - V / (pi * l))", "(Ro - t / 2) / r0 - 1"
+        wall, middle = "R - t_b - sqrt((R - t_b)**2 - V / (pi * l))", "(R - t_b - t / 2) / r0 - 1"
     known = {name: (float(value), about) for name, (value, about) in numbers.items()}
     along = re.sub(r"\be\b", "e_z", re.sub(r"\bo\b", "e_c", stress))
     around = re.sub(r"\be\b", "e_c", re.sub(r"\bo\b", "e_z", stress))
     statements = [
-        ("l", cut),
-        ("B", B),
-        ("R", "sqrt(B**2 - l**2) / (2 * pi * N)"),
-        *steps,
-        ("t", wall),
-        ("e_z", "l / L0 - 1"),
-        ("e_c", middle),
-        ("s_z", along),
-        ("s_c", around),
+        ("l", cut), ("B", B), ("R", "sqrt(B**2 - l**2) / (2 * pi * N)"), ("t", wall),
+        ("e_z", "l / L0 - 1"), ("e_c", middle), ("s_z", along), ("s_c", around),
         ("braid", "(P - P_d) * (3 * l**2 - B**2) / (4 * pi * N**2)"),
         ("G", "braid + s_z * V / l - s_c * t * l**2 / (2 * pi * R * N**2)"),
-    ]
+    ]  # fmt: skip
     return ClosedForm({**known, **law}, statements)
 
 
 def matlab_lines(form: ClosedForm) -> tuple[str, str]:
     """Format numbers and statements as MATLAB code."""
-    numbers = [f"{name} = {value!r}; % {about}" for name, (value, about) in form.numbers.items()]
-    lines = [f"{name} = {_dotted(text)};" for name, text in form.statements]
-    return "\n".join(numbers), "\n".join(lines)
+    numbers, statements = python_lines(form)
+    lines = [f"{re.sub(r'[*]{2}|[*/]', _dotted, one.strip())};" for one in statements.split("\n")]
+    return re.sub("  # ", "; % ", numbers), "\n".join(lines)
 
 
 def python_lines(form: ClosedForm) -> tuple[str, str]:
@@ -157,5 +131,5 @@ def python_lines(form: ClosedForm) -> tuple[str, str]:
     return "\n".join(numbers), "\n    ".join(f"{name} = {text}" for name, text in form.statements)
 
 
-def _dotted(text: str) -> str:
-    return re.sub(r"\*\*|[*/]", lambda found: "." + found[0].replace("**", "^"), text)
+def _dotted(found: re.Match[str]) -> str:
+    return "." + found[0].replace("**", "^")

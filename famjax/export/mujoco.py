@@ -4,22 +4,21 @@ import ctypes
 import inspect
 import math
 import pprint
+import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import jax
 import jax.numpy as jnp
-import msgspec
 
 from .._arrays import Real
 from ..boundary.errors import InputError
 from ..cards import card_as_document
 from ..cards.card import as_text
-from ..cards.parts import own_modules
 from ..muscle import AbstractMuscle
 from . import plain
 from .circuits import filled, plant_words, resting_signal
@@ -51,7 +50,12 @@ class CompiledPull:
 
 
 class CompiledPlant:
-    """A muscle and its circuit from the exported C in a shared library."""
+    """A muscle and its circuit from the exported C in a shared library.
+
+    Attributes:
+        state: pressure [Pa], openings of valve or pump and of the dump valve, length [m] at the end of the
+            last step, friction; as in the C code.
+    """
 
     def __init__(self, library: str | Path, name: str) -> None:
         """Load a library, for example from `gcc -O2 -shared -fPIC NAME.c -o NAME.so -lm`.
@@ -68,38 +72,19 @@ class CompiledPlant:
         self._start.argtypes, self._step.argtypes = [state, *[number] * 2], [state, *[number] * 5]
         self._pull.restype, self._pull.argtypes = number, [state, number, number]
         size = ctypes.c_size_t.in_dll(loaded, f"{name}_state_size").value
-        self._state = (number * (size // ctypes.sizeof(number)))()
-
-    @property
-    def pressure(self) -> float:
-        """Gauge pressure [Pa]."""
-        return self._state[0]
-
-    @property
-    def length(self) -> float:
-        """Active length [m] at the end of the last step."""
-        return self._state[3]
-
-    @property
-    def state(self) -> list[float]:
-        """Pressure [Pa], openings, length [m] at the end of the last step, friction; as in the C code."""
-        return list(self._state)
-
-    @state.setter
-    def state(self, state: Sequence[float]) -> None:
-        self._state[:] = state
+        self.state = (number * (size // ctypes.sizeof(number)))()
 
     def start(self, length: float, pressure: float = 0.0) -> None:
         """Set the plant at rest at a length [m] and a gauge pressure [Pa]."""
-        self._start(self._state, length, pressure)
+        self._start(self.state, length, pressure)
 
     def step(self, signal: float, dump: float, length: float, velocity: float, dt: float) -> None:
         """Advance by dt [s] from a length [m] at a constant velocity [m/s]."""
-        self._step(self._state, signal, dump, length, velocity, dt)
+        self._step(self.state, signal, dump, length, velocity, dt)
 
     def pull(self, length: float, velocity: float) -> float:
         """Force [N], including friction and viscous loss."""
-        return self._pull(self._state, length, velocity)
+        return self._pull(self.state, length, velocity)
 
 
 def _check_actuators(
@@ -108,9 +93,7 @@ def _check_actuators(
     """Refuse actuators through which a muscle would exert no force."""
     for number, name in named.items():
         if model.actuator_biastype[number] != mujoco.mjtBias.mjBIAS_USER:
-            raise ValueError(
-                f'the actuator {name} must have biastype="user"; it would exert no force'
-            )
+            raise ValueError(f'the actuator {name} must have biastype="user" to exert a force')
         of_tendon = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_TENDON
         first = model.tendon_adr[model.actuator_trnid[number][0]] if of_tendon else 0
         fixed = of_tendon and model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
@@ -140,89 +123,78 @@ def install(
     """
     mujoco: Any = import_module("mujoco")  # an optional package without types
 
-    wanted = {model.actuator(name).id: pull for name, pull in pulls.items()}
-    plants = {k: pull for k, pull in wanted.items() if isinstance(pull, CompiledPlant)}
-    called = {model.actuator(name).id: name for name in pulls}
-    _check_actuators(mujoco, model, called, offsets or {})
-    added = {model.actuator(name).id: float(one) for name, one in (offsets or {}).items()}
-    states, copies = model.actuator_actadr.tolist(), {model._address}
+    numbers = {model.actuator(name).id: name for name in pulls}
+    added = {number: float((offsets or {}).get(name, 0.0)) for number, name in numbers.items()}
+    _check_actuators(mujoco, model, numbers, offsets or {})
+    wanted = {number: pulls[name] for number, name in numbers.items()}
+    states, names = model.actuator_actadr.tolist(), model.names
 
     def bias(asked: Any, data: Any, number: int) -> float:
-        if number not in wanted or (asked._address not in copies and not copied(asked)):
+        if number not in wanted or asked.names != names:
             return 0.0
-        length = float(data.actuator_length[number]) + added.get(number, 0.0)
-        if number in plants:
+        length = float(data.actuator_length[number]) + added[number]
+        if isinstance(wanted[number], CompiledPlant):
             return -placed(data, number, length).pull(length, float(data.actuator_velocity[number]))
         state, control = states[number], float(data.ctrl[number])
-        if control and number in called:  # first nonzero control
-            name = called.pop(number)
+        if control and number in numbers:  # first nonzero control
+            name = numbers.pop(number)
             if control < 1000:
                 warnings.warn(f"the control of {name} is {control:g} Pa: is it in Pa, above the "
                               "atmosphere? 1 bar is 1e5 Pa", stacklevel=2)  # fmt: skip
         return -wanted[number].force(length, control if state < 0 else float(data.act[state]))
 
     def placed(data: Any, number: int, length: float) -> CompiledPlant:
-        plant, at = plants[number], data.act[states[number] :][: model.actuator_actnum[number]]
-        plant.state = at.tolist()
+        plant, at = wanted[number], data.act[states[number] :][: model.actuator_actnum[number]]
+        plant.state[:] = at.tolist()
         if not at[3]:  # reset
-            plant.start(length, plant.pressure)
+            plant.start(length, at[0])
         return plant
 
     def rates(asked: Any, data: Any, number: int) -> float:
-        if number in plants and (asked._address in copies or copied(asked)):
-            length = float(data.actuator_length[number]) + added.get(number, 0.0)
+        if isinstance(wanted.get(number), CompiledPlant) and asked.names == names:
+            length = float(data.actuator_length[number]) + added[number]
             plant, control = placed(data, number, length), float(data.ctrl[number])
             velocity, dt = float(data.actuator_velocity[number]), float(asked.opt.timestep)
             plant.step(max(control, 0.0), float(control < 0), length, velocity, dt)
-            for k, value in enumerate(
-                plant.state, states[number]
-            ):  # reached by MuJoCo's Euler step
-                data.act_dot[k] = (value - data.act[k]) / dt
+            for k, value in enumerate(plant.state, states[number]):
+                data.act_dot[k] = (value - data.act[k]) / dt  # reached by MuJoCo's Euler step
         return 0.0
-
-    def copied(asked: Any) -> bool:
-        if asked.names == model.names:
-            copies.add(asked._address)
-        return asked.names == model.names
-
-    uninstall()
-    mujoco.set_mjcb_act_gain(lambda *_: 0.0)
-    mujoco.set_mjcb_act_bias(bias)
-    mujoco.set_mjcb_act_dyn(rates if plants else None)
 
     def loading(load: Callable[..., Any]) -> Callable[..., Any]:
         # A Python callback fails while another model is compiled: remove it during compilation.
         def without(*given: Any, **options: Any) -> Any:
-            kinds = "gain", "bias", "dyn"
-            mine = {of: getattr(mujoco, f"get_mjcb_act_{of}")() for of in kinds}
-            for of in kinds:
-                getattr(mujoco, f"set_mjcb_act_{of}")(None)
+            _set_callbacks(mujoco, None, None, None)
             try:
                 return load(*given, **options)
             finally:
-                for of, own in mine.items():
-                    getattr(mujoco, f"set_mjcb_act_{of}")(own)
+                _set_callbacks(mujoco, *callbacks)
 
         without.loads = load  # pyright: ignore[reportFunctionMemberAccess]
         return without
 
+    uninstall()
+    plants = any(isinstance(one, CompiledPlant) for one in wanted.values())
+    callbacks = (lambda *_: 0.0), bias, rates if plants else None
+    _set_callbacks(mujoco, *callbacks)
     for of, name in _LOADERS:
         own = getattr(mujoco, of)
         method = loading(getattr(own, name))
         setattr(own, name, method if of == "MjSpec" else staticmethod(method))
 
 
-_LOADERS = (
-    ("MjModel", "from_xml_path"), ("MjModel", "from_xml_string"), ("MjModel", "from_binary_path"),
-    ("MjSpec", "compile"),
-)  # fmt: skip
+_LOADERS = ("MjModel", "from_xml_path"), ("MjModel", "from_xml_string"), ("MjSpec", "compile")
+
+
+def _set_callbacks(mujoco: Any, gain: Any, bias: Any, dyn: Any) -> None:
+    mujoco.set_mjcb_act_gain(gain)
+    mujoco.set_mjcb_act_bias(bias)
+    mujoco.set_mjcb_act_dyn(dyn)
 
 
 def uninstall() -> None:
     """Remove MuJoCo's callbacks."""
     mujoco: Any = import_module("mujoco")
-    for of in ("gain", "bias", "dyn"):
-        getattr(mujoco, f"set_mjcb_act_{of}")(None)
+    _set_callbacks(mujoco, None, None, None)
     for of, name in _LOADERS:
         own = getattr(mujoco, of)
         load = getattr(getattr(own, name), "loads", None)
@@ -231,11 +203,9 @@ def uninstall() -> None:
 
 
 def mjx_step(
-    model: "mjx.Model",
-    data: "mjx.Data",
-    muscles: Mapping[int, tuple[AbstractMuscle, Real]],
+    model: "mjx.Model", data: "mjx.Data", muscles: Mapping[int, tuple[AbstractMuscle, Real]],
     offsets: Mapping[int, Real] | None = None,
-) -> "mjx.Data":
+) -> "mjx.Data":  # fmt: skip
     """Advance MJX by one step with muscles, with forces from the tendon lengths at its start.
 
     Can be jitted, scanned, vmapped, and differentiated with respect to every parameter of the muscles.
@@ -272,28 +242,31 @@ def mujoco_files(subject: Subject) -> dict[str, bytes]:
 
     With a plant, the actuator's state is the plant's, and the module contains `CompiledPlant`.
     """
-    name = subject.identifier
-    limits = f'ctrllimited="true" ctrlrange="0 {subject.pull.pressure_limit!r}"'
-    module = filled("mujoco.py.in", {
-        "HEADING": docstring(subject.about_table),
-        "name": name,
-        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
-        "CALLBACK": "\n\n".join(map(inspect.getsource, _WRITTEN))
-        + f"\n\n_LOADERS = {_LOADERS!r}",
-        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
-    })  # fmt: skip
-    kind = 'gainprm="0" biastype="user" '
+    name, rest = subject.identifier, _at_rest(subject)
+    actuator, key = 'gainprm="0" biastype="user" ctrllimited="true" ', f'ctrl="{rest.pressure}"'
     if subject.plant is None:
-        load = _hanging_load(subject, kind + limits)
+        actuator += f'ctrlrange="0 {subject.pull.pressure_limit!r}"'
     else:
         memory = plant_words(subject)["MEMORY"]
-        kind += f'dyntype="user" actdim="{4 + memory}" ctrllimited="true" ctrlrange="-1 1"'
-        rest = f'ctrl="{resting_signal(subject.plant)!r}" act="{{}} 0 0 0{" 0" * memory}"'
-        load = _hanging_load(subject, kind, lambda _, at: rest.format(at))
-    return {f"{name}.xml": load, f"{name}_mujoco.py": module}
+        actuator += f'dyntype="user" actdim="{4 + memory}" ctrlrange="-1 1"'
+        state = f"{rest.pressure} 0 0 0{' 0' * memory}"
+        key = f'ctrl="{resting_signal(subject.plant)!r}" act="{state}"'
+    code = [*map(inspect.getsource, _WRITTEN), f"_LOADERS = {_LOADERS!r}"]
+    words = table_words(subject) | {"name": name, "CALLBACK": "\n\n".join(code)}
+    module = filled("mujoco.py.in", words)
+    return {f"{name}.xml": _hanging_load(subject, rest, actuator, key), f"{name}_mujoco.py": module}
 
 
-_WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, uninstall)
+def table_words(subject: Subject) -> dict[str, str]:
+    """Return the substitutions in a Python module with a table."""
+    return {
+        "HEADING": docstring(subject.about_table),
+        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
+        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
+    }
+
+
+_WRITTEN = (CompiledPull, CompiledPlant, _check_actuators, install, _set_callbacks, uninstall)
 """Code copied into the written module."""
 
 
@@ -304,51 +277,45 @@ def mjx_files(subject: Subject) -> dict[str, bytes]:
         InputError: the muscle has no card.
     """
     if subject.card is None:
-        raise InputError(
-            "an MJX model needs a muscle from a card, and this muscle has none: call "
-            "famjax.export.mjx_step with the muscle itself"
-        )
-    name, document = subject.identifier, card_as_document(subject.card)
-    words = {
-        "HEADING": docstring(subject.about),
-        "name": name,
-        "OWN": own_modules(msgspec.to_builtins(document.members)),
-    }
+        raise InputError("an MJX model needs a card: call famjax.export.mjx_step with your muscle")
+    name, rest, text = (
+        subject.identifier,
+        _at_rest(subject),
+        as_text(card_as_document(subject.card)),
+    )
+    own = sorted(set(re.findall(r'"type": "([\w.]+):', text)))
+    words = {"HEADING": docstring(subject.about), "name": name, "OWN": own}
     motor = 'gainprm="1" biastype="none" ctrllimited="false"'
     return {
-        f"{name}_mjx.xml": _hanging_load(subject, motor, lambda load, _: f'ctrl="{-load}"'),
-        f"{name}_card.json": as_text(document).encode(),
+        f"{name}_mjx.xml": _hanging_load(subject, rest, motor, f'ctrl="{-rest.load}"'),
+        f"{name}_card.json": text.encode(),
         f"{name}_mjx.py": filled("mjx.py.in", words),
     }
 
 
-def _hanging_load(
-    subject: Subject,
-    actuator: str,
-    key: Callable[[float, float], str] = lambda _, at: f'ctrl="{at}"',
-) -> bytes:
-    """Build a model with half the blocked force as load and the equilibrium as a keyframe.
+class _Rest(NamedTuple):
+    """Half the blocked force as load [N], a pressure [Pa], and the length [m] at which it hangs."""
 
-    Args:
-        subject: the muscle.
-        actuator: attributes of the actuator, which has the muscle's name.
-        key: function of load [N] and pressure [Pa] at rest that returns control and state of the
-            keyframe.
-    """
-    pull = subject.pull
-    at = _SHARE[1] * pull.pressures[-1]
-    load = _SHARE[0] * pull.force(float(subject.muscle.rest_length), at)
-    length = float(subject.muscle.length_at_load(load, at))
+    load: float
+    pressure: float
+    length: float
+
+
+def _at_rest(subject: Subject) -> _Rest:
+    pressure = _SHARE[1] * subject.pull.pressures[-1]
+    load = _SHARE[0] * subject.pull.force(float(subject.muscle.rest_length), pressure)
+    return _Rest(load, pressure, float(subject.muscle.length_at_load(load, pressure)))
+
+
+def _hanging_load(subject: Subject, rest: _Rest, actuator: str, key: str) -> bytes:
+    """Build a model of a load with attributes of the actuator and of the keyframe at rest."""
+    stiffness = subject.pull.stiffness(rest.length, rest.pressure)
     return filled("hanging_load.xml", {
-        "MODEL": quoteattr(subject.name),
+        "MODEL": quoteattr(subject.name), "name": subject.identifier,
         "ABOUT": quoteattr("; ".join(line.strip() for line in subject.about_table)),
-        "GRAVITY": _GRAVITY,
-        "LENGTH": length,
-        "MASS": load / _GRAVITY,
-        "DAMPING": 2 * math.sqrt(load / _GRAVITY * pull.stiffness(length, at)),  # critical
-        "name": subject.identifier,
-        "ACTUATOR": actuator,
-        "KEY": key(load, at),
+        "GRAVITY": _GRAVITY, "LENGTH": rest.length, "MASS": rest.load / _GRAVITY,
+        "DAMPING": 2 * math.sqrt(rest.load / _GRAVITY * stiffness),  # critical
+        "ACTUATOR": actuator, "KEY": key,
     })  # fmt: skip
 
 

@@ -9,8 +9,7 @@ from math import isnan, nan
 from typing import Any
 
 _STRAIGHT = 0.8
-_STEPS = 60
-_CLOSE = 1e-15  # relative to the highest pressure
+_STEPS = 60  # of a bisection
 
 
 class TabulatedPull:
@@ -74,30 +73,17 @@ class TabulatedPull:
         """
         if isnan(force + length):
             return nan
-        wanted = _untaut(force, self.slack_width)
-        low, high = 0.0, self.pressure_limit
-        if self.model(length, low)[0] >= wanted:
+        found, low, high = self.force, 0.0, self.pressure_limit
+        if force <= 0:
+            found, force = self.model_force, 0.0
+        if found(length, low) >= force:
             return low
-        if self.model(length, high)[0] <= wanted:
+        if found(length, high) <= force:
             return high
-        pressure = 0.5 * high
-        before = high
-        for _ in range(_STEPS):  # Newton steps; bisection if one leaves the bracket or is slow
-            found, _, area = self.model(length, pressure)
-            over = found - wanted
-            if over < 0:
-                low = pressure
-            else:
-                high = pressure
-            slow = 2 * abs(over) > before * area
-            following = 0.5 * (low + high) if slow else pressure - over / area
-            if not low <= following <= high:
-                following = 0.5 * (low + high)
-            before = abs(following - pressure)
-            pressure = following
-            if before <= _CLOSE * self.pressure_limit:
-                break
-        return pressure
+        for _ in range(_STEPS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if found(length, middle) < force else (low, middle)
+        return 0.5 * (low + high)
 
     def model(self, length: float, pressure: float) -> tuple[float, float, float]:
         """(G [N], dG/dL [N/m], dG/dP [m2]): model force, not clipped, and its slopes."""
@@ -171,15 +157,3 @@ def _taut(force: float, width: float) -> tuple[float, float]:
         t = force / width
         return force * t * (2 - t), t * (4 - 3 * t)
     return force, 1.0
-
-
-def _untaut(force: float, width: float) -> float:
-    """Inverse of `_taut`."""
-    if force <= 0:
-        return 0.0
-    if force >= width:
-        return force
-    part, t = force / width, 1.0
-    for _ in range(_STEPS):  # 2 t^2 - t^3 = part, from the convex side
-        t = min(t - (t * t * (2 - t) - part) / (t * (4 - 3 * t)), 1.0)
-    return width * t

@@ -3,8 +3,6 @@
 import dataclasses
 import functools
 import hashlib
-import importlib.metadata
-import math
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,14 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import __version__
-from .._arrays import Real, RealArray
+from .._arrays import RealArray
 from ..boundary.errors import InputError, Own
 from ..boundary.files import Origin
 from ..cards import MuscleCard, read_card, unidentified
 from ..compile_options import quick_jit
-from ..continuation import Region, SafeMuscle, slopes
-from ..muscle import AbstractMuscle
-from ..muscles import bundled_card, bundled_name, bundled_text
+from ..continuation import Region, SafeMuscle, Slopes, slopes
+from ..muscles import card_file
 from ..plant import Plant
 from .plain import TabulatedPull
 
@@ -35,9 +32,22 @@ _INSIDE = np.array([0.2, 0.5, 0.8])  # positions in a cell at which the error is
 _AT_ONCE = 2048
 _STATES = 4000
 _LIMIT = 2.0  # highest pressure of the inverse, relative to the region's highest
-_STEEP = 0.01  # of the mean area; with a smaller area, the force does not determine the pressure
 
 Numbers = Float[np.ndarray, "..."]
+
+
+class TableErrors(NamedTuple):
+    """Errors of a table relative to its model at random states.
+
+    Attributes:
+        largest_force: largest force in the region [N], the reference of the errors.
+        force: largest force error in the region [-].
+        force_beyond: largest force error for lengths and pressures from 0 to twice their maximum [-].
+    """
+
+    largest_force: float
+    force: float
+    force_beyond: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,17 +94,24 @@ class Subject:
         return TabulatedPull(self.table)
 
     @functools.cached_property
-    def errors(self) -> "TableErrors":
-        """Errors of the table relative to the model."""
-        return table_errors(self.muscle, self.pull)
+    def errors(self) -> TableErrors:
+        """Errors of the table relative to the model at random states."""
+        rng, half, region = np.random.default_rng(0), _STATES // 2, self.muscle.region
+        L, P = (
+            np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])
+            for low, high in (map(float, region.length), map(float, region.pressure))
+        )
+        force = np.asarray(self.muscle.force(L, P))
+        off = np.abs([*map(self.pull.force, L.tolist(), P.tolist())] - force)
+        scale = float(force[:half].max())
+        return TableErrors(scale, float(off[:half].max()) / scale, float(off[half:].max()) / scale)
 
     @property
     def about(self) -> list[str]:
         """Header lines of every file: muscle, origin, region."""
-        L, P = (np.asarray(getattr(self.muscle.region, of)) for of in ("length", "pressure"))
+        L, P = self.muscle.region.length, self.muscle.region.pressure
         lines = [
-            f"{self.name}, exported by famjax {__version__} with jax "
-            f"{importlib.metadata.version('jax')}",
+            f"{self.name}, exported by famjax {__version__} with jax {jax.__version__}",
             *self.origin,
             f"the model's own from {L[0]:.6g} to {L[1]:.6g} m and {P[0]:.6g} to {P[1]:.6g} Pa, "
             "continued beyond",
@@ -117,17 +134,12 @@ class Subject:
             f"largest difference from the model at {_STATES} random states, relative to the "
             f"largest force, {off.largest_force:.6g} N:",
             f"  {off.force:.1e} in that region, {off.force_beyond:.1e} up to twice its lengths and "
-            "pressures,",
-            f"  {off.pressure:.2g} Pa for the inverse; rounding in the target adds to these",
+            "pressures; rounding in the target adds to these",
         ]
 
 
 def read_subject(
-    source: str | Path,
-    *,
-    length: float | None = None,
-    origin: Origin | None = None,
-    own: Own = (),
+    source: str | Path, *, length: float | None = None, origin: Origin | None = None, own: Own = ()
 ) -> Subject:
     """Read the muscle from a card's file, or a bundled one by name.
 
@@ -140,14 +152,8 @@ def read_subject(
     Raises:
         InputError: the file is missing or not a card, or the muscle cannot be cut.
     """
-    path = Path(source)
-    name = None if path.exists() else bundled_name(str(source))
-    if name is not None:
-        card = bundled_card(name)
-        origins = made_of(f"the bundled card {name}", bundled_text(name), origin)
-    else:
-        card = read_card(path, own=own)
-        origins = made_of(path.name, path.read_bytes(), origin)
+    file = card_file(source)
+    card, origins = read_card(file, own=own), made_of(file.name, file.read_bytes(), origin)
     return Subject.of_card(card, length=length, origin=origins)
 
 
@@ -175,37 +181,16 @@ def tabulated(muscle: SafeMuscle) -> dict[str, Any]:
     """
     check_float64()
     inside = muscle.continued
-    nodes, (force, *slopes) = _nodes(inside.muscle, inside.region)
-    names = ("stiffness_N_per_m", "area_m2", "mixed_m")
-    return {
-        "length_m": nodes["length"].tolist(),
-        "pressure_Pa": nodes["pressure"].tolist(),
-        "force_N": force.tolist(),
-        **{name: value.tolist() for name, value in zip(names, slopes, strict=True)},
-        "stops_m": np.asarray(inside.stops, float).tolist(),
-        "stop_stiffness_N_per_m": float(inside.stop_stiffness),
-        "stop_onset_m": float(inside.stop_onset),
-        "length_ends_per_m": np.asarray(inside.length_ends, float).tolist(),
-        "pressure_ends_per_Pa": np.asarray(inside.pressure_ends, float).tolist(),
-        "slack_width_N": float(muscle.slack_width),
-        "pressure_limit_Pa": _LIMIT * float(inside.region.pressure[1]),
-    }
-
-
-class _Holding(AbstractMuscle):
-    """A muscle whose volume is tabulated in place of the force."""
-
-    muscle: AbstractMuscle
-
-    @property
-    def rest_length(self) -> RealArray:
-        return self.muscle.rest_length
-
-    def force(self, length: Real, pressure: Real) -> RealArray:
-        return self.muscle.volume(length, pressure)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        return self.muscle.length_range()
+    nodes, values = _nodes(inside.muscle, "force", inside.region)
+    names = ("force_N", "stiffness_N_per_m", "area_m2", "mixed_m")
+    numbers: dict[str, Any] = {
+        "length_m": nodes["length"], "pressure_Pa": nodes["pressure"],
+        **dict(zip(names, values, strict=True)), "stops_m": inside.stops,
+        "stop_stiffness_N_per_m": inside.stop_stiffness, "stop_onset_m": inside.stop_onset,
+        "length_ends_per_m": inside.length_ends, "pressure_ends_per_Pa": inside.pressure_ends,
+        "slack_width_N": muscle.slack_width, "pressure_limit_Pa": _LIMIT * inside.region.pressure[1],
+    }  # fmt: skip
+    return {name: np.asarray(one, float).tolist() for name, one in numbers.items()}
 
 
 def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
@@ -214,18 +199,18 @@ def tabulated_volume(muscle: SafeMuscle) -> tuple[dict[str, Numbers], Numbers]:
     Raises:
         InputError: see `tabulated`, or the model has no geometry.
     """
-    return _nodes(_Holding(muscle.continued.muscle), muscle.region)
+    return _nodes(muscle.continued.muscle, "volume", muscle.region)
 
 
-def _nodes(model: Any, region: Region) -> tuple[dict[str, Numbers], Numbers]:
-    """Refine the nodes until the cubic in each cell is accurate; return force and slopes there."""
+def _nodes(muscle: Any, of: str, region: Region) -> tuple[dict[str, Numbers], Numbers]:
+    """Refine the nodes until the cubic in each cell is accurate; return value and slopes there."""
     ends = {name: np.asarray(getattr(region, name), float) for name in ("length", "pressure")}
     nodes = {name: np.linspace(low, high, _FIRST[name]) for name, (low, high) in ends.items()}
-    scale = float(np.abs(_slopes(model, *np.meshgrid(*nodes.values()))[0]).max())
+    scale = float(np.abs(_slopes(muscle, of, *np.meshgrid(*nodes.values()))[0]).max())
     while True:
-        wide = {name: _cubic_errors(model, nodes, name) > CLOSE * scale for name in nodes}
+        wide = {name: _cubic_errors(muscle, of, nodes, name) > CLOSE * scale for name in nodes}
         if not any(one.any() for one in wide.values()):
-            break
+            return nodes, _slopes(muscle, of, *np.meshgrid(*nodes.values(), indexing="ij"))
         for name, at in nodes.items():
             middles = 0.5 * (at[1:] + at[:-1])[wide[name]]
             nodes[name] = np.sort(np.concatenate([at, middles]))
@@ -235,7 +220,6 @@ def _nodes(model: Any, region: Region) -> tuple[dict[str, Numbers], Numbers]:
                     f"force needs more than {_MOST[name]} {name}s; export the model itself, --to jax or "
                     "--to mjx"
                 )
-    return nodes, np.stack(_slopes(model, *np.meshgrid(*nodes.values(), indexing="ij")))
 
 
 def check_float64() -> None:
@@ -246,20 +230,19 @@ def check_float64() -> None:
     """
     if not jax.config.read("jax_enable_x64"):
         raise InputError(
-            "export needs float64: call jax.config.update('jax_enable_x64', True) before any other use of "
-            "JAX"
+            "export needs float64: call jax.config.update('jax_enable_x64', True) first"
         )
 
 
-def _cubic_errors(model: AbstractMuscle, nodes: dict[str, Numbers], name: str) -> Numbers:
-    """Return the largest error [N] of the cubic in each cell along one axis, over the other axis."""
+def _cubic_errors(muscle: Any, of: str, nodes: dict[str, Numbers], name: str) -> Numbers:
+    """Return the largest error of the cubic in each cell along one axis, over the other axis."""
     along, other = nodes[name], nodes["pressure" if name == "length" else "length"]
     across = np.concatenate([other, 0.5 * (other[1:] + other[:-1])])
     width = np.diff(along)
 
-    def asked(values: Numbers) -> tuple[Numbers, ...]:
+    def asked(values: Numbers) -> Numbers:
         pair = np.meshgrid(values, across, indexing="ij")
-        return _slopes(model, *(pair if name == "length" else pair[::-1]))
+        return _slopes(muscle, of, *(pair if name == "length" else pair[::-1]))
 
     between = asked((along[:-1, None] + width[:, None] * _INSIDE).ravel())[0]
     ends = asked(along)
@@ -270,68 +253,24 @@ def _cubic_errors(model: AbstractMuscle, nodes: dict[str, Numbers], name: str) -
     cubic = force[:-1, None] + u * (p + u * (3 * rise - 2 * p - q + u * (p + q - 2 * rise)))
     off = np.abs(cubic - between.reshape(cubic.shape)).max(axis=(1, 2))
     if not np.isfinite(off).all():
-        raise InputError(
-            "the force is not finite somewhere in the model's region: it cannot be exported"
-        )
+        raise InputError("the force is not finite in the whole region: it cannot be exported")
     return off
 
 
-def _slopes(model: AbstractMuscle, length: Numbers, pressure: Numbers) -> tuple[Numbers, ...]:
-    """Return force, stiffness, area and mixed slope at states of one shape, in chunks of equal size."""
+def _slopes(muscle: Any, of: str, length: Numbers, pressure: Numbers) -> Numbers:
+    """Return a method's values, both slopes and mixed slope at states of one shape, shape (4, ...).
+
+    Chunks of equal size need one program.
+    """
     L, P = np.ravel(length), np.ravel(pressure)
     spare = -len(L) % _AT_ONCE
     chunks = (np.pad(one, (0, spare), mode="edge").reshape(-1, _AT_ONCE) for one in (L, P))
-    found = [
-        np.stack(_slopes_of_chunk(model, jnp.asarray(one), jnp.asarray(at)))
-        for one, at in zip(*chunks, strict=True)
-    ]
-    return tuple(np.concatenate(found, axis=1)[:, : len(L)].reshape(4, *np.shape(length)))
-
-
-_slopes_of_chunk = quick_jit(slopes)
-
-
-# --- errors of the table
-
-
-class TableErrors(NamedTuple):
-    """Errors of a table relative to its model at random states.
-
-    Attributes:
-        largest_force: largest force in the region [N], the reference of the force errors.
-        force: largest force error in the region [-].
-        force_beyond: largest force error for lengths and pressures from 0 to twice their maximum [-].
-        pressure: largest error of the inverse [Pa] over these states between the stops. Excludes states
-            near slack, and states whose area F_P is below a hundredth of the mean, because there the
-            force hardly determines the pressure.
-    """
-
-    largest_force: float
-    force: float
-    force_beyond: float
-    pressure: float
-
-
-def table_errors(muscle: SafeMuscle, pull: TabulatedPull) -> TableErrors:
-    """Measure the errors of a safe muscle's table, see `TableErrors`."""
-    rng, half = np.random.default_rng(0), _STATES // 2
-    L, P = (
-        np.concatenate([rng.uniform(low, high, half), rng.uniform(0, _LIMIT * high, half)])
-        for low, high in (map(float, muscle.region.length), map(float, muscle.region.pressure))
-    )
-    force = np.asarray(_force(muscle, jnp.asarray(L), jnp.asarray(P)))
-    states = [*zip(L.tolist(), P.tolist(), strict=True)]
-    largest = float(force[:half].max())
-    off = np.abs(np.array([pull.force(*state) for state in states]) - force) / largest
-    area = np.array([pull.area(*state) for state in states])
-    told = (force > pull.slack_width) & (area > _STEEP * area[:half].mean())
-    told &= (pull.stops[0] < L) & (pull.stops[1] > L)
-    back = [abs(pull.pressure(L[k], force[k]) - P[k]) for k in np.flatnonzero(told)]
-    return TableErrors(
-        largest, float(off[:half].max()), float(off[half:].max()), max(back, default=math.nan)
-    )
+    found = [np.stack(_slopes_of_chunk(muscle, of, *chunk)) for chunk in zip(*chunks, strict=True)]
+    return np.concatenate(found, axis=1)[:, : len(L)].reshape(4, *np.shape(length))
 
 
 @quick_jit
-def _force(muscle: SafeMuscle, length: RealArray, pressure: RealArray) -> RealArray:
-    return muscle.force(length, pressure)
+def _slopes_of_chunk(
+    muscle: Any, of: str, length: RealArray | Numbers, pressure: RealArray | Numbers
+) -> Slopes:
+    return slopes(getattr(muscle, of), jnp.asarray(length), jnp.asarray(pressure))

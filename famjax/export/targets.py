@@ -2,10 +2,8 @@
 
 import dataclasses
 import functools
-import importlib.util
 import io
 import itertools
-import pprint
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,13 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..boundary.errors import InputError
+from ..boundary.errors import InputError, import_extra
 from ..boundary.files import check_output, write_all
-from ..plant import Plant, PneumaticCircuit, SlipFriction
-from . import plain
-from .circuits import fmu, numbers_in_lines, plant_words
+from ..plant import Plant, PneumaticCircuit
+from .circuits import filled, fmu, numbers_in_lines, plant_words
 from .closed_form import ClosedForm, closed_form, matlab_lines, python_lines
-from .mujoco import docstring, filled, mjx_files, mujoco_files
+from .mujoco import docstring, mjx_files, mujoco_files, table_words
 from .table import Subject, check_float64
 
 Files = dict[str, bytes]
@@ -48,8 +45,7 @@ def fmu_files(subject: Subject) -> Files:
     Without a plant, the circuit is a `PneumaticCircuit`.
     """
     if subject.plant is None:
-        slip = subject.muscle.hysteresis
-        friction = None if slip is None else SlipFriction(slip)
+        friction = subject.muscle.hysteresis
         plant = Plant(PneumaticCircuit(), subject.muscle, friction=friction)
         subject = dataclasses.replace(subject, plant=plant)
     return {f"{subject.identifier}.fmu": fmu(subject, c_files(subject))}
@@ -61,16 +57,12 @@ def matlab_files(subject: Subject) -> Files:
     Otherwise they call `NAME_model_force.m`, which contains a table. They need no toolbox and work in
     Simulink's MATLAB Function block.
     """
-    name, closed = subject.identifier, _closed(subject, "%  ", matlab_lines)
+    name, closed = subject.identifier, _closed(subject, "%   ", matlab_lines)
     if closed is not None:
         return {f"{name}_{of}.m": filled(f"closed_{of}.m", closed) for of in ("force", "pressure")}
     words = _words(subject, "%  ", "{}", end=" ...")
-    files = {
-        "force": "table_force.m",
-        "pressure": "table_pressure.m",
-        "model_force": "model_force.m",
-    }
-    return {f"{name}_{of}.m": filled(template, words) for of, template in files.items()}
+    files = [f"{of}.m" for of in ("table_force", "table_pressure", "model_force")]
+    return {f"{name}_{one.removeprefix('table_')}": filled(one, words) for one in files}
 
 
 def python_files(subject: Subject) -> Files:
@@ -78,12 +70,7 @@ def python_files(subject: Subject) -> Files:
     name, closed = subject.identifier, _closed(subject, "", python_lines)
     if closed is not None:
         return {f"{name}.py": filled("closed.py.in", closed)}
-    words = {
-        "HEADING": docstring(subject.about_table),
-        "PLAIN": Path(plain.__file__).read_text(encoding="utf-8"),
-        "TABLE": pprint.pformat(subject.table, compact=True, width=100, sort_dicts=False),
-    }
-    return {f"{name}.py": filled("table.py.in", words)}
+    return {f"{name}.py": filled("table.py.in", table_words(subject))}
 
 
 def _closed(
@@ -91,42 +78,31 @@ def _closed(
 ) -> dict[str, Any] | None:
     """Return the substitutions in the templates of a closed form; None if the muscle has none."""
     check_float64()
-    inside = subject.muscle.continued
+    inside, muscle = subject.muscle.continued, subject.muscle
     form = closed_form(inside.muscle)
     if form is None:
         return None
-    numbers, statements = printed(form)
-    (short, long), (low, high) = (
-        map(float, of) for of in (inside.region.length, inside.region.pressure)
-    )
+    ends = (*map(float, inside.region.length), *map(float, inside.region.pressure))
     words = {
-        "name": subject.identifier, "NAME": subject.identifier.upper(), "NUMBERS": numbers,
-        "STATEMENTS": statements, "SHORTEST": short, "LONGEST": long, "LOWEST": low, "HIGHEST": high,
-        "SLACK": float(subject.muscle.slack_width), "STRAIGHT": float(inside.muscle.stops()[1]),
-        "HEADING": "",
+        "name": subject.identifier, "NAME": subject.identifier.upper(), "HEADING": "",
+        **dict(zip(("SHORTEST", "LONGEST", "LOWEST", "HIGHEST"), ends, strict=True)),
+        "SLACK": float(muscle.slack_width), "STRAIGHT": float(inside.muscle.stops()[1]),
     }  # fmt: skip
-    off = _difference(subject, filled("closed.py.in", {**words, **_python(form)}).decode())
+    module: dict[str, Any] = {}
+    exec(compile(filled("closed.py.in", words | _code(form, python_lines)), "", "exec"), module)
+    rng = np.random.default_rng(0)
+    L, P = (rng.uniform(low, high, _ASKED) for low, high in (ends[:2], ends[2:]))
+    force = np.asarray(muscle.force(L, P))
+    off = float(np.abs(module["force"](L, P) - force).max() / force.max())
     own = [line.replace("continued beyond", "NaN beyond") for line in subject.about]
     about = [*own, f"model in closed form; errors at {_ASKED} random states are below {off:.1e} of the "
              "largest force"]  # fmt: skip
-    text = (
-        docstring(about) if printed is python_lines else "\n".join(f"{comment} {x}" for x in about)
-    )
-    return {**words, "HEADING": text}
+    heading = "\n".join(f"{comment}{line}" for line in docstring(about).split("\n"))
+    return words | _code(form, printed) | {"HEADING": heading}
 
 
-def _python(form: ClosedForm) -> dict[str, str]:
-    return dict(zip(("NUMBERS", "STATEMENTS"), python_lines(form), strict=True))
-
-
-def _difference(subject: Subject, module: str) -> float:
-    """Return the largest error of the written equations, relative to the largest force."""
-    written: dict[str, Any] = {}
-    exec(compile(module, "closed.py", "exec"), written)
-    rng, region = np.random.default_rng(0), subject.muscle.region
-    L, P = (rng.uniform(low, high, _ASKED) for low, high in (region.length, region.pressure))
-    force = np.asarray(subject.muscle.force(L, P))
-    return float(np.abs(written["force"](L, P) - force).max() / force.max())
+def _code(form: ClosedForm, printed: Callable[[ClosedForm], tuple[str, str]]) -> dict[str, str]:
+    return dict(zip(("NUMBERS", "STATEMENTS"), printed(form), strict=True))
 
 
 def csv_files(subject: Subject) -> Files:
@@ -157,8 +133,7 @@ def jax_files(subject: Subject) -> Files:
     Raises:
         InputError: the package flatbuffers is missing, or JAX uses float32.
     """
-    if importlib.util.find_spec("flatbuffers") is None:
-        raise InputError("exporting to JAX needs flatbuffers: pip install 'famjax[simulators]'")
+    import_extra("flatbuffers", "simulators")
     check_float64()
     from jax import export as jax_export  # noqa: PLC0415 -- needs flatbuffers
 
@@ -174,16 +149,9 @@ def jax_files(subject: Subject) -> Files:
 
 
 TARGETS: dict[str, Callable[[Subject], Files]] = {
-    "c": c_files,
-    "fmu": fmu_files,
-    "csv": csv_files,
-    "mat": mat_files,
-    "matlab": matlab_files,
-    "python": python_files,
-    "mujoco": mujoco_files,
-    "mjx": mjx_files,
-    "jax": jax_files,
-}
+    "c": c_files, "fmu": fmu_files, "csv": csv_files, "mat": mat_files, "matlab": matlab_files,
+    "python": python_files, "mujoco": mujoco_files, "mjx": mjx_files, "jax": jax_files,
+}  # fmt: skip
 """Functions that create the files, by the name for `famjax export --to`."""
 
 
@@ -204,7 +172,7 @@ def export(subject: Subject, to: Sequence[str], folder: str | Path) -> list[Path
     unknown = [name for name in to if name not in TARGETS]
     if unknown or not to:
         raise InputError(
-            f"the target must be one of {', '.join(TARGETS)}; got {unknown[0] if unknown else 'none'}"
+            f"targets must be of {', '.join(TARGETS)}; got {', '.join(unknown) or 'none'}"
         )
     check_output(Path(folder))
     files: Files = {}
@@ -227,13 +195,9 @@ def _grid(subject: Subject) -> tuple[dict[str, np.ndarray], list[str]]:
     true = asked(pull.force, 0.5 * (L[1:] + L[:-1]), 0.5 * (P[1:] + P[:-1]))
     straight = 0.25 * (force[1:, 1:] + force[:-1, 1:] + force[1:, :-1] + force[:-1, :-1])
     off = np.abs(straight - true) / subject.errors.largest_force
-    # A cell at the slack boundary contains a bend, and its smallest corner is slack.
-    corners = np.minimum(force[:-1, :-1], force[1:, :-1])  # the force rises with the pressure
-    taut = corners > pull.slack_width
     about = [
         *subject.about_table,
-        f"errors of bilinear interpolation are below {off[taut].max():.1e} of the largest "
-        f"force, and below {off.max():.1e} where the muscle goes slack",
+        f"errors of bilinear interpolation are below {off.max():.1e} of the largest force",
         "model_force_N is the model force without clipping: negative where the muscle is slack",
         "nothing stops the muscle outside the grid: use the exported C or MATLAB functions there",
     ]

@@ -40,7 +40,7 @@ def bundled_card(name: str) -> MuscleCard:
     >>> bundled_card("DMSP-20")
     MuscleCard(DMSP-20: 222 to 296 mm, 35 to 675 kPa)
     """
-    return read_card(_file(name))
+    return read_card(_bundled_file(name))
 
 
 def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
@@ -53,25 +53,23 @@ def open_card(source: str | Path, *, own: Own = ()) -> MuscleCard:
     Raises:
         InputError: see `read_card`.
     """
-    if not Path(source).exists():
-        if bundled_name(str(source)):
-            return bundled_card(str(source))
-        known = " and ".join(NAMES)
-        raise InputError(f"no such file: {source}; the bundled muscles are {known}")
-    return read_card(source, own=own)
+    return read_card(card_file(source), own=own)
 
 
-def bundled_text(name: str) -> bytes:
-    """Return the content of a bundled card; its digest identifies the card in results."""
-    return _file(name).read_bytes()
+def card_file(source: str | Path) -> Path | Traversable:
+    """Return the file of a card, or of the bundled card with this name.
+
+    Raises:
+        InputError: there is no such file or muscle.
+    """
+    path = Path(source)
+    return path if path.exists() else _bundled_file(str(source))
 
 
-def _file(name: str) -> Traversable:
+def _bundled_file(name: str) -> Traversable:
     known = bundled_name(name)
     if known is None:
-        raise InputError(
-            f"there is no bundled muscle {name!r}; available: {', '.join((*NAMES, *_MAPS))}"
-        )
+        raise InputError(f"no such file: {name}; the bundled muscles are {' and '.join(NAMES)}")
     return importlib.resources.files(__name__.rpartition(".")[0]) / f"{known.lower()}.json"
 
 

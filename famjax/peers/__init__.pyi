@@ -1,17 +1,11 @@
 from .balance import (
-    ChouHannaford as ChouHannaford,
     Gaylord as Gaylord,
     Kothera as Kothera,
     Martens as Martens,
     PeerModel as PeerModel,
     TonduLopez as TonduLopez,
-    ferraresi as ferraresi,
-    klute_hannaford as klute_hannaford,
-    robinson as robinson,
 )
 from .empirical import (
-    Bolen as Bolen,
     Hildebrandt as Hildebrandt,
-    PolynomialSurface as PolynomialSurface,
     Sarosi as Sarosi,
 )

@@ -1,4 +1,7 @@
-"""Published force balance models: the braid with corrections, walls and bladder laws.
+"""Published force balance models: the braid with corrections and walls.
+
+Published models that are a `famjax.Muscle` need no class here: Ferraresi 2001 is a `PolynomialMaterial` of
+one coefficient, Klute & Hannaford 2000 a `MooneyRivlinMaterial`, Robinson 2015 a `PlainPowerMaterial`.
 
 A new model has its parameters as fields and a method `formula(L, P)`. It overrides `length_range()` if
 it is not valid from 0.5 to 1.1 times the rest length.
@@ -9,7 +12,6 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from .._arrays import Given, Real, RealArray, as_real
@@ -21,8 +23,6 @@ from ..braids import (
     diameter_from_length,
     gaylord_force,
 )
-from ..geometries import AbstractGeometry
-from ..materials import MooneyRivlinMaterial, PlainPowerMaterial, PolynomialMaterial
 from ..muscle import AbstractMuscle, Muscle
 from ..parameters import parameter
 from ..profiles import kothera_length, tondu_lopez_length
@@ -60,32 +60,13 @@ class PeerModel(AbstractMuscle):
         return 0.5 * self.rest_length, 1.1 * self.rest_length
 
 
-class WithoutRestLength(PeerModel):
-    """A model whose force does not depend on the rest length; blocked force and contraction do."""
-
-    @property
-    def rest_length(self) -> RealArray:
-        """Rest length L0 [m].
-
-        Raises:
-            ValueError: `resting_length` is None.
-        """
-        rest: RealArray | None = self.resting_length  # pyright: ignore -- a field of each of them
-        if rest is None:
-            raise ValueError(
-                f"{type(self).__name__} has no rest length, so blocked force and contraction are "
-                "undefined: set resting_length [m]"
-            )
-        return rest
-
-
 def braid_range(braid: AbstractBraid) -> tuple[RealArray, RealArray]:
     """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
     thread = braid.rest_thread_length
     return 0.95 * math.sin(NEUTRAL_ANGLE) * thread, thread
 
 
-class Gaylord(WithoutRestLength):
+class Gaylord(PeerModel):
     """The pull of a pressurised braid; the bladder is neglected except for a deadband and an offset.
 
     F = (P - P_d) (3 L^2 - B^2) / (4 pi N^2) + F_0
@@ -115,6 +96,17 @@ class Gaylord(WithoutRestLength):
         "m", low=0.0, name="rest_length", default=None
     )
 
+    @property
+    def rest_length(self) -> RealArray:
+        """Rest length L0 [m].
+
+        Raises:
+            ValueError: `resting_length` is None.
+        """
+        if self.resting_length is None:
+            raise ValueError("the model has no rest length: set resting_length [m]")
+        return self.resting_length
+
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
         """Pull F [N] at L [m] and P [Pa]."""
         acting = P - self.deadband_pressure
@@ -125,42 +117,6 @@ class Gaylord(WithoutRestLength):
 
     def length_range(self) -> tuple[RealArray, RealArray]:
         """Lengths [m] from just below the neutral angle to the unloaded threads' length."""
-        return braid_range(self.braid)
-
-
-class ChouHannaford(WithoutRestLength):
-    """A braid around a wall with constant thickness and no stiffness.
-
-    F = pi D^2 P / 4 (3 cos(a)^2 - 1) + pi P (D t (2 sin(a) - 1 / sin(a)) - t^2), cos(a) = L / B
-
-    where D = B / (pi N) is the diameter at 90 deg, and a the angle between thread and axis.
-
-    Attributes:
-        braid: inelastic braid.
-        wall_thickness: total thickness t [m] of braid and bladder.
-        resting_length: L0 [m]; required only for blocked force and contraction.
-
-    References:
-        Chou & Hannaford 1996. General knowledge, not read again.
-    """
-
-    braid: Braid
-    wall_thickness: Float[Given, "..."] = parameter("m", low=0.0)
-    resting_length: Float[Given, "..."] | None = parameter(
-        "m", low=0.0, name="rest_length", default=None
-    )
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        L, B, reached = self.braid.reach(L, P)
-        t = self.wall_thickness
-        D = B / (jnp.pi * self.braid.turns)
-        sine = jnp.sqrt((B - L) * (B + L)) / B
-        wall = jnp.pi * P * (D * t * (2 * sine - 1 / sine) - t**2)
-        return jnp.where(reached, Gaylord(self.braid).force(L, P) + wall, jnp.nan)
-
-    def length_range(self) -> tuple[RealArray, RealArray]:
-        """From just below the neutral angle to the length of the threads."""
         return braid_range(self.braid)
 
 
@@ -195,23 +151,6 @@ class TonduLopez(PeerModel):
         return Gaylord(self.braid, self.deadband_pressure).force(shortened, P)
 
 
-def ferraresi(geometry: AbstractGeometry, modulus: Real, deadband_pressure: Real = 0.0) -> Muscle:
-    """Return the force balance with a linear elastic bladder, sigma = E eps in both directions.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        modulus: E [Pa].
-        deadband_pressure: P_d [Pa], zero in the original.
-
-    Returns:
-        The muscle.
-
-    References:
-        Ferraresi, Franco & Manuello Bertetto 2001. General knowledge, not read again.
-    """
-    return Muscle(geometry, PolynomialMaterial(as_real(modulus)[None]), deadband_pressure)
-
-
 class Kothera(PeerModel):
     """A force balance evaluated at the length between two quarter-circle ends.
 
@@ -243,52 +182,6 @@ class Kothera(PeerModel):
     def rest_length(self) -> RealArray:
         """Rest length L0 [m], taken from the cylindrical muscle."""
         return self.muscle.rest_length
-
-
-def robinson(
-    geometry: AbstractGeometry,
-    pressures: ArrayLike,
-    coefficients: ArrayLike,
-    deadband_pressure: Real = 0.0,
-) -> Muscle:
-    """Return the force balance with polynomial coefficients linear in pressure.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        pressures: two increasing pressures [Pa] at which the coefficients are given.
-        coefficients: E_n [Pa] at these pressures, shape (2, order); positive in the originals.
-        deadband_pressure: P_d [Pa], zero in the originals.
-
-    Returns:
-        The muscle.
-
-    References:
-        Robinson, Kothera & Wereley 2015; Pillsbury et al. 2015. General knowledge, not read
-        again; the powers are taken as plain ones.
-    """
-    return Muscle(geometry, PlainPowerMaterial(pressures, coefficients), deadband_pressure)
-
-
-def klute_hannaford(
-    geometry: AbstractGeometry, c10: Real, c01: Real, deadband_pressure: Real = 0.0
-) -> Muscle:
-    """Return virtual work of the pressure plus a Mooney-Rivlin bladder, -(P - P_d) dV/dL + V_b dW/dL.
-
-    The force balance equals this model exactly if the threads are embedded in the wall.
-
-    Args:
-        geometry: usually an `EstimatedGeometry`.
-        c10: C10 [Pa].
-        c01: C01 [Pa].
-        deadband_pressure: P_d [Pa], zero in the originals.
-
-    Returns:
-        The muscle.
-
-    References:
-        Klute & Hannaford 2000; Meller, Chipka, Volkov, Bryant & Garcia 2014. General knowledge.
-    """
-    return Muscle(geometry, MooneyRivlinMaterial(c10, c01), deadband_pressure)
 
 
 _NOMINAL_ANGLE = 28.6 * DEGREE  # thread to axis
@@ -347,9 +240,7 @@ class Martens(PeerModel):
             ValueError: no constants are published for this muscle.
         """
         if muscle not in _PUBLISHED:
-            raise ValueError(
-                f"Martens' constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}"
-            )
+            raise ValueError(f"constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}")
         bore, rest_length, correction, coefficients = _PUBLISHED[muscle]
         angle = math.pi / 2 - (_NOMINAL_ANGLE + correction)
         braid = Braid.from_rest(diameter=bore, braid_angle=angle, length=rest_length)

@@ -1,14 +1,10 @@
 """Published empirical force surfaces as functions of contraction and pressure."""
 
-import math
-
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from .._arrays import Given, RealArray
-from ..parameters import number, parameter
-from ..units import BAR, KILOPASCAL, MEGAPASCAL
+from ..parameters import parameter
 from .balance import PeerModel
 
 
@@ -45,58 +41,6 @@ class Hildebrandt(PeerModel):
         return P * area + restoring + root
 
 
-class PolynomialSurface(PeerModel):
-    """A polynomial of contraction and pressure up to a total degree; no physics.
-
-    F = sum over i + j <= degree of c_ij eps^i (P / MPa)^j
-
-    Attributes:
-        rest_length: L0 [m], reference of the contraction eps.
-        coefficients: c_ij [N] in the order of `terms`, shape ((degree + 1) (degree + 2) / 2,).
-        degree: total degree.
-
-    References:
-        Sarosi et al. 2017 quote one of degree five, 21 coefficients. General knowledge.
-    """
-
-    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
-    coefficients: Float[Given, " terms"] = parameter("N", linear=True)
-    degree: int = eqx.field(static=True)
-
-    def __check_init__(self) -> None:
-        if self.coefficients.shape != (len(self.terms(self.degree)),):
-            raise ValueError(
-                f"a polynomial of degree {self.degree} in two variables has "
-                f"{len(self.terms(self.degree))} coefficients, got {self.coefficients.shape}"
-            )
-
-    @staticmethod
-    def terms(degree: int) -> tuple[tuple[int, int], ...]:
-        """The exponents (i, j) of contraction and pressure, in the order of the coefficients."""
-        return tuple((i, k - i) for k in range(degree + 1) for i in range(k + 1))
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        eps, MPa = 1 - L / self.rest_length, P / MEGAPASCAL
-        powers = [eps**i * MPa**j for i, j in self.terms(self.degree)]
-        return jnp.stack(powers, axis=-1) @ self.coefficients
-
-    def parameter_name(self, field: str, index: tuple[int, ...]) -> str:
-        """Name of a coefficient with its exponents, c_ij."""
-        if field != "coefficients":
-            return super().parameter_name(field, index)
-        i, j = self.terms(self.degree)[index[0]]
-        return f"c_{i}{j}"
-
-
-# Contraction in per cent and pressure in bar.
-_PUBLISHED = {
-    "10 mm": (-9.2194029, 203.7012413, -0.34221042, -3.2255991, 109.2038216, -208.372034),
-    "20-200": (-4.00180705, 292.4620246, -0.32930845, -9.33564098, 294.0538256, -280.498151),
-    "20-400": (-4.35573, 281.22370, -0.32866, -9.27035, 302.20107, -263.69185),
-}
-
-
 class Sarosi(PeerModel):
     """An exponential softening over contraction plus terms linear in pressure; no physics.
 
@@ -115,10 +59,6 @@ class Sarosi(PeerModel):
         Sarosi 2012; Sarosi et al. 2017. Form and constants as transcribed in the published code
         and in the article of Bolen, Elzein, Pang & Hunt 2026; the shorter forms are general
         knowledge.
-
-    >>> muscle = Sarosi.published("20-400", rest_length=0.4)
-    >>> print(f"{muscle.force(0.4, 5e5):.0f} {muscle.force(0.3, 5e5):.0f}")
-    1507 89
     """
 
     rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
@@ -129,96 +69,8 @@ class Sarosi(PeerModel):
     a5: Float[Given, "..."] = parameter("m2", linear=True)
     a6: Float[Given, "..."] = parameter("N", linear=True)
 
-    @classmethod
-    def published(cls, muscle: str, *, rest_length: float) -> "Sarosi":
-        """Create the model of a Festo muscle from published constants, converted from per cent and bar.
-
-        Args:
-            muscle: "10 mm", "20-200" (20 mm by 200 mm) or "20-400".
-            rest_length: L0 [m] of your muscle.
-
-        Returns:
-            The model.
-
-        Raises:
-            ValueError: no constants are available for that muscle.
-        """
-        if muscle not in _PUBLISHED:
-            raise ValueError(
-                f"Sarosi's constants are available for {', '.join(_PUBLISHED)}; got {muscle!r}"
-            )
-        a1, a2, a3, a4, a5, a6 = _PUBLISHED[muscle]
-        return cls(rest_length, a1 / BAR, a2, 100 * a3, 100 * a4 / BAR, a5 / BAR, a6)
-
     def formula(self, L: RealArray, P: RealArray) -> RealArray:
         """Pull F [N] at L [m] and P [Pa]."""
         eps = 1 - L / self.rest_length
         softening = (self.a1 * P + self.a2) * jnp.exp(self.a3 * eps)
         return softening + self.a4 * P * eps + self.a5 * P + self.a6
-
-
-# Constants in F_620 = b1 atan(b2 (L0 - offset)): b1 [N], b2 [1/m], offset [m]; then c0, c1, c2 [-].
-_PUBLISHED_BOLEN = {
-    "10 mm": (303.5, 19.03, 0.0075, (0.5682, 4.254, 0.5597)),
-    "20 mm": (922.4, 15.37, 0.013, (0.2579, 6.477, 1.321)),
-}
-
-
-class Bolen(PeerModel):
-    """A normalised surface: an exponential over contraction plus a bell scaled by the pressure.
-
-    F = F_620 (c0 (exp(-c1 e) - 1) + P / P_620 exp(-c2 e^2)), e = eps / eps_620
-
-    Attributes:
-        rest_length: L0 [m], reference of the contraction eps.
-        largest_contraction: eps_620 [-], free contraction at P_620. It only scales c1 and c2 and
-            cannot be fitted together with them.
-        largest_force: F_620 [N], blocked force at P_620.
-        c0, c1, c2: [-].
-        reference_pressure: P_620 [Pa], 620 kPa.
-
-    References:
-        Bolen, Elzein, Pang & Hunt 2026, form and constants. The authors set negative forces to
-        zero; here they are not clipped.
-
-    >>> muscle = Bolen.published("10 mm", rest_length=0.112, largest_contraction=0.17)
-    >>> print(f"{muscle.force(0.112, 620e3):.1f}")  # 335.3 N in the article
-    335.3
-    """
-
-    rest_length: Float[Given, "..."] = parameter("m", low=0.0)  # pyright: ignore
-    largest_contraction: Float[Given, "..."] = number()
-    largest_force: Float[Given, "..."] = parameter("N", linear=True)
-    c0: Float[Given, "..."] = parameter(low=0.0, high=5.0)
-    c1: Float[Given, "..."] = parameter(low=0.1, high=50.0)
-    c2: Float[Given, "..."] = parameter(low=0.0, high=20.0)
-    reference_pressure: Float[Given, "..."] = number("Pa", default=620 * KILOPASCAL)
-
-    @classmethod
-    def published(cls, muscle: str, *, rest_length: float, largest_contraction: float) -> "Bolen":
-        """Create the model from published constants, with the blocked force for the rest length.
-
-        Args:
-            muscle: "10 mm" or "20 mm".
-            rest_length: L0 [m].
-            largest_contraction: eps_620 [-] of your muscle; the authors measure it.
-
-        Returns:
-            The model.
-
-        Raises:
-            ValueError: no constants are available for that muscle.
-        """
-        if muscle not in _PUBLISHED_BOLEN:
-            raise ValueError(
-                f"Bolen's constants are available for {', '.join(_PUBLISHED_BOLEN)}; got {muscle!r}"
-            )
-        b1, b2, offset, (c0, c1, c2) = _PUBLISHED_BOLEN[muscle]
-        force = b1 * math.atan(b2 * (rest_length - offset))
-        return cls(rest_length, largest_contraction, force, c0, c1, c2)
-
-    def formula(self, L: RealArray, P: RealArray) -> RealArray:
-        """Pull F [N] at L [m] and P [Pa]."""
-        e = (1 - L / self.rest_length) / self.largest_contraction
-        bell = P / self.reference_pressure * jnp.exp(-self.c2 * e**2)
-        return self.largest_force * (self.c0 * jnp.expm1(-self.c1 * e) + bell)

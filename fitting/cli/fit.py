@@ -2,11 +2,9 @@
 
 import dataclasses
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
 
@@ -18,18 +16,14 @@ from famjax.console import (
     Units,
     add_cwd_to_path,
     parse_columns,
-    print_json,
-    print_lines,
-    print_table,
-    progress,
     tell_columns,
     whole,
+    whole_number,
 )
 
 if TYPE_CHECKING:
     from fitting import ForceData
 
-    from .problem import Problem, Tell
 
 _DATA, _MODEL, _KNOWN, _OUTPUT = (
     Parameter(group=Group(name, sort_key=k))
@@ -42,15 +36,6 @@ _STANDARD_INPUT = "<stdin>"
 """Replacement for `-` on the command line."""
 
 
-def _check_replicates(_: Any, value: int) -> None:
-    if value < 0 or value == 1:
-        raise ValueError(f"It must be 0 (none) or at least 2; got {value}")
-
-
-Replicates = Annotated[int, Parameter(converter=whole, validator=_check_replicates)]
-"""Number of replicates of a bootstrap, 0 for none."""
-
-
 def load_fitting() -> ModuleType:
     """Import the fitting package with JAX in float64; compiled programs are cached on disk."""
     import fitting
@@ -60,26 +45,27 @@ def load_fitting() -> ModuleType:
     return fitting
 
 
-def load_map(data: str, specimen: Mapping[str, Any], column: tuple[str, ...] = ()) -> "ForceData":
+def load_map(data: str, specimen: tuple[str, ...], column: tuple[str, ...]) -> "ForceData":
     """Load a bundled map, a file or standard input, and print how its columns were interpreted.
 
     Args:
         data: name of a bundled map, path, or `-` for standard input.
-        specimen: fields of `Specimen` in SI.
+        specimen: values of `--specimen`.
         column: values of `--column`.
     """
     from fitting import load_bundled, read_csv
     from fitting.data import bundled_map_name, bundled_names
+    from fitting.specimen import parse_specimen
 
     if bundled_map_name(data) is not None and not Path(data).exists():
-        return load_bundled(data, specimen)
+        return load_bundled(data, parse_specimen(specimen))
     given = data == _STANDARD_INPUT
     if not given and not Path(data).exists():
         known = bundled_names()
         raise InputError(
             f"no such file: {data}; bundled maps are {' and '.join(known)}{meant(data, known)}"
         )
-    found = read_csv(sys.stdin if given else data, specimen, parse_columns(column))
+    found = read_csv(sys.stdin if given else data, parse_specimen(specimen), parse_columns(column))
     tell_columns(found.taken)
     return found
 
@@ -93,9 +79,8 @@ class Asked:
     ----------
     law
         Name the bladder law. If omitted, several laws are tried and the best predictor is kept.
-        Laws: polynomial, ogden (one term), mooney-rivlin, saturating, monotone (rising between
-        knots), neo-hookean, yeoh. `--law my_rubber:Gent` takes a class of your own from a file in
-        the current folder.
+        Laws: polynomial, ogden (one term), mooney-rivlin, saturating, neo-hookean,
+        yeoh. `--law my_rubber:Gent` takes a class of your own from a file in the current folder.
     order
         Set the order of the polynomial law, sigma = E_1 eps + E_2 eps|eps| + ...; default 3.
     constraint
@@ -197,12 +182,10 @@ def fit(
     verbose
         Print all tables and notes of the report.
     json_
-        Print one JSON object and nothing else.
+        Print the content of `fit.json` and nothing else.
     """
     fitting = load_fitting()
-    from fitting.specimen import parse_specimen
-
-    from .problem import Problem
+    from .problem import solve
 
     place = Output(output)
     add_cwd_to_path()
@@ -213,9 +196,8 @@ def fit(
         )
     if asked.shape is not None:
         asked = dataclasses.replace(asked, shape=str(Path(asked.shape).absolute()))
-    problem = Problem.of(load_map(data[0], parse_specimen(specimen), column), asked)
-    with _telling("identifying") as tell:
-        return _finish(problem, place, units, tell, verbose=verbose, as_json=json_)
+    measured = load_map(data[0], specimen, column)
+    return solve(measured, asked, place, units, verbose=verbose, as_json=json_)
 
 
 def assess(
@@ -223,7 +205,7 @@ def assess(
     *,
     validate: bool = False,
     profile: bool = False,
-    bootstrap: Replicates = 0,
+    bootstrap: Annotated[int | None, whole_number(2)] = None,
     posterior: bool = False,
     hysteresis: Path | None = None,
     own: tuple[str, ...] = (),
@@ -262,10 +244,10 @@ def assess(
     units
         Choose the units of output and report: si, metric (mm, kPa, N, MPa) or us (in, psi, lbf).
     json_
-        Print one JSON object and nothing else.
+        Print the content of `fit.json` and nothing else.
     """
     fitting = load_fitting()
-    from .problem import Problem
+    from .problem import asked_of, solve
 
     if not (validate or profile or bootstrap or posterior or hysteresis):
         raise fitting.InputError(
@@ -277,63 +259,9 @@ def assess(
     if own:
         add_cwd_to_path()
     pairs = None if hysteresis is None else fitting.records.read_branches(hysteresis)
-    problem = Problem.of_fit(fitting.load_fit(fit_json, own=own), own)
-    with _telling("identifying") as tell:
-        return _finish(
-            problem, place, units, tell, verbose=True, as_json=json_, pairs=pairs,
-            validation=validate, profiles=profile, replicates=bootstrap, posterior=posterior,
-            executor=jobs,
-        )  # fmt: skip
-
-
-@contextmanager
-def _telling(what: str) -> Iterator["Tell"]:
-    with progress(what) as show:
-        yield lambda what, done, total: show(done, total, what)
-
-
-def _finish(
-    problem: "Problem",
-    place: Output,
-    units: Units,
-    tell: "Tell",
-    *,
-    verbose: bool,
-    as_json: bool,
-    pairs: Any = None,
-    **wanted: Any,
-) -> int:
-    """Solve a problem, gather the requested evidence, write the files and print the result."""
-    from famjax.boundary.files import Origin
-    from fitting import report, saved
-    from fitting.records import fit_hysteresis, leave_out
-
-    from .problem import judged
-
-    result, choice = problem.solve(tell)
-    evidence = problem.evidence(result, choice, tell, **wanted)
-    judgement = judged(result, choice, evidence, tell)
-    if pairs is not None:
-        evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
-    found = report.Findings(result, evidence, choice, judgement)
-    paths = report.write_fit(
-        result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
-        judgement=judgement, problem=problem.as_dict(),
+    saved = fitting.load_fit(fit_json, own=own)
+    return solve(
+        saved.data, asked_of(saved, own), place, units, verbose=True, as_json=json_, pairs=pairs,
+        validation=validate, profiles=profile, replicates=bootstrap or 0, posterior=posterior,
+        executor=jobs,
     )  # fmt: skip
-    code = 0 if judgement.passed else 1
-    if as_json:
-        print_json(
-            saved.summary_as_dict(result, units, evidence, choice=choice, judgement=judgement)
-        )
-        return code
-    notes = found.notes(units)
-    print(f"{result.data.specimen.name}  ({result.data.source})")
-    if verbose:
-        for title, header, rows in found.tables(units):
-            print_table(title, header, rows)
-        print("\n".join(("", *(f"note: {one}" for one in notes))))
-    print_lines(found.summary(units))
-    place.tell(paths)
-    if notes and not verbose:
-        print(f"{len(notes)} notes and all tables: --verbose, or report.html")
-    return code

@@ -1,7 +1,7 @@
 """Commands of an identified muscle: `famjax predict`, `famjax card` and `famjax export`."""
 
 import dataclasses
-import json
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,11 +11,9 @@ from cyclopts import Parameter
 
 from famjax.boundary.errors import InputError
 from famjax.boundary.units import (
-    Quantity,
-    Sentence,
+    finite_or_none,
     parse_quantities,
     parse_quantity,
-    quantity_unit,
     sentence_in_units,
     unit_system,
 )
@@ -33,21 +31,16 @@ from famjax.console import (
 from .fit import load_fitting
 
 if TYPE_CHECKING:
-    from famjax.continuation import SafeMuscle
     from famjax.export import Subject
     from fitting import Identification
 
 Target = Literal["c", "fmu", "csv", "mat", "matlab", "python", "mujoco", "mjx", "jax"]
-_US = {"in", "psi"}
 
 
-def schema_of(path: Path) -> str:
-    """Return the schema named in a JSON file; "" for any other file, which its reader will refuse."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return ""
-    return str(found.get("schema")) if isinstance(found, dict) else ""
+def is_fit(muscle: str) -> bool:
+    """True for the file of a fit; any other file or name is a card's."""
+    path = Path(muscle)
+    return path.is_file() and b'"famjax-fit/' in path.read_bytes()[:99]
 
 
 def warn_unidentified(name: object, verdict: str | None, reasons: Sequence[str] | None) -> None:
@@ -67,11 +60,10 @@ def predict(
     force: tuple[str, ...] = (),
     onset: bool = False,
     rest_length: str | None = None,
-    length_std: str | None = None,
     history: Path | None = None,
     column: Columns = (),
     own: tuple[str, ...] = (),
-    units: Units | None = None,
+    units: Units = "metric",
     json_: bool = False,
 ) -> int:
     """Predict the force of a fitted muscle, and the pressure at which it begins to pull.
@@ -79,8 +71,8 @@ def predict(
     Parameters
     ----------
     muscle
-        Read this `fit.json` of `famjax fit`, this card of `famjax card`, or a bundled muscle (DMSP-10,
-        DMSP-20). Cards and bundled muscles have no error bands.
+        Read this `fit.json` of `famjax fit` or `famjax series`, or this card; or the name of a bundled
+        muscle. A card has no error bands.
     length
         Predict at these active lengths, with units, repeatable or separated by commas:
         `--length 270mm,250mm`.
@@ -88,14 +80,12 @@ def predict(
         Predict at these gauge pressures, with units: `--pressure 500kPa`.
     force
         Find the pressure at which the muscle pulls with these forces, up to the highest measured
-        pressure: `--force 200N`. Fits only.
+        pressure: `--force 200N`.
     onset
         Find the pressure at which the force leaves zero at each length.
     rest_length
         Predict another muscle of the same series with this rest length: `--rest-length 200mm`. A fit of
         one muscle gives a wide error band; `famjax series` also estimates how specimens differ.
-    length_std
-        State the standard deviation of the lengths, for the error band: `--length-std 0.5mm`.
     history
         Predict the force, with hysteresis, along a history in a CSV file with columns such as
         `time_s,length_mm,pressure_kPa`. First run `famjax assess --hysteresis` on the fit.
@@ -104,116 +94,60 @@ def predict(
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
     units
-        Choose the units of the output: si, metric (mm, kPa, N) or us (in, psi, lbf); default: the units
-        of the options in tables, SI in JSON.
+        Choose the units of the tables: si, metric (mm, kPa, N) or us (in, psi, lbf).
     json_
-        Print one JSON list and nothing else.
+        Print one JSON list, in SI, and nothing else.
     """
     fitting = load_fitting()
     import numpy as np
 
     if own:
         add_cwd_to_path()
-    said = {"--length": length, "--pressure": pressure, "--force": force, "--onset": onset,
-            "--rest-length": rest_length, "--length-std": length_std, "--history": history}  # fmt: skip
-    given = [name for name, value in said.items() if value]
+    options = {"--length": length, "--pressure": pressure, "--force": force, "--onset": onset,
+               "--rest-length": rest_length, "--history": history}  # fmt: skip
+    given = [name for name, value in options.items() if value]
     L, P, F = (
         np.array(parse_quantities(typed, kind))
         for typed, kind in ((length, "length"), (pressure, "pressure"), (force, "force"))
     )
-    typed, heading, notes = [*length[:1], *pressure[:1]], "", []
-    if _is_card(muscle):
-        _only(given, ("--length", "--pressure", "--onset"), "{} needs a fit: give the fit.json of famjax "
-              "fit. In Python, famjax.control.pressure_for_force(card.safe(), force, length, limits) finds "
-              "the pressure for a card or a bundled muscle")  # fmt: skip
-        rows, heading = _by_card(muscle, L, P, own, onset=onset)
-        if not all(row["inside"] for row in rows):
-            notes.append("rows that are not inside are extrapolated beyond the region of the card")
-    else:
+    saved, heading, notes = None, "Force", list[str]()
+    if not _is_card(muscle):
         saved = fitting.load_fit(muscle, own=own)
         warn_unidentified(muscle, saved.document.get("verdict"), saved.document.get("reasons"))
-        if history is not None:
-            _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
-            rows, typed, notes = _along(saved, history, parse_columns(column), units or "metric")
-        elif force:
-            _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
-            rows, typed = fitting.prediction.pressures_for(saved, L, F), [*length[:1], "", force[0]]
-        else:
-            rest = None if rest_length is None else parse_quantity(rest_length, "length")
-            std = 0.0 if length_std is None else parse_quantity(length_std, "length")
-            rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest, length_std=std)
-            notes = _notes(saved, other=rest is not None, forces=bool(pressure))
-    asked = _answer_units(units, *typed)
+    if saved is None:
+        _only(
+            given, ("--length", "--pressure", "--onset"), "a card cannot answer {}: give a fit.json"
+        )
+        rows, heading = _by_card(muscle, L, P, own, onset=onset)
+    elif history is not None:
+        _only(given, ("--history",), "--history contains lengths and pressures: omit {}")
+        heading = "Force along the history"
+        rows, notes = _along(saved, history, parse_columns(column), units)
+    elif force:
+        _only(given, ("--length", "--force"), "--force finds a pressure at --length: omit {}")
+        rows, heading = fitting.prediction.pressures_for(saved, L, F), "Pressure"
+    else:
+        rest = None if rest_length is None else parse_quantity(rest_length, "length")
+        rows = fitting.predict(saved, L, P, onset=onset, rest_length=rest)
+        notes = _notes(saved, other=rest is not None, forces=bool(pressure))
     if json_:
-        print_json(rows if units is None else in_units(rows, asked))
+        print_json(rows)
         return 0
-    shown = in_units(rows, asked)
-    tables = {
-        "Force": [row for row in shown if "slack" in row and not force],
-        "Pressure": [row for row in shown if force],
-        "Onset": [row for row in shown if "slack" not in row and not force],
-    }
-    for title, chosen in tables.items():
-        if chosen:
-            _print_answers(f"{title}{heading}{' along the history' * bool(history)}", chosen, units)
+    shown = in_units(rows, unit_system(units))
+    pulls = [row for row in shown if force or "slack" in row]
+    if pulls:
+        _print_answers(heading, pulls, units)
+    if len(pulls) < len(shown):
+        _print_answers("Onset", shown[len(pulls) :], units)
     for note in notes:
         print(f"note: {note}")
     return 0
 
 
-def _only(given: Sequence[str], fit: Sequence[str], message: str) -> None:
-    """Refuse options that cannot be combined with the others."""
-    if others := [name for name in given if name not in fit]:
+def _only(given: Sequence[str], allowed: Sequence[str], message: str) -> None:
+    """Raise InputError with the options that are not allowed."""
+    if others := [name for name in given if name not in allowed]:
         raise InputError(message.format(", ".join(others)))
-
-
-def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
-    """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
-    document, notes = saved.document, []
-    if document.get("series_compliance_m_per_N"):
-        notes.append(
-            "force is measured in the compliant rig; muscle force is that of the muscle alone"
-        )
-    if other and saved.outlook.other_lengths:
-        names = "; ".join(one["family"] for one in document["other_lengths"]["members"])
-        notes.append(
-            f"another rest length is predicted from one specimen by the mean of all models that fit its "
-            f"map ({names}). The 95 % band includes their disagreement and typical differences between "
-            "specimens; famjax series predicts more accurately"
-        )
-    elif other and "series" not in document:
-        notes.append(
-            "another rest length is predicted from one specimen, so there is no error band. Use famjax "
-            "series to estimate how specimens differ"
-        )
-    elif not other and "series" in document:
-        one = document["data"]["specimen"]
-        notes.append(
-            f"this is {one['name']}, the first specimen of the series, with rest length "
-            f"{1e3 * one['rest_length_m']:.4g} mm; choose another with --rest-length"
-        )
-    elif forces and saved.outlook.error is not None and not other:
-        notes.append(f"the 95 % bands cover {saved.outlook.error.covers}")
-    elif forces and not (document.get("spread") or {}).get("directions"):
-        notes.append("there is no error band, since the fit has no standard errors")
-    return notes
-
-
-def _along(
-    saved: "Identification", path: Path, columns: Mapping[str, str], system: str
-) -> tuple[list[dict[str, Any]], list[str], list[str]]:
-    """Return rows along the history in a CSV file, sample quantities in its units, and notes."""
-    from fitting.prediction import hysteresis_error, predict_history
-    from fitting.records import read_history
-
-    moves, notes = read_history(path, columns), []
-    rows = predict_history(saved, moves)
-    if any(row["force_std_N"] is not None for row in rows):
-        error = Quantity(hysteresis_error(saved), "force", 2).in_units(system)
-        held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
-        notes = [f"the 95 % band includes the error of the static map and the {held_out} error of the "
-                 f"hysteresis, {error} RMS"]  # fmt: skip
-    return rows, [f"1{moves.units[kind]}" for kind in ("length", "pressure")], notes
 
 
 def _is_card(muscle: str) -> bool:
@@ -221,94 +155,94 @@ def _is_card(muscle: str) -> bool:
     from famjax.muscles import bundled_name
 
     path = Path(muscle)
-    if not path.exists():
-        return bundled_name(muscle) is not None
-    return schema_of(path).startswith("famjax-card/")
+    if path.is_file():
+        return b'"famjax-card/' in path.read_bytes()[:99]
+    return not path.exists() and bundled_name(muscle) is not None
 
 
 def _by_card(
     muscle: str, lengths: Any, pressures: Any, own: Sequence[str], *, onset: bool
 ) -> tuple[list[dict[str, Any]], str]:
-    """Return rows from a card's safe muscle, and the heading with its name.
-
-    Args:
-        muscle: a file, or the name of a bundled muscle.
-        lengths: lengths [m], shape (l,).
-        pressures: pressures [Pa], shape (p,).
-        own: trusted modules.
-        onset: also find the onset pressures.
-    """
-    import numpy as np
-
+    """Return rows from the safe muscle of a card, lengths [m] by pressures [Pa], and their heading."""
     from famjax.muscles import open_card
 
     if not lengths.size or not (pressures.size or onset):
         raise InputError("give --length, and --pressure or --onset, with their units")
     card = open_card(muscle, own=own)
     warn_unidentified(muscle, card.provenance.verdict, card.provenance.reasons)
-    safe, rows = card.safe(), []
-    pull, model = (
-        np.asarray(ask(lengths[:, None], pressures)) for ask in (safe.force, safe.model_force)
-    )
-    for i, j in np.ndindex(pull.shape):
-        row = {"length_m": float(lengths[i]), "pressure_Pa": float(pressures[j])}
-        answer = {"force_N": float(pull[i, j]), "model_force_N": float(model[i, j]),
-                  "slack": bool(pull[i, j] <= 0)}  # fmt: skip
-        why, possible = _outside(safe, *row.values())
-        row |= answer if possible else dict.fromkeys(answer)
-        rows.append(row | {"inside": why is None, "outside": why})
-    highest = float(safe.region.pressure[1])
-    begins = np.asarray(safe.onset_pressure(lengths, highest, throw=False)) if onset else []
-    for one, at in zip(lengths.tolist(), np.array(begins).tolist(), strict=onset):
-        why, possible = _outside(safe, one, at)
-        known = at if possible and not np.isnan(at) else None
-        row = {"length_m": one, "onset_pressure_Pa": known, "inside": why is None, "outside": why}
-        rows.append(row)
-    return rows, f" of {card.name}"
-
-
-def _outside(safe: "SafeMuscle", length: float, pressure: float) -> tuple[Sentence | None, bool]:
-    """Return why a state is outside the region of the model, or None; and if its length is possible."""
+    safe, region = card.safe(), card.region
     lock, straight = map(float, safe.continued.stops)
-    for beyond, text, end in (
-        (length < lock, "the length is below the braid's lock, ", lock),
-        (length > straight, "the length is beyond the thread's, ", straight),
-    ):
-        if beyond:
-            return Sentence(text, Quantity(end, "length")), False
-    for value, kind in ((length, "length"), (pressure, "pressure")):
-        low, high = (float(end) for end in getattr(safe.region, kind))
-        if not low <= value <= high:
-            ends = Quantity(low, kind), " to ", Quantity(high, kind)
-            return Sentence(f"the {kind} is outside the region of the model, ", *ends), True
-    return None, True
+
+    def row(length: float, kind: str, pressure: float, answer: dict[str, Any]) -> dict[str, Any]:
+        (short, long), (low, high) = region.length, region.pressure
+        found, outside = {"length_m": length, kind: finite_or_none(pressure), **answer}, None
+        if not lock <= length <= straight:
+            found |= dict.fromkeys(answer or (kind,))
+            outside = (
+                f"the braid reaches only lengths of {lock * 1e3:.6g} to {straight * 1e3:.6g} mm"
+            )
+        elif not short <= length <= long:
+            outside = f"the model covers only lengths of {short * 1e3:.6g} to {long * 1e3:.6g} mm"
+        elif not low <= pressure <= high:
+            outside = f"the model covers only pressures of {low / 1e3:.6g} to {high / 1e3:.6g} kPa"
+        return found | {"inside": outside is None, "outside": outside}
+
+    rows = []
+    for length, pressure in itertools.product(lengths.tolist(), pressures.tolist()):
+        pull, model = (float(of(length, pressure)) for of in (safe.force, safe.model_force))
+        answer = {"force_N": pull, "model_force_N": model, "slack": pull <= 0}
+        rows.append(row(length, "pressure_Pa", pressure, answer))
+    if onset:
+        begins = safe.onset_pressure(lengths, float(region.pressure[1]), throw=False)
+        for length, pressure in zip(lengths.tolist(), begins.tolist(), strict=True):
+            rows.append(row(length, "onset_pressure_Pa", pressure, {}))
+    return rows, f"Force of {card.name}"
 
 
-def _answer_units(
-    system: str | None, length: str, pressure: str = "", force: str = ""
-) -> Mapping[str, str]:
-    """Return the unit of each quantity in the output.
+def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
+    """Return notes on predictions: for another rest length (`other`), with `forces` among them."""
+    document, notes = saved.document, []
+    if document.get("series_compliance_m_per_N"):
+        notes.append("force is in the compliant rig; muscle force is that of the muscle alone")
+    if other and "series" not in document:
+        names, band = "; ".join(saved.outlook.other_lengths), "there is no error band"
+        if names:
+            band = f"it is the mean of all models that fit its map ({names}), and the band their spread"
+        notes.append(
+            f"another rest length is predicted from one specimen: {band}. See famjax series"
+        )
+    elif "series" in document and not other:
+        one = document["data"]["specimen"]
+        notes.append(
+            f"this is {one['name']}, the first specimen of the series, with rest length "
+            f"{1e3 * one['rest_length_m']:.4g} mm; choose another with --rest-length"
+        )
+    elif forces and not other:
+        error = saved.outlook.error
+        if error is not None:
+            notes.append(f"the 95 % bands cover {error.covers}")
+        elif not document["spread"]["directions"]:
+            notes.append("there is no error band, since the fit has no standard errors")
+    return notes
 
-    Args:
-        system: "si", "metric" or "us"; None for the units of the options.
-        length: length as typed, such as "270mm,250mm".
-        pressure: pressure as typed, or "".
-        force: force as typed, or "".
 
-    >>> _answer_units(None, "10in", "5 bar")
-    {'length': 'in', 'pressure': 'bar', 'force': 'N'}
-    >>> _answer_units(None, "10in", "50psi")["force"]
-    'lbf'
-    """
-    if system is not None:
-        return unit_system(system)
-    of_length = quantity_unit(length)
-    of_pressure = quantity_unit(pressure) or ("psi" if of_length == "in" else "kPa")
-    usual = "lbf" if {of_length, of_pressure} <= _US else "N"
-    return {"length": of_length, "pressure": of_pressure, "force": quantity_unit(force) or usual}
+def _along(
+    saved: "Identification", path: Path, columns: Mapping[str, str], system: str
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return rows along the history in a CSV file, and notes."""
+    from fitting.prediction import predict_history
+    from fitting.records import read_history
+
+    rows = predict_history(saved, read_history(path, columns))
+    if all(row["force_std_N"] is None for row in rows):
+        return rows, []
+    error = sentence_in_units(f"{saved.outlook.branches_error:.2g} N", system)
+    held_out = "held-out" if saved.document["hysteresis"]["left_out"] else "in-sample"
+    return rows, [f"the 95 % band includes the error of the static map and the {held_out} error of the "
+                  f"hysteresis, {error} RMS"]  # fmt: skip
 
 
-def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | None) -> None:
+def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str) -> None:
     """Print a table of predictions, with notes on slack states and states outside the region."""
     slack = any(row.get("slack") for row in rows)
     hidden = ("outside",) if slack else ("outside", "model_force_")
@@ -318,7 +252,7 @@ def _print_answers(title: str, rows: Sequence[Mapping[str, Any]], system: str | 
     if not all(row["inside"] for row in rows):
         print("note: rows that are not inside are outside the fitted lengths or pressures:")
         for reason in dict.fromkeys(row["outside"] for row in rows if not row["inside"]):
-            print(f"- {sentence_in_units(reason, system or 'metric')}")
+            print(f"- {sentence_in_units(reason, system)}")
 
 
 def card(
@@ -328,7 +262,6 @@ def card(
     name: str | None = None,
     sample: int = 32,
     own: tuple[str, ...] = (),
-    json_: bool = False,
 ) -> int:
     """Write the muscle card of a fit: one file for a simulator, a controller or a colleague.
 
@@ -345,11 +278,10 @@ def card(
     name
         Name the muscle; default: the name of the specimen.
     sample
-        Draw this number of muscles from the error distribution of the fit; 0 for none.
+        Draw this number of muscles from the error distribution of the fit; 0 for none. A fit without
+        standard errors has none.
     own
         Trust a module with your own classes, repeatable: `--own my_rubber`. A file imports no other module.
-    json_
-        Print the card as JSON and nothing else.
     """
     load_fitting()
     from famjax.boundary.files import Origin
@@ -363,16 +295,9 @@ def card(
         found = card_of(saved, name=name, count=sample, origin=Origin.of_this_command())
     warn_unidentified(fit_json, found.provenance.verdict, found.provenance.reasons)
     path = write_card(found, fit_json.parent / "card.json" if output is None else output)
-    if json_:
-        print_json(json.loads(path.read_text(encoding="utf-8")))
-        return 0
     print(f"{found.name}: {len(found.members)} model(s), RMSE {found.provenance.rmse_N:.3g} N")
     for note in found.safe().notes:
         print(f"note: {note}")
-    if found.draws is None:
-        print(
-            "note: the card has no sample of muscles: the fit has no standard errors, or --sample is 0"
-        )
     print(f"written: {path}")
     return 0
 
@@ -449,7 +374,7 @@ def _subject(muscle: str, length: float | None, own: Sequence[str]) -> "Subject"
     from famjax.export import Subject, made_of, read_subject
 
     origin, path = Origin.of_this_command(), Path(muscle)
-    if not schema_of(path).startswith("famjax-fit/"):
+    if not is_fit(muscle):
         return read_subject(muscle, length=length, origin=origin, own=own)
     from fitting.saved import card_of, load_fit
 

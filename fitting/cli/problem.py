@@ -1,7 +1,8 @@
 """The problem that the options of `famjax fit` or a `fit.json` describe: solve, assess, judge."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,32 +10,23 @@ import numpy as np
 
 import fitting
 from famjax.boundary.errors import InputError, Own, check_trusted
+from famjax.boundary.files import Origin
 from famjax.boundary.tasks import AnyExecutor
-from famjax.boundary.toml_file import from_entries
-from famjax.boundary.units import UNITS, si_unit, to_si
-from famjax.console import parse_entries
+from famjax.boundary.units import factor, si_unit, to_si
+from famjax.console import Output, Units, print_lines, print_table, progress
+from fitting import report
 from fitting.choice import Choice, validate_choice
-from fitting.evidence import (
-    FORM,
-    Evidence,
-    Move,
-    SharedErrors,
-    drawn_moves,
-    gather,
-    left_out_kinds,
-    moves_of,
-)
+from fitting.evidence import DRAWS, FORM, Move, SharedErrors, gather, left_out_kinds, moves_of
 from fitting.families import LawGiven, known_laws, law_named
 from fitting.faults import doubtful, suspect, suspect_refused
 from fitting.parameters import KINDS, Parameter
 from fitting.posing import own_parts, taking_part
+from fitting.records import fit_hysteresis, leave_out
 from fitting.shapes import ShapeSurface
-from fitting.verdict import Judgement, judge
+from fitting.verdict import judge
 
 from .fit import Asked
 
-Tell = Callable[[str, int, int], None]
-"""Progress callback: task, number of steps done, total number of steps."""
 Kinds = Mapping[str, str]
 """Kind of unit of each parameter."""
 
@@ -43,30 +35,11 @@ _TURNS = "turns"
 
 def parameter_kinds(*laws: LawGiven) -> dict[str, str]:
     """Return the kind of unit of every possible parameter, for all known and the given laws."""
-    kinds = dict(KINDS)
+    kinds = KINDS | {f"E_{n}": "stress" for n in range(1, 9)}
     for one in (*known_laws(), *laws):
         made = law_named(one, None)
         kinds |= {name: entry.kind for name, entry in {**made.shape, **made.coefficients}.items()}
     return kinds
-
-
-def _name_and_unit(key: str, entry: str, what: str, kinds: Kinds) -> tuple[str, str, str]:
-    """Split a key such as `braid_diameter_mm`, or `end_factor` without a unit, into name, unit and kind."""
-    if kinds.get(key) == "number":
-        return key, "", "number"
-    if key in kinds:
-        known = list(UNITS[kinds[key]])
-        raise InputError(
-            f"{what} {entry!r}: {key} needs a unit ({', '.join(known)}), as in {key}_{known[-1]}=..."
-        )
-    # The longest known name wins, since one name may be a prefix of another.
-    names = [name for name in kinds if key.startswith(f"{name}_")]
-    name = max(names, key=len, default=key.rpartition("_")[0])
-    kind = kinds.get(name, "stress" if name.startswith("E_") else None)
-    if kind is None:
-        listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in kinds.items())
-        raise InputError(f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)")
-    return name, key[len(name) + 1 :], kind
 
 
 def _parsed(
@@ -77,19 +50,24 @@ def _parsed(
     known = parameter_kinds() if kinds is None else kinds
     for entry in entries:
         key, _, text = (part.strip() for part in entry.partition("="))
-        if not text or not key:
-            raise InputError(f"{what} {entry!r} must read {form}")
-        name, unit, kind = _name_and_unit(key, entry, what, known)
-        if name in found:
-            raise InputError(f"{what} of {name} given twice: give it once")
         try:
             numbers = [float(one) for one in text.split(split)]
         except ValueError:
             numbers = []
-        if not 1 <= len(numbers) <= 2:
-            wanted = form.partition("=")[2].partition(",")[0]
-            raise InputError(f"{what} {entry!r}: {text!r} is not {wanted}")
-        found[name] = numbers, unit, kind
+        if not (key and 1 <= len(numbers) <= 2):
+            raise InputError(f"{what} {entry!r} must read {form}")
+        # The longest known name wins, since one name may be a prefix of another.
+        name = max((one for one in known if f"{key}_".startswith(f"{one}_")), key=len, default=None)
+        if name is None:
+            listed = ", ".join(f"{n}_{si_unit(k)}".rstrip("_") for n, k in known.items())
+            raise InputError(
+                f"{what} {entry!r}: unknown parameter; choose from {listed} (any unit)"
+            )
+        if name in found:
+            raise InputError(f"{what} of {name} given twice: give it once")
+        unit = key[len(name) + 1 :]
+        factor(unit, known[name])  # refuse an unknown unit
+        found[name] = numbers, unit, known[name]
     return found
 
 
@@ -131,18 +109,6 @@ def parse_priors(entries: Iterable[str], kinds: Kinds | None = None) -> dict[str
     return found
 
 
-def parse_free(names: Iterable[str], kinds: Kinds) -> dict[str, Parameter]:
-    """Return named parameters, to be identified within their standard bounds.
-
-    Raises:
-        InputError: a name is unknown.
-    """
-    for name in names:
-        if name not in kinds:
-            raise InputError(f"--free {name}: unknown parameter; available: {', '.join(kinds)}")
-    return {name: Parameter() for name in names}
-
-
 def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     """Parse standard errors: calibration errors shared by all readings, and the force noise [N] or None.
 
@@ -153,183 +119,194 @@ def parse_errors(entries: Iterable[str]) -> tuple[SharedErrors, float | None]:
     >>> errors.stated(), noise
     ({'wall_thickness': 5e-05}, 1.5)
     """
-    numbers = {}
-    for name, value in parse_entries(entries, "error", "wall_thickness_mm=0.05").items():
-        try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise InputError(
-                f"error {name}={value}: {value!r} is not a number; put the unit into the name, as in "
-                "wall_thickness_mm=0.05"
-            ) from None
-    names = [name for name in numbers if name.startswith("noise_")]
-    if len(names) > 1:
-        raise InputError(f"error: the noise of a reading is given twice, {' and '.join(names)}")
-    noise = [to_si(numbers.pop(name), name.removeprefix("noise_"), "force") for name in names]
-    return from_entries(SharedErrors, numbers, FORM, where="error: "), next(iter(noise), None)
+    fields = [one.name for one in dataclasses.fields(SharedErrors)]
+    kinds = {name: FORM.kinds.get(name, "number") for name in fields} | {"noise": "force"}
+    form = "name_unit=value, as in wall_thickness_mm=0.05"
+    parsed = _parsed(entries, "error", form, kinds, "+-").items()
+    found = {name: to_si(numbers[0], unit, kind) for name, (numbers, unit, kind) in parsed}
+    noise = found.pop("noise", None)
+    try:
+        return SharedErrors(**found), noise
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
-@dataclasses.dataclass(frozen=True)
-class Problem:
-    """A force map and the options of its fit.
+def identify_options(
+    maps: Sequence[fitting.ForceData], asked: Asked, laws: Iterable[LawGiven]
+) -> tuple[dict[str, Any], Kinds]:
+    """Convert options as typed to arguments of `fitting.identify`, and return the kinds of parameters.
 
-    Attributes:
-        asked: options as typed.
-        data: map to fit, with notes on a measured shape.
-        options: arguments of `fitting.identify` and `fitting.choose`.
-        errors: calibration errors shared by all readings.
-        surface: measured shape, or None.
+    Raises:
+        InputError: an option is invalid.
     """
-
-    asked: Asked
-    data: fitting.ForceData
-    options: Mapping[str, Any]
-    errors: SharedErrors
-    surface: ShapeSurface | None
-
-    @classmethod
-    def of(cls, data: fitting.ForceData, asked: Asked) -> "Problem":
-        """Build the problem from a map and the command-line options.
-
-        Raises:
-            InputError: an option is invalid.
-        """
-        if asked.geometry is not None and asked.shape is not None:
-            raise fitting.InputError(
-                "--shape also sets the geometry: give either --shape or --geometry, got both"
-            )
-        errors, noise = parse_errors(asked.shared_error)
-        parts, declared = own_parts([data], asked.geometry, asked.term)
-        kinds = {}
-        if asked.bounds or asked.free or asked.prior:
-            kinds = parameter_kinds(*filter(None, [asked.law]))
-        kinds |= {name: one.kind for name, one in declared.items()}
-        kinds |= {} if asked.shape is None else {_TURNS: "number"}
-        bounds = parse_bounds(asked.bounds, kinds)
-        named = parse_free(asked.free, kinds) | parse_priors(asked.prior, kinds)
-        options = parts | {
-            "constraint": asked.constraint,
-            "bounds": bounds,
-            "parameters": named | taking_part(declared, {**bounds, **named}),
-            "noise": noise,
-            "objective": asked.objective,
-            "ends": asked.ends,
-        }
-        fitted, surface = data, None
-        if asked.shape is not None and asked.ends == "equilibrium":
-            options["pictures"] = asked.shape
-        elif asked.shape is not None:
-            fitted, options, surface = _with_shape(data, Path(asked.shape), options)
-        return cls(asked, fitted, options, errors, surface)
-
-    @classmethod
-    def of_fit(cls, fit: fitting.Identification, own: Own = ()) -> "Problem":
-        """Rebuild the problem of a fit loaded by `fitting.load_fit`, with the same `own`.
-
-        Raises:
-            InputError: the file does not contain a problem, a file named in it is missing, or a class named
-                in it is not trusted.
-        """
-        held = fit.document.get("problem")
-        if held is None:
-            raise fitting.InputError(
-                "the file does not contain its problem: give a fit.json written by famjax fit. For the fit "
-                "of a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
-            )
-        asked: dict[str, Any] = {
-            key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
-        }
-        for kind in ("law", "geometry", "term"):
-            for path in np.atleast_1d(asked.get(kind) or []):
-                if ":" in path:
-                    check_trusted(str(path), own, kind)
-        return cls.of(fit.data, Asked(**asked))
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the entry of `fit.json` that describes the problem."""
-        return {"asked": dataclasses.asdict(self.asked)}
-
-    def solve(self, progress: Tell) -> tuple[fitting.Identification, Choice | None]:
-        """Return the fit, and the choice of its law if no law was given."""
-        asked = self.asked
-        if asked.chosen:
-            try:
-                choice = fitting.choose(self.data, **self.options, progress=progress)
-            except fitting.InputError:
-                causes = [str(one.sentence) for one in suspect_refused(self.data)]
-                if not causes:
-                    raise
-                raise fitting.InputError(" ".join(causes)) from None
-            return choice.chosen, choice
-        name = f"identifying {self.data.specimen.name}"
-        censored = asked.objective == "censored"
-        options = {**self.options, "objective": "sum_of_squares"} if censored else self.options
-        found = fitting.identify(
-            self.data, **options, law=asked.law or "polynomial", order=asked.order,
-            censored=censored, progress=lambda done, total: progress(name, done, total),
-        )  # fmt: skip
-        return found, None
-
-    def evidence(
-        self,
-        result: fitting.Identification,
-        choice: Choice | None,
-        progress: Tell,
-        *,
-        validation: bool = False,
-        executor: AnyExecutor = None,
-        **wanted: Any,
-    ) -> Evidence:
-        """Gather the requested evidence; the law is chosen again in every fold of a cross-validation.
-
-        Args:
-            result: the fit.
-            choice: choice of its law; None if the law was given.
-            progress: progress callback.
-            validation: cross-validate by pressure and by length.
-            executor: executor for the repeated choices.
-            **wanted: further arguments of `fitting.evidence.gather`.
-        """
-        found = gather(
-            result, validation=validation and choice is None, progress=progress,
-            known=None if choice is None else (choice.error, choice.left_out),
-            noise=self.options["noise"] if choice is None else None,
-            shared=self._moves(result.data),
-            **wanted,
-        )  # fmt: skip
-        if choice is None or not validation:
-            return found
-        anew = [
-            validate_choice(
-                choice, kind, **self.options, executor=executor,
-                progress=lambda done, total, kind=kind: progress(
-                    f"choosing with one {kind} left out", done, total
-                ),
-            )
-            for kind in left_out_kinds(result)
-        ]  # fmt: skip
-        return dataclasses.replace(found, validations=tuple(anew))
-
-    def _moves(self, data: fitting.ForceData) -> dict[str, list[Move]]:
-        """Return the effects of the stated calibration errors and of the error of the shape."""
-        surface = self.surface
-        if surface is None:
-            return moves_of(data, self.errors)
-        draws = drawn_moves(lambda draw: surface.geometry(data.specimen, draw=draw))
-        return {**moves_of(data, self.errors, surface.geometry), "shape": draws}
+    parts, declared = own_parts(maps, asked.geometry, asked.term)
+    kinds = parameter_kinds(*laws) if asked.bounds or asked.free or asked.prior else {}
+    kinds |= {name: one.kind for name, one in declared.items()}
+    kinds |= {} if asked.shape is None else {_TURNS: "number"}
+    limits = parse_bounds(asked.bounds, kinds)
+    for name in asked.free:
+        if name not in kinds:
+            raise InputError(f"--free {name}: unknown parameter; available: {', '.join(kinds)}")
+    named = {name: Parameter() for name in asked.free} | parse_priors(asked.prior, kinds)
+    parameters = named | taking_part(declared, {**limits, **named})
+    return {**parts, "bounds": limits, "parameters": parameters}, kinds
 
 
-def judged(
-    result: fitting.Identification, choice: Choice | None, evidence: Evidence, progress: Tell
-) -> Judgement:
-    """Return the verdict; after a poor fit, likely errors in the data are tested."""
-    suspicions = ()
-    if doubtful(result):
-        suspicions = suspect(
-            result, progress=lambda done, total: progress("testing likely errors", done, total)
+def asked_of(fit: fitting.Identification, own: Own = ()) -> Asked:
+    """Return the options of `famjax fit` in a fit loaded by `fitting.load_fit`, with the same `own`.
+
+    Raises:
+        InputError: the file does not contain them, or a class named in them is not trusted.
+    """
+    held = fit.document.get("problem")
+    if held is None:
+        raise InputError(
+            "the file does not contain its problem: give a fit.json written by famjax fit. For the fit "
+            "of a script, call fitting.validate, fitting.profile, fitting.bootstrap or fitting.sample"
         )
+    asked: dict[str, Any] = {
+        key: tuple(one) if isinstance(one, list) else one for key, one in held["asked"].items()
+    }
+    for kind in ("law", "geometry", "term"):
+        for path in np.atleast_1d(asked.get(kind) or []):
+            if ":" in path:
+                check_trusted(str(path), own, kind)
+    return Asked(**asked)
+
+
+def solve(
+    data: fitting.ForceData,
+    asked: Asked,
+    place: Output,
+    units: Units,
+    *,
+    verbose: bool,
+    as_json: bool,
+    pairs: Any = None,
+    validation: bool = False,
+    executor: AnyExecutor = None,
+    **wanted: Any,
+) -> int:
+    """Fit a map, gather evidence, write the files and print the result.
+
+    Args:
+        data: the map.
+        asked: options of the fit.
+        place: folder of the files.
+        units: units of output and report.
+        verbose: also print all tables and notes.
+        as_json: print the content of `fit.json` instead.
+        pairs: branches of raw ramps, for the hysteresis; None for none.
+        validation: cross-validate; the law, if none was given, is chosen again in every fold.
+        executor: executor for the repeated choices.
+        **wanted: further evidence, see `fitting.evidence.gather`.
+
+    Returns:
+        The exit code: 1 if nothing was identified.
+
+    Raises:
+        InputError: an option is invalid, or the data cannot support the fit.
+    """
+    data, options, errors, surface = _options(data, asked)
+    with progress("identifying") as show:
+
+        def tell(what: str, done: int, total: int) -> None:
+            show(done, total, what)
+
+        result, choice = _identified(data, asked, options, tell)
+        moves = moves_of(result.data, errors, *([] if surface is None else [surface.geometry]))
+        if surface is not None:
+            specimen = result.data.specimen
+            moves["shape"] = [
+                Move(None, surface.geometry(specimen, draw=draw)) for draw in range(DRAWS)
+            ]
+        evidence = gather(
+            result, validation=validation and choice is None, progress=tell, shared=moves,
+            known=None if choice is None else (choice.error, choice.left_out),
+            noise=options["noise"] if choice is None else None, **wanted,
+        )  # fmt: skip
+        if choice is not None and validation:
+            anew = [
+                validate_choice(
+                    choice, kind, **options, executor=executor,
+                    progress=functools.partial(tell, f"choosing with one {kind} left out"),
+                )
+                for kind in left_out_kinds(result)
+            ]  # fmt: skip
+            evidence = dataclasses.replace(evidence, validations=tuple(anew))
+        if pairs is not None:
+            evidence = dataclasses.replace(evidence, hysteresis=leave_out(fit_hysteresis(pairs)))
+        suspicions = ()
+        if doubtful(result):  # test likely errors in the data
+            tell("testing likely errors", 0, 1)
+            suspicions = suspect(result)
     question = "" if choice is None else choice.open_question
-    return judge(result, suspicions, evidence.left_out, question)
+    judgement = judge(result, suspicions, evidence.left_out, question)
+    paths = report.write_fit(
+        result, place.folder, units, evidence, Origin.of_this_command(), choice=choice,
+        judgement=judgement, problem={"asked": dataclasses.asdict(asked)},
+    )  # fmt: skip
+    if as_json:
+        print(paths[0].read_text(encoding="utf-8"))
+    else:
+        _print(report.Findings(result, evidence, choice, judgement), units, verbose=verbose)
+        place.tell(paths)
+    return 0 if judgement.passed else 1
+
+
+def _print(found: report.Findings, units: Units, *, verbose: bool) -> None:
+    notes, data = found.notes(units), found.result.data
+    print(f"{data.specimen.name}  ({data.source})")
+    if verbose:
+        for title, header, rows in found.tables(units):
+            print_table(title, header, rows)
+        print("\n".join(("", *(f"note: {one}" for one in notes))))
+    print_lines(found.summary(units))
+    if notes and not verbose:
+        print(f"{len(notes)} notes and all tables: --verbose, or report.html")
+
+
+def _options(
+    data: fitting.ForceData, asked: Asked
+) -> tuple[fitting.ForceData, dict[str, Any], SharedErrors, ShapeSurface | None]:
+    """Return the map, arguments of `identify` or `choose`, calibration errors and measured shape."""
+    if asked.geometry is not None and asked.shape is not None:
+        raise InputError(
+            "--shape also sets the geometry: give either --shape or --geometry, got both"
+        )
+    options, _ = identify_options([data], asked, [asked.law] if asked.law else [])
+    options |= {name: getattr(asked, name) for name in ("constraint", "objective", "ends")}
+    errors, options["noise"] = parse_errors(asked.shared_error)
+    if asked.shape is not None and asked.ends == "equilibrium":
+        options["pictures"] = asked.shape
+    elif asked.shape is not None:
+        data, options, surface = _with_shape(data, Path(asked.shape), options)
+        return data, options, errors, surface
+    return data, options, errors, None
+
+
+def _identified(
+    data: fitting.ForceData,
+    asked: Asked,
+    options: dict[str, Any],
+    tell: Callable[[str, int, int], None],
+) -> tuple[fitting.Identification, Choice | None]:
+    """Return the fit, and the choice of its law if no law was given."""
+    if asked.chosen:
+        try:
+            choice = fitting.choose(data, **options, progress=tell)
+        except InputError as error:
+            for suspicion in suspect_refused(data):
+                raise InputError(suspicion.sentence) from error
+            raise
+        return choice.chosen, choice
+    censored = asked.objective == "censored"
+    options |= {"objective": "sum_of_squares"} if censored else {}
+    told = functools.partial(tell, f"identifying {data.specimen.name}")
+    law = asked.law or "polynomial"
+    return fitting.identify(
+        data, **options, law=law, order=asked.order, censored=censored, progress=told
+    ), None
 
 
 def _with_shape(

@@ -2,14 +2,11 @@ from .clock import (
     Alignment as Alignment,
     ClockMap as ClockMap,
     align_by_load as align_by_load,
-    align_by_pulses as align_by_pulses,
     fit_clock as fit_clock,
 )
 from .force_map import (
     StaticMap as StaticMap,
     branches_csv as branches_csv,
-    parse_atmosphere as parse_atmosphere,
-    plot_ramps as plot_ramps,
     ramp_pairs as ramp_pairs,
     ramps_command as ramps_command,
     read_branches as read_branches,
@@ -27,7 +24,6 @@ from .hysteresis import (
     hysteresis_warnings as hysteresis_warnings,
     leave_out as leave_out,
     read_history as read_history,
-    threshold_grid as threshold_grid,
 )
 from .isobar import (
     Characterisation as Characterisation,
@@ -35,7 +31,6 @@ from .isobar import (
     IsobaricRecord as IsobaricRecord,
     characterise as characterise,
     combine as combine,
-    force_rmse as force_rmse,
     strokes as strokes,
     write_dataset as write_dataset,
 )
@@ -53,8 +48,3 @@ from .ramp import (
     read_ramp as read_ramp,
 )
 from .record import MachineLog as MachineLog, read_machine_log as read_machine_log
-from .thread import (
-    InSitu as InSitu,
-    ModulusFit as ModulusFit,
-    thread_in_situ as thread_in_situ,
-)

@@ -1,7 +1,6 @@
 """Clock alignment: device ticks to host time, and the machine's clock to the journal's."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +14,9 @@ MAX_RATE = 0.01
 
 _PASSES = 3
 _WINDOW = 10.0  # s, within which the error of a clock map is constant
-_COARSE, _FINE = 0.5, 0.05  # s, grids of the correlations
+_COARSE = 0.5  # s, grid of the correlation
 _LEAST_AGREEMENT = 0.9  # smallest correlation between the loads of the same test
 _LEAST_OVERLAP = 0.5  # smallest overlap, relative to the shorter record
-_WINDOWS, _REACH = 10, 30.0  # number of windows for local lags, and their largest distance [s]
 _CORRELATED = 0.05  # longest correlation of residuals, relative to the record
 _CUBIC = 3 / 128  # interpolation error of a cubic at mid-interval, per fourth difference
 _STEPS = 30  # largest number of Gauss-Newton steps
@@ -82,14 +80,12 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
     (35.06, 1.002)
     """
     t, arrival = np.asarray(device, np.float64), np.asarray(host, np.float64)
-    if t.ndim != 1 or t.shape != arrival.shape:
+    known = t.ndim == 1 and t.shape == arrival.shape and np.isfinite([t, arrival]).all()
+    if not known or t.size < 2 or np.ptp(t) == 0:
         raise InputError(
-            f"device and host times must have the same shape (n,), got {t.shape} and {arrival.shape}"
+            "a clock needs finite device and host times of one shape (n,), at two device times at least, "
+            f"got shapes {t.shape} and {arrival.shape}: record for longer"
         )
-    if not (np.isfinite(t).all() and np.isfinite(arrival).all()):
-        raise InputError("device and host times must be finite: leave out records without a time")
-    if t.size < 2 or np.ptp(t) == 0:
-        raise InputError("a clock needs records of two device times at least; record for longer")
     order = np.argsort(t, kind="stable")
     t, arrival = t[order], arrival[order]
     rate = _envelope_rate(t, arrival)
@@ -121,21 +117,16 @@ def fit_clock(device: ArrayLike, host: ArrayLike, *, window: float = _WINDOW) ->
 
 
 def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
-    """Slope of the closest line below all arrivals."""
-    late = arrival - t
-    hull: list[int] = []
-    cell = np.floor((t - t[0]) / np.ptp(t) * 256).astype(np.int64)
-    for c in _earliest(cell, late).tolist():
-        while len(hull) > 1:
-            a, b = hull[-2:]
-            if (late[b] - late[a]) * (t[c] - t[a]) < (late[c] - late[a]) * (t[b] - t[a]):
-                break  # b is below the line from a to c
-            hull.pop()
-        hull.append(c)
-    middle = (t[0] + t[-1]) / 2
-    after = next((k for k in range(1, len(hull)) if t[hull[k]] >= middle), len(hull) - 1)
-    a, b = hull[max(after - 1, 0)], hull[after]
-    return 1.0 if a == b else 1.0 + float((late[b] - late[a]) / (t[b] - t[a]))
+    """Slope of the line below all arrivals that is highest at the middle of the record."""
+    from scipy.optimize import linprog  # noqa: PLC0415 -- 0.2 s
+
+    span = np.ptp(t)
+    first = _earliest(np.floor((t - t[0]) / span * 256).astype(np.int64), arrival - t)
+    x, late = (t[first] - t[0]) / span - 0.5, (arrival - t)[first]
+    below = np.column_stack([np.ones_like(x), x])
+    size = max(float(np.ptp(late)), 1e-300)
+    line = linprog([-1, 0], below, (late - late.min()) / size, bounds=(None, None))
+    return 1.0 + float(line.x[1]) * size / span
 
 
 def _earliest(cell: np.ndarray, late: np.ndarray) -> np.ndarray:
@@ -155,10 +146,7 @@ class Alignment:
         rate: relative rate of the journal's clock against the machine's [-].
         reference: machine time [s] at which the offset is most accurate.
         offset_error: standard error of the offset [s].
-        rate_error: standard error of the rate [-]; infinite for a single pulse.
-        residual: root mean square residual, [N] for loads, [s] for pulses.
-        n: number of readings or pulse edges used.
-        method: "load" or "pulses".
+        rate_error: standard error of the rate [-].
     """
 
     offset: float
@@ -166,95 +154,18 @@ class Alignment:
     reference: float
     offset_error: float
     rate_error: float
-    residual: float
-    n: int
-    method: str
 
     def __str__(self) -> str:
-        rate = f"{self.rate * 1e6:.1f}"
-        if np.isfinite(self.rate_error):
-            rate += f" +- {self.rate_error * 1e6:.1f}"
         return (
-            f"clocks aligned by {self.method}: journal = log {self.offset:+.4f} s +- "
-            f"{self.offset_error * 1e3:.2g} ms, rate {rate} ppm"
+            f"clocks aligned by load: journal = log {self.offset:+.4f} s +- "
+            f"{self.offset_error * 1e3:.2g} ms, rate {self.rate * 1e6:.1f} +- "
+            f"{self.rate_error * 1e6:.1f} ppm"
         )
 
     def journal_time(self, time: ArrayLike | float) -> np.ndarray:
         """Convert machine times [s], any shape, to journal times [s]."""
         machine = np.asarray(time, float)
         return np.asarray(machine + self.offset + self.rate * (machine - self.reference))
-
-    def error(self, time: ArrayLike | float) -> np.ndarray:
-        """Standard error [s] of `journal_time` at machine times [s], same shape."""
-        away = np.abs(np.asarray(time, float) - self.reference)
-        with np.errstate(invalid="ignore"):
-            drift = np.where(away > 0, self.rate_error * away, 0.0)
-        return np.asarray(np.hypot(self.offset_error, drift))
-
-
-def align_by_pulses(
-    journal_pulses: np.ndarray, log_pulses: np.ndarray, *, resolution: float = 0.01
-) -> Alignment:
-    """Align two clocks by pulses that both have recorded.
-
-    Either list may have missing or extra pulses. A single pulse determines the offset but not the rate.
-
-    Args:
-        journal_pulses: edge times on the journal's clock [s], increasing, shape (n,).
-        log_pulses: edge times on the machine's clock [s], increasing, shape (m,).
-        resolution: standard deviation of an edge time [s], about half the log's interval.
-
-    Returns:
-        The alignment.
-
-    Raises:
-        InputError: a list is empty, or the pulses match in several ways or in none.
-    """
-    journal, log = np.asarray(journal_pulses, float), np.asarray(log_pulses, float)
-    if not (journal.size and log.size):
-        raise InputError(
-            f"no pulses to match: {journal.size} in the journal, {log.size} in the log"
-        )
-    for name, times in (("journal", journal), ("log", log)):
-        if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-            raise InputError(f"the pulses of the {name} must be finite and increasing, got {times}")
-    i, j = _matched(journal, log, resolution)
-    n, reference = len(i), float(log[j].mean())
-    away, lags = log[j] - reference, journal[i] - log[j]
-    offset = float(lags.mean())
-    if n == 1:
-        return Alignment(offset, 0.0, reference, resolution, np.inf, 0.0, 1, "pulses")
-    square = float(away @ away)
-    rate = float(away @ lags) / square
-    left = lags - offset - rate * away
-    spread = np.sqrt(left @ left / (n - 2)) if n > 2 else 0.0
-    spread = max(float(spread), resolution)  # few pulses may agree by chance
-    errors = spread / n**0.5, spread / square**0.5
-    residual = float(np.sqrt(left @ left / n))
-    return Alignment(offset, rate, reference, *errors, residual, n, "pulses")
-
-
-def _matched(
-    journal: np.ndarray, log: np.ndarray, resolution: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices in journal and log for the unique match with the most coinciding pulses."""
-    found: set[tuple[tuple[int, int], ...]] = set()
-    for i, j in np.ndindex(journal.size, log.size):
-        at = journal[i] + log - log[j]
-        nearest = np.abs(journal[:, None] - at).argmin(axis=0)
-        within = 4 * resolution + MAX_RATE * np.abs(log - log[j])
-        near = np.flatnonzero(np.abs(journal[nearest] - at) <= within)
-        if np.unique(nearest[near]).size == near.size:
-            found.add(tuple(zip(nearest[near].tolist(), near.tolist(), strict=True)))
-    most = max(map(len, found), default=0)
-    best = [pairs for pairs in found if len(pairs) == most]
-    if most < min(journal.size, log.size) / 2 or len(best) != 1:
-        raise InputError(
-            f"{journal.size} pulses of the journal and {log.size} of the log match in {len(best)} "
-            f"ways, with {most} pairs: vary the time between pulses, or align by load"
-        )
-    i, j = np.array(best[0]).T
-    return i, j
 
 
 def align_by_load(
@@ -291,34 +202,28 @@ def align_by_load(
     journal = _series("journal", journal_time, journal_force)
     log = _series("log", log_time, log_force)
     lag = _best_lag(journal, log, near)
-    times, lags = _local_lags(journal, log, lag)
-    start = lag, 0.0, float(log[0].mean())
-    if times.size >= 2:
-        rate, offset = np.polyfit(times - times.mean(), lags, 1)
-        start = float(offset), float(rate), float(times.mean())
-    if abs(start[1]) > MAX_RATE:
+    # Smooth loads find the rate from a lag that is known to half a second.
+    first = _refined(_smoothed(*journal), _smoothed(*log), lag, 0.0, float(log[0].mean()), 0.0)
+    if abs(first.rate) > MAX_RATE:
         raise InputError(
-            f"the clock rates must agree within {MAX_RATE * 1e6:.0f} ppm, got {start[1] * 1e6:.0f} ppm: "
+            f"the clock rates must agree within {MAX_RATE * 1e6:.0f} ppm, got {first.rate * 1e6:.0f} ppm: "
             "check that journal and log are of the same test"
         )
-    return _refined(journal, log, *start, time_error)
+    return _refined(journal, log, first.offset, first.rate, first.reference, time_error)
 
 
 def _series(name: str, time: np.ndarray, force: np.ndarray) -> Series:
-    time, force = np.asarray(time, float), np.asarray(force, float)
-    if time.ndim != 1 or time.shape != force.shape or time.size < _FEWEST:
+    if np.shape(time) != np.shape(force) or np.size(time) < _FEWEST:
         raise InputError(
-            f"time and force of the {name} must be one-dimensional, equally long, and have at least "
-            f"{_FEWEST} readings, got shapes {time.shape} and {force.shape}"
+            f"time and force of the {name} must be equally long, and have at least {_FEWEST} readings, got "
+            f"shapes {np.shape(time)} and {np.shape(force)}"
         )
-    if not (np.all(np.isfinite(time)) and np.all(np.isfinite(force)) and np.all(np.diff(time) > 0)):
-        raise InputError(f"time and force of the {name} must be finite, and time must increase")
-    return time, force
+    return np.asarray(time, float), np.asarray(force, float)
 
 
 def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) -> float:
     """Lag [s] of the log, to half a second, from the normalised correlation."""
-    correlation, lags, share = _correlation(journal, log, _COARSE, _LEAST_OVERLAP)
+    correlation, lags, share = _correlation(journal, log)
     if near is not None:
         correlation = np.where(np.abs(lags - near[0]) <= near[1], correlation, -1.0)
     # Explained variance of the shorter record: a mere part of a record may fit anywhere.
@@ -338,56 +243,29 @@ def _best_lag(journal: Series, log: Series, near: tuple[float, float] | None) ->
         raise InputError(
             f"the loads agree at more than one offset, such as {lags[k]:.1f} s and "
             f"{lags[rivals[0]]:.1f} s: equal strokes cannot be distinguished. Give "
-            "near=(offset, within), or use pulses"
+            "near=(offset, within)"
         )
     return float(lags[k])
 
 
-def _local_lags(journal: Series, log: Series, lag: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return log times [s] and local lags [s] from windows with varying load.
-
-    Outliers from a line are removed; its slope is the median over all pairs (Theil-Sen).
-    """
-    (tj, fj), (tm, fm), found = journal, log, []
-    reach = min(_REACH, (tm[-1] - tm[0]) / 4)
-    for low, high in itertools.pairwise(np.linspace(tm[0], tm[-1], _WINDOWS + 1).tolist()):
-        inside = (tm >= low) & (tm <= high)
-        around = (tj >= low + lag - reach) & (tj <= high + lag + reach)
-        few = min(inside.sum(), around.sum()) < _FEWEST
-        if few or np.std(fm[inside]) < 0.2 * float(np.std(fm)):
-            continue
-        parts = (tj[around], fj[around]), (tm[inside], fm[inside])
-        correlation, lags, _ = _correlation(*parts, _FINE, None)
-        k = int(np.argmax(correlation))
-        if correlation[k] > _LEAST_AGREEMENT and 0 < k < correlation.size - 1:
-            y = correlation[k - 1 : k + 2]
-            bend = y[0] - 2 * y[1] + y[2]
-            shift = 0.5 * (y[0] - y[2]) / bend if bend < 0 else 0.0
-            found.append([(low + high) / 2, lags[k] + shift * _FINE])
-    times, lags = np.reshape(found, (-1, 2)).T
-    if times.size < 3:
-        return times, lags
-    i, j = np.triu_indices(times.size, 1)
-    left = lags - np.median((lags[j] - lags[i]) / (times[j] - times[i])) * times
-    left = np.abs(left - np.median(left))
-    keep = left <= max(4 * float(np.median(left)), _FINE)
-    return times[keep], lags[keep]
+def _smoothed(time: np.ndarray, force: np.ndarray) -> Series:
+    """Means of 400 parts of a record, over seven of them."""
+    centre, mean, _ = _sampled(time, force, float(time[-1] - time[0]) / 400)
+    window = np.hanning(9)[1:-1] / np.hanning(9).sum()
+    return centre, np.convolve(np.pad(mean, 3, mode="edge"), window, mode="valid")
 
 
-def _correlation(
-    journal: Series, log: Series, step: float, overlap: float | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the correlation at lags spaced by `step`, the lags [s], and the variance in the overlap.
+def _correlation(journal: Series, log: Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the correlation at lags half a second apart, the lags [s], and the variance in the overlap.
 
-    The correlation is -1 if the overlap is constant or too short: below the fraction `overlap` of the
-    shorter record, or four fifths of the log. The variance is that of the shorter record, relative to its
-    largest value.
+    The correlation is -1 if the overlap is constant, or below half of the shorter record. The variance is
+    that of the shorter record, relative to its largest value.
     """
     from scipy.signal import correlate  # noqa: PLC0415 -- 0.2 s
 
-    grid_a, a, wa = _sampled(*journal, step)
-    grid_b, b, wb = _sampled(*log, step)
-    least = 0.8 * wb.sum() if overlap is None else overlap * min(wa.sum(), wb.sum())
+    grid_a, a, wa = _sampled(*journal, _COARSE)
+    grid_b, b, wb = _sampled(*log, _COARSE)
+    least = _LEAST_OVERLAP * min(wa.sum(), wb.sum())
     a, b = a * wa, b * wb
     n, sa, sb, saa, sbb, sab = (
         correlate(x, y, method="fft")
@@ -399,7 +277,7 @@ def _correlation(
     valid &= min(va.max(), vb.max()) > 0
     spread = np.sqrt(np.where(valid, va * vb, 1.0))
     correlation = np.where(valid, (sab - sa * sb / safe) / spread, -1.0)
-    lags = np.arange(1 - b.size, a.size) * step + grid_a[0] - grid_b[0]
+    lags = np.arange(1 - b.size, a.size) * _COARSE + grid_a[0] - grid_b[0]
     shorter = va if wa.sum() < wb.sum() else vb
     return correlation, lags, shorter / max(float(shorter.max()), 1e-300)
 
@@ -479,9 +357,7 @@ def _refined(
             f"the load alignment does not converge: after {_STEPS} steps it still shifts by "
             f"{abs(step[0]):.2g} s. Check that both channels record the same load"
         )
-    residual = float(np.sqrt(np.mean(left**2)))
-    offset_error, rate_error = float(errors[0]), float(errors[1])
-    return Alignment(offset, rate, reference, offset_error, rate_error, residual, left.size, "load")
+    return Alignment(offset, rate, reference, float(errors[0]), float(errors[1]))
 
 
 def _covariance_of_scores(left: np.ndarray, J: np.ndarray) -> np.ndarray:

@@ -21,9 +21,6 @@ _HILL = 0.1  # smallest rise between two minima, relative to the variance
 class SyncError(InputError):
     """The motion does not determine the clock offset; the message names the log."""
 
-    def __init__(self, message: str, *, path: str) -> None:
-        super().__init__(f"{path}: {message}")
-
 
 class OtherMotion(SyncError):  # noqa: N818 - says what was found
     """The lengths do not follow the displacement: they are from different tests, or a unit is wrong.
@@ -32,8 +29,8 @@ class OtherMotion(SyncError):  # noqa: N818 - says what was found
         explained: fraction of the variance of the lengths that the displacement explains.
     """
 
-    def __init__(self, message: str, *, path: str, explained: float) -> None:
-        super().__init__(message, path=path)
+    def __init__(self, message: str, explained: float) -> None:
+        super().__init__(message)
         self.explained = explained
 
 
@@ -49,7 +46,6 @@ class Synchronisation:
         sense: sign of the displacement; -1 if shortening is positive, 1 if lengthening is.
         length_at_zero: length of the muscle at zero displacement [m].
         rms: root mean square of the length residuals [m].
-        largest: largest magnitude of these residuals [m].
         n_pictures: number of pictures used.
     """
 
@@ -60,7 +56,6 @@ class Synchronisation:
     sense: int
     length_at_zero: float
     rms: float
-    largest: float
     n_pictures: int
 
     @property
@@ -137,8 +132,7 @@ def synchronise(
     log: MachineLog,
     *,
     length_stderr: float = 0.0,
-    window: float | None = None,
-    guess: float = 0.0,
+    near: tuple[float, float] | None = None,
 ) -> Synchronisation:
     """Fit offset and rate of the machine's clock against the camera's, for a stiff rig.
 
@@ -154,8 +148,7 @@ def synchronise(
         length: measured lengths [m], shape (n,); pictures with nan are left out.
         log: log of the machine.
         length_stderr: standard error of a length [m], including errors common to all lengths.
-        window: largest distance of the offset from `guess` [s]; None for no limit.
-        guess: approximate offset [s], used only with a window.
+        near: approximate offset [s] and its largest error [s], if known.
 
     Returns:
         The fitted clock, with its standard errors.
@@ -171,18 +164,15 @@ def synchronise(
     t = seen.t
     if len(t) < _FEWEST or np.ptp(t) == 0:
         raise SyncError(
-            f"the clocks need at least {_FEWEST} measured pictures with time stamps that differ, "
-            f"got {len(t)}",
-            path=log.source,
+            f"{log.source}: the clocks need at least {_FEWEST} measured pictures with time stamps that "
+            f"differ, got {len(t)}"
         )
     if np.ptp(log.displacement) == 0 or np.ptp(seen.y) == 0:
-        still = "the machine's displacement" if np.ptp(log.displacement) == 0 else "the length"
         raise SyncError(
-            f"there is no motion to align: {still} is constant; photograph a stroke with the log "
-            "running",
-            path=log.source,
+            f"{log.source}: there is no motion to align: displacement or length is constant; photograph "
+            "a stroke with the log running"
         )
-    best, *others = _search(_offsets(seen, window, guess), seen)
+    best, *others = _search(_offsets(seen, near), seen)
     found = _checked(best, seen, length_stderr)
     apart = max(3 * np.ptp(t) / len(t), 5 * found.offset_stderr)
     rivals = [fit.offset for fit in others
@@ -190,27 +180,25 @@ def synchronise(
     if rivals:
         listed = " and ".join(f"{offset:.4g}" for offset in [found.offset, *rivals])
         raise SyncError(
-            f"several offsets fit equally well: {listed} s; the motion repeats itself. Give a log "
-            "that begins and ends with the pictures, or a window about the offset",
-            path=log.source,
+            f"{log.source}: several offsets fit equally well: {listed} s; the motion repeats itself. Give "
+            "a log that begins and ends with the pictures, or an approximate offset"
         )
     return found
 
 
-def _offsets(seen: _Motion, window: float | None, guess: float) -> np.ndarray:
+def _offsets(seen: _Motion, near: tuple[float, float] | None) -> np.ndarray:
     """Return the trial offsets, spaced by a quarter of the picture spacing if their number permits."""
     t, (first, last) = seen.t, seen.log.time[[0, -1]]
     half = min(last - first, np.ptp(t)) / 2
     low, high = first - t.max() + half, last - t.min() - half
-    if window is not None:
-        low, high = max(low, guess - window), min(high, guess + window)
-    if low > high:
-        raise SyncError(
-            f"no offset between {guess - (window or 0):g} and {guess + (window or 0):g} s makes "
-            f"half of the pictures ({t.min():g} to {t.max():g} s) overlap the log ({first:g} to "
-            f"{last:g} s); widen the window",
-            path=seen.log.source,
-        )
+    if near is not None:
+        low, high = max(low, near[0] - near[1]), min(high, near[0] + near[1])
+        if low > high:
+            raise SyncError(
+                f"{seen.log.source}: no offset within {near[1]:g} s of {near[0]:g} s makes half of the "
+                f"pictures ({t.min():g} to {t.max():g} s) overlap the log ({first:g} to {last:g} s): "
+                "correct the approximate offset"
+            )
     spacing = max(np.ptp(t) / (len(t) - 1) / 4, (high - low) / _STEPS, 1e-6)
     return np.linspace(low, high, max(3, int(np.ceil((high - low) / spacing)) + 1))
 
@@ -240,14 +228,11 @@ def _scores(offsets: np.ndarray, seen: _Motion, sense: int) -> np.ndarray:
 
 def _valleys(scores: np.ndarray, total: float) -> list[int]:
     """Return the positions of the deepest separate minima."""
-    padded = np.pad(scores, 1, constant_values=np.inf)
-    low = np.flatnonzero((scores <= padded[:-2]) & (scores <= padded[2:]))
-    chosen: list[int] = []
-    for k in low[np.argsort(scores[low])].tolist():
-        hills = [scores[min(k, c) : max(k, c) + 1].max() for c in chosen]
-        if all(hill > scores[k] + _HILL * total for hill in hills):
-            chosen.append(k)
-    return chosen[:_VALLEYS]
+    from scipy.signal import find_peaks  # noqa: PLC0415 -- 0.2 s
+
+    depth = np.pad(-scores, 1, constant_values=-np.inf)
+    peaks = find_peaks(depth, prominence=_HILL * total)[0] - 1
+    return peaks[np.argsort(scores[peaks])][:_VALLEYS].tolist()
 
 
 def _fitted(start: float, sense: int, seen: _Motion) -> _Fit:
@@ -286,13 +271,12 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
     explained = 1 - float(np.sum(residual**2)) / total if len(t) else 0.0
     if len(t) < _FEWEST or explained < _EXPLAINED:
         raise OtherMotion(
-            f"the lengths do not follow the displacement: at the best offset {fit.offset:.4g} s it "
-            f"explains {max(explained, 0):.0%} of their variance in {len(t)} pictures, and must "
-            f"explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
-            f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} "
-            "m: is this the log of these pictures, and its unit right?",
-            path=log.source,
-            explained=max(explained, 0.0),
+            f"{log.source}: the lengths do not follow the displacement: at the best offset "
+            f"{fit.offset:.4g} s it explains {max(explained, 0):.0%} of their variance in {len(t)} "
+            f"pictures, and must explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
+            f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} m: "
+            "is this the log of these pictures, and its unit right?",
+            max(explained, 0.0),
         )
     # The speed is averaged over the spacing of the pictures.
     step = max(float(np.median(np.diff(np.sort(t)))) / 2, 1e-9)
@@ -305,10 +289,9 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
     stderr, fastest, stroke = float(np.sqrt(covariance[0, 0])), np.abs(speed).max(), np.ptp(x)
     if not stderr * fastest <= _BLUR * stroke:
         raise SyncError(
-            f"the motion does not fix the offset of the clocks: its standard error is {stderr:.3g} "
-            f"s, at {fastest:.3g} m/s more than {_BLUR:.0%} of the stroke of {stroke:.3g} m. "
-            "Photograph a turn or a stop of the machine, not a straight ramp alone",
-            path=log.source,
+            f"{log.source}: the motion does not fix the offset of the clocks: its standard error is "
+            f"{stderr:.3g} s, at {fastest:.3g} m/s more than {_BLUR:.0%} of the stroke of {stroke:.3g} m. "
+            "Photograph a turn or a stop of the machine, not a straight ramp alone"
         )
     return Synchronisation(
         offset=fit.offset,
@@ -318,6 +301,5 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
         sense=fit.sense,
         length_at_zero=fit.length_at_zero,
         rms=float(np.sqrt(np.mean(residual**2))),
-        largest=float(np.abs(residual).max()),
         n_pictures=len(t),
     )

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -39,17 +38,15 @@ def checked_columns(
         for name, values in columns.items()
     }
     known = {name: values for name, values in arrays.items() if values is not None}
-    if (
-        len({values.shape for values in known.values()}) != 1
-        or next(iter(known.values())).ndim != 1
-    ):
+    sizes = {values.shape for values in known.values()}
+    if len(sizes) != 1 or len(next(iter(sizes))) != 1:
         shapes = ", ".join(f"{name} of shape {values.shape}" for name, values in known.items())
         raise InputError(
             f"all columns of a record must be one-dimensional and equally long; got {shapes}"
         )
+    if (count := next(iter(sizes))[0]) < least:
+        raise InputError(f"a record needs at least {least} readings, got {count}")
     for name, values in known.items():
-        if values.size < least:
-            raise InputError(f"a record needs at least {least} readings, got {values.size}")
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise InputError(
@@ -93,11 +90,8 @@ class MachineLog:
         force: forces [N] with the machine's sign, shape (n,), or None.
         pressure: gauge pressures [Pa], shape (n,), or None.
         others: other numeric columns by name, unconverted.
-        interval: usual time between two rows [s].
-        gaps: gaps, each as the time [s] of the last row before it and the number of missing rows; they
-            are not filled.
+        missing_rows: number of rows that are missing between others; they are not filled.
         unread: line numbers of rows with cells that are not numbers.
-        repeated: line numbers of rows that repeat the previous time; they are left out.
         source: name of the file.
         sha256: hash of the file.
         taken: how the columns were interpreted, for the command that read the file.
@@ -108,10 +102,8 @@ class MachineLog:
     force: np.ndarray | None = None
     pressure: np.ndarray | None = None
     others: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    interval: float = math.nan
-    gaps: tuple[tuple[float, int], ...] = ()
+    missing_rows: int = 0
     unread: tuple[int, ...] = ()
-    repeated: tuple[int, ...] = ()
     source: str = "arrays"
     sha256: str = ""
     taken: str = ""
@@ -123,11 +115,6 @@ class MachineLog:
                 f"{self.source}: time must rise from row to row: sort the log, or remove what was "
                 "recorded twice"
             )
-
-    @property
-    def missing_rows(self) -> int:
-        """Total number of missing rows."""
-        return sum(rows for _, rows in self.gaps)
 
     def channel(self, name: str) -> np.ndarray:
         """Return a channel in SI.
@@ -189,7 +176,7 @@ def read_machine_log(
         welcome: optional quantities, such as "pressure" (gauge).
 
     Returns:
-        The log in SI, with a list of its gaps.
+        The log in SI.
 
     Raises:
         InputError: the file is invalid; the message names the line.
@@ -202,16 +189,13 @@ def read_machine_log(
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     time = table.columns["time"][keep]
-    step = np.diff(time)
-    interval = float(np.median(step))
-    late = np.flatnonzero(step > _LATE * interval)
+    step = np.diff(time) / np.median(np.diff(time))
+    late = step[step > _LATE]
     return MachineLog(
         **{quantity: values[keep] for quantity, values in table.columns.items()},
         others={name: values[keep] for name, values in table.others.items() if np.isfinite(values).any()},
-        interval=interval,
-        gaps=tuple((float(time[k]), max(1, round(float(step[k]) / interval) - 1)) for k in late.tolist()),
+        missing_rows=int(np.maximum(1, np.round(late) - 1).sum()),
         unread=table.unread,
-        repeated=tuple(table.lines[~keep].tolist()),
         source=str(path),
         sha256=table.sha256,
         taken=table.said(),
@@ -230,11 +214,6 @@ class Branch:
     start: int
     stop: int
     rising: bool
-
-    @property
-    def rows(self) -> slice:
-        """Rows of the branch as a slice."""
-        return slice(self.start, self.stop)
 
 
 def split_branches(

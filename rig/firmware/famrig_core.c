@@ -6,12 +6,12 @@
 #include <stddef.h>
 #include <string.h>
 
-#define IN_A_ROW 3         /* conversions beyond a limit that trip */
-#define STEP 384           /* 1/128 psi, 3 psi: a smaller one need not be answered, strokes hide it */
-#define STALL_RISE 5       /* counts that count as a rise */
-#define MAX_ERROR 32767    /* 1/128 psi that the proportional term sees at most */
-#define ONE_COUNT INT32_C(32768) /* of the integral */
-#define SAMPLE_ROOM 68     /* that a record needs; what else is sent leaves as much */
+#define IN_A_ROW 3         /* consecutive conversions beyond a limit that cause a trip */
+#define STEP 384           /* 1/128 psi, 3 psi: smaller steps need no response, because strokes hide it */
+#define STALL_RISE 5       /* smallest rise in counts */
+#define MAX_ERROR 32767    /* largest error in the proportional term, 1/128 psi */
+#define ONE_COUNT INT32_C(32768) /* one PWM count, in units of the integral */
+#define SAMPLE_ROOM 68     /* bytes reserved for a record; other lines must leave this much free */
 #define ANSWER_ROOM (SAMPLE_ROOM + 50)
 #define REPEAT_ROOM (2 * SAMPLE_ROOM)
 #define REPORT_ROOM (SAMPLE_ROOM + 100)
@@ -52,7 +52,7 @@ void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch)
         d->fault = latch.fault;
     }
     d->tell_hello = d->tell_state = d->tell_settings = true;
-    d->sending[d->sending_head++] = '\n'; /* ends what the reset has torn */
+    d->sending[d->sending_head++] = '\n'; /* ends the line that the reset interrupted */
 }
 
 /* ---- controller: rig/protocol.py, in 32 bits ---- */
@@ -123,7 +123,7 @@ static void enter(famrig *d)
     fr_expect_answer(d, FR_A_START);
 }
 
-/* What commands have staged acts from the first tick of a record. */
+/* Settings and states set by commands act from the first tick of a record. */
 static void begin_record(famrig *d)
 {
     d->pressure_sum = d->force_sum = 0;
@@ -171,7 +171,7 @@ static void guard(famrig *d, uint16_t pressure)
         leave(d, FR_TRIP, FR_FROZEN, pressure);
 }
 
-/* Output or integral at the end of its range, and still no rise. */
+/* True if output or integral is at its upper limit for too long without a rise. */
 static void check_stall(famrig *d, uint16_t pressure, int32_t error)
 {
     bool wound = d->law.high > 0 && d->integral >= d->law.high * ONE_COUNT;
@@ -266,7 +266,7 @@ static uint8_t change_state(famrig *d, uint8_t verb, const int32_t *values)
         d->next_state = verb == FR_VERB_RUN ? FR_RUN : FR_MANUAL;
         d->next_manual = verb == FR_VERB_RUN ? 0 : (uint8_t)values[0];
         if (verb == FR_VERB_RUN && d->state == FR_RUN)
-            d->next_state = FR_SAFE; /* it runs already: nothing is staged */
+            d->next_state = FR_SAFE; /* already running */
         break;
     case FR_VERB_STOP:
         d->next_state = FR_SAFE;
@@ -483,7 +483,7 @@ static void answer(famrig *d, uint16_t id)
     fr_end(d);
 }
 
-/* The next record of the re-request; that some are too old is told once per request. */
+/* Sends the next requested record; reports once per request that some are no longer stored. */
 static void repeat(famrig *d)
 {
     while (d->mask_low || d->mask_high) {
@@ -534,7 +534,7 @@ static void report(famrig *d)
 
 /* ---- lines in ---- */
 
-/* Carry out the line in d->line; whether it was answered. */
+/* Executes the line in d->line; returns true if it was answered. */
 static bool obey(famrig *d)
 {
     bool checked;
@@ -545,7 +545,7 @@ static bool obey(famrig *d)
     const char *words = d->line;
     uint16_t id = fr_id(&words);
     uint8_t verb = fr_verb(&words);
-    if (verb == FR_VERB_UNKNOWN && !checked) { /* noise without a CRC keeps nothing alive */
+    if (verb == FR_VERB_UNKNOWN && !checked) { /* noise without a CRC does not count as a heartbeat */
         d->bad++;
     } else {
         d->good++;
@@ -569,7 +569,7 @@ static bool obey(famrig *d)
     return true;
 }
 
-/* Read up to the end of one line; whether it was answered. */
+/* Reads up to the end of one line; returns true if it was answered. */
 static bool read_line(famrig *d)
 {
     while (d->received_tail != d->received_mark) {
@@ -577,7 +577,7 @@ static bool read_line(famrig *d)
         d->received_tail = (d->received_tail + 1) & (FR_RECEIVE_SIZE - 1);
         if (byte != '\n' && byte != '\r') {
             if (byte < ' ' || byte > '~' || d->line_length >= FR_LINE_LIMIT)
-                d->line_length = FR_LINE_LIMIT + 1; /* whatever follows, it is bad */
+                d->line_length = FR_LINE_LIMIT + 1; /* the line is refused, whatever follows */
             else
                 d->line[d->line_length++] = byte;
         } else if (d->line_length > 0) {

@@ -1,7 +1,7 @@
-/* The device without its hardware: portable C99, integers only, no register and no clock.
+/* The device without its hardware: portable C99, integer arithmetic only, no registers and no clock.
  *
  * A port calls famrig_step once per 2 ms tick with the counts of its converter, sets its output and
- * its pins at once, then calls famrig_serve and famrig_release. README.md describes the protocol;
+ * its pins immediately, then calls famrig_serve and famrig_release. README.md describes the protocol;
  * rig/device.py is the same program in Python and must send the same bytes. */
 #ifndef FAMRIG_CORE_H
 #define FAMRIG_CORE_H
@@ -13,10 +13,10 @@
 #define FR_RING 64 /* records that can be repeated, 1 to 1024; 14 bytes each */
 #endif
 #ifndef FR_BYTES_PER_TICK
-#define FR_BYTES_PER_TICK 21 /* sent in 2 ms: the line carries 23 at 115200 baud */
+#define FR_BYTES_PER_TICK 21 /* bytes sent in 2 ms; the line carries 23 at 115200 baud */
 #endif
 #ifndef FR_TRIP_CEILING
-#define FR_TRIP_CEILING 900 /* counts: no host can set a pressure limit above this; 4.4 V */
+#define FR_TRIP_CEILING 900 /* counts, 4.4 V; no host can set a higher pressure limit */
 #endif
 #if FR_TRIP_CEILING < 1 || FR_TRIP_CEILING > 1020
 #error "FR_TRIP_CEILING is 1 to 1020 counts: a limit at the converter's end is never seen"
@@ -26,10 +26,10 @@
 #define FR_FIRMWARE 3
 #define FR_TICK_HZ 500
 #define FR_LINE_LIMIT 63
-#define FR_RECEIVE_SIZE 128 /* a power of two; one byte stays free */
+#define FR_RECEIVE_SIZE 128 /* a power of two; one byte remains free */
 #define FR_SEND_LIMIT 200   /* bytes waiting for their tick */
 #if FR_BYTES_PER_TICK <= 28
-#define FR_SEND_SIZE 256 /* those, and what two ticks have released */
+#define FR_SEND_SIZE 256 /* these, and the bytes released by two ticks */
 typedef uint8_t fr_index;
 #elif FR_BYTES_PER_TICK <= 156
 #define FR_SEND_SIZE 512
@@ -45,11 +45,11 @@ enum fr_fault {
     FR_NO_FAULT, FR_SILENCE, FR_OVER_PRESSURE, FR_JUMP, FR_STALL, FR_WATCHDOG, FR_RANGE, FR_FROZEN,
     FR_NO_RESPONSE
 };
-/* Whether the reading was seen to vary at rest, as that of a transducer with noise does. */
+/* Whether the reading has varied at rest, as the reading of a noisy transducer does. */
 enum fr_alive { FR_NOT_KNOWN, FR_QUIET, FR_ALIVE };
 enum fr_cause { FR_POWER_ON = 1, FR_RESET_PIN = 2, FR_BROWN_OUT = 4, FR_WATCHDOG_RESET = 8 };
 
-/* What the controller controls with; units as in rig/protocol.py. */
+/* Parameters of the controller; units as in rig/protocol.py. */
 typedef struct {
     int32_t set_point;             /* 1/128 psi */
     uint16_t feed_forward;         /* 1/256 PWM count */
@@ -60,21 +60,21 @@ typedef struct {
     uint16_t span;                 /* 1/64 psi per 1024 counts */
 } fr_law;
 
-/* What the pressure has to answer. */
+/* Events to which the pressure must respond. */
 enum fr_asked { FR_NOTHING, FR_A_STEP, FR_A_START };
 
-/* Readings from which the present one has not moved away. */
+/* Band of the latest readings. */
 typedef struct {
     uint16_t low, high;
 } fr_band;
 
-/* What outlives a reset: the trip that is latched and the number of the board. A port keeps it where
- * power does not matter. */
+/* State that survives a reset: the latched trip and the board number. A port stores it in non-volatile
+ * memory. */
 typedef struct {
-    uint8_t fault;                 /* of FR_TRIP; anything else: nothing is latched */
-    uint8_t output;                /* PWM counts before it was taken off */
-    uint16_t count;                /* the reading that tripped */
-    uint16_t board;                /* 1 to 65534; 0, or 65535 of a blank memory: none was given */
+    uint8_t fault;                 /* fault of FR_TRIP; with any other value nothing is latched */
+    uint8_t output;                /* PWM counts before the trip */
+    uint16_t count;                /* reading that caused the trip */
+    uint16_t board;                /* 1 to 65534; 0, or 65535 in a blank memory, if there is none */
 } fr_latch;
 
 typedef struct {
@@ -99,9 +99,9 @@ typedef struct {
     uint8_t div, next_div, phase, oldest;
     uint8_t over, jumped, outside, manual, next_manual;
     bool sync, changed, fresh;
-    /* does the reading tell anything? */
+    /* plausibility of the reading */
     fr_band close, wide;
-    int32_t held, settled, answer_held; /* integral terms that held it, 1/32768 PWM count */
+    int32_t held, settled, answer_held; /* integral terms that held the pressure, 1/32768 PWM count */
     int32_t headroom;              /* from the set point to the limit, 1/128 psi */
     uint16_t still_ticks, close_ticks, quick_ticks, push, wound_push, answer_push, answer_sum;
     uint16_t watch_ticks, watch_from, moves;
@@ -109,7 +109,7 @@ typedef struct {
     bool leapt;
     fr_latch latch;
     uint32_t tripped_at;
-    /* what is to be told */
+    /* lines that are due */
     bool tell_hello, tell_state, tell_settings;
     bool strict, told_limits;
     /* lines */
@@ -127,26 +127,26 @@ typedef struct {
     fr_record ring[FR_RING];
 } famrig;
 
-/* Start, output off, in TRIP where one is latched. `boot` is the counter as stored: the new one, to
- * be stored, is in `boot`; a port also stores `latch` whenever it has changed. */
+/* Starts with the output off, in TRIP if a trip is latched. `boot` is the stored counter on entry and the
+ * new counter, to be stored, on return. A port also stores `latch` whenever it has changed. */
 void famrig_reset(famrig *d, uint8_t cause, uint16_t boot, fr_latch latch);
 
-/* A byte has arrived. May interrupt everything but itself and famrig_mark. */
+/* Receives a byte. May interrupt everything except itself and famrig_mark. */
 void famrig_receive(famrig *d, uint8_t byte);
 
-/* A tick begins: what arrives from now on belongs to the next one. */
+/* Begins a tick; bytes that arrive from now on belong to the next tick. */
 void famrig_mark(famrig *d);
 
-/* Ticks that no step was made for. */
+/* Ticks without a step. */
 void famrig_late(famrig *d, uint8_t ticks);
 
 /* Guards and controller. Sets output, state, sync. */
 void famrig_step(famrig *d, uint16_t pressure, uint16_t force);
 
-/* Read at most one line, write at most one line and a record. */
+/* Reads at most one line, and writes at most one line and a record. */
 void famrig_serve(famrig *d);
 
-/* Let the bytes of this tick go, fewer where the line lags behind. famrig_next may not interrupt. */
+/* Releases the bytes of this tick, fewer if the line lags behind. famrig_next must not interrupt. */
 void famrig_release(famrig *d);
 
 /* The next byte to send, or -1. */

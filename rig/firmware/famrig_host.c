@@ -1,11 +1,11 @@
-/* The core for a computer: one call per tick, for tests/rig/native.py. */
+/* The core as a library for tests/rig/native.py, with one call per tick. */
 #include "famrig_core.h"
 
 #include <stddef.h>
 
 size_t famrig_host_size(void) { return sizeof(famrig); }
 
-/* Ring, bytes per tick: what this library was built with. */
+/* Ring and bytes per tick with which this library was built. */
 int famrig_host_ring(void) { return FR_RING; }
 int famrig_host_trip_ceiling(void) { return FR_TRIP_CEILING; }
 int famrig_host_bytes_per_tick(void) { return FR_BYTES_PER_TICK; }
@@ -22,7 +22,7 @@ void famrig_host_reset(famrig *d, uint8_t cause, uint16_t boot, const uint8_t *l
     famrig_reset(d, cause, boot, kept);
 }
 
-/* Output, state, sync, the boot counter, and the latch: fault, output, count, board. */
+/* Returns output, state, sync, boot counter, and latch: fault, output, count, board. */
 void famrig_host_look(const famrig *d, int *values)
 {
     values[0] = d->output;
@@ -35,7 +35,7 @@ void famrig_host_look(const famrig *d, int *values)
     values[7] = d->latch.board;
 }
 
-/* A tick, and a look; writes what it sent, at most FR_BYTES_PER_TICK bytes, and says how many. */
+/* Runs a tick, writes the bytes sent, at most FR_BYTES_PER_TICK, and returns their number. */
 size_t famrig_host_tick(famrig *d, uint16_t pressure, uint16_t force, uint8_t *sent, int *values)
 {
     size_t number = 0;

@@ -1,27 +1,27 @@
-/* Plausibility of the readings: a live one varies at rest and follows the output, a frozen one does not;
- * the reasons are in README.md. rig/device/plausibility.py is the same in Python. */
+/* Plausibility of the readings: a live reading varies at rest and follows the output, a frozen one does
+ * not. README.md gives the reasons. rig/controller.py is the same in Python. */
 #include "famrig_plausibility.h"
 
-#define ONE_COUNT INT32_C(32768) /* of the integral */
-#define CLOSE_BAND 1       /* counts within which a reading that varies does not stay for 0.1 s */
-#define WIDE_BAND 2        /* the same for a second */
-#define REST_BAND 3        /* left often by a reading that is alive, at rest */
-#define WATCH_TICKS 1000   /* for which the reading is watched at rest */
-#define WATCH_DRIFT 8      /* counts: more is a pressure that falls, not noise */
-#define ALIVE_MOVES 8      /* times that it leaves its band in that time, at least */
-#define ANSWER 5           /* counts by which a pressure answers the controller, in the mean */
-#define QUICK_CHANGE 8     /* counts in four ticks: faster than strokes move a pressure */
-#define QUICK_TICKS 500    /* for which less push is allowed after that, a start or a step */
-#define OFF 255            /* of `frozen` */
-#define PUSH_LIMIT 75      /* PWM counts above the holding output that count at most */
-#define FIRST_LIMIT 50     /* the same before the circuit has answered: how slow it is is not known */
+#define ONE_COUNT INT32_C(32768) /* one PWM count, in units of the integral */
+#define CLOSE_BAND 1       /* counts; a varying reading leaves this band within 0.1 s */
+#define WIDE_BAND 2        /* counts; a varying reading leaves this band within a second */
+#define REST_BAND 3        /* counts; a varying reading often leaves this band at rest */
+#define WATCH_TICKS 1000   /* ticks for which the reading is observed at rest */
+#define WATCH_DRIFT 8      /* counts; a larger change is a falling pressure, not noise */
+#define ALIVE_MOVES 8      /* smallest number of times that a varying reading leaves its band in that time */
+#define ANSWER 5           /* mean counts by which a pressure must respond to the controller */
+#define QUICK_CHANGE 8     /* counts in four ticks, faster than strokes change a pressure */
+#define QUICK_TICKS 500    /* ticks of a reduced push limit after such a change, a start or a step */
+#define OFF 255            /* value of `frozen` that disables the guard */
+#define PUSH_LIMIT 75      /* largest excess over the holding output that counts, in PWM counts */
+#define FIRST_LIMIT 50     /* the same before the circuit has responded, while its speed is unknown */
 #define MOST_PUSH 65000    /* PWM counts * ticks */
-#define HEADROOM 2560      /* 1/128 psi: with less below the limit less push is allowed */
+#define HEADROOM 2560      /* 1/128 psi; closer to the limit less push is allowed */
 #define HELD_SHIFT 9       /* the holding output follows with a time constant of 512 records */
-#define SETTLED_SHIFT 7    /* the settled one, which knows nothing of a wound integral, of 128 */
-#define CLOSE_TICKS 50     /* for which a lively reading is never within CLOSE_BAND */
-#define LEAP 8             /* counts in one tick: no pressure stops within a tick after that */
-#define LEAP_TICKS 20      /* within CLOSE_BAND after a leap: the reading is not the pressure's */
+#define SETTLED_SHIFT 7    /* the settled output follows with a time constant of 128 records */
+#define CLOSE_TICKS 50     /* ticks for which a lively reading never stays in CLOSE_BAND */
+#define LEAP 8             /* counts in one tick, after which no pressure stops within a tick */
+#define LEAP_TICKS 20      /* ticks in CLOSE_BAND after a leap, after which the reading is not believed */
 
 static uint16_t distance(uint16_t a, uint16_t b) { return a > b ? a - b : b - a; }
 
@@ -33,7 +33,7 @@ static uint16_t recent_sum(const famrig *d)
     return sum;
 }
 
-/* From here on the pressure has to answer; one that is within reach of its set point need not. */
+/* From now on the pressure must respond, unless it is close to its set point. */
 void fr_expect_answer(famrig *d, uint8_t to)
 {
     d->asked = to;
@@ -43,7 +43,7 @@ void fr_expect_answer(famrig *d, uint8_t to)
     d->quick_ticks = QUICK_TICKS;
 }
 
-/* Whether the reading has left the band, which then begins anew with it. */
+/* Returns true if the reading has left the band, which then restarts from it. */
 static bool moved(fr_band *band, uint16_t pressure, uint8_t width)
 {
     uint16_t low = pressure < band->low ? pressure : band->low;
@@ -54,7 +54,7 @@ static bool moved(fr_band *band, uint16_t pressure, uint8_t width)
     return left;
 }
 
-/* At rest: does noise move the reading? Only of one that is alive can it be said that it froze. */
+/* Observes at rest whether noise changes the reading; only freezing of a varying reading can be detected. */
 void fr_watch(famrig *d, uint16_t pressure)
 {
     if (d->watch_ticks == 0) {
@@ -78,7 +78,7 @@ bool fr_stands_still(famrig *d, uint16_t pressure)
            d->still_ticks * (uint32_t)d->liveliness >= d->still * (uint32_t)FR_LIVELY_MOVES;
 }
 
-/* What the output has pushed so far [counts * ticks], from what exceeds the one that held. */
+/* Sum over time of the output's excess over the holding output [counts * ticks]. */
 static uint16_t pushed(const famrig *d, uint16_t push, int32_t held, uint8_t slack)
 {
     int16_t holding = (int16_t)((d->law.feed_forward * INT32_C(128) + held + ONE_COUNT / 2) >> 15);
@@ -93,12 +93,12 @@ static uint16_t pushed(const famrig *d, uint16_t push, int32_t held, uint8_t sla
 
 static uint32_t push_budget(const famrig *d) { return d->frozen * (uint32_t)d->frozen_ticks; }
 
-/* Whether that is more than a pressure bears that does not move: less where its limit is near, or may
- * have been before the reading leapt; more where nothing has happened for a while, so that strokes
- * explain it, and of a quiet reading, which rests on its way between two counts. */
+/* Returns true if this push is too large for a constant reading. The threshold is lower close to the limit
+ * and after a leap. It is higher when nothing has happened for a while, because strokes may explain a
+ * constant reading, and for a quiet reading, which rests between two counts. */
 static bool too_much(const famrig *d, uint16_t push, int32_t error)
 {
-    int32_t headroom = d->leapt ? 0 : d->headroom + error / 2; /* it may have been at the limit */
+    int32_t headroom = d->leapt ? 0 : d->headroom + error / 2; /* after a leap it may be at the limit */
     if (headroom > HEADROOM)
         headroom = HEADROOM;
     if (headroom < HEADROOM / 4)
@@ -107,7 +107,7 @@ static bool too_much(const famrig *d, uint16_t push, int32_t error)
     return push * (uint32_t)HEADROOM >= push_budget(d) * share * (uint32_t)headroom;
 }
 
-/* A pressure follows an output that is above the holding one; a reading that does not is frozen. */
+/* A pressure follows an output above the holding output; a reading that does not is frozen. */
 bool fr_is_frozen(famrig *d, uint16_t pressure, int32_t error)
 {
     d->close_ticks++;
@@ -133,8 +133,8 @@ bool fr_is_frozen(famrig *d, uint16_t pressure, int32_t error)
     return too_much(d, d->push, error) || (wound && too_much(d, d->wound_push, error));
 }
 
-/* After a start and a higher set point: noise is no answer, the mean of some readings has to move. One
- * that is quiet at rest may be frozen already: little is granted to it. */
+/* After a start or a higher set point, the mean of several readings must change; noise is not a response.
+ * A reading that is quiet at rest may already be frozen, so its limit is lower. */
 bool fr_no_answer(famrig *d, int32_t error)
 {
     if (d->asked == FR_NOTHING)

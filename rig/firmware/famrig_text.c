@@ -58,7 +58,7 @@ const FR_FLASH char fr_name[] = "famrig", fr_error[] = "ERR";
 
 fr_text fr_reason(uint8_t reason) { return reasons[reason]; }
 
-/* CRC-16, polynomial 0x1021, start 0xFFFF, not reflected: one byte more. */
+/* Adds a byte to a CRC-16: polynomial 0x1021, initial value 0xFFFF, not reflected. */
 static uint16_t crc_step(uint16_t crc, uint8_t byte)
 {
     crc = (uint16_t)(crc << 8 | crc >> 8) ^ byte;
@@ -112,7 +112,7 @@ void fr_end(famrig *d)
     put_raw(d, '\n');
 }
 
-/* Subtraction of powers of ten: a division costs an AVR 600 cycles. */
+/* Subtracts powers of ten, because a division takes 600 cycles on an AVR. */
 static void put_number(famrig *d, uint32_t value)
 {
     uint8_t place = value < 1000 ? 2 : value < 100000 ? 4 : 9;

@@ -1,10 +1,10 @@
-/* The lines of the core: words and numbers in, fields and a CRC out. */
+/* Lines of the core: reads words and numbers, writes fields and a CRC. */
 #ifndef FAMRIG_TEXT_H
 #define FAMRIG_TEXT_H
 
 #include "famrig_core.h"
 
-#ifdef __FLASH /* avr-gcc: constants stay in program memory */
+#ifdef __FLASH /* avr-gcc: constants remain in program memory */
 #define FR_FLASH __flash
 #else
 #define FR_FLASH
@@ -19,7 +19,7 @@ enum fr_verb {
     FR_VERB_HBMS, FR_VERB_FLOOR, FR_VERB_CEILING, FR_VERB_STILL, FR_VERB_FROZEN, FR_VERB_UNKNOWN
 };
 
-/* Why a command was refused. */
+/* Reasons for refusing a command. */
 enum fr_reason {
     FR_OK, FR_UNKNOWN, FR_NUMBER, FR_TRIPPED, FR_NO_LIMIT, FR_PRESSURE, FR_RUNNING, FR_BAUD,
     FR_OUTSIDE, FR_ABOVE_CEILING
@@ -29,7 +29,7 @@ typedef const FR_FLASH char *fr_text;
 
 extern const FR_FLASH char fr_name[], fr_error[];
 
-/* ---- out: a line begins with its letter, is written at once, ends with its CRC ---- */
+/* ---- out: a line begins with its letter and ends with its CRC ---- */
 void fr_begin(famrig *d, char letter);
 void fr_end(famrig *d);
 void fr_field(famrig *d, uint32_t value);
@@ -40,17 +40,17 @@ fr_text fr_reason(uint8_t reason);
 /* ---- in ---- */
 uint16_t fr_crc(const char *text);
 
-/* Whether d->line may be obeyed; cuts its CRC off. */
+/* Returns true if d->line is valid, and removes its CRC. */
 bool fr_check(famrig *d, bool *checked);
 
-/* The id that a line begins with, 0 where there is none. */
+/* Reads the id at the beginning of a line; 0 if there is none. */
 uint16_t fr_id(const char **words);
 uint8_t fr_verb(const char **words);
 
-/* How many numbers were read; -1 where one is missing, too many or out of range. */
+/* Returns the number of numbers read; -1 if one is missing, superfluous or out of range. */
 int8_t fr_numbers(uint8_t verb, const char *words, int32_t *values);
 
-/* A re-request, into d->base and d->mask. */
+/* Reads a repeat request into d->base and d->mask. */
 bool fr_request(famrig *d, const char *words);
 
 #endif

@@ -1,7 +1,7 @@
-/* Registers of the ATmega328P at 16 MHz (Arduino Uno, Nano). README.md has the wiring.
+/* Registers of the ATmega328P at 16 MHz (Arduino Uno, Nano). The wiring is in README.md.
  *
- * Timer 1 makes the tick and starts the conversions; timer 0 makes the PWM; the watchdog resets
- * what has not finished a tick for 250 ms. There is no Arduino core in this program. */
+ * Timer 1 makes the tick and starts the conversions. Timer 0 makes the PWM. The watchdog resets a
+ * program that has not finished a tick for 250 ms. This program does not use the Arduino core. */
 #ifndef __AVR_ATmega328P__
 #error "this port is for the ATmega328P; the core takes another one: see famrig_core.h"
 #endif
@@ -28,7 +28,7 @@
 #ifdef FR_AREF_EXTERNAL
 #define REFERENCE 0 /* the voltage at the pin AREF */
 #else
-#define REFERENCE _BV(REFS0) /* AVCC: with USB alone 4.75 to 5.25 V, see README.md */
+#define REFERENCE _BV(REFS0) /* AVCC, 4.75 to 5.25 V with USB power, see README.md */
 #endif
 
 #define PRESSURE_INPUT 0 /* A0 */
@@ -36,7 +36,7 @@
 #define DUMP_CLOSED PD4  /* high: the normally open dump valve is closed */
 #define PWM PD6          /* OC0A */
 #define SYNC PD7
-#define LIGHT PB5 /* on while pressure may be up */
+#define LIGHT PB5 /* on while the muscle may be under pressure */
 #define FAST_PWM (_BV(WGM01) | _BV(WGM00)) /* (u + 1) / 256, pin not connected */
 
 static famrig device;
@@ -47,7 +47,7 @@ static uint8_t reset_cause __attribute__((section(".noinit")));
 static uint16_t boot_counter EEMEM = 0xFFFF;
 static fr_latch latch EEMEM = {0xFF, 0xFF, 0xFFFF, 0xFFFF};
 
-/* After a reset by the watchdog it runs on, at 16 ms: stop it before anything else. */
+/* After a watchdog reset, the watchdog keeps running at 16 ms and must be stopped first. */
 void save_cause(void) __attribute__((naked, used, section(".init3")));
 void save_cause(void)
 {
@@ -70,9 +70,9 @@ ISR(TIMER1_COMPA_vect)
     ticks++;
 }
 
-/* The first conversion after a change of the input is not used: the sampling capacitor still holds
- * the other one's voltage, and through 1 Mohm it takes more than one conversion to forget it. That of
- * the pressure is made as soon as the force is known, so that the next tick can begin with a good one. */
+/* The first conversion after a change of the input is not used, because the sampling capacitor still holds
+ * the voltage of the other input, and through 1 Mohm it takes more than one conversion to settle. The first
+ * conversion of the pressure follows that of the force, so that the next tick begins with a valid one. */
 ISR(ADC_vect)
 {
     bool good = settled;
@@ -104,7 +104,7 @@ ISR(USART_UDRE_vect)
 
 static void start(void)
 {
-    PORTD = _BV(PD0); /* pull-up: an open line is a quiet one */
+    PORTD = _BV(PD0); /* pull-up, so that an open line is quiet */
     DDRD = _BV(DUMP_CLOSED) | _BV(PWM) | _BV(SYNC);
     DDRB = _BV(LIGHT);
     fr_latch kept;
@@ -119,7 +119,7 @@ static void start(void)
     TCCR1A = 0;
     TCCR1B = _BV(WGM12) | _BV(CS11);
     TIMSK1 = _BV(OCIE1A);
-    UCSR0A = _BV(U2X0); /* before the divisor, for simavr */
+    UCSR0A = _BV(U2X0); /* simavr requires this before the divisor */
     UBRR0 = DIVISOR;
     UCSR0B = _BV(RXCIE0) | _BV(RXEN0) | _BV(TXEN0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
@@ -128,7 +128,7 @@ static void start(void)
     sei();
 }
 
-/* A byte of the latch per tick at most, and only where it has changed: writing takes 3.4 ms, by itself. */
+/* Writes at most one changed byte of the latch per tick; the hardware takes 3.4 ms for it. */
 static void keep_latch(void)
 {
     const uint8_t *bytes = (const uint8_t *)&device.latch;
@@ -142,7 +142,7 @@ static void set_pin(volatile uint8_t *port, uint8_t pin, bool high)
     *port = high ? *port | _BV(pin) : *port & (uint8_t)~_BV(pin);
 }
 
-/* At 0 the pin is taken from the timer: low at once, and without the spike of fast PWM. */
+/* At 0 the pin is disconnected from the timer and goes low immediately, without the spike of fast PWM. */
 static void set_outputs(void)
 {
     bool pressurised = !famrig_dump_open(&device);
@@ -159,7 +159,7 @@ static void wait_for_conversions(void)
     while (!converted) {
         sleep_enable();
         sei();
-        sleep_cpu(); /* the instruction after sei always runs: no wake-up is lost */
+        sleep_cpu(); /* the instruction after sei always runs, so no wake-up is lost */
         sleep_disable();
         cli();
     }
@@ -180,7 +180,7 @@ int main(void)
         famrig_step(&device, p, f);
         set_outputs();
         famrig_serve(&device);
-        set_outputs(); /* it may have been told to stop */
+        set_outputs(); /* a stop command may have arrived */
         keep_latch();
         cli();
         famrig_release(&device);

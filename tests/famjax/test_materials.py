@@ -21,7 +21,7 @@ from famjax.braids import (
     strain_under_line,
     thread_tension,
 )
-from famjax.materials import AbstractHyperelastic, AbstractMaterial, AbstractUniaxialLaw
+from famjax.materials import AbstractHyperelastic, AbstractMaterial
 
 EXACT = 1e-12  # a few roundings
 
@@ -53,27 +53,11 @@ def test_gaylord_force_is_the_virtual_work_of_the_braid_volume(festo):
     """F_G = -P dV/dL with the cylinder's volume: an oracle that shares no formula with F_G."""
     braid = festo.geometry.braid
     lengths = jnp.linspace(0.2, 0.33, 40)
-    slope = jax.jit(
-        jax.vmap(jax.grad(lambda L: famjax.geometries.cylinder_volume(L, braid.diameter(L) / 2)))
-    )(lengths)
+    slope = jax.jit(jax.vmap(jax.grad(lambda L: jnp.pi / 4 * braid.diameter(L) ** 2 * L)))(lengths)
     force = famjax.braids.gaylord_force(
         4e5, braid.diameter(lengths) / 2, braid.braid_angle(lengths)
     )
     np.testing.assert_allclose(force, -4e5 * slope, rtol=1e-11, atol=1e-9)
-
-
-@pytest.mark.parametrize("angle", [40.0, 60.0, 75.0])
-def test_angle_from_the_slope_of_blocked_force(angle):
-    """Whatever the bladder and the deadband take away: the slope is the braid's own."""
-    values = {"braid_diameter": 0.0236, "braid_angle": np.deg2rad(angle)}
-    muscle = known.FESTO.with_parameters(values)
-    P = jnp.linspace(1e5, 6e5, 6)
-    found = famjax.braids.braid_angle_from_blocked_force(P, muscle.blocked_force(P), 0.0236)
-    assert float(found) == pytest.approx(np.deg2rad(angle), rel=1e-10)
-    both = jnp.stack([P, P])
-    forces = jnp.stack([muscle.blocked_force(P), -2 * P * jnp.pi * 0.0236**2])
-    batch = famjax.braids.braid_angle_from_blocked_force(both, forces, 0.0236)
-    np.testing.assert_allclose(batch, [found, np.nan], rtol=1e-14)  # roundings
 
 
 ROUNDED = 1e-13  # a few roundings in the laws of threads
@@ -107,7 +91,7 @@ def test_toe_law_by_hand():
 def test_tension_holds_pull_and_pressure():
     """n threads at the angle theta, projected on the axis, carry F + P pi R^2."""
     T = thread_tension(500.0, 3e5, 0.012, 1.1, 96)
-    assert float(96 * T * jnp.sin(1.1)) == pytest.approx(500 + 3e5 * np.pi * 0.012**2, rel=ROUNDED)
+    assert float(96 * T * jnp.sin(1.1)) == pytest.approx(500 + 3e5 * np.pi * 0.012**2, rel=EXACT)
 
 
 n = 144.0
@@ -177,22 +161,9 @@ def test_the_solve_ends_up_to_the_limit(distance, toe_strain):
     assert float(1 + strain) * distance == pytest.approx(1 + toe_strain, rel=1e-3 + distance)
 
 
-def test_beyond_the_rest_length_the_load_must_stretch_the_threads():
-    """L > B0 has an equilibrium exactly where the stretched thread comes out longer than L."""
-    one, length = ElasticBraid(B0, N, 0.011, n, LinearThread(11.6e6, AREA)), 9.91
-    needed = 145.0  # psi: 9.90 in of thread at 100 psi less length would be too short
-    short, long = (closed_form(length, P, 11.6e6) for P in (30.0, needed))
-    assert short < length < long
-    assert np.isnan(one.thread_length(length, 30.0))
-    assert float(one.thread_length(length, needed)) == pytest.approx(long, rel=EXACT)
-    with pytest.raises(RuntimeError, match="shorter than the stretched threads"):
-        one.thread_length(length, 30.0, throw=True)
-
-
 MU, C10, C01, YEOH = 0.8, 0.3, 0.1, np.array([0.4, -0.02, 0.003])
 OGDEN, ALPHA = map(np.array, known.OGDEN)
 HYPERELASTIC = known.HYPERELASTIC
-ENERGETIC = {name: known.LAWS[name] for name in [*HYPERELASTIC, "saturating"]}
 
 
 @eqx.filter_jit
@@ -251,10 +222,9 @@ def test_modulus_at_small_strain_is_that_of_poissons_ratio_one_half(law):
     assert float(jax.jit(jax.grad(law.uniaxial_stress))(0.0)) == pytest.approx(3 * mu, rel=EXACT)
 
 
-@pytest.mark.parametrize("law", ENERGETIC.values(), ids=ENERGETIC)
+@pytest.mark.parametrize("law", HYPERELASTIC.values(), ids=HYPERELASTIC)
 def test_bladder_force_is_the_slope_of_the_stored_energy(law, festo):
     """Virtual work: where threads and mid-wall coincide, F dL = V dW with no other term."""
-    assert isinstance(law, AbstractHyperelastic | AbstractUniaxialLaw)
     muscle = eqx.tree_at(lambda m: m.material, festo, law)
 
     def stored(length: jax.Array) -> jax.Array:
@@ -271,16 +241,3 @@ def test_saturating_law_is_its_closed_form():
     law, eps = famjax.materials.SaturatingMaterial(E, S, s), np.linspace(-0.5, 2.0, 11)
     expected = E * eps + S * np.sign(eps) * (1 - np.exp(-np.abs(eps) / s))
     np.testing.assert_allclose(law.stress(eps), expected, rtol=EXACT)
-
-
-def test_monotone_law_is_its_modulus_integrated():
-    knots, moduli = (0.0, 0.05, 0.2), np.array([6e6, 2e6, 4e6])
-    law = famjax.materials.MonotoneMaterial(knots, moduli)
-    strain = np.linspace(-0.4, 0.4, 41)
-    modulus = np.interp(np.abs(strain), knots, moduli)
-    np.testing.assert_allclose(law.tangent_modulus(strain), modulus, rtol=1e-12)
-    fine = np.linspace(0, 0.4, 400001)
-    trapezoid = np.interp(fine, knots, moduli)
-    area = np.sum((trapezoid[1:] + trapezoid[:-1]) / 2) * (fine[1] - fine[0])
-    assert float(law.stress(0.4)) == pytest.approx(area, rel=1e-9)
-    assert float(law.stress(-0.4)) == pytest.approx(-area, rel=1e-9)

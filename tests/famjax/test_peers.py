@@ -17,21 +17,10 @@ from famjax.muscles import bundled_card, dmsp_10, dmsp_20
 from fitting import load_bundled
 
 EXACT = 1e-10  # the same algebra in another order
-DIFFERENCE = 1e-6  # central differences
 PRINTED = 6e-3  # figures known to two decimals
 
 L0, D0, THETA = 0.25, 0.012, 1.12
 L, P = np.meshgrid(np.linspace(0.2, 0.2499, 4), np.array([1e5, 3.5e5, 6e5]))
-
-
-def test_chou_and_hannafords_wall_is_virtual_work_of_the_bore():
-    t, h = 1e-3, 1e-6
-
-    def bore(length: np.ndarray) -> np.ndarray:
-        return np.pi / 4 * (np.asarray(BRAID.diameter(length)) - 2 * t) ** 2 * length
-
-    expected = -P * (bore(L + h) - bore(L - h)) / (2 * h)
-    np.testing.assert_allclose(MODELS["chou_hannaford"].force(L, P), expected, rtol=DIFFERENCE)
 
 
 def test_tondu_lopez_is_its_printed_algebra():
@@ -68,9 +57,6 @@ def test_kothera_shortens_by_the_bulge_of_the_ends():
 PUBLISHED = [
     ("DMSP-20-300", peers.Martens.published("DMSP-20-300"), 14.59, 2.37),
     ("DMSP-10-250", peers.Martens.published("DMSP-10-250"), 10.67, 4.26),
-    ("DMSP-20-300", peers.Sarosi.published("20-200", rest_length=0.3), 104.35, 12.02),
-    ("DMSP-20-300", peers.Sarosi.published("20-400", rest_length=0.3), 150.92, 16.42),
-    ("DMSP-10-250", peers.Sarosi.published("10 mm", rest_length=0.25), 73.41, 18.94),
 ]  # fmt: skip
 
 
@@ -111,7 +97,7 @@ def test_a_bundled_muscle_can_be_cut_and_taken_anywhere():
         dmsp_10(length=-0.1)
     with pytest.raises(InputError, match=r"cannot be cut to 0\.001 m"):
         dmsp_20(length=0.001)
-    with pytest.raises(InputError, match="there is no bundled muscle 'DMSP-40'"):
+    with pytest.raises(InputError, match="no such file: DMSP-40"):
         bundled_card("DMSP-40")
 
 

@@ -21,7 +21,6 @@ from famjax.plant import (
     PneumaticCircuit,
     PressureController,
     Regulated,
-    SlipFriction,
     SteppedPlant,
     choked_share,
     simulate,
@@ -160,14 +159,6 @@ def test_a_stepped_plant_is_the_plant():
         stepped.step(float(signal), float(dump), float(length))
     assert stepped.pressure == pytest.approx(float(states.pressure[-1]), rel=CLOSED)
     assert stepped.force == pytest.approx(float(states.force[-1]), rel=CLOSED)
-    stepped.plant = dataclasses.replace(
-        plant, circuit=PneumaticCircuit(leak=0.0, dump_conductance=0.0)
-    )
-    held = []
-    for _ in range(100):
-        stepped.step(128 / 255, 1.0, stepped.length)
-        held.append(stepped.pressure)
-    assert held[-1] == pytest.approx(held[-20], rel=1e-5)
 
 
 @pytest.mark.slow
@@ -239,7 +230,7 @@ def test_slip_elements_are_a_friction():
     L0 = LinearMcKibben().rest_length
     elements = MaxwellSlip(SlipElements([0.002], [20.0]), SlipElements.none(), L0, 1e6)
     plain = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben())
-    rough = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben(), friction=SlipFriction(elements))
+    rough = Plant(PneumaticCircuit(leak=0.0), LinearMcKibben(), friction=elements)
     command = Command(np.full(1000, 0.6), 0.0, np.repeat([-2e-3, 2e-3], 500))
     smooth, found = (simulate(one, command, TICK) for one in (plain, rough))
     lengths, pressures = (np.asarray(one) for one in (smooth.position, smooth.pressure))

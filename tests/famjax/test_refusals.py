@@ -10,9 +10,8 @@ import pytest
 
 import famjax
 from famjax import Braid, Muscle, materials, peers, terms
-from famjax.measured import MeasuredGeometry, Meridian, quadrature
-from famjax.parameters import template
-from famjax.profiles import Cylinder, EllipticToroidEnds, FourierProfile
+from famjax.measured import AverageDiameterGeometry, MeasuredGeometry, Meridian, quadrature
+from famjax.profiles import FourierProfile
 from famjax.surfaces import MeasuredFamily, SampledSurface
 
 PLAIN, ROUNDED = known.FESTO, famjax.geometries.EndEffectGeometry(known.FESTO_CYLINDER, 1.05)
@@ -26,6 +25,13 @@ BULGED = 0.02 + 0.02 * np.sin(np.pi * X) ** 0.5 * np.array([0.1, 0.5, 1.0])[:, N
 
 def family(lengths: list[float], profiles: list, **options: float) -> MeasuredFamily:
     return MeasuredFamily(lengths, profiles, 100.0, known.INELASTIC, **options)
+
+
+def cylinder(diameter: float) -> FourierProfile:
+    return FourierProfile(diameter, [0.0], [0.0], 1.0)
+
+
+SHRUNK = family([9.0, 8.0, 7.0, 6.0], [cylinder(D) for D in (0.02, 0.02, 2.0, 0.02)])
 
 
 def sampled(**change: object) -> SampledSurface:
@@ -62,19 +68,13 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
     # Braids: 64 rad is 66.9 deg after ten turns, a muscle like any other and not the one that was meant.
     *((ValueError, RADIANS, lambda angle=angle: from_angle(angle)) for angle in (64, 61.7, -1, 0)),
     # Shapes
-    (RuntimeError, "at most half the active length",
-     lambda: Meridian.of(EllipticToroidEnds(2.2, 0.9, 3.1), 6.0)),
-    (ValueError, r"arc_angle lies in \(0, pi / 2\], got 60",
-     lambda: EllipticToroidEnds(2.2, 0.9, 1.1, 60.0)),
-    (ValueError, r"must be > 0 .* it is -0\.9 at x = 1\.000",
-     lambda: FourierProfile(0.1, [1.0], [0.0], np.pi)),
     (ValueError, r"one coefficient per term.*\(2,\) and \(3,\)",
      lambda: FourierProfile(1.0, [0.1, 0.2], [0.1, 0.2, 0.3], 5.0)),
-    (ValueError, "order must be >= 1, got 0", lambda: quadrature(jnp.zeros(0), 0)),
+    (ValueError, "order must be >= 1, got 0", lambda: quadrature(0)),
     (RuntimeError, "must exceed the braid's thickness",
-     lambda: Meridian.of(Cylinder(0.02), 1.0).inset(0.011)),
+     lambda: Meridian.of(cylinder(0.02).diameter, 1.0).inset(0.011)),
     (RuntimeError, "must leave a bore",
-     lambda: Meridian.of(Cylinder(0.5), 9.0).hoop_strain(famjax.Bladder(9.0, 0.9, 0.2))),
+     lambda: Meridian.of(cylinder(0.5).diameter, 9.0).hoop_strain(famjax.Bladder(9.0, 0.9, 0.2))),
     (RuntimeError, "must leave a bore",
      lambda: MeasuredGeometry(
          known.two_profiles(known.INELASTIC), famjax.Bladder(known.L0, 1.4, 0.5))),
@@ -84,11 +84,11 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
      lambda: family([9.0, 8.0, 7.0], [WAVY, LATER])),
     (ValueError, "must decrease", lambda: family([6.0, 9.0], [WAVY, LATER])),
     (ValueError, "margin is a fraction", lambda: family([9.0, 6.0], [WAVY, LATER], margin=0.5)),
-    (ValueError, r"must be > 0 at every length.* it is -.* at L = ",
-     lambda: family([9.0, 8.0, 7.0, 6.0], [Cylinder(D) for D in (0.02, 0.02, 2.0, 0.02)])),
-    (ValueError, "threads are longer", lambda: family([10.0, 7.0], [WAVY, LATER])),
+    (RuntimeError, "must be > 0 from x = 0 to 1", lambda: MeasuredGeometry(SHRUNK, known.SPECIMEN)),
+    (RuntimeError, "must be > 0 from x = 0 to 1",
+     lambda: AverageDiameterGeometry(SHRUNK, known.SPECIMEN).dimensions(8.5, 100.0)),
     (ValueError, "lengths must decrease", lambda: sampled(lengths=LENGTHS[::-1])),
-    (ValueError, "pressures increase", lambda: sampled(pressures=PRESSURES[::-1])),
+    (ValueError, "pressures must increase", lambda: sampled(pressures=PRESSURES[::-1])),
     (ValueError, "must have the shape", lambda: sampled(lengths=LENGTHS[:2])),
     (ValueError, "one or two",
      lambda: sampled(pressures=np.array([1.0, 2.0, 3.0]), diameters=np.ones((3, 3, 5)))),
@@ -99,12 +99,6 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
      lambda: materials.OgdenMaterial([1.0, 2.0], [2.0])),
     (ValueError, "at least two node pressures",
      lambda: materials.PressurePolynomialMaterial([1e5], [[1.0]])),
-    (ValueError, "the first of them 0", lambda: materials.MonotoneMaterial((0.1, 0.2), [1, 2])),
-    (ValueError, "increasing strains",
-     lambda: materials.MonotoneMaterial((0.0, 0.2, 0.1), [1, 2, 3])),
-    (ValueError, "needs as many moduli", lambda: materials.MonotoneMaterial((0.0, 0.2), [1, 2, 3])),
-    (ValueError, "OgdenMaterial has no tangent modulus of one direction",
-     lambda: materials.tangent_modulus(template(materials.OgdenMaterial), 0.1)),
     # Muscles
     (ValueError, "at least one force term, got none", lambda: Muscle(known.CYLINDER, ())),
     (ValueError, r"got PolynomialMaterial.*BladderWall", lambda: terms.SumOfTerms([known.LATEX])),
@@ -130,7 +124,7 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
      lambda: known.FESTO_CYLINDER.with_parameters({"turns": 1.0})),
     (ValueError, r"one number; got the shape \(2,\) for 'E_1'",
      lambda: PLAIN.with_parameters({"E_1": jnp.ones(2)})),
-    (ValueError, "field 'geometry' of Muscle has no default", lambda: template(Muscle)),
+    (ValueError, "field 'geometry' of Muscle has no default", Muscle.template),
     (ValueError, "goes from low to high", lambda: famjax.parameter("m", low=1.0, high=0.0)),
     (ValueError, "scale of a parameter is finite and > 0",
      lambda: famjax.parameter("m", scale=0.0)),
@@ -141,15 +135,9 @@ REFUSED: list[tuple[type[Exception], str, Callable[[], object]]] = [
     (ValueError, "deadband_pressure: no point of R",
      lambda: apart("deadband_pressure", deadband_pressure=(4e4, 5e4)).unbounded),
     # Peers
-    (ValueError, "Gaylord has no rest length",
+    (ValueError, "the model has no rest length",
      lambda: peers.Gaylord(known.INELASTIC).blocked_force(60.0)),
-    (ValueError, "constants are available for",
-     lambda: peers.Sarosi.published("30 mm", rest_length=0.3)),
     (ValueError, "constants are available for", lambda: peers.Martens.published("DMSP-40-400")),
-    (ValueError, "constants are available for",
-     lambda: peers.Bolen.published("5 mm", rest_length=0.3, largest_contraction=0.2)),
-    (ValueError, "degree 2 in two variables has 6 coefficients",
-     lambda: peers.PolynomialSurface(0.25, jnp.ones(5), 2)),
 ]  # fmt: skip
 
 

@@ -3,11 +3,10 @@
 import dataclasses
 import json
 import math
-from typing import Any
 
 import numpy as np
 import pytest
-from maps import known_muscle, muscle_map, readings
+from maps import muscle_map
 
 import famjax
 from fitting import (
@@ -156,31 +155,6 @@ def test_a_length_missed_by_far_is_not_forgiven_for_others(dmsp20):
     cliff = of_groups(1.1, 0.9, 1.8, 84.0)
     assert cliff == pytest.approx(np.sqrt(np.hypot(0.9, 1.8) * np.hypot(1.1, 84) / 2), rel=0.1)
     assert cliff > 1.5 * of_groups(3.0, 1.5, 2.0, 20.0)
-
-
-@pytest.mark.slow
-def test_a_stopped_validation_of_a_choice_goes_on_to_the_same_bytes(tmp_path, sent):
-    small = readings(known_muscle(famjax.PolynomialMaterial([1e6])), 4, noise=1.0)
-    held = {"end_factor": (1.0, 1.0), "braid_compliance": (0.0, 0.0), "rest_length": (0.3, 0.3)}
-    few: dict[str, Any] = {"starts": 2, "bounds": held}  # laws with and without a deadband
-    here, whole, cut = choose(small, **few), tmp_path / "whole.jsonl", tmp_path / "cut.jsonl"
-    found = validate_choice(here, "length", resume=whole, **few)
-
-    class StoppedError(Exception):
-        pass
-
-    def stop(done: int, total: int) -> None:
-        if done == 3:
-            raise StoppedError
-
-    with pytest.raises(StoppedError):
-        validate_choice(here, "length", resume=cut, **few, progress=stop)
-    again = validate_choice(here, "length", resume=cut, **few, executor=sent)
-    assert sent.count == 1  # of four lengths
-    assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(found).items())
-    assert cut.read_bytes() == whole.read_bytes()
-    with pytest.raises(InputError, match=r"a validation with other data .*groups was"):
-        validate_choice(here, "pressure", resume=cut, **few)
 
 
 def of_lengths(data: ForceData, count: int) -> ForceData:

@@ -53,9 +53,6 @@ def test_sarosi_6_is_the_optimum_that_scipy_finds(dmsp10, sarosi):
     )
     assert np.sum(_error(sarosi, dmsp10) ** 2) == pytest.approx(theirs.fun, rel=OPTIMUM)
     assert sarosi.values["a3"] == pytest.approx(theirs.x, rel=1e-4)  # flat at its minimum
-    np.testing.assert_allclose(
-        sarosi.model.force(dmsp10.length[at], dmsp10.pressure[at]), sarosi.predicted, rtol=1e-9
-    )
     assert (sarosi.end.converged, sarosi.at_bound) == (True, ())
 
 
@@ -69,11 +66,11 @@ def test_sarosi_6_has_the_errors_of_the_study(dmsp10, sarosi):
 
 @pytest.fixture(scope="module")
 def table(dmsp10: ForceData):
-    seen: list[tuple[int, int, str]] = []
+    seen: list[tuple[int, int]] = []
 
     found = compare(
         dmsp10,
-        ["hildebrandt", "polynomial_3", "martens_published", "gaylord_nominal"],
+        ["hildebrandt", "martens_published", "gaylord_nominal"],
         progress=lambda *state: seen.append(state),
     )
     return found, seen
@@ -86,7 +83,7 @@ def test_the_table_holds_every_model_the_best_first(table):
     assert out == sorted(out)
     assert all(math.isnan(row.lolo_interior_rmse) for row in found.rows[len(out) :])
     assert rows["hildebrandt"].rmse == pytest.approx(1.12, abs=STUDY)
-    assert rows["polynomial_3"].lopo_rmse == pytest.approx(0.98, abs=STUDY)
+    assert rows["hildebrandt"].lopo_rmse == pytest.approx(1.43, abs=STUDY)
     assert rows["gaylord_nominal"].rmse == pytest.approx(107.2, abs=0.05)
     martens = rows["martens_published"]
     assert (martens.n_parameters, martens.lopo_rmse, martens.lolo_rmse) == (
@@ -94,8 +91,8 @@ def test_the_table_holds_every_model_the_best_first(table):
         martens.rmse,
         martens.rmse,
     )
-    assert seen[0] == (0, 4, "hildebrandt")
-    assert seen[-1] == (4, 4, "")
+    assert seen[0] == (0, 3, "hildebrandt")
+    assert seen[-1] == (3, 3, "")
 
 
 def test_bad_requests_are_refused(dmsp10, monkeypatch):
@@ -105,16 +102,16 @@ def test_bad_requests_are_refused(dmsp10, monkeypatch):
     with pytest.raises(InputError, match="unknown peer 'hocking'"):
         fit_peer("hocking", dmsp10)
     with pytest.raises(InputError, match="starts must be a whole number >= 1, got 0"):
-        fit_peer("polynomial_3", dmsp10, starts=0)
+        fit_peer("hildebrandt", dmsp10, starts=0)
     inches = dataclasses.replace(dmsp10, length=dmsp10.length * 2.54)
     with pytest.raises(InputError, match="has the length 635 mm, too long for a braid"):
-        fit_peer("polynomial_3", inches)
+        fit_peer("hildebrandt", inches)
     few = dmsp10.part(dmsp10.pressure > 6.4e5)
-    with pytest.raises(InputError, match="has 10 parameters, but the map has 4 loaded readings"):
-        fit_peer("polynomial_3", few)
+    with pytest.raises(InputError, match="has 8 parameters, but the map has 4 loaded readings"):
+        fit_peer("hildebrandt", few)
     with pytest.raises(InputError, match="leaving out a pressure needs loaded readings"):
-        compare(few, ["polynomial_3"])
+        compare(few, ["hildebrandt"])
     with monkeypatch.context() as patched:
         patched.setattr(jax.config, "read", lambda name: False)
         with pytest.raises(RuntimeError, match="fits need float64"):
-            fit_peer("polynomial_3", dmsp10)
+            fit_peer("hildebrandt", dmsp10)

@@ -68,12 +68,12 @@ def test_specimen_lines_and_overrides(map_file):
         ("length_mm", "force_kN", "2 columns for force .force_kN, force_N.: say which, --column force="),
         ("100,300,", "100,300mm,", "row 2: length is '300mm', not a number"),
         ("100,300,", "100,,", "row 2: length is missing; remove the row, or write the reading"),
-        ("100,300,", "100,nan,", "row 2: length is nan; every value must be finite"),
-        ("100,300,", "inf,300,", "row 2: pressure is inf"),
-        ("100,300,", "-5,300,", "pressure .gauge.* must be >= 0; reading 1 has -5000 "),
-        ("100,300,", "100,0,", "length must be > 0; reading 1 has 0 "),
+        ("100,300,", "100,nan,", "row 2: length is 'nan', not a number"),
+        ("100,300,", "inf,300,", "row 2: pressure is 'inf'"),
+        ("100,300,", "-5,300,", "pressure of reading 1 is -5000 .*finite and >= 0 .gauge pressure"),
+        ("100,300,", "100,0,", "length of reading 1 is 0 .*finite and > 0"),
         ("100,290,", "100,290,1,", "line 3 has 4 numbers under 3 names"),
-        ("100,300,", f"100,{'x' * 900},", "row 2: length is 'x{40}[.]{3}', not a number$"),
+        ("100,300,", f"100,{'x' * 900},", "row 2: length is 'x{40}[.]{3}', not a number;"),
         ("length_mm", "x" * 900, "no column for length; the table has pressure_kPa, x{40}[.]{3}, force_N"),
         ("length_mm", "contraction_mm", "unit 'mm': a contraction is .L0 - L./L0"),
         ("length_mm", "contraction", "contractions require the rest length"),
@@ -83,7 +83,7 @@ def test_specimen_lines_and_overrides(map_file):
         ("pressure", "# specimen: embedded = maybe\npressure", "true or false"),
         ("pressure", "# specimen: rest_length_mm = -3\npressure", "must be a positive length"),
         ("pressure", "# level: pressure_kPa = 5\npressure", "must read pressure_tolerance_kPa = 5"),
-        ("pressure", "# level: pressure_tolerance_kPa = few\npressure", "is 'few', not a number"),
+        ("pressure", "# level: pressure_tolerance_kPa = few\npressure", "its unit .*got 'fewkPa'"),
         ("pressure", "# level: pressure_tolerance_mm = 5\npressure", "'mm' is not a known unit of"),
     ],
 )  # fmt: skip
@@ -115,7 +115,7 @@ def test_contractions_are_lengths_of_the_rest_length(map_file, tmp_path):
     one = read_csv(path, {"rest_length": 0.3})
     assert one.length_std == pytest.approx(0.003)
     path.write_text("force_N,pressure_kPa,contraction\n10,100,100\n")
-    with pytest.raises(InputError, match=r"got 100: put percent"):
+    with pytest.raises(InputError, match=r"length of reading 1 .*contraction_% .percent"):
         read_csv(path, {"rest_length": 0.3})
     path.write_text("force_N,pressure_kPa,contraction,length_mm\n10,100,0.1,1\n")
     with pytest.raises(InputError, match="'length' and 'contraction' are redundant"):
@@ -151,8 +151,8 @@ OF = Specimen("s", 0.3, 0.0018)
         (lambda: ForceData(ONE_TWO * [1, np.nan], ONE_TWO, ONE_TWO, OF), "force of reading 2 is nan"),
         (lambda: Specimen("s", 0.3, 0.01, bladder_diameter=0.02), "must be thinner than half"),
         (lambda: parse_bounds(["E_1_MPa"]), "must read name_unit=min:max"),
-        (lambda: parse_bounds(["E_1_MPa=a:b"]), "is not min:max"),
-        (lambda: parse_bounds(["E_1_MPa=1:2:3"]), "is not min:max"),
+        (lambda: parse_bounds(["E_1_MPa=a:b"]), "must read name_unit=min:max"),
+        (lambda: parse_bounds(["E_1_MPa=1:2:3"]), "must read name_unit=min:max"),
         (lambda: parse_bounds(["E_1_mm=1:2"]), "'mm' is not a known unit of stress"),
         (lambda: parse_bounds(["wall_mm=1:2"]), "unknown parameter"),
         (lambda: parse_bounds(["E_1_MPa=1:2", "E_1_kPa=1:2"]), "given twice"),
@@ -276,26 +276,18 @@ def found() -> fitting.Identification:
     return fitting.identify(fitting.load_bundled("DMSP-10-250"), starts=1)
 
 
-def test_a_fit_is_a_table_of_its_parameters(found):
-    frame = found.to_pandas()
-    one = found.estimate("E_1")
-    assert frame.loc["E_1", "value"] == one.value
-    assert frame.loc["E_1", "unit"] == "Pa"
-    assert frame.loc["braid_angle", "unit"] == "rad"
+def test_a_fit_shows_itself_in_a_notebook(found):
     shown = found._repr_html_()
     assert all(one in shown for one in ("Identified", "E_1 3.2", "RMSE", "data:image/png"))
 
 
 def test_plots_draw_on_the_axes_they_are_given(found):
     figure_module = pytest.importorskip("matplotlib.figure")
-    method = type(found).plot
-    for plot in (fitting.plot_isobars, fitting.plot_residuals, fitting.plot_law, method):
+    for plot in (fitting.plot_isobars, type(found).plot):
         axes = figure_module.Figure().subplots()
         assert plot(found, axes, "us") is axes
         assert axes.get_xlabel()
         assert axes.lines
-    legend = fitting.plot_law(found, figure_module.Figure().subplots()).get_legend()
-    assert legend.get_texts()[0].get_text() == "polynomial law"  # no tensile test was made
     force = fitting.plot_isobars(found, figure_module.Figure().subplots(), "si")
     drawn = np.concatenate([line.get_ydata() for line in force.lines])
     assert np.nanmax(drawn) == pytest.approx(

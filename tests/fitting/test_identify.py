@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from maps import KNOWN, cylinder, known_muscle, readings
@@ -24,7 +25,7 @@ from fitting import (
     profile,
 )
 from fitting.families import EstimatedSource, known_laws
-from fitting.saved import summary_as_dict
+from fitting.saved import fit_as_dict
 
 ROUNDING = 1e-9  # certificates in float64
 
@@ -90,14 +91,16 @@ def test_slope_constraint_is_exact_by_roots():
     E = result.coefficients[0]
     tangent = E[0] + 2 * E[1] * strain + 3 * E[2] * strain**2
     assert tangent.min() > -1e-9 * np.abs(E).max()
-    assert result.certificate.slope_margin == pytest.approx(tangent.min(), abs=1e-6 * abs(E[0]))
+    assert result.certificate.constraint_margin == pytest.approx(
+        tangent.min(), abs=1e-6 * abs(E[0])
+    )
 
 
 def test_positive_constraint(dmsp20):
     result = identify(dmsp20, constraint="positive", starts=4)
     assert result.converged
     assert (result.coefficients >= -1e-6).all()
-    at_zero = [s for s in result.active_constraints if s.endswith("= 0")]
+    at_zero = [s for s in result.active_constraints if s.endswith("lower bound")]
     assert at_zero
     zero = result.estimate(at_zero[0].split(" ")[0])
     assert math.isnan(zero.stderr)  # never an error bar of zero
@@ -107,10 +110,19 @@ def test_positive_constraint(dmsp20):
 def test_elastic_braid_is_identified():
     """The truth has soft threads: the elastic geometry finds it, the inelastic one cannot."""
     thread = famjax.braids.LinearThread(8e9, 1e-7)
-    source = EstimatedSource(KNOWN, 200.0, thread)
-    geometry = source.geometry({"braid_diameter": 0.022, "braid_angle": math.radians(65)})
-    data = readings(famjax.Muscle(geometry, known_muscle().material, 30e3))
-    elastic = identify(data, geometry=source, starts=8)
+
+    def with_threads(shape: famjax.EstimatedGeometry) -> famjax.EstimatedGeometry:
+        rest = shape.braid
+        braid = famjax.ElasticBraid(
+            rest.rest_thread_length, rest.turns, rest.thickness, jnp.asarray(200.0), thread
+        )
+        return famjax.EstimatedGeometry(braid, shape.bladder)
+
+    plain = EstimatedSource(KNOWN).geometry(
+        {"braid_diameter": 0.022, "braid_angle": math.radians(65)}
+    )
+    data = readings(famjax.Muscle(with_threads(plain), known_muscle().material, 30e3))
+    elastic = identify(data, geometry=with_threads, starts=8)
     np.testing.assert_allclose([e.value for e in elastic.estimates], TRUE_CUBIC, rtol=1e-5)
     assert identify(data, starts=8).errors.rmse > 100 * elastic.errors.rmse
 
@@ -135,7 +147,6 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
     [
         ({"order": 0}, "order of the law must be a whole number 1 to 8, got 0"),
         ({"constraint": "convex"}, "the constraint is one of none, positive, slope, drucker"),
-        ({"dependence": "cubic"}, "the pressure dependence is one of"),
         ({"objective": "median"}, "the objective is one of sum_of_squares, huber"),
         ({"starts": 0}, "whole number >= 1"),
         ({"bounds": {"spam": (0.0, 1.0)}}, "unknown parameter 'spam'"),
@@ -146,8 +157,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"order": 7}, "needs loaded readings at 7 or more lengths away from the rest length"),
         ({"law": "rubber"}, "the law must be one of polynomial, ogden"),
         ({"law": "ogden", "order": 3}, "only the polynomial law"),
-        ({"law": "ogden", "dependence": "linear"}, "only the polynomial law may depend on pressure"),
-        ({"law": "ogden", "constraint": "slope"}, "directions do not interact"),
+        ({"law": "ogden", "constraint": "slope"}, "directions of OgdenMaterial interact"),
         ({"parameters": {"spam": Parameter()}}, "unknown parameter 'spam'"),
         (_rest(300.0, 1.0, unit=""), "is a length and needs a unit"),
         *((_rest(300.0, std), "a mean and a standard deviation > 0") for std in (0.0, -1.0, math.nan)),
@@ -158,7 +168,7 @@ def _rest(*prior: float, unit: str = "mm") -> dict:
         ({"parameters": {"series_compliance": Parameter(min=-1.0, unit="mm/N")}}, "must be >= 0"),
         ({"parameters": {END: Parameter(max=1.3)}, "bounds": {END: (1.0, 1.2)}}, "give its bounds once"),
         ({"noise": -1.0}, "noise of a reading must be a force > 0 in N"),
-        ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "no such parameter"),
+        ({"geometry": FESTO_CYLINDER, "parameters": {"end_length": Parameter()}}, "has no end_length"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(dmsp20, options, message):
@@ -177,7 +187,6 @@ GEOMETRY_HELD = {
     "braid_angle": (math.radians(65),) * 2,
     "deadband_pressure": (3e4, 3e4),
 }
-KNOTS = (0.0, 0.02, 0.15)
 TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, float]]] = {
     "polynomial": (famjax.PolynomialMaterial.template(order=2),
                    famjax.PolynomialMaterial([3e6, -2e6]), {"E_1": 3e6, "E_2": -2e6}),
@@ -187,9 +196,6 @@ TRUTHS: dict[str, tuple[object, famjax.materials.AbstractMaterial, dict[str, flo
                       {"C10": 0.5e6, "C01": 0.2e6}),
     "saturating": ("saturating", famjax.materials.SaturatingMaterial(2e6, 0.2e6, 0.03),
                    {"final_modulus": 2e6, "saturation_stress": 0.2e6, "strain_scale": 0.03}),
-    "monotone": (famjax.materials.MonotoneMaterial.template(knots=KNOTS),
-                 famjax.materials.MonotoneMaterial(KNOTS, [8e6, 3e6, 2e6]),
-                 {"modulus_at_0": 8e6, "modulus_at_0.02": 3e6, "modulus_at_0.15": 2e6}),
     "neo-hookean": (famjax.materials.NeoHookeanMaterial,
                     famjax.materials.NeoHookeanMaterial(0.7e6), {"shear_modulus": 0.7e6}),
     "yeoh": (famjax.materials.YeohMaterial([1e6, 1e6, 1e6]),
@@ -218,15 +224,14 @@ def test_bounds_of_coefficients_at_each_pressure_are_kept():
     """A law linear in pressure, one coefficient held from above: bounds and stop are saved."""
     law = famjax.materials.PressurePolynomialMaterial([3e5, 7e5], [[4e6, -3e6], [3e6, -1e6]])
     result = identify(
-        readings(known_muscle(law), 7), order=2, dependence="linear", starts=1, constraint="none",
-        bounds=GEOMETRY_HELD | {"E_1": (0.0, 3.5e6)},
+        readings(known_muscle(law), 7), law=law, starts=1, constraint="none",
+        bounds=GEOMETRY_HELD | {"E_1_at_node_1": (0.0, 3.5e6)},
     )  # fmt: skip
-    saved = summary_as_dict(result)["parameters"]
-    low, high = saved["E_1_at_300kPa"], saved["E_1_at_700kPa"]
+    saved = fit_as_dict(result)["parameters"]
+    low, high = saved["E_1_at_node_1"], saved["E_1_at_node_2"]
     assert (low["min"], low["max"], low["at_bound"], low["stderr"]) == (0.0, 3.5e6, True, None)
     assert low["value"] == pytest.approx(3.5e6)
-    assert (high["max"], high["at_bound"]) == (3.5e6, False)
-    assert saved["E_2_at_700kPa"]["max"] is None
+    assert high["max"] is None
     assert result.n_parameters == 4
 
 
@@ -291,13 +296,13 @@ def test_profile_agrees_with_the_standard_error(noisy):
     """Near the optimum the problem is quadratic: one standard error is one unit of excess."""
     (one,) = profile(noisy, ["braid_angle"], points=6)
     estimate = noisy.estimate("braid_angle")
-    low, high = one.intervals[0.68]
+    low, high = one.interval  # 1.96 standard errors
     assert one.verdict == "identified"
     assert one.excess.min() == pytest.approx(0, abs=1e-6)
-    assert (high - low) / 2 == pytest.approx(estimate.stderr, rel=0.15)
+    assert (high - low) / 3.92 == pytest.approx(estimate.stderr, rel=0.15)
     (coefficient,) = profile(noisy, ["shear_modulus"], points=6)
-    low, high = coefficient.intervals[0.68]
-    assert (high - low) / 2 == pytest.approx(noisy.estimate("shear_modulus").stderr, rel=0.15)
+    low, high = coefficient.interval
+    assert (high - low) / 3.92 == pytest.approx(noisy.estimate("shear_modulus").stderr, rel=0.15)
     with pytest.raises(InputError, match="no identified parameter 'E_1'"):
         profile(noisy, ["E_1"])
 
@@ -311,8 +316,6 @@ def test_bootstrap_agrees_with_the_standard_errors(noisy):
         assert 0.6 < ratio < 1.6, name  # 60 replicates know a standard deviation to 10 %
         low, high = drawn.interval(name)
         assert low < noisy.estimate(name).value < high
-    band = drawn.band()
-    assert band.shape == (2, 36)
     again = bootstrap(noisy, 60, seed=1)
     np.testing.assert_array_equal(again.samples, drawn.samples)
 
@@ -349,9 +352,14 @@ def unstable(muscle: famjax.Muscle, seed: int, noise: float = SOFT_NOISE) -> For
     return ForceData(force, P, L, SOFT)
 
 
+LINEAR = famjax.materials.PressurePolynomialMaterial([2e5, 6e5], np.ones((2, 3)))
+
+
 @pytest.mark.parametrize("seed", slow_after(1, [3, 4, 5]))
-@pytest.mark.parametrize("options", [{"order": 3}, {"order": 6}, {"order": 3, "dependence": "linear"},
-                                     {"law": "yeoh"}, {"order": 3, "constraint": "slope"}])  # fmt: skip
+@pytest.mark.parametrize(
+    "options",
+    [{"order": 3}, {"order": 6}, {"law": LINEAR}, {"law": "yeoh"}, {"order": 3, "constraint": "slope"}],
+)  # fmt: skip
 def test_it_is_certified_where_the_law_touches_the_constraint(seed, options):
     found = identify(unstable(UNSTABLE, seed), starts=2, **options)
     largest = float(np.abs(found.coefficients).max())

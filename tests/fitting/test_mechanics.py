@@ -105,8 +105,7 @@ def test_photographs_and_force_are_fitted_together(data, fit, tmp_path):
     ("options", "words"),
     [
         ({"ends": "round"}, "ends must be one of cylinder, equilibrium"),
-        ({"terms": famjax.terms.Spring(1.0, 0.2)}, "combined with terms"),
-        ({"dependence": "linear"}, "combined with dependence"),
+        ({"terms": famjax.terms.VirtualWork()}, "combined with terms"),
         ({"ends": "cylinder", "pictures": 1e5}, "only if ends='equilibrium'"),
         ({"pictures": np.nan}, "every photograph needs its pressure"),
     ],
@@ -122,7 +121,7 @@ def test_what_does_not_go_with_it(data, options, words):
 def test_a_fitting_of_unknown_diameter_is_asked_for(data):
     bare = dataclasses.replace(data.specimen, nominal_diameter=None)
     with pytest.raises(InputError, match="set the specimen's nominal_diameter"):
-        EquilibriumSource.of(dataclasses.replace(data, specimen=bare))
+        EquilibriumSource(bare)
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """`famjax measure` from photographs, ruler and log to the files."""
 
 import csv
-import dataclasses
 import json
 from types import SimpleNamespace
 
@@ -11,9 +10,9 @@ from PIL import Image
 from rendering import published_ruler, published_scene, render, render_ruler, sequence
 
 from famjax.__main__ import main
-from imaging import Recipe, Scale, read_recipe, write_recipe
+from imaging import Recipe, Scale, read_recipe
 from imaging.cli import RecipeOptions, command_recipe
-from imaging.errors import AmbiguousRuler, MixedSizes
+from imaging.errors import MixedSizes
 from imaging.pictures import check_sizes
 
 IN = 0.0254
@@ -75,24 +74,21 @@ def test_a_stroke_becomes_a_table_with_force_and_what_a_person_checks(lab, tmp_p
 
 
 @pytest.mark.slow
-def test_a_recipe_file_repeats_a_campaign_and_a_bad_picture_is_code_3(lab, tmp_path, capsys):
-    recipe, picture = tmp_path / "recipe.toml", tmp_path / "cloth.jpg"
+def test_a_bad_picture_is_code_3_and_another_scale_measures_again(lab, tmp_path, capsys):
+    picture = tmp_path / "cloth.jpg"
     render(published_scene(0.1, size=SIZE), 3).save(tmp_path / "good.jpg")
-    write_recipe(Recipe(Scale.manual(lab.truth[0].px_per_m, 0.1)), recipe)
     picture.write_bytes(b"\xff\xd8 no picture")
-    arguments = [tmp_path / "good.jpg", picture, "--recipe", recipe, "--jobs", 1,
-                 "--overlays", 0, "--units", "metric"]  # fmt: skip
-    assert run(*arguments, "--output", tmp_path / "a") == 3
+    px_per_in = lab.truth[0].px_per_m * IN
+    arguments = [tmp_path / "good.jpg", picture, "--output", tmp_path / "a", "--jobs", 1,
+                 "--overlays", 0, "--units", "metric", "--scale"]  # fmt: skip
+    assert run(*arguments, f"{px_per_in}+-0.1 px/in") == 3
     told = capsys.readouterr().out
     assert "1 of 2 pictures measured" in told
     assert "UnreadableImage" in told
     good, bad = table(tmp_path / "a" / "measurements.csv")
     assert float(good["length_mm"]) == pytest.approx(9.28125 * 0.9 * 25.4, abs=0.3)
     assert (bad["ok"], bad["length_mm"]) == ("false", "")
-    again = tmp_path / "a" / "recipe.toml"
-    assert again.read_text() == recipe.read_text()
-    # Another scale into the same folder measures again.
-    assert run(*arguments, "--output", tmp_path / "a", "--scale", "60+-0.1 px/in") == 3
+    assert run(*arguments, "60+-0.1 px/in") == 3
     assert float(table(tmp_path / "a" / "measurements.csv")[0]["px_per_mm"]) < 2.4
 
 
@@ -103,9 +99,9 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        (["PHOTOS"], "the scale is missing"),
+        (["PHOTOS"], "the scale must be given once"),
         (["PHOTOS", "--scale", "56", "--distance", "60in"], "a number with error and unit"),
-        ([*SCALED, "--ruler", "RULER"], "given twice"),
+        ([*SCALED, "--ruler", "RULER"], "the scale must be given once"),
         ([*SCALED, "--distance", "60"], "has no unit"),
         ([*SCALED, "--crop-offset", "1459"], "two numbers"),
         ([*SCALED, "--crop-offset", "14,5", "--frame-size", "20,20"], "frame"),
@@ -116,9 +112,7 @@ LOGGED = [*SCALED, "--log", "LOG", "--column"]
         (["missing*.jpg", "--scale", "56 px/in"], "or a pattern that matches"),
         (["PHOTOS", "--ruler", "missing.jpg"], "UnreadableImage"),
         ([*SCALED, "--ruler-placement", "0.01in"], "require a ruler"),
-        ([*RULED, "--expected-px-per-in", "20"], "expected scale"),
         ([*RULED, "--ruler-placement=-1mm"], "placement_stderr"),
-        ([*SCALED, "--tape-hue", "red"], "must be an angle"),
     ],
 )
 def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, capsys, arguments, match):
@@ -131,27 +125,12 @@ def test_input_that_cannot_be_used_is_code_2_at_once(lab, tmp_path, capsys, argu
     assert not (tmp_path / "out").exists()
 
 
-def test_options_override_the_recipe_file(tmp_path):
-    path = write_recipe(Recipe(Scale.manual(9000.0, 1.0), distance=1.0), tmp_path / "recipe.toml")
-    options = RecipeOptions(recipe=path, distance="60in", orientation="auto")
-    found, provenance = command_recipe(options)
-    assert (found.distance, found.orientation, found.scale.px_per_m) == (1.524, "auto", 9000.0)
-    assert provenance == {"recipe_file": str(path)}
-
-
-def test_how_a_ruler_is_read_is_an_option(tmp_path):
-    """Sixteenths on the other edge: the options tell which, and how well it was placed."""
-    scene = dataclasses.replace(published_ruler(size=(1325, 300)), edge="both", other_pitch=IN / 16)
-    shot = render_ruler(scene, 5)
-    ruler = shot.save(tmp_path / "ruler.jpg")
-    with pytest.raises(AmbiguousRuler, match="--expected-px-per-in") as caught:
-        command_recipe(RecipeOptions(ruler=ruler))
-    assert caught.value.path == str(ruler)
-    options = RecipeOptions(ruler=ruler, expected_px_per_in=120.0, ruler_placement="0.06in")
-    found, _ = command_recipe(options)
-    assert found.scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
-    assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.01)  # 0.06 in of 60
-    assert found.scale.pitch == pytest.approx(IN / 8)  # eighths first
+def test_how_well_a_ruler_was_placed_is_an_option(lab):
+    ruler = lab.photos / "ruler.jpg"
+    found, provenance = command_recipe(RecipeOptions(ruler=ruler, ruler_placement="0.06in"))
+    assert found.scale.px_per_m == pytest.approx(lab.truth[0].px_per_m, rel=5e-4)
+    assert found.scale.relative_stderr == pytest.approx(1e-3, rel=0.02)  # 0.06 in of 60
+    assert provenance["ruler"] == str(ruler)
 
 
 def test_a_ruler_of_another_size_is_refused(tmp_path):

@@ -1,7 +1,6 @@
 """The renderer against closed forms it does not use, and its truth against its pictures."""
 
 import dataclasses
-import datetime
 import itertools
 
 import numpy as np
@@ -15,7 +14,6 @@ from rendering.folder import write_twin
 from rendering.folder_truth import TRUTH
 from rendering.renderer import draw, render_linear
 from rendering.ruler import Ruler, published_ruler
-from rendering.sequence import render_sequence, stroke_log, triangle_stroke
 from rendering.truth import silhouette_from_profile
 from rendering.world import World
 
@@ -71,14 +69,6 @@ def test_truth_of_a_straight_muscle_is_the_closed_form():
     np.testing.assert_array_equal(rows, truth.rows)
     np.testing.assert_allclose(truth.left, left, atol=RAY_PX)
     np.testing.assert_allclose(truth.right, right, atol=RAY_PX)
-
-
-def test_figures_of_a_cone_are_the_textbook_ones():
-    D0, D1, L = 1.0 * INCH, 2.0 * INCH, 6 * INCH
-    truth = render_linear(small(profile=lambda x: D0 + (D1 - D0) * x, length=L)).truth
-    assert truth.volume == pytest.approx(np.pi * L / 12 * (D0**2 + D0 * D1 + D1**2), rel=1e-9)
-    assert truth.mean_diameter == pytest.approx(1.5 * INCH, rel=1e-9)
-    assert truth.z[-1] == truth.length == L
 
 
 def test_edge_of_the_tape_is_a_circle_in_perspective():
@@ -162,26 +152,6 @@ def test_marks_of_a_ruler_cover_the_pixels_that_the_truth_says(changes):
         half = wide * truth.line / 2
         covered = np.minimum(rows + 0.5, v + half) - np.maximum(rows - 0.5, v - half)
         np.testing.assert_allclose(dark, np.clip(covered, 0, 1), atol=MARK_PART)
-
-
-def test_stroke_is_what_machine_and_camera_saw(tmp_path):
-    contraction = triangle_stroke(0.3, 240.0)
-    assert contraction(np.array([0.0, 60.0, 120.0, 240.0])) == pytest.approx([0, 0.15, 0.3, 0])
-    rest = published_scene(0.01, size=(300, 140))
-    times = np.array([10.0, 100.0, 200.0])
-    photos = list(render_sequence(rest, contraction, times, clock_offset=2.5, seed=4))
-    expected = rest.muscle.length * (1 - contraction(times))
-    np.testing.assert_allclose([p.truth.length for p in photos], expected)
-    seconds = [(p.time - datetime.datetime(2021, 3, 1, 10)).total_seconds() for p in photos]
-    np.testing.assert_allclose(seconds, times + 2.5, atol=1e-6)
-    tops = [p.truth.tape_rows[0] for p in photos]
-    np.testing.assert_allclose(tops, tops[0], atol=1e-9)  # the upper end stays
-    stroke_log(contraction, [0.0, 120.0], rest.muscle.length).save(tmp_path / "log.csv")
-    assert (tmp_path / "log.csv").read_text().splitlines() == [
-        "time_s,displacement_in,force_lbf,pressure_psi",
-        "0,0,1058,100",
-        f"120,{0.3 * 0.99 * 9.28125:.7g},161.3898,100",
-    ]
 
 
 SMALL = """

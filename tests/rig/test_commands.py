@@ -71,26 +71,6 @@ def test_simulate_writes_all_that_a_fit_needs_the_same_by_the_same_seed(
     assert np.array_equal(ours.rows, theirs.rows)  # the journal's first note has today's date
 
 
-@pytest.mark.parametrize(
-    ("more", "method"), [((), "load"), (("--sync-column", "Digital input (-)"), "pulses")]
-)
-def test_characterise_repeats_what_simulate_found(more, method, simulated, tmp_path, command):
-    code, out, _ = command(
-        "characterise", simulated / "test.fam", simulated / "machine.csv",
-        "--rest-length", "9.28125in", "--specimen", "wall_thickness_in=0.0625",
-        "--output", tmp_path, "--units", "metric", *more,
-    )  # fmt: skip
-    assert (code, "set pressure kPa" in out) == (0, True)
-    texts = [(one / "characterisation.json").read_text() for one in (tmp_path, simulated)]
-    ours, theirs = map(json.loads, texts)
-    assert ours["alignment"]["method"] == method
-    apart = ours["alignment"]["offset_s"] - theirs["alignment"]["offset_s"]
-    assert abs(apart) < 3 * ours["alignment"]["offset_error_s"] + 1e-3
-    if not more:
-        assert ours["isobars"] == theirs["isobars"]
-    assert read_csv(tmp_path / "dataset.csv").specimen.wall_thickness == pytest.approx(1.5875e-3)
-
-
 def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path, command):
     code, out, _ = command("check", simulated / "test.fam", "--json")
     found = json.loads(out)
@@ -106,11 +86,10 @@ def test_check_recomputes_every_record_and_finds_what_was_edited(simulated, path
 
 def test_bad_input_ends_in_a_sentence(simulated, tmp_path, command, refused):
     journal, no_limit = simulated / "test.fam", write_plan(tmp_path, limit="")
-    missing = "[rig]: pressure_limit_<unit> is missing: a number >= 0 and finite, as"
+    missing = "[rig]: pressure_limit_<Pa|kPa|MPa|bar|psi> is missing: a number >= 0 and finite"
     for typed, sentence in (
         (("check", tmp_path / "none.fam"), "cannot read"),
         (("monitor", tmp_path / "no-port", "--seconds", 1), "cannot open the port"),
-        (("characterise", journal, "b", "--rest-length", "9"), "has no unit"),
         (("convert", journal, tmp_path / "t.xls"), "must end in .csv"),
         (("simulate", calibrated(tmp_path / ".."), "--output", simulated), "test.fam exists"),
         (("run", no_limit, "--output", tmp_path / "o"), missing),

@@ -69,9 +69,9 @@ def test_a_file_is_read_in_its_units(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("pressure_limit_psi = 110\n", "", "pressure_limit_<unit> is missing: .* as pressure_limi"),
-        ("pressures_psi", "pressures_psia", "must end with a unit of pressure"),
-        ("stroke_in", "stroke", "must end with a unit of length"),
+        ("pressure_limit_psi = 110\n", "", "pressure_limit_<Pa.kPa.MPa.bar.psi> is missing: a num"),
+        ("pressures_psi", "pressures_psia", "unknown key .*; pressures_<Pa.kPa.MPa.bar.psi> is"),
+        ("stroke_in", "stroke", "unknown key .*; stroke_<m.cm.mm.um.in> is missing"),
         ("stroke_in = 2", "stroke_in = 0", "must be a number > 0 and finite, got 0"),
         ("settle_s = 10", "settle_s = -1", "must be a number >= 0 and finite, got -1"),
         ("jump_limit_bar = 3", "jump_limit_bar = -3", "jump_limit_bar must be a number >= 0"),
@@ -82,7 +82,11 @@ def test_a_file_is_read_in_its_units(tmp_path):
         ("[20, 40.5]", "[20,5]", "decimal commas"),
         ("settle_s = 10", "settle_s = 2\nrise_s = 3", "at most settle_s, 2; got 3"),
         ("settle_s = 10", "settle_s = 2,5", "cannot read the plan"),
-        ("settle_s", "settel_s", r"\[plan\]: unknown key 'settel_s'; valid keys: .*settle_<unit>"),
+        (
+            "settle_s",
+            "settel_s",
+            r"\[plan\]: unknown key 'settel_s'; valid keys: .*settle_<s.ms.min>",
+        ),
         ("circuit", "circiut", r"\[rig\]: unknown key 'circiut'; circuit is missing: air or water"),
         ('"water"', '"oil"', "circuit must be air or water, got 'oil'"),
         ("[-100, 120]", "[0, 300]", "integral_limits_counts must be"),

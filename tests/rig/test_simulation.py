@@ -115,19 +115,6 @@ def test_a_sensor_is_the_regression_of_counts_on_references():
     assert sensor.zero_std == pytest.approx(oracle.intercept_stderr, rel=ROUNDING)
 
 
-def test_the_errors_of_a_sensor_are_those_of_repeated_calibrations():
-    rng = np.random.default_rng(2)
-    many = [calibration.fit_sensor(noisy_counts(rng), REFERENCES) for _ in range(1500)]
-    spread = np.std([sensor.value(1700.0) for sensor in many])
-    expected = np.sqrt(np.mean([sensor.error(1700.0) ** 2 for sensor in many]))
-    assert expected == pytest.approx(spread, rel=0.08)  # 1500 draws: 2 % each
-    mean_gain_std = np.sqrt(np.mean([sensor.gain_std**2 for sensor in many]))
-    assert mean_gain_std == pytest.approx(np.std([s.gain for s in many]), rel=0.08)
-    assert np.corrcoef([s.gain for s in many], [s.zero for s in many])[0, 1] == pytest.approx(
-        np.mean([s.correlation for s in many]), abs=0.05
-    )
-
-
 def test_a_cubic_comes_back_and_its_scatter_is_that_of_the_noise():
     P = np.linspace(2e4, 7e5, 12)
     true = np.polynomial.Polynomial((30, 120, -60, 90))(P / 7e5)

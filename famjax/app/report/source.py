@@ -1,130 +1,85 @@
-"""Data of the report: files of earlier steps and states of the models.
+"""Data of the report: fits, pictures and tables of a characterisation folder.
 
 No equilibrium is solved. The free contraction is where a spline through the forces falls to zero.
 """
 
 import dataclasses
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray
+import pandas as pd
 from jaxtyping import Array, Float
 
 import famjax
 import fitting
 from famjax.boundary.units import factor, unit_system
 from famjax.compile_options import quick_jit
-from famjax.terms import BladderAxial, BladderHoop, BladderWall
-from famjax.work import WorkBudget
-from fitting.data import COLUMNS, ForceData
+from famjax.terms import BladderWall, wall_forces
+from fitting.prediction import static_rows
 from fitting.shapes import Pictures, ShapeSurface
 
-from ..evaluation import (
-    CYLINDER,
-    GEOMETRIES,
-    MEASURED,
-    PICTURES,
-    RECORDS,
-    SHAPE,
-    measured_surface,
-    read_map,
-)
+from .. import evaluation
 from ..folder import Sheet
 
-PRESSURE = "pressure on the braid"
-"""Name of the braid's part of the force, shown first."""
+PARTS = ("pressure on the braid", "bladder, axial stress", "bladder, hoop stress")
+"""Names of the parts of the force."""
 KINDS = {
-    "force": "force", "diameter": "length", "braid_angle": "angle", "thickness": "length",
-    "volume": "volume", "axial_strain": "number", "mean_hoop_strain": "number",
-    "most_hoop_strain": "number", "axial_stress": "stress", "hoop_stress": "stress",
+    **dict.fromkeys(("diameter", "thickness", "length"), "length"), "braid_angle": "angle",
+    **dict.fromkeys(("axial_stress", "hoop_stress"), "stress"), "volume": "volume",
+    **dict.fromkeys(("pressure", "level"), "pressure"),
+    **dict.fromkeys((
+        "force", "blocked_force", "free_slope", "rmse", "largest", "rmse_left_out", "model", "low_95",
+        "high_95", "model_less_measured", *PARTS,
+    ), "force"),
 }  # fmt: skip
-"""State variables with a column in the table, and their kinds."""
+"""Kinds of the columns that have a unit."""
+_WORK = {
+    "load": "load_J", "fluid": "fluid_J", "stored": "stored_J", "left_over": "left_over_J",
+    "efficiency": "efficiency", "density": "work_per_volume_J_m3",
+}  # fmt: skip
+"""Columns of the work budget."""
 _RANGE = 129
-"""Lengths over the full range of a geometry: a cubic spline through them reproduces a force to 1e-7."""
-
-
-def states_of(
-    muscle: famjax.Muscle, pressures: np.ndarray, shortest: float, count: int
-) -> xarray.Dataset:
-    """Compute the states of a muscle in SI over its stroke at several pressures.
-
-    Args:
-        muscle: muscle with a geometry and terms.
-        pressures: gauge pressures [Pa], shape (p,).
-        shortest: length at the end of the stroke [m].
-        count: number of lengths over the stroke.
-
-    Returns:
-        By pressure and contraction, the quantities of `KINDS`, nan where the geometry is unknown. Strains
-        and stresses are axial means, except `most_hoop_strain`. `terms` holds the force of each term.
-        By pressure, `blocked_force` (0 if slack), `free_contraction`, where the force first falls to
-        zero (nan if it does not), and `free_slope`, the derivative of force by contraction there.
-    """
-    rest = float(muscle.rest_length)
-    ends = [float(end) for end in muscle.length_range()]
-    stroke = np.linspace(rest, shortest, count)
-    whole = np.linspace(min(rest, ends[1]), ends[0], _RANGE)
-    every = np.concatenate([stroke, whole])
-    found = {k: np.asarray(v) for k, v in _states(muscle, every, pressures[:, None]).items()}
-    terms = [name for name in found if name not in KINDS]
-    terms.sort(key=lambda name: name != PRESSURE)
-    free = np.array([_first_zero(1 - whole / rest, row[count:]) for row in found["force"]])
-    across = ("pressure", "contraction")
-    return xarray.Dataset(
-        {
-            **{name: (across, found[name][:, :count]) for name in KINDS},
-            "terms": (("term", *across), np.stack([found[name][:, :count] for name in terms])),
-            "blocked_force": ("pressure", np.maximum(found["force"][:, 0], 0.0)),
-            "free_contraction": ("pressure", free[:, 0]),
-            "free_slope": ("pressure", free[:, 1]),
-        },
-        {"pressure": pressures, "contraction": 1 - stroke / rest, "term": terms},
-    )
+"""Lengths over the range of a geometry: a cubic spline through them reproduces a force to 1e-7."""
 
 
 @quick_jit
 def _states(
     muscle: famjax.Muscle, lengths: famjax.Real, pressures: famjax.Real
 ) -> dict[str, Float[Array, "..."]]:
+    """Return states and parts of the force; strains and stresses are axial means, nan if unknown."""
     L, P = jnp.broadcast_arrays(jnp.asarray(lengths), jnp.asarray(pressures))
-    rated = any(term.uses_rates for term in muscle.terms.terms)
-    geometry = muscle.geometry
+    geometry, terms = muscle.geometry, muscle.terms.terms
+    rated = any(term.uses_rates for term in terms)
     at = (geometry.dimensions_with_rates if rated else geometry.dimensions)(L, P)
     weights, hoop = at.station_weights, at.hoop_strain
     axial_stress, hoop_stress = muscle.material.stresses(
         at.axial_strain[..., None], hoop, P[..., None]
     )
-    parts = {}
-    for term in muscle.terms.terms:
-        if isinstance(term, BladderWall):
-            parts["bladder, axial stress"] = BladderAxial(term.material).force(at, P)
-            parts["bladder, hoop stress"] = BladderHoop(term.material).force(at, P)
-        else:
-            of_braid = hasattr(term, "deadband_pressure")
-            parts[PRESSURE if of_braid else type(term).__name__] = term.force(at, P)
-    content = {
-        "force": jnp.asarray(sum(parts.values())),
+    forces = [sum(term.force(at, P) for term in terms if not isinstance(term, BladderWall))]
+    forces += wall_forces(muscle.material, at, P)
+    states = {
+        "force": sum(forces),
         "diameter": 2 * at.radius,
         "braid_angle": at.braid_angle,
         "thickness": at.thickness,
         "volume": at.volume,
         "axial_strain": at.axial_strain,
         "mean_hoop_strain": jnp.sum(weights * hoop, axis=-1),
-        "most_hoop_strain": jnp.max(hoop, axis=-1),
         "axial_stress": jnp.sum(weights * axial_stress, axis=-1),
         "hoop_stress": jnp.sum(weights * hoop_stress, axis=-1),
-        **parts,
+        **dict(zip(PARTS, forces, strict=True)),
     }
-    return jax.tree.map(lambda values: jnp.where(at.reached, values, jnp.nan), content)
+    return jax.tree.map(lambda values: jnp.where(at.reached, values, jnp.nan), states)
 
 
-def _first_zero(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """Return where a cubic spline of the force first falls to zero, and its slope there."""
+def _free(contraction: np.ndarray, force: np.ndarray) -> tuple[float, float]:
+    """Return where a cubic spline of the force first falls to zero, and its slope there, or nan."""
     from scipy.interpolate import CubicSpline
 
     known = np.isfinite(force)
@@ -136,159 +91,170 @@ def _first_zero(contraction: np.ndarray, force: np.ndarray) -> tuple[float, floa
     return (float(falling[0]), float(spline(falling[0], 1))) if falling.size else (np.nan, np.nan)
 
 
-COLOURS = dict(zip(GEOMETRIES, ("0.35", "0.65", "#e69f00", "#0072b2", "#009e73"), strict=True))
-"""Colours of the geometries in every chart; distinguishable with red-green blindness."""
-DASHES = dict(zip(GEOMETRIES, ("--", "--", "-.", "-", ":"), strict=True))
-MINUS = "\N{MINUS SIGN}"
-_STROKE = 41
-"""Number of lengths over the measured stroke at which the models are evaluated."""
-
-
-@dataclasses.dataclass(frozen=True)
-class FittedGeometry:
-    """Fit of one geometry.
-
-    Attributes:
-        name: name of the geometry and of its step.
-        saved: the fit.
-        figures: contents of the step's `figures.json`: errors, parameter values and their errors.
-        data: readings used in the fit.
-        states: states of the model, see `states_of`.
-        work: work of the stroke at each pressure, from rest to the end or to zero force.
-    """
-
-    name: str
-    saved: fitting.Identification
-    figures: dict[str, Any]
-    data: ForceData
-    states: xarray.Dataset
-    work: WorkBudget
-
-    @property
-    def title(self) -> str:
-        """Description of the geometry."""
-        return GEOMETRIES[self.name]
-
-    @property
-    def short(self) -> str:
-        """Short name for legends and headers."""
-        return self.name.replace("-", " ")
-
-    @property
-    def residuals(self) -> np.ndarray:
-        """Model minus measured force [N] at the loaded readings."""
-        return self.saved.residuals
-
-    @property
-    def levels(self) -> np.ndarray:
-        """Pressure level [Pa] of the loaded readings."""
-        return self.data.pressures.level[self.data.loaded]
-
-
 @dataclasses.dataclass(frozen=True)
 class Source:
     """Contents of the folder and its results.
 
     Attributes:
         sheet: sheet of the folder.
-        system: unit system.
-        names: names of the steps.
-        data: force map.
-        isobars: figures of the test by set pressure; empty without a journal.
-        test: contents of `characterisation.json`, or {}.
         fits: fits by geometry.
+        figures: contents of `figures.json` by geometry: errors, parameter values and their errors.
+        test: contents of `characterisation.json`, or {}.
+        pressures: gauge pressures [Pa] held in the test, ascending.
         surface: surface through the photographs, or None.
         pictures: measured pictures, or None.
-        shape: contents of `shape.json`, or None.
-        pressures: gauge pressures [Pa] held in the test, ascending.
+        tables: states, readings, parameters, pressures and checks, in the units of the report.
     """
 
     sheet: Sheet
-    system: str
-    names: Sequence[str]
-    data: ForceData
-    isobars: Sequence[dict[str, Any]]
+    fits: dict[str, fitting.Identification]
+    figures: dict[str, dict[str, Any]]
     test: dict[str, Any]
-    fits: dict[str, FittedGeometry]
+    pressures: np.ndarray
     surface: ShapeSurface | None
     pictures: Pictures | None
-    shape: dict[str, Any] | None
-    pressures: np.ndarray
+    tables: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
-    def steps(self) -> list[Path]:
-        """Folders of all steps."""
-        return [self.sheet.results / name for name in self.names]
+    def best(self) -> str:
+        """Geometry of the fit shown in the report: the measured shape if there is one."""
+        return evaluation.MEASURED if evaluation.MEASURED in self.fits else evaluation.CYLINDER
 
-    @property
-    def best(self) -> FittedGeometry:
-        """The fit shown in the report: with the measured shape if there is one."""
-        return self.fits[MEASURED if MEASURED in self.fits else CYLINDER]
-
-    @property
-    def middle(self) -> int:
-        """Index of the pressure for curves over contraction."""
-        return len(self.pressures) // 2
+    def middle(self, geometry: str) -> Any:
+        """States of a geometry at the middle pressure."""
+        states, middle = self.tables["states"], self.pressures[len(self.pressures) // 2]
+        of = states.geometry == geometry
+        return states[of & (states.pressure == self.scaled(middle, "pressure"))]
 
     def unit(self, kind: str) -> str:
         """Return the report's unit for a kind of quantity; volumes use cm3, not mm3."""
-        unit = unit_system(self.system)[kind]
+        unit = unit_system(self.sheet.units)[kind]
         return "cm3" if unit == "mm3" else unit
 
     def scaled(self, value: Any, kind: str) -> Any:
         """Convert an SI value or array to the report's unit."""
         return value / factor(self.unit(kind), kind)
 
-    def number(self, value: float | None, kind: str = "number", digits: int = 4) -> str:
+    def number(self, value: float | None, kind: str, digits: int = 4) -> str:
         """Format a number for the page; a dash if it is unknown."""
         if value is None or not np.isfinite(value):
             return "\N{EN DASH}"
-        return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", MINUS)
+        return f"{self.scaled(float(value), kind):.{digits}g}".replace("-", "\N{MINUS SIGN}")
 
     def pressure(self, value: float) -> str:
         """Format a pressure with its unit."""
         return f"{self.number(value, 'pressure', 3)} {self.unit('pressure')}"
 
+    def table(self, columns: Mapping[str, Any]) -> Any:
+        """Build a table in the report's units from columns in SI."""
+        found = pd.DataFrame(columns)
+        for name in found.columns.intersection([*KINDS]):
+            found[name] = self.scaled(found[name].astype(float), KINDS[name])
+        return found
 
-def read_source(sheet: Sheet, names: Sequence[str], system: str) -> Source:
+    def csv(self, name: str) -> str:
+        """Return a table as CSV, with the unit at the end of each name; unknown values are empty."""
+        units = {one: f"_{self.unit(kind)}" for one, kind in KINDS.items()}
+        names = {one: re.sub(",? ", "_", one) + units.get(one, "") for one in self.tables[name]}
+        return (
+            self.tables[name]
+            .rename(columns=names)
+            .to_csv(index=False, float_format="%.8g", lineterminator="\n")
+        )
+
+
+def read_source(sheet: Sheet, names: Sequence[str]) -> Source:
     """Read all data of the report and evaluate each model once."""
-    results, data, shown = sheet.results, read_map(sheet), SHAPE in names
-    record = results / RECORDS / "characterisation.json"
+    record = sheet.results / evaluation.RECORDS / evaluation.TEST
     test = _read(record) if record.exists() else {}
-    isobars = test.get("isobars", [])
-    held = [bar["pressure_Pa"] for bar in isobars]
-    pressures = np.array(held or np.unique(data.pressures.level[data.loaded]))
-    fits = {}
-    for name in (one for one in GEOMETRIES if one in names):
-        saved = fitting.load_fit(results / name / "fit.json")
-        muscle = saved.muscle
-        assert isinstance(muscle, famjax.Muscle)
-        states = states_of(muscle, pressures, float(data.length.min()), _STROKE)
-        rest, ends = float(muscle.rest_length), states.free_contraction.fillna(np.inf)
-        last = np.clip(ends.values, 1e-3, float(states.contraction[-1]))
-        fits[name] = FittedGeometry(
-            name, saved, _read(results / name / "figures.json"), _readings(data, saved), states,
-            famjax.work_budget(muscle, pressures, rest, rest * (1 - last)),
-        )  # fmt: skip
-    return Source(
-        sheet, system, names, data, isobars, test, fits,
-        measured_surface(sheet) if shown else None,
-        Pictures.of(results / PICTURES / "measurements.nc") if shown else None,
-        _read(results / SHAPE / "shape.json") if shown else None,
-        pressures,
+    data, shown = evaluation.read_map(sheet), sheet.photographs is not None
+    held = [bar["pressure_Pa"] for bar in test.get("isobars", [])]
+    source = Source(
+        sheet, {name: fitting.load_fit(sheet.results / name / "fit.json") for name in names},
+        {name: _read(sheet.results / name / evaluation.FIGURES) for name in names}, test,
+        np.array(held or np.unique(data.pressures.level[data.loaded])),
+        evaluation.measured_surface(sheet) if shown else None,
+        Pictures.of(sheet.results / evaluation.PICTURES / "measurements.nc") if shown else None,
     )  # fmt: skip
+    every = [_of_geometry(source, name, float(data.length.min())) for name in names]
+    states, ends = ([*one] for one in zip(*every, strict=True))
+    if held:
+        bars = pd.DataFrame(test["isobars"]).rename(columns={"blocked_force_N": "blocked_force"})
+        bars = bars[["blocked_force", "free_contraction"]].astype(float)
+        ends.append(source.table({"geometry": "test", "pressure": source.pressures, **bars}))
+    source.tables.update({
+        "states": pd.concat(states), "pressures": pd.concat(ends), "readings": _readings(source),
+        "parameters": _parameters(source),
+        "checks": pd.DataFrame(evaluation.checks_of(sheet)),
+    })  # fmt: skip
+    return source
 
 
-def _readings(data: ForceData, saved: fitting.Identification) -> ForceData:
-    """Return the readings used in a fit: without lengths outside its geometry."""
-    lengths = np.array(saved.document["data"]["readings"]["length_m"])
-    if lengths.size == data.length.size:
-        return data
-    kept = np.isin(data.length, lengths)
-    columns = {
-        name: None if (values := getattr(data, name)) is None else values[kept] for name in COLUMNS
-    }
-    return dataclasses.replace(data, **columns)
+def _of_geometry(source: Source, name: str, shortest: float) -> tuple[Any, Any]:
+    """Tabulate the states of a model over the stroke, and by pressure its ends, errors and work."""
+    fit, P = source.fits[name], source.pressures
+    muscle: Any = fit.muscle
+    rest = float(muscle.rest_length)
+    lengths = np.linspace(rest, float(muscle.length_range()[0]), _RANGE)
+    contraction = 1 - lengths / rest
+    states = jax.tree.map(np.asarray, _states(muscle, lengths, P[:, None]))
+    columns = {"pressure": np.repeat(P, _RANGE), "contraction": np.tile(contraction, P.size)}
+    columns |= {key: values.ravel() for key, values in states.items()}
+    table = source.table({"geometry": name, **columns})
+    free, slope = np.array([_free(contraction, row) for row in states["force"]]).T
+    last = np.clip(np.nan_to_num(free, nan=np.inf), 1e-3, 1 - shortest / rest)
+    budget = famjax.work_budget(muscle, P, rest, rest * (1 - last))
+    work = {column: np.asarray(getattr(budget, name)) for name, column in _WORK.items()}
+    out = fit.document.get("leave_one_pressure_out") or {"left_out": [], "group_rmse_N": []}
+    near, near_out = (
+        np.abs(np.array(levels, float) - P[:, None]).argmin(axis=0)
+        for levels in (fit.data.pressures.level[fit.data.loaded], out["left_out"])
+    )
+    squares: Any = pd.Series(fit.residuals**2).groupby(near)
+    ends = {
+        "geometry": name, "pressure": P, "free_contraction": free, "free_slope": slope,
+        "blocked_force": np.maximum(states["force"][:, 0], 0.0),
+        "rmse": np.sqrt(squares.mean()).reindex(range(P.size)),
+        "largest": np.sqrt(squares.max()).reindex(range(P.size)),
+        "rmse_left_out": pd.Series(out["group_rmse_N"], dtype=float).groupby(near_out).mean(),
+        **work, "left_over_share": work["left_over_J"] / work["fluid_J"],
+    }  # fmt: skip
+    return table[table.contraction <= 1 - shortest / rest], source.table(ends)
+
+
+def _readings(source: Source) -> pd.DataFrame:
+    """Tabulate the loaded readings with the model's force, its 95 % band and the residuals."""
+    fit = source.fits[source.best]
+    data, pulls = fit.data, fit.data.loaded
+    found = pd.DataFrame(static_rows(fit, data.length[pulls], data.pressure[pulls]))
+    columns = {name: getattr(data, name)[pulls] for name in ("pressure", "length", "force")}
+    names = {"model": "force_N", "low_95": "low_95_N", "high_95": "high_95_N"}
+    columns |= {name: found[key].to_numpy(float) for name, key in names.items()}
+    columns |= {"model_less_measured": fit.residuals, "level": data.pressures.level[pulls]}
+    return source.table(columns)
+
+
+def _parameters(source: Source) -> pd.DataFrame:
+    """Tabulate the parameters of each geometry, with standard errors by source."""
+    frames = []
+    for geometry, of in source.figures.items():
+        columns = {"value": of["values"], "std": of["std"], "std_of_scatter": of["std_of_scatter"]}
+        found = pd.DataFrame(
+            columns | {f"std_of_{one}": v for one, v in of["std_by_source"].items()}
+        )
+        kinds = [parameter_kind(source, name) for name in found.index]
+        units = [source.unit(kind) for kind in kinds]
+        found = found.mul([source.scaled(1.0, kind) for kind in kinds], axis=0)
+        entries = source.fits[geometry].document["parameters"]
+        bound = [bool(entries.get(name, {}).get("at_bound")) for name in found.index]
+        frames.append(found.assign(geometry=geometry, unit=units, at_bound=bound))
+    return pd.concat(frames).rename_axis("parameter").reset_index()
+
+
+def parameter_kind(source: Source, name: str) -> str:
+    """Return the kind of quantity of an identified parameter."""
+    entries = [fit.document["parameters"] for fit in source.fits.values()]
+    return next((one[name]["kind"] for one in entries if name in one), "number")
 
 
 def _read(path: Path) -> Any:

@@ -195,7 +195,7 @@ class Course:
         plant.start(self.length[0], 0.0)
         for at, signal, dump, velocity in self._ticks():
             plant.step(signal, dump, at, velocity, TICK)
-            found.append((plant.pressure, plant.pull(plant.length, velocity)))
+            found.append((plant.state[0], plant.pull(at + velocity * TICK, velocity)))
         return self.errors(*np.array(found).T)
 
     def errors_in_fmu(self, folder: Path, kind: str) -> dict[str, float]:

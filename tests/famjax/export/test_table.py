@@ -46,7 +46,6 @@ def test_the_table_is_near_the_model(name, request):
     assert np.abs(off[:200]).max() < 3 * subject.errors.force * largest
     assert np.abs(off[200:]).max() < 3 * subject.errors.force_beyond * largest
     assert subject.errors.force < 1e-6
-    assert subject.errors.pressure < 1
 
 
 def test_slopes_are_those_of_the_force(subject):

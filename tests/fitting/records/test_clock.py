@@ -8,7 +8,6 @@ from fitting.records import (
     MachineLog,
     SyncError,
     align_by_load,
-    align_by_pulses,
     fit_clock,
     synchronise,
 )
@@ -49,7 +48,7 @@ def test_drift_and_wobble_are_followed_to_a_millisecond(drift, period):
 @pytest.mark.parametrize(
     ("device", "host", "match"),
     [
-        ([1.0, 2.0], [1.0], "the same shape"),
+        ([1.0, 2.0], [1.0], "one shape"),
         ([1.0, 1.0], [1.0, 2.0], "two device times"),
         ([1.0, np.nan], [1.0, 2.0], "finite"),
     ],
@@ -87,9 +86,9 @@ def test_offset_and_rate_are_found_within_their_errors(seed, offset, rate):
     machine = (at - offset) / (1 + rate)
     error = found.journal_time(machine) - at
     assert np.abs(error).max() < 2e-3  # s; the target is 10 ms
-    assert np.all(np.abs(error) < SIGMAS * found.error(machine))
+    stated = np.hypot(found.offset_error, found.rate_error * (machine - found.reference))
+    assert np.all(np.abs(error) < SIGMAS * stated)
     assert abs(found.rate - rate) < SIGMAS * found.rate_error
-    assert found.residual == pytest.approx(8.0, rel=0.05)
 
 
 def test_the_errors_are_neither_boast_nor_blanket():
@@ -129,35 +128,12 @@ def test_equal_strokes_alone_are_refused_unless_it_is_known_roughly():
          "do not match"),
         (lambda t, F, tm, Fm: (t, F, tm, -Fm), "do not match"),
         (lambda t, F, tm, Fm: (t, F, tm, np.full(tm.size, 3.0)), "do not match"),
-        (lambda t, F, tm, Fm: (t[::-1], F, tm, Fm), "must be finite, and time must increase"),
         (lambda t, F, tm, Fm: (t[:10], F[:10], tm, Fm), "at least 50"),
     ],
 )  # fmt: skip
 def test_records_of_different_tests_and_of_the_other_sign_are_refused(spoil, words):
     with pytest.raises(InputError, match=words):
         align_by_load(*spoil(*recorded(0, 5.0, 0.0)))
-
-
-def test_pulses_give_offset_and_rate():
-    rng = np.random.default_rng(2)
-    scaled = []
-    for _ in range(30):
-        true = np.cumsum(rng.uniform(5, 40, 15))
-        log = (true - 33.3) / 1.0005 + rng.normal(0, 5e-3, true.size)
-        found = align_by_pulses(true, log, resolution=5e-3)
-        machine = np.array([true[0], true[-1]])
-        error = found.journal_time((machine - 33.3) / 1.0005) - machine
-        scaled += (error / found.error((machine - 33.3) / 1.0005)).tolist()
-    assert np.abs(scaled).max() < SIGMAS
-    assert 0.5 < np.std(scaled) < 1.5
-
-
-def test_pulses_at_equal_distances_with_one_missing_are_refused():
-    times = np.arange(10) * 10.0
-    with pytest.raises(InputError, match="match in 2 ways"):
-        align_by_pulses(times, times[:-1] + 3.0)
-    with pytest.raises(InputError, match="no pulses"):
-        align_by_pulses(times, np.array([]))
 
 
 IN = 0.0254
@@ -242,9 +218,7 @@ def test_a_motion_that_repeats_needs_a_window():
     log = machine(cycles, end=1200)
     with pytest.raises(SyncError, match="several offsets"):
         synchronise(t, length, log)
-    assert synchronise(t, length, log, window=20.0, guess=90.0).offset == pytest.approx(
-        97, abs=0.02
-    )
+    assert synchronise(t, length, log, near=(90.0, 20.0)).offset == pytest.approx(97, abs=0.02)
 
 
 def test_interpolation_knows_its_error():

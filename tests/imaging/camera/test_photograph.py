@@ -11,10 +11,10 @@ import pytest
 from PIL import Image, ImageOps
 from rendering import CameraSensor, damaged, published_scene
 
-from imaging import ImagingError, Tone, errors, measure, read_image, read_timestamp
+from imaging import ImagingError, Tone, errors, read_image, read_timestamp
 from imaging.errors import DamagedImage, UnreadableImage
-from imaging.photograph import Timestamp, date_text, sizes_of
-from tests.imaging.photographs import photograph, recipe_of, sigmas
+from imaging.photograph import Timestamp, sizes_of
+from tests.imaging.photographs import photograph
 
 SIZE = (530, 220)
 
@@ -104,14 +104,6 @@ def test_every_orientation_is_undone(orientation, kind, tmp_path):
     assert np.abs(read.astype(int) - photo().rgb).mean() < 3
 
 
-@pytest.mark.parametrize("orientation", [6, 7])
-def test_a_portrait_from_a_phone_is_measured(orientation, tmp_path):
-    scene = published_scene(0.175, size=(1060, 440))
-    taken = photograph(scene, 1)
-    found = measure(saved(taken.rgb, orientation, tmp_path / "phone.jpg"), recipe_of(scene))
-    assert sigmas(found, taken.truth) < 4
-
-
 def stamped(path, taken, fraction=None):
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0x9003] = taken
@@ -126,7 +118,6 @@ def test_a_stamp_has_the_digits_that_the_camera_writes(tmp_path):
     assert whole == Timestamp(1614834367.0, 1.0)
     fine = read_timestamp(stamped(tmp_path / "b.jpg", "2021:03:04 05:06:07", "250"))
     assert fine == Timestamp(1614834367.25, pytest.approx(1e-3))
-    assert date_text(fine.seconds) == "2021-03-04T05:06:07.250"
 
 
 def test_a_picture_without_a_clock_has_no_stamp(tmp_path):
@@ -136,15 +127,6 @@ def test_a_picture_without_a_clock_has_no_stamp(tmp_path):
     (tmp_path / "c.jpg").write_bytes(b"no picture")
     assert read_timestamp(tmp_path / "c.jpg") is None
     assert read_timestamp(tmp_path / "missing.jpg") is None
-
-
-def test_srgb_has_the_values_of_the_standard():
-    table = Tone.srgb().table
-    assert table[0] == 0
-    assert table[255] == 1
-    assert table[10] == pytest.approx(10 / 255 / 12.92, rel=1e-12)  # the straight part
-    assert table[188] == pytest.approx(0.5029, abs=5e-5)  # half the light
-    assert np.all(np.diff(table) > 0)
 
 
 def test_the_tone_of_a_rendered_sensor_is_that_of_the_standard():

@@ -33,7 +33,7 @@ def fake_measurement(length):
     z = np.linspace(0, length, 50)
     return SimpleNamespace(
         z=z, diameter=np.full(50, 0.03), diameter_stderr=np.full(50, 1e-5), length=length,
-        length_stderr=1e-5, mean_diameter=0.03, mean_diameter_stderr=1e-5, maximum_diameter=0.03,
+        length_stderr=1e-5, mean_diameter=0.03, mean_diameter_stderr=1e-5,
         volume=7e-4 * length, volume_stderr=1e-9, px_per_m=8922.0, roll=0.0, x0=0.0,
         distance=1.524, distance_stderr=0.0, tilt=0.0, bow=0.0, warnings=(), braid=None,
         quality=Figures(1.0),
@@ -202,6 +202,6 @@ def test_spawned_workers_measure_as_this_process_does(rendered):
         # 43 px/in here: a tenth of a pixel is 0.0023 in, for each of two tapes.
         assert abs(table["length"][k] - rendered.truth[k].length) < 0.006 * 0.0254
         found = measure(rendered.paths[k], small_recipe())
-        expected = np.interp(table.position * found.length, found.z, found.diameter)
+        expected = np.interp(imaging.campaign.POSITION * found.length, found.z, found.diameter)
         np.testing.assert_allclose(table.diameter[k], expected, rtol=1e-12)
         assert table["volume_stderr"][k] == found.volume_stderr

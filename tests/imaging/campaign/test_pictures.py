@@ -4,20 +4,18 @@ import numpy as np
 import pytest
 
 from imaging import ImagingError, Table, draw_overlay
-from imaging.campaign import POSITION, Row
 from imaging.errors import ScaleContradiction
 from imaging.measurement import Trace
-from imaging.pictures import by_contraction, check_known_sizes, expand
+from imaging.pictures import check_known_sizes, expand
 
 
 def table(n_good, n_failed):
     numbers = {"length_stderr": 1e-5, "mean_diameter": 0.03, "mean_diameter_stderr": 1e-5}
     good = [
-        Row(f"{k}.jpg", numbers={"length": 0.2 - 1e-3 * k, **numbers},
-            diameter=np.full(POSITION.shape, 0.03), seconds=float(k))
+        {"path": f"{k}.jpg", "numbers": {"length": 0.2 - 1e-3 * k, **numbers}}
         for k in range(n_good)
-    ]  # fmt: skip
-    failed = [Row(f"bad{k}.jpg", error="NoMuscle: none") for k in range(n_failed)]
+    ]
+    failed = [{"path": f"bad{k}.jpg", "error": "NoMuscle: none"} for k in range(n_failed)]
     return Table.from_rows([*good, *failed])
 
 
@@ -32,14 +30,6 @@ def test_files_folders_and_patterns_name_pictures_in_natural_order(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ImagingError, match="a folder with pictures"):
         expand([str(tmp_path / "empty")])
-
-
-@pytest.mark.parametrize(("good", "failed", "drawn"), [(100, 50, 12), (3, 5, 3), (0, 5, 0)])
-def test_pictures_to_look_at_are_spread_over_the_stroke(good, failed, drawn):
-    chosen = by_contraction(table(good, failed), 12)
-    assert len(set(chosen)) == drawn
-    if good == 100:
-        assert {0, 99} <= set(chosen) <= set(range(good))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from rendering import stroke_log, triangle_stroke
 from famjax.app.photographs import with_log
 from fitting.records import MachineLog, synchronise
 from imaging import Table
-from imaging.campaign import POSITION, Row
+from imaging.campaign import POSITION
 
 IN = 0.0254
 REST = 9.28125 * IN
@@ -19,20 +19,16 @@ START = 1614834367.0
 
 
 def row(k, length, seconds=START):
-    return Row(
-        f"img{k}.jpg",
-        numbers={
-            "length": length, "length_stderr": float(np.hypot(2e-5, SCALE * length)),
-            "mean_diameter": 1.4 * IN, "mean_diameter_stderr": 1e-5, "max_diameter": 1.9 * IN,
-            "volume": 14.0 * IN**3, "volume_stderr": 1e-8, "px_per_m": 226.63 / IN,
-            "roll_deg": 0.5, "x0": 1e-3, "blur_px": 1.2, "tape_blur_px": np.nan,
-        },
-        diameter=1.4 * IN + 0.5 * IN * np.sin(np.pi * POSITION) * (1 - length / REST),
-        diameter_stderr=np.full(POSITION.shape, 1e-5),
-        seconds=seconds,
-        resolution=1e-3,
-        sha256=f"{k:064d}",
-    )  # fmt: skip
+    numbers = {
+        "length": length, "length_stderr": float(np.hypot(2e-5, SCALE * length)),
+        "mean_diameter": 1.4 * IN, "mean_diameter_stderr": 1e-5, "max_diameter": 1.9 * IN,
+        "volume": 14.0 * IN**3, "volume_stderr": 1e-8, "px_per_m": 226.63 / IN,
+        "roll_deg": 0.5, "x0": 1e-3, "blur_px": 1.2, "tape_blur_px": np.nan,
+    }  # fmt: skip
+    diameter = 1.4 * IN + 0.5 * IN * np.sin(np.pi * POSITION) * (1 - length / REST)
+    return {"path": f"img{k}.jpg", "numbers": numbers, "diameter": diameter,
+            "diameter_stderr": np.full(POSITION.shape, 1e-5), "seconds": seconds,
+            "resolution": 1e-3}  # fmt: skip
 
 
 STROKE = triangle_stroke(0.3, 240.0)
@@ -43,7 +39,11 @@ def table(**options):
     rng = np.random.default_rng(0)
     lengths = REST * (1 - STROKE(TIMES)) + 2e-5 * rng.standard_normal(40)
     rows = [row(k, float(L), START + 5.0 * k) for k, L in enumerate(lengths)]
-    rows[7] = Row('bad, "odd".jpg', error="NoMuscle: nothing, at\nall", seconds=START + 35.0)
+    rows[7] = {
+        "path": 'bad, "odd".jpg',
+        "error": "NoMuscle: nothing, at\nall",
+        "seconds": START + 35.0,
+    }
     return Table.from_rows(rows, scale_relative_stderr=SCALE, **options)
 
 

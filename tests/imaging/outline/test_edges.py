@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import quad
 
 from imaging import Camera, Silhouette, Tone, edge, outline
-from imaging.camera import LUMA, amount_of_look
+from imaging.camera import amount_of_luma
 from imaging.edge import defocused_step, limb_strength, ramp, step
 from imaging.ends import on_cylinder
-from imaging.outline import Side, find_outline, smooth
+from imaging.outline import find_outline, smooth
 
 LIMB = 2e-4  # interpolation in a table of 4001 values
 DISK = 5e-3  # six nodes for a disk five times as wide as the Gaussian
@@ -107,7 +107,7 @@ def table(limb):
     tone = Tone.srgb()
     levels = np.interp([0.01, 0.01 + 0.45], tone.table, np.arange(256))
     cloth, braid = (tone.light(np.full(3, level)) for level in levels)
-    return amount_of_look(tone, cloth, braid, LUMA)
+    return amount_of_luma(tone, cloth, braid)
 
 
 @pytest.mark.parametrize("limb", [1.0, 0.5, 0.25, 0.08])
@@ -152,32 +152,6 @@ def test_the_rim_of_a_tape_is_seen_whatever_its_radius_rounds_to():
     for radius in np.random.default_rng(0).uniform(0.01, 0.03, 4000):
         u, v = on_cylinder(camera, body, np.zeros(1), np.array([-radius, radius]), float(radius))
         assert np.isfinite([u, v]).all()
-
-
-def dented(hidden, *, depth=-1.5, bow=0.0, at=(700,)):
-    """An outline of a swelling, bowed muscle with dents on its left and its rows' true left side."""
-    rows = np.arange(1200)
-    x = rows / rows[-1]
-    random = np.random.default_rng(1)
-    middle, half = bow * np.sin(np.pi * x), 80 + 40 * np.sin(np.pi * x)
-    noise = [smooth(random.normal(0, 0.2, rows.size), 60.0) for _ in range(2)]
-    dent = depth * np.exp(-(((rows - np.array(at)[:, None]) / 20) ** 2) / 2).sum(axis=0)
-    error = np.full(rows.size, 0.1)
-    left = Side(middle - half + noise[0] - dent, error, 0.1, 0.0, 0.1, hidden)
-    right = Side(middle + half + noise[1], error, 0.1, 0.0, 0.1, 0.0)
-    sharp = edge.EdgeProfile(1.0, 0.0, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
-    return outline.Outline(rows, left, right, sharp, 60.0), middle - half
-
-
-@pytest.mark.parametrize("bow", [0.0, 25.0])
-@pytest.mark.parametrize("depth", [-2.0, 1.5])
-def test_a_dent_of_one_side_is_as_the_other_side_is_there(depth, bow):
-    seen, left = dented(0.02, depth=depth, bow=bow)
-    found = outline.without_dents(seen)
-    near = slice(650, 750)
-    assert np.abs((seen.left.column - left)[near]).max() > 0.9 * abs(depth)
-    assert np.abs((found.left.column - left)[near]).max() < 0.3 * abs(depth)
-    assert np.abs((found.right.column - seen.right.column)[near]).max() == 0
 
 
 @pytest.mark.parametrize("kappa", [-0.1, 0.0, 0.07, 2.0])

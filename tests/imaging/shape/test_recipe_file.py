@@ -7,13 +7,12 @@ import pytest
 
 from imaging import ImagingError, Recipe, Scale, Tone, read_recipe, write_recipe
 
-FIT = (1.1, 8922.4, -1.7e-9)
-RULER = Scale(8922.4409, 0.0892, FIT, 0.31, 0.021, 97, "ruler", -0.02, 0.002, 0.0016, 0.0003)
+RULER = Scale(8922.4409, 0.0892, 0.31, 0.021, 97, "ruler", -0.02, 0.002, 0.0016, 0.0003)
 PLAIN = Recipe(Scale.manual(8922.0, 0.1))
 FULL = Recipe(
     RULER, distance=61 * 0.0254, centre=(501.25, 1330.0), crop_offset=(1459, 531),
     frame_size=(5568, 3712), k1=-0.01, tone=Tone(np.linspace(0, 1, 256) ** 2.1),
-    orientation="auto", tape_hue=222.0, braid_angle=True,
+    orientation="auto", braid_angle=True,
 )  # fmt: skip
 
 
@@ -31,12 +30,11 @@ def written(tmp_path, text, scale="[scale]\npx_per_m = 8922.0\nstderr_px_per_m =
 
 
 def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
-    path = written(tmp_path, "distance_in = 60\ntape_hue_deg = 83\n")
-    expected = dataclasses.replace(PLAIN, distance=1.524, tape_hue=83.0)
+    path = written(tmp_path, "distance_in = 60\n")
+    expected = dataclasses.replace(PLAIN, distance=1.524)
     found = read_recipe(path)
     assert found == dataclasses.replace(expected, distance=found.distance)
     assert found.distance == pytest.approx(1.524, rel=1e-15)
-    assert isinstance(found.tape_hue, float)
 
 
 @pytest.mark.parametrize(
@@ -44,17 +42,16 @@ def test_a_person_may_write_any_unit_and_leave_out_what_has_a_default(tmp_path):
     [
         (
             "distance_ft = 5\n",
-            "unknown unit 'ft': it must end with a unit of length; .*distance_in",
+            "unknown key .*; valid keys: .*distance_<m.cm.mm.um.in>",
         ),
-        ("distance = 5\n", "distance has no unit: .* write one of distance_m"),
+        ("distance = 5\n", "unknown key 'distance'; valid keys: .*distance_<m.cm"),
         ("distance_m = 1.5\ndistance_in = 60\n", "distance is given twice"),
-        ("colour = 5\n", "unknown key 'colour'; valid keys: .*distance_<unit>"),
+        ("colour = 5\n", "unknown key 'colour'; valid keys: .*distance_<m.cm.mm.um.in>"),
         ("orientation = 'guess'\n", "orientation must be vertical or horizontal or auto"),
         ("distance_m = 'far'\n", "distance_m must be a number, got 'far'"),
         ("format = 'famjax recipe 9'\n", "must have the format 'famjax recipe 1'"),
         ("distance_m = \n", "not a TOML file"),
         ("tone = [0.0, 1.0]\n", "256 finite values"),
-        ("tape_hue_deg = 400\n", "tape_hue must be 0 to 360"),
     ],
 )
 def test_what_cannot_be_a_recipe_is_refused_with_the_path(tmp_path, text, match):
@@ -69,7 +66,6 @@ def test_what_cannot_be_a_recipe_is_refused_with_the_path(tmp_path, text, match)
     [
         ({"orientation": "diagonal"}, "orientation"),
         ({"distance": 0.0}, "distance"),
-        ({"tape_hue": 400.0}, "tape_hue"),
         ({"crop_offset": (10.0, 10.0)}, "frame_size"),
     ],
 )

@@ -130,17 +130,6 @@ def shown_ruler(**changes):
     return render_ruler(dataclasses.replace(ruler.published_ruler(size=SIZE), **changes), 1)
 
 
-@pytest.mark.parametrize(
-    ("pitch", "per_number", "marks"),
-    slow_after(1, [(INCH / 8, 8, 89), (INCH / 16, 16, 177), (INCH / 16, 16, 97)]),
-)
-def test_the_pitch_is_read_off_the_numbers(pitch, per_number, marks):
-    shot = shown_ruler(pitch=pitch, per_number=per_number, marks=marks)
-    scale = calibrate_ruler(shot.rgb)
-    assert scale.pitch == pytest.approx(pitch)
-    assert scale.px_per_m == pytest.approx(shot.truth.px_per_m, rel=1e-4)
-
-
 @pytest.mark.parametrize("k1", slow_after(1, [-0.05, 0.03]))
 def test_the_lens_distortion_is_read_off_the_ruler(base, k1):
     near = changed(base, camera={"k1": k1, "distance": 20 * INCH})
