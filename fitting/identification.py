@@ -73,7 +73,7 @@ def identify(
             geometry, such as `famjax.MeasuredGeometry`: used as given, except for parameters named in
             `bounds` or `parameters`. A function or class that wraps the estimated geometry, for example
             with elastic threads: its declared parameters are fitted if named.
-        terms: further force terms, such as `famjax.terms.Spring`; their declared parameters are fitted
+        terms: further force terms, such as a spring of your own; their declared parameters are fitted
             if named. A term with a `deadband_pressure` replaces Gaylord's.
         ends: "cylinder", or "equilibrium" to compute the shape from mechanics between end-fittings
             with an identified diameter (`famjax.EquilibriumMuscle`). The force is then nonlinear in
