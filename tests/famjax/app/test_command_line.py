@@ -30,7 +30,7 @@ def test_a_fit_as_a_table_and_as_json_and_what_is_assessed_of_it(run, force_map,
     code, out, _ = run(*asked, "--json", "--units", "us")
     assert code == 0
     fit = json.loads(out)
-    wanted = {"rmse_N", "mae_N", "max_error_N", "max_force_N", "n_points", "parameters",
+    wanted = {"rmse_N", "max_error_N", "max_force_N", "n_points", "parameters",
               "coefficients_Pa", "stability_margin_Pa", "kkt_residual", "duality_gap",
               "constraint", "converged"}  # fmt: skip
     assert wanted <= set(fit)
