@@ -120,7 +120,7 @@ def _envelope_rate(t: np.ndarray, arrival: np.ndarray) -> float:
     """Slope of the line below all arrivals that is highest at the middle of the record."""
     from scipy.optimize import linprog  # noqa: PLC0415 -- 0.2 s
 
-    span = np.ptp(t)
+    span = float(np.ptp(t))
     first = _earliest(np.floor((t - t[0]) / span * 256).astype(np.int64), arrival - t)
     x, late = (t[first] - t[0]) / span - 0.5, (arrival - t)[first]
     below = np.column_stack([np.ones_like(x), x])
