@@ -142,7 +142,7 @@ def clarabel(A: Matrix, b: Vector, G: Matrix) -> Any:
 def sweep(case: Case) -> dict[str, float]:
     """The 48 fits at the geometry that the standard fit finds."""
     result, data = fit(case), case.map
-    geometry, deadband = result.muscle.geometry, result.muscle.deadband_pressure
+    geometry, deadband = (getattr(result.muscle, of) for of in ("geometry", "deadband_pressure"))
     found = fitting.sweep(data, geometry, deadband=float(deadband))
     at = data.loaded
     pressure = data.pressures.level[at]

@@ -101,7 +101,7 @@ def joint(case: Case, starts: int = 16) -> dict[str, float]:
 
     ours = identified()
     seconds = shortest(identified, case.repeat)
-    data, at, geometry = ours.data, ours.data.loaded, ours.muscle.geometry
+    data, at, geometry = ours.data, ours.data.loaded, getattr(ours.muscle, "geometry", None)
     assert isinstance(geometry, famjax.EstimatedGeometry)
     bladder, thickness = geometry.bladder, geometry.braid.thickness
     names = ("braid_diameter", "braid_angle", "deadband_pressure")

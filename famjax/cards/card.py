@@ -270,7 +270,9 @@ class MuscleCard:
     def _repr_html_(self) -> str:
         from matplotlib.figure import Figure  # noqa: PLC0415 -- 0.3 s, only for notebooks
 
-        L, P = np.linspace(*self.data.length, 80), np.linspace(*self.data.pressure, 6)[1:]
+        (short, long), (low, high) = self.data.length, self.data.pressure
+        L = np.linspace(float(short), float(long), 80)
+        P = np.linspace(float(low), float(high), 6)[1:]
         figure = Figure(figsize=(6, 3.5), layout="constrained")
         axes = figure.subplots()
         labels = [f"{1e-3 * level:.3g} kPa" for level in P]
