@@ -70,7 +70,7 @@ def table(dmsp10: ForceData):
 
     found = compare(
         dmsp10,
-        ["hildebrandt", "martens_published", "gaylord_nominal"],
+        ["hildebrandt", "gaylord"],
         progress=lambda *state: seen.append(state),
     )
     return found, seen
@@ -84,15 +84,9 @@ def test_the_table_holds_every_model_the_best_first(table):
     assert all(math.isnan(row.lolo_interior_rmse) for row in found.rows[len(out) :])
     assert rows["hildebrandt"].rmse == pytest.approx(1.12, abs=STUDY)
     assert rows["hildebrandt"].lopo_rmse == pytest.approx(1.43, abs=STUDY)
-    assert rows["gaylord_nominal"].rmse == pytest.approx(107.2, abs=0.05)
-    martens = rows["martens_published"]
-    assert (martens.n_parameters, martens.lopo_rmse, martens.lolo_rmse) == (
-        0,
-        martens.rmse,
-        martens.rmse,
-    )
-    assert seen[0] == (0, 3, "hildebrandt")
-    assert seen[-1] == (3, 3, "")
+    assert rows["gaylord"].lolo_interior_rmse > rows["gaylord"].rmse
+    assert seen[0] == (0, 2)
+    assert seen[-1] == (2, 2)
 
 
 def test_bad_requests_are_refused(dmsp10, monkeypatch):
