@@ -59,9 +59,9 @@ NOTES: tuple[tuple[str, str], ...] = (
     ),
     (
         "6, thickness",
-        "Out of tolerance: the elastic braid's, by 0.00002 in. Here Gaylord's force stretches its threads. "
-        "The muscle's own force, which is zero at free contraction, would stretch them by an eighth less, "
-        "with a wall thickness of 0.0336 to 0.0337 in.",
+        "Here Gaylord's force stretches the threads of the elastic braid. The muscle's own force, which is "
+        "zero at free contraction, would stretch them by an eighth less. The work does not say which it "
+        "used, so the tolerance of that row covers both.",
     ),
     (
         "6.3",
@@ -103,9 +103,9 @@ NOTES: tuple[tuple[str, str], ...] = (
     ),
     (
         "7.4",
-        "Blocked force and free contraction of the printed laws relative to the tested ones, at the five "
-        "printed pressures. Out of tolerance: the free contraction of the optimised law, by 0.0001. The "
-        "work's mean is over ten pressures, of which five are not printed.",
+        "Blocked force and free contraction of the printed laws relative to the tested ones, as means over "
+        "ten pressures. The tested ends are printed for 20 to 100 psi in steps of 20 psi. Those at 10 psi "
+        "follow from the errors in lbf and percent of table 7.6, and the other four are interpolated.",
     ),
     (
         "7.6",
