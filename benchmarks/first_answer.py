@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import numpy as np
     from row import Case
 
 HERE = Path(__file__).resolve().parent
@@ -44,6 +45,7 @@ def polynomial(data: str) -> Step:
 
 FIT = polynomial("{data}")
 PREDICT = famjax("predict", "{inputs}/fit.json", "--length", "270mm,250mm", "--pressure", "5bar")
+LONG = "{inputs}/long.csv"
 MEASURE = famjax("measure", "{inputs}/photo.jpg", "--ruler", "{inputs}/ruler.jpg")
 
 
@@ -82,6 +84,9 @@ WAITS = {
     "famjax measure": Wait(MEASURE, 1.5, 1.5),
     "famjax sweep": Wait(famjax("sweep", "{data}"), 4, 2, long=True),
     "famjax compare": Wait(famjax("compare", "{data}"), 25, 12, long=True),
+    "famjax fit, 3000 readings": Wait(famjax("fit", LONG), second=15, long=True),
+    "famjax compare, one model, 3000 readings":
+        Wait(famjax("compare", LONG, "--models", "sarosi_6"), second=6, long=True),
     "famjax reproduce": Wait(famjax("reproduce"), 40, 25, long=True),
 }  # fmt: skip
 
@@ -183,6 +188,19 @@ def command_wait(case: "Case", name: str) -> dict[str, float]:
         return waited(_machine(case, folder), WAITS[name], case.repeat)
 
 
+def _scattered(count: int, rng: "np.random.Generator") -> tuple["np.ndarray", ...]:
+    """Forces, pressures and lengths of the DMSP-20 with 1 N of noise, each at a state of its own."""
+    import jax  # noqa: PLC0415
+
+    from famjax import muscles  # noqa: PLC0415
+
+    jax.config.update("jax_enable_x64", True)
+    muscle = muscles.dmsp_20()
+    length = float(muscle.rest_length) * rng.uniform(0.84, 1, count)
+    pressure = rng.uniform(3e5, 6.5e5, count)
+    return muscle.force(length, pressure) + rng.normal(size=count), pressure, length
+
+
 def make_inputs(folder: Path, name: str) -> None:
     """Maps derived from one, and photographs at the reference work's size; everything is seeded."""
     import numpy as np  # noqa: PLC0415
@@ -191,26 +209,12 @@ def make_inputs(folder: Path, name: str) -> None:
 
     import fitting  # noqa: PLC0415
 
-    data = load(name)
-    rng = np.random.default_rng(0)
-
-    def part(of: fitting.ForceData, keep: np.ndarray) -> fitting.ForceData:
-        names = ("force", "pressure", "length", "force_std", "pressure_std", "length_std")
-        kept = {n: getattr(of, n)[keep] for n in names if getattr(of, n) is not None}
-        return dataclasses.replace(of, **kept)
-
+    data, rng = load(name), np.random.default_rng(0)
     levels = np.unique(data.pressure[data.loaded])
-    # Another map in the same bucket: forces by 0.2 % elsewhere, two loaded readings less.
-    keep = np.ones(data.force.size, bool)
-    keep[rng.choice(np.flatnonzero(data.loaded), 2, replace=False)] = False
-    moved = data.force * (1 + 2e-3 * rng.normal(size=data.force.size))
     others = [fitting.load_bundled(one) for one in fitting.bundled_names()]
     maps = {
-        "smaller": part(data, data.pressure != levels[len(levels) // 2]),
-        "repeated": part(dataclasses.replace(data, force=moved), keep),
-        "renamed": dataclasses.replace(
-            data, specimen=dataclasses.replace(data.specimen, name="renamed")
-        ),
+        "smaller": data.part(data.pressure != levels[len(levels) // 2]),
+        "long": fitting.ForceData(*_scattered(3000, rng), fitting.load_bundled("DMSP-20").specimen),
         "specimen": next(one for one in others if one.sha256 != data.sha256),
     }
     for stem, one in maps.items():

@@ -52,7 +52,7 @@ class Choice:
         chosen: the identification of the chosen family, which makes the predictions; its outlook has
             the error of these, the families that fit the data alike, and muscles of other lengths.
         tried: all families, that of the choice first, the others by their held-out errors.
-        dropped: what the map cannot carry, in sentences.
+        dropped: families that were left out and other remarks on the choice, in sentences.
         open_question: a sentence on where families that fit alike differ by more than the map can settle,
             and which readings would; "" where they agree.
     """
@@ -232,6 +232,12 @@ def choose(
         raise InputError(_NO_FORCE)
     place = next((k for k, fit in fits.items() if fit.converged), next(iter(fits)))
     passed = [tried[k].candidate.name for k in order[: order.index(place)]]
+    part = families[place].problem.force.size
+    if part < (whole := families[place].posed.problem.force.size):
+        dropped += (
+            f"{part} of {whole} readings, spread evenly, served to choose the model and for the held-out "
+            "errors. The model is fitted to all.",
+        )
     dropped += tuple(f"{name} was not kept: its fit did not converge." for name in passed)
     winner, chosen = tried[place], fits[place]
     alike = {

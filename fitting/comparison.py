@@ -27,7 +27,7 @@ from .model_families import ModelFamily, peer_families
 from .posing import own_parts, taking_part
 from .problem import Part, Problem
 from .response import MapInputs
-from .search import End, best_of, descend_many, latin_hypercube
+from .search import End, best_of, descend_all, latin_hypercube
 from .summary import joint_derivatives
 from .validation import LeftOut, leave_out_each, validate
 
@@ -121,7 +121,7 @@ def fit_peer(
     problem, searched = _posed(family, data), len(family.searched)
     begin = latin_hypercube(searched, starts if searched else 1, seed)
     try:
-        best = best_of(descend_many([problem] * len(begin), list(begin)))
+        best = best_of(descend_all(problem, begin))
     except InputError:
         raise InputError(
             f"{family.label} has no finite force at some reading from any start: it may not hold for a "

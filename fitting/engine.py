@@ -35,6 +35,7 @@ from .response import Linear, MuscleFamily, Report
 
 REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
 _REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
+_READINGS = 512  # of each of `MEMBERS` fits in one call; of longer maps there are fewer
 _ROUNDS = 60  # in which the censored readings that pull settle
 _FULL_STEPS = 8  # of these rounds
 _ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
@@ -145,14 +146,13 @@ class Batch:
         layouts: layout of each problem; computed if omitted.
     """
 
-    size = MEMBERS
-
     def __init__(
         self, problems: Sequence[Problem], layouts: Sequence[Layout] | None = None
     ) -> None:
         self.problems, self.like = list(problems), problems[0]
         layouts = layouts or [Layout(problem) for problem in problems]
         self.layout = at = layouts[0]
+        self.size = max(1, min(MEMBERS, MEMBERS * _READINGS // at.sizes.readings))
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
         shared = all(part.within is not None for part in self.like.parts)
         self._program = linear_program(at.forms, self.like.constraint, at.sizes, shared=shared)

@@ -103,6 +103,24 @@ class Part(eqx.Module):
         """Return the part with other stations of the constraint; nothing is compiled."""
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
+    def thinned(self, most: int) -> "Part":
+        """Return the part with one reading, at random, of each block of neighbours in length."""
+        if self.force.size <= most:
+            return self
+        order = np.lexsort((self.levels["pressure"], self.levels["length"]))
+        borders = np.linspace(0, order.size, most + 1).astype(int)
+        rows = np.sort(order[np.random.default_rng(0).integers(borders[:-1], borders[1:])])
+        at = self.inputs
+        own = {name: getattr(at, name)[rows] for name in ("length", "pressure", "force")}
+        return dataclasses.replace(
+            self,
+            inputs=dataclasses.replace(at, **own),
+            force=self.force[rows],
+            weight=self.weight[rows],
+            levels={kind: level[rows] for kind, level in self.levels.items()},
+            side=self.side[rows],
+        )
+
     def mounted(
         self, muscle: famjax.AbstractMuscle, parameters: np.ndarray
     ) -> famjax.MountedMuscle:
@@ -197,6 +215,15 @@ class Problem:
             for part, here in zip(self.parts, self.readings, strict=True)
         )
         return dataclasses.replace(self, parts=parts)
+
+    def thinned(self, most: int = 128) -> "Problem":
+        """Return the problem with at most `most` readings per part, spread evenly over the map.
+
+        Bounds and paths stay the same, so a point of the unit box means the same muscle.
+        """
+        if all(part.force.size <= most for part in self.parts):
+            return self
+        return dataclasses.replace(self, parts=tuple(part.thinned(most) for part in self.parts))
 
     def parameters(self, u: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
         """The parameters [SI] at a point of the unit box."""

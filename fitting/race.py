@@ -15,7 +15,7 @@ from .engine import muscle_at
 from .ladder import FEWEST_LENGTHS, Candidate, sharing_one_program
 from .posing import Posed, pose
 from .problem import Problem
-from .search import End, best_of, descend_many
+from .search import End, best_of, descend_from
 from .validation import LeftOut, columns_of, force_error, groups_of, leave_out_each
 
 _STEPS, _TOLERANCE = 60, 1e-6
@@ -40,30 +40,32 @@ def descended(posed: Posed, starts: int, seed: int) -> End:
     Raises:
         InputError: no start leads to a finite force at every reading.
     """
-    return best_of(_descents([posed.problem], [posed.starts(starts, seed)]))
+    return best_of(_descents([posed.problem.thinned()], [posed.starts(starts, seed)])[0])
 
 
 def _descents(
     problems: Sequence[Problem],
     starts: Sequence[Float[np.ndarray, "_ _"]],
     progress: Callable[[int, int], None] | None = None,
-) -> list[End]:
-    each = [
-        (problem, start) for problem, own in zip(problems, starts, strict=True) for start in own
-    ]
-    return descend_many(
-        [problem for problem, _ in each], [start for _, start in each],
-        max_steps=_STEPS, tolerance=_TOLERANCE, promise=_PROMISE, progress=progress,
-    )  # fmt: skip
+) -> list[list[End]]:
+    return descend_from(
+        problems,
+        starts,
+        max_steps=_STEPS,
+        tolerance=_TOLERANCE,
+        promise=_PROMISE,
+        progress=progress,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class Fitted:
-    """A family fitted to all readings.
+    """A family fitted to all readings, or to a part of a long map.
 
     Attributes:
         candidate: the family.
-        posed: its problem.
+        posed: the fit to all readings.
+        problem: what was fitted.
         ends: end points of its descents in the unit box, best first.
         mounted: the muscle in its rig.
         residuals: model minus reading [N], in sample.
@@ -71,6 +73,7 @@ class Fitted:
 
     candidate: Candidate
     posed: Posed
+    problem: Problem
     ends: Float[np.ndarray, "starts p"]
     mounted: famjax.MountedMuscle
     residuals: Float[np.ndarray, " readings"]
@@ -89,7 +92,7 @@ def fitted(
     candidates: Sequence[Candidate],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Fitted | str]:
-    """Fit all candidate families to all readings, in one batch.
+    """Fit all candidate families in one batch. A long map is represented by a part of its readings.
 
     Args:
         data: the map.
@@ -112,23 +115,23 @@ def fitted(
     # Rigid rigs come first, so that they do not wait for the iteration of compliant ones.
     order = sorted(posed, key=lambda k: candidates[k].rig)
     near = [posed[k].starts(starts, seed) for k in order]
-    ends = iter(_descents([posed[k].problem for k in order], near, progress))
-    for k in order:
-        found[k] = _fitted(candidates[k], posed[k], [next(ends) for _ in range(starts)])
+    problems = [posed[k].problem.thinned() for k in order]
+    ends = _descents(problems, near, progress)
+    for k, problem, own in zip(order, problems, ends, strict=True):
+        found[k] = _fitted(candidates[k], posed[k], problem, own)
     return found
 
 
-def _fitted(candidate: Candidate, posed: Posed, ends: list[End]) -> Fitted | str:
+def _fitted(candidate: Candidate, posed: Posed, problem: Problem, ends: list[End]) -> Fitted | str:
     try:
         end = best_of(ends)
     except InputError as error:
         return str(error)
-    problem = posed.problem
     if candidate.rig and _rig_of_the_bounds(problem, end):
         return "The rig of the best fit is rigid, or as compliant as the bounds allow."
     order = np.argsort([one.cost for one in ends])
     return Fitted(
-        candidate, posed, np.stack([ends[k].u for k in order]),
+        candidate, posed, problem, np.stack([ends[k].u for k in order]),
         problem.parts[0].mounted(muscle_at(problem, end.point, 0), end.point.parameters),
         force_error(problem, end)[problem.side == 0],
     )  # fmt: skip
@@ -143,7 +146,7 @@ def left_out_of(
     compliant rig if the map has too few lengths to leave one out, since only a held-out length
     distinguishes it from a soft bladder.
     """
-    problem = families[0].posed.problem
+    problem = families[0].problem
     lengths = np.unique(problem.levels("length")).size >= FEWEST_LENGTHS
     kinds = {
         # Leaving out pressures hardly moves the optimum; leaving out a length may.
@@ -152,7 +155,7 @@ def left_out_of(
     }
     found: list[dict[str, LeftOut] | None] = [None for _ in families]
     told = [k for k, one in enumerate(families) if lengths or not one.candidate.rig]
-    fits = [(families[k].posed.problem, families[k].ends[0]) for k in told]
+    fits = [(families[k].problem, families[k].ends[0]) for k in told]
     errors = leave_out_each(fits, kinds, seed=seed, progress=progress)
     for k, of in zip(told, errors, strict=True):
         if all(np.isfinite(part.error).all() for part in of.values()):

@@ -18,8 +18,9 @@ References:
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -267,6 +268,7 @@ def _descents(
         going = going[~done]
 
 
+_ALIKE = 1e-4  # relative difference of the costs of two descents to the same point
 NEAR = 1e-9
 """Part of the cost that a step promises at the end of a descent that is only compared with others."""
 
@@ -283,13 +285,37 @@ def descend_all(
     starts: Float[np.ndarray, "k p"],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
-    """End points of the descents from all starts; the best one is refined to full precision."""
-    ends = descend_many([problem] * len(starts), list(starts), promise=NEAR, progress=progress)
+    """End points of the descents from all starts; the best one is refined to full precision.
+
+    From several starts, a long map is searched with a part of its readings. What differs among the ends
+    then descends with all of them.
+    """
+    part = problem if len(starts) == 1 else problem.thinned()
+    (ends,) = descend_from([part], [starts], promise=NEAR, progress=progress)
+    if part is not problem:
+        alike: list[list[End]] = []
+        for end in sorted(ends, key=lambda end: np.nan_to_num(end.cost, nan=np.inf)):
+            if not alike or not end.cost <= alike[-1][0].cost * (1 + _ALIKE):
+                alike.append([])
+            alike[-1].append(end)
+        (found,) = descend_from([problem], [[of[0].u for of in alike]], promise=NEAR)
+        ends = [end for end, of in zip(found, alike, strict=True) for _ in of]
     costs = [end.cost for end in ends]
     if np.isfinite(costs).any():
         best = int(np.nanargmin(costs))
         ends[best] = descend(problem, ends[best].u)
     return ends
+
+
+def descend_from(
+    problems: Sequence[Problem],
+    starts: Sequence[Sequence[np.ndarray] | Float[np.ndarray, "_ _"]],
+    **settings: Any,
+) -> list[list[End]]:
+    """End points of the descents of several problems, each from its starts; see `descend_many`."""
+    each = [(one, start) for one, own in zip(problems, starts, strict=True) for start in own]
+    ends = iter(descend_many([one for one, _ in each], [u for _, u in each], **settings))
+    return [list(itertools.islice(ends, len(own))) for own in starts]
 
 
 def best_of(ends: Sequence[End]) -> End:

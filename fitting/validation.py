@@ -5,7 +5,6 @@ optimum; readings are resampled. All refits of one task run together.
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -19,7 +18,7 @@ from .arguments import check_names, check_whole
 from .data import groups_of_levels
 from .problem import Problem
 from .result import Estimate, Identification, check_identified
-from .search import End, descend_many, latin_hypercube
+from .search import End, descend_from, latin_hypercube
 
 _QUICK: dict[str, Any] = {"max_steps": 30, "tolerance": 1e-5, "promise": 1e-6}
 """Looser settings, sufficient for a prediction."""
@@ -136,6 +135,8 @@ def leave_out_each(
 ) -> list[dict[str, LeftOut]]:
     """Leave out each group of several fits in turn, with all refits in one batch.
 
+    A long map is represented by a part of its readings.
+
     Args:
         fits: problems and their optima in the unit box, from which every refit starts.
         kinds: for "pressure", "length" or "specimen", the number of groups of neighbouring levels (None
@@ -151,6 +152,7 @@ def leave_out_each(
     """
     problems, starts = [], []
     places: list[tuple[int, str, np.ndarray, int]] = []
+    fits = [(problem.thinned(), u) for problem, u in fits]
     for number, (problem, u) in enumerate(fits):
         for kind, (groups, count) in kinds.items():
             group = _group_of_each(problem, kind, groups, least)
@@ -208,15 +210,9 @@ def best_ends(
         progress: called with (descents done, total).
         **settings: see `descend_many`.
     """
-    counts = [len(points) for points in starts]
-    tried = descend_many(
-        [problem for problem, count in zip(problems, counts, strict=True) for _ in range(count)],
-        [start for points in starts for start in points], progress=progress, **settings,
-    )  # fmt: skip
-    ends = iter(tried)
     return [
-        min(itertools.islice(ends, count), key=lambda end: np.nan_to_num(end.cost, nan=np.inf))
-        for count in counts
+        min(ends, key=lambda end: np.nan_to_num(end.cost, nan=np.inf))
+        for ends in descend_from(problems, starts, progress=progress, **settings)
     ]
 
 

@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from maps import KNOWN, known_muscle
 from scipy import optimize
 from slow_cases import slow_after
 
 import famjax
 from famjax.compile_options import quick_jit
-from fitting import ForceData, Parameter, identify
+from fitting import ForceData, Parameter, identify, validate
 from fitting.engine import Batch, muscle_at, partial, predict, solve
 from fitting.ladder import Candidate, ladder, sharing_one_program
 from fitting.posing import pose
@@ -292,3 +293,17 @@ def test_a_trace_is_found_again_for_each_shape_and_made_anew_where_it_is_torn(fo
         file.write_bytes(file.read_bytes()[:20])
     np.testing.assert_array_equal(doubled(calls)(np.ones(2))[0], [2.0, 2.0])
     assert len(calls) == 3
+
+
+def test_a_long_map_is_searched_in_part_and_fitted_to_all_readings():
+    rng = np.random.default_rng(3)
+    muscle, L, P = known_muscle(), rng.uniform(0.25, 0.3, 700), rng.uniform(3e5, 7e5, 700)
+    data = ForceData(np.asarray(muscle.force(L, P)) + rng.normal(size=L.size), P, L, KNOWN)
+    whole = identify(data, order=3, starts=4)
+    problem = whole.problem
+    assert problem.thinned().force.size == 128
+    assert whole.errors.n_points == 700
+    assert whole.errors.rmse == pytest.approx(1.0, rel=0.08)
+    again = descend(problem, np.clip(whole.end.u + 0.02, 0, 1))
+    assert again.cost == pytest.approx(whole.end.cost, rel=1e-9)
+    assert validate(whole, "length", starts=1).rmse == pytest.approx(1.0, rel=0.3)
