@@ -124,7 +124,7 @@ def _rows(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _notes(tables: Iterable[str]) -> list[str]:
-    """What is known of why these tables differ."""
+    """Return the known reasons why these tables differ."""
     script = runpy.run_path(str(ROOT / "examples" / "chambers2021" / "notes.py"))
     of = dict(script["NOTES"])
     return [f"**{table}.** {of[table]}" for table in tables if table in of]
@@ -144,7 +144,7 @@ def _number(value: float | None) -> str:
 
 
 def printed(command: str, folder: Path) -> Any:
-    """What a command prints as JSON, run in a folder."""
+    """Run a command in a folder and return the JSON that it prints."""
     run = [sys.executable, "-m", *command.split()]
     done = subprocess.run(run, cwd=folder, stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(done.stdout)

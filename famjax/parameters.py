@@ -465,7 +465,7 @@ class Apart(eqx.Module, Generic[_Model]):
 
     @property
     def _ends(self) -> tuple[Bool[Array, " free"], Bool[Array, " free"], RealArray, RealArray]:
-        """Whether each parameter has a lower and an upper bound, and the bounds, 0 if infinite."""
+        """Return which parameters have lower and upper bounds, and the bounds; 0 if infinite."""
         lower, upper = jnp.isfinite(self.low), jnp.isfinite(self.high)
         return lower, upper, jnp.where(lower, self.low, 0.0), jnp.where(upper, self.high, 0.0)
 

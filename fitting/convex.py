@@ -2,17 +2,17 @@
 
     minimise 1/2 |A x - b|^2   subject to   G x >= h
 
-The columns are scaled, the rows compressed by one QR factorisation A = Q R, and in y = R x the
-optimum is the point of a polyhedron nearest to Q^T b. A dual active-set method finds it: it starts at
-the unconstrained optimum, the most violated row enters, and rows whose multiplier would change its
-sign leave. With N the normals of the active rows it keeps
+The columns are scaled and the rows compressed by one QR factorisation, A = Q R. In y = R x the optimum is
+the point of a polyhedron nearest to Q^T b. A dual active-set method finds it: it starts at the
+unconstrained optimum, the most violated row enters, and rows whose multiplier would change its sign leave.
+N contains the normals of the active rows. The method keeps the blocks of the inverse of the optimality
+system,
 
     P = I - N^T (N N^T)^-1 N,   N* = (N N^T)^-1 N,
 
-the blocks of the inverse of the optimality system, and each row that enters or leaves is one
-rank-one update of both. The derivative is that of the implicit function theorem on the active rows,
-exact while the active set is strict. Every function takes one problem, in float32 or float64:
-`jax.vmap` makes a batch of it.
+and updates both by a matrix of rank one for each row that enters or leaves. Derivatives follow from the
+implicit function theorem on the active rows; they are exact if no multiplier is zero. Every function takes
+one problem, in float32 or float64; use `jax.vmap` for a batch.
 
 References:
     Goldfarb & Idnani 1983, Mathematical Programming 27, 1-33.
@@ -30,22 +30,22 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 if TYPE_CHECKING:
-    AnyArray = Any  # of JAX or NumPy, which no checker can know
+    AnyArray = Any  # a JAX or NumPy array
 else:
     AnyArray = Array | np.ndarray
 
 _REFINEMENTS = 2
-_STEPS = 20  # for each unknown, after which a walk has stalled
-_WRITTEN_OUT = 8  # largest triangle written out: LAPACK is called once per member of a batch
+_STEPS = 20  # per unknown; beyond these the method has stalled
+_WRITTEN_OUT = 8  # largest triangle inverted without LAPACK, which is called once per batch member
 
 
 def bucket(count: int, least: int = 8) -> int:
-    """The size to which a shape is padded: a power of two."""
+    """Return the power of two to which a size is padded."""
     return max(least, 2 ** math.ceil(math.log2(max(count, 1))))
 
 
 class Status(enum.IntEnum):
-    """How a quadratic programme ended; `message` gives the remedy."""
+    """Result of a quadratic programme; `message` gives the remedy."""
 
     OPTIMAL = 0
     RANK_DEFICIENT = 1
@@ -54,15 +54,15 @@ class Status(enum.IntEnum):
 
     @property
     def message(self) -> str:
-        """A full sentence with a remedy."""
+        """Description of the status, with a remedy."""
         return _MESSAGES[self]
 
 
 _MESSAGES = {
     Status.OPTIMAL: "the optimum was found and certified",
     Status.RANK_DEFICIENT: (
-        "the data cannot tell the coefficients apart: use a lower order, fewer pressure-dependent "
-        "coefficients, or readings at more lengths"
+        "the data do not determine the coefficients separately: use a lower order, fewer "
+        "pressure-dependent coefficients, or readings at more lengths"
     ),
     Status.INFEASIBLE: (
         "no coefficients satisfy the constraints: the bounds on the coefficients contradict the "
@@ -76,17 +76,17 @@ _MESSAGES = {
 
 
 class Optimum(eqx.Module):
-    """The optimum of one quadratic programme with its certificate.
+    """Optimum of a quadratic programme with its certificate.
 
     Attributes:
         x: minimiser, shape (n,); nan unless `status` is OPTIMAL.
-        multipliers: of the rows of G x >= h, shape (m,), >= 0.
-        active: rows that hold with equality and carry a multiplier, shape (m,).
+        multipliers: multipliers of the rows of G x >= h, shape (m,), >= 0.
+        active: true for rows that hold with equality and have a multiplier, shape (m,).
         objective: 1/2 |A x - b|^2.
         kkt_residual: largest violation of the optimality conditions, relative to |b|.
         duality_gap: primal minus dual objective, relative to the objective.
-        condition: |A| |A^+| in the Frobenius norm, with columns scaled to unit length; at most n
-            times the ratio of the singular values.
+        condition: |A| |A^+| in the Frobenius norm with columns scaled to unit length, at most n times
+            the ratio of the singular values.
         status: a `Status`.
     """
 
@@ -106,7 +106,7 @@ def solve_qp(
     G: Float[AnyArray, "m n"],
     h: Float[AnyArray, " m"],
 ) -> Optimum:
-    """The certified minimiser of 1/2 |A x - b|^2 subject to G x >= h.
+    """Minimise 1/2 |A x - b|^2 subject to G x >= h, with a certificate.
 
     Args:
         A: design matrix, any units per column, k >= n.
@@ -115,7 +115,7 @@ def solve_qp(
         h: constraint offsets.
 
     Returns:
-        The optimum. `x` may be differentiated in A, b, G and h; everything else is data.
+        The optimum. Only `x` is differentiable, in A, b, G and h.
 
     Raises:
         ValueError: fewer rows than columns in A.
@@ -148,7 +148,7 @@ def solve_qp(
     near = nearest_point(normals / size[:, None], h / size, Q.T @ b)
     own = size[near.rows] if size.size else jnp.ones(n, b.dtype)
     status = jnp.where(deficient, int(Status.RANK_DEFICIENT), near.status)
-    # Comparisons with nan are all false: a constraint that has no number would bind nowhere.
+    # Comparisons with nan are false, so a constraint that is nan would never bind.
     known = jnp.isfinite(jnp.sum(G) + jnp.sum(h) + jnp.sum(A) + jnp.sum(b))
     status = jnp.where(known, status, int(Status.STALLED))
     x = jnp.where(status == int(Status.OPTIMAL), _on_face(*given, near, to_x, own), jnp.nan)
@@ -165,7 +165,7 @@ def solve_qp(
 def _on_face(
     A: Array, b: Array, G: Array, h: Array, near: "NearestPoint", to_x: Array, own: Array
 ) -> Float[Array, " n"]:
-    """The minimiser x = to_x y on its face; `own` are the lengths of the rows in y, slot by slot."""
+    """Return the minimiser x = to_x y; `own` contains the lengths of the rows in y by slot."""
     del A, b, G, h, own
     return to_x @ near.y
 
@@ -194,16 +194,16 @@ def certificate_of(
     multipliers: Float[Array, " m"],
     to_x: Float[Array, "n n"],
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Objective, KKT residual and duality gap of a point, on the problem as it was given.
+    """Return objective, KKT residual and duality gap of a point of the original problem.
 
     Args:
-        A: design matrix of the programme.
-        b: its data.
-        G: its constraint rows.
-        h: their offsets.
+        A: design matrix.
+        b: data.
+        G: constraint rows.
+        h: constraint offsets.
         x: the point.
-        multipliers: of the rows.
-        to_x: R^-1 of A = Q R, by which the rows are measured in the metric of the data.
+        multipliers: multipliers of the rows.
+        to_x: R^-1 of A = Q R, which scales the rows to the metric of the data.
     """
     tiny, eps = jnp.finfo(b.dtype).tiny, jnp.finfo(b.dtype).eps
     size = jnp.sqrt(jnp.sum((G @ to_x) ** 2, axis=1))
@@ -225,17 +225,17 @@ def certificate_of(
 
 
 class NearestPoint(eqx.Module):
-    """The point, and the rows that hold it; slot k has the row `rows[k]` where `used[k]`.
+    """State of the active-set method: the point and its active rows, in n slots.
 
     Attributes:
         y: the point, shape (n,).
         inverse: P above N* of the active rows, shape (2 n, n).
-        multipliers: of the slots, shape (n,), zero where not used.
-        rows: indices into G, shape (n,).
-        used: shape (n,).
-        entering, entering_multiplier: the row that is about to enter, -1 when none is.
-        steps: rows that entered or left.
-        infeasible: whether no point satisfies the rows.
+        multipliers: multipliers of the slots, shape (n,); zero if unused.
+        rows: row of G in each slot, shape (n,).
+        used: true for slots with an active row, shape (n,).
+        entering, entering_multiplier: row that enters next, -1 if none.
+        steps: number of rows that entered or left.
+        infeasible: true if no point satisfies the rows.
     """
 
     y: Float[AnyArray, "*batch n"]
@@ -258,7 +258,7 @@ class NearestPoint(eqx.Module):
 def nearest_point(
     G: Float[Array, "m n"], h: Float[Array, " m"], centre: Float[Array, " n"]
 ) -> NearestPoint:
-    """The point y nearest to `centre` with G y >= h; not to be differentiated, as `solve_qp` is.
+    """Find the point y nearest to `centre` with G y >= h; not differentiable, use `solve_qp`.
 
     Args:
         G: constraint rows, of unit length or zero.
@@ -269,14 +269,14 @@ def nearest_point(
     eps, unit = float(jnp.finfo(centre.dtype).eps), jnp.eye(n, dtype=centre.dtype)
 
     def most_violated(y: Float[Array, " n"]) -> Int[Array, ""]:
-        """Row with the least slack, or -1 if no row is violated."""
+        """Return the row with the least slack, or -1 if no row is violated."""
         row = jnp.argmin(G @ y - h)
         normal, offset = G[row], h[row]
         size = jnp.sqrt((normal @ normal) * (centre @ centre)) + jnp.abs(offset)
         return jnp.where(normal @ y - offset < -32 * eps * size, row, -1)
 
     def step(at: NearestPoint) -> NearestPoint:
-        """One row enters or leaves."""
+        """Let one row enter or leave."""
         normal = G[at.entering]
         image = at.inverse @ normal
         direction, share = image[:n], image[n:]
@@ -291,7 +291,7 @@ def nearest_point(
         infeasible = jnp.isinf(jnp.minimum(full, partial))
         length = jnp.where(infeasible, 0.0, jnp.minimum(full, partial))
         slot = jnp.arange(n) == jnp.where(enters, jnp.argmin(at.used), jnp.argmin(ratios))
-        # P and N* change along w: what the entering row adds to the span, or the leaving one takes.
+        # P and N* change along w, the direction that the row adds to the span or takes from it.
         row = jnp.where(slot, 1.0, 0.0).astype(at.y.dtype) @ at.inverse[n:]
         w = jnp.where(enters, direction, row)
         square = jnp.where(enters, square, row @ row)
@@ -307,7 +307,7 @@ def nearest_point(
             multipliers=jnp.where(slot, jnp.where(enters, pull, 0.0), multipliers),
             rows=jnp.where(slot, jnp.where(enters, at.entering, 0), at.rows),
             used=jnp.where(slot, enters, at.used),
-            # A row that a blocking one kept from entering in full stays at hand.
+            # A row whose full step was blocked tries again.
             entering=jnp.where(enters & ~infeasible, most_violated(y), at.entering),
             entering_multiplier=jnp.where(enters, 0.0, pull),
             steps=at.steps + 1,
@@ -325,7 +325,7 @@ def nearest_point(
     found = jax.lax.while_loop(
         lambda at: (at.entering >= 0) & ~at.infeasible & (at.steps < limit), step, start
     )
-    # y - N^T l = c and N y = h of the active rows, refined.
+    # Refine y - N^T l = c and N y = h on the active rows.
     N = jnp.where(found.used[:, None], G[found.rows], 0.0)
     offsets = jnp.where(found.used, h[found.rows], 0.0)
     y, multipliers, P, pseudo = found.y, found.multipliers, found.inverse[:n], found.inverse[n:]
@@ -339,7 +339,7 @@ def nearest_point(
 def inverse_lower(
     lower: Float[AnyArray, "*batch n n"],
 ) -> Float[AnyArray, "*batch n n"]:
-    """The inverse of a lower triangle with a diagonal without zeros."""
+    """Invert a lower triangular matrix without zeros on its diagonal."""
     n = lower.shape[-1]
     if n > _WRITTEN_OUT:
         return jnp.linalg.inv(lower)

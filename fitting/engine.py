@@ -33,12 +33,12 @@ from .programs import (
 )
 from .response import Linear, MuscleFamily, Report
 
-REACHED = 1e-13  # relative change of a compliant rig's forces with which its iteration ends
-_REACHES = 25  # linear models of a compliant rig, each about the forces of the one before
-_READINGS = 512  # of each of `MEMBERS` fits in one call; of longer maps there are fewer
-_ROUNDS = 60  # in which the censored readings that pull settle
+REACHED = 1e-13  # relative change of a compliant rig's forces at which the iteration ends
+_REACHES = 25  # largest number of iterations of a compliant rig
+_READINGS = 512  # readings of a fit up to which a call takes `MEMBERS` fits
+_ROUNDS = 60  # largest number of rounds in which the active censored readings settle
 _FULL_STEPS = 8  # of these rounds
-_ROUNDING = 1e-12  # of the largest residual: whether a censored reading pulls makes no difference
+_ROUNDING = 1e-12  # relative to the largest residual; smaller violations do not matter
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -233,7 +233,7 @@ class Batch:
                 going = solved & ~(change <= tolerance * np.abs(after).max(axis=1))
                 about[solved], reached[solved] = x[solved], after[solved]
                 if not going.any():
-                    return chunk  # off by the square of the tolerance
+                    return chunk  # the error is the square of the tolerance
         return self._once(which, parameters[every], about, reached)
 
     def _once(
@@ -305,7 +305,7 @@ class Batch:
     def _settled(
         self, linear: Linear, slopes: Linear, of: Weighing
     ) -> tuple[Float[np.ndarray, "b readings"], Projected]:
-        """Convex fits, and the readings that count: all normal ones, and violated censored ones.
+        """Solve the convex fits; count all normal readings, and censored ones that are violated.
 
         A slack muscle means F <= 0, a load cell at its limit F >= limit. Each adds
         max(0, s (F - limit))^2 / 2 to the sum of squares, with s = 1 or -1. This is convex in the
@@ -326,7 +326,7 @@ class Batch:
             at = x if done < _FULL_STEPS else (at + x) / 2  # half steps end a cycle
             pulls = side * (_force_of(linear, at) - of.force) > 0
             keep = np.where(settled[:, None] | (side == 0), keep, 1.0 * pulls)
-        # One that does not settle has no fit.
+        # A problem that does not settle has no fit.
         keep = np.where(settled[:, None], keep, np.nan)
         return keep, projected_program()(linear, slopes, of._replace(weight=of.weight * keep))
 
@@ -365,7 +365,7 @@ def partial(point: Point) -> tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "
     """Derivatives at constant coefficients, in all nonlinear parameters.
 
     Returns:
-        (of the weighted residual, priors included; of G x - h).
+        Derivatives of the weighted residual, including priors, and of G x - h.
     """
     problem, batch = point.problem, Batch([point.problem])
     at, q, n = batch.layout, len(problem.names), len(problem.linear)
@@ -387,15 +387,15 @@ def predict(
     length: Float[np.ndarray, " k"],
     pressure: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    """What the rig of a part would measure [N], by the program of the fit.
+    """Predict the force [N] that the rig of a part measures, with the program of the fit.
 
     Args:
-        problem: of the fit.
-        place: which of its parts.
-        parameters: [SI].
+        problem: problem of the fit.
+        place: index of the part.
+        parameters: nonlinear parameters [SI].
         x: coefficients.
-        length: as measured [m].
-        pressure: gauge [Pa].
+        length: measured lengths [m].
+        pressure: gauge pressures [Pa].
     """
     batch, part = Batch([problem]), problem.parts[place]
     at, members = batch.layout, np.zeros(batch.size, int)
@@ -419,7 +419,7 @@ def predict(
 
 
 def _force_of(linear: Linear, x: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b readings"]:
-    """The force [N] of linear models at some coefficients."""
+    """Force [N] of linear models at given coefficients."""
     force, columns = (np.asarray(leaf) for leaf in linear[:2])
     return force + (columns @ x[:, :, None])[:, :, 0]
 
@@ -438,7 +438,7 @@ def muscle_at(problem: Problem, point: Point, place: int) -> Any:
 
 
 def report_of(part: Part, point: Point, place: int) -> Report:
-    """What is reported of a part at a fit, in NumPy's arrays."""
+    """Return the report of a part at a fit, as NumPy arrays."""
     size = bucket(part.force.size, 64)
     form, arrays = form_of(dataclasses.replace(part, within=None), size)
     reached = point.reached[point.problem.readings[place]]

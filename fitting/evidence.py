@@ -142,7 +142,7 @@ class Move:
 
 
 Moves = Mapping[str, Sequence[Move]]
-"""By source of error: one change by a standard error, or several random draws."""
+"""Changes by source of error: one by a standard error, or several random draws."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,14 +1,14 @@
-"""The families that a fit chooses from, as far as a map can carry them.
+"""Families from which a fit chooses, as far as a map can determine them.
 
 All families but one have the same unknown geometry: braid diameter and angle, deadband, rounded ends,
 stretching threads, and the rest length within the rounding to which it was given. Priors that are the same
 for every muscle hold what the readings cannot determine. The Mooney-Rivlin law has an equivalent cylinder
-instead. The families differ in the law of the bladder, and in why the muscle pulls late: because of its
-deadband, or because the rig is compliant. A map of one muscle cannot determine both.
+instead. The families differ in the law of the bladder, and in the reason why the muscle pulls late: a
+deadband or a compliant rig. The map of one muscle cannot determine both.
 
-Tracing and compiling takes longer than fitting, so one compiled program serves all families: that of a
-muscle whose law is the sum of their laws. A family searches some parameters and holds the others at values
-without effect: no end effect, rigid threads, a rigid rig, no stress of the other laws.
+Compiling takes longer than fitting, so all families share one compiled program: that of a muscle whose law
+is the sum of their laws. A family searches some parameters and holds the others at values without effect:
+no end effect, rigid threads, a rigid rig, no stress from the other laws.
 """
 
 import dataclasses
@@ -30,13 +30,13 @@ from .problem import Part, Problem, Within
 from .response import MuscleFamily
 
 EXPONENT_PRIOR = (-3.0, 5.0)
-"""Of Ogden's exponent, the same for every muscle: bare rubbers have -2 to 5 (Ogden 1972; 2 is
-neo-Hookean), walls with threads in them -7 to -4. Fewer than four lengths hardly tell its sign."""
+"""Prior of Ogden's exponent, the same for all muscles. Bare rubbers have -2 to 5 (Ogden 1972; 2 is
+neo-Hookean), walls with embedded threads -7 to -4. Fewer than four lengths hardly determine its sign."""
 
 MODEL_ERROR = 0.005
-"""Standard deviation, in parts of the largest force, by which a law misses readings of a muscle that
-is made of rubber and threads. It is added to that of the readings: what is known to 0.1 N does not
-count a hundred times more than what is known to 1 N where the law itself is good to 3 N."""
+"""Standard deviation of a law's error, relative to the largest force. It is added to that of the readings,
+so that a reading known to 0.1 N does not count a hundred times more than one known to 1 N if the law itself
+is good to 3 N."""
 
 LAWS: dict[str, dict[str, Any]] = {
     "ogden": {"law": "ogden"},
@@ -45,19 +45,19 @@ LAWS: dict[str, dict[str, Any]] = {
     "saturating": {"law": "saturating"},
     "cubic": {"law": "polynomial", "order": 3},
 }
-"""In the order in which they are believed of a map that cannot tell: the laws of rubber before those
-that only describe, and of either the one of fewer coefficients first."""
+"""Laws in order of preference for a map that cannot distinguish them: laws of rubber before empirical ones,
+and fewer coefficients first."""
 
 END_FACTOR_PRIOR = (1.0, 0.05)
-"""A muscle whose ends open as it shortens is up to a tenth longer than its cylinder."""
+"""Prior: a muscle whose ends open as it shortens is up to a tenth longer than its cylinder."""
 BRAID_COMPLIANCE_PRIOR = (0.0, 1e-5)
-"""[1/N]; threads of a muscle of 10 to 20 mm that stretch by 1 % do so at 1000 N."""
+"""Prior [1/N]: the threads of a muscle of 10 to 20 mm stretch by 1 % at 1000 N."""
 
 _WIDEST_SCALE = 0.1
-_WIDEST_CYLINDER = 1.4  # of the nominal diameter
-_GEOMETRY = 2  # braid diameter and angle; the rest has priors
+_WIDEST_CYLINDER = 1.4  # relative to the nominal diameter
+_GEOMETRY = 2  # braid diameter and angle; the other parameters have priors
 FEWEST_LENGTHS = 4
-"""From which on lengths are left out: without one of three, two are left, which determine no family."""
+"""Smallest number of lengths for cross-validation by length: two remaining lengths determine no family."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,14 +65,14 @@ class Candidate:
     """One family of the ladder.
 
     Attributes:
-        name: in words.
-        law: its name.
-        rig: whether the rig is compliant, in place of a deadband.
-        options: law and order, as `identify` takes them.
-        bounds: the user's bounds, as `identify` takes them.
-        parameters: free and held parameters and priors, as `identify` takes them.
-        unknowns: numbers without a prior, which the readings have to determine.
-        rank: place on the ladder: of families that predict alike, the first is taken.
+        name: name in words.
+        law: name of the law.
+        rig: true for a compliant rig in place of a deadband.
+        options: law and order, as in `identify`.
+        bounds: the user's bounds, as in `identify`.
+        parameters: free parameters, held parameters and priors, as in `identify`.
+        unknowns: number of parameters without a prior, which the readings must determine.
+        rank: place on the ladder; the first of several families that predict equally well is chosen.
     """
 
     name: str
@@ -90,20 +90,20 @@ def ladder(
     parameters: Mapping[str, Parameter] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
-    """The families that a force map can carry.
+    """List the families that a force map can determine.
 
-    Each length tells two numbers, the slope and the intercept of the force in pressure, so a family of as
-    many unknowns has none left to be judged by: it is left out, and so is a law of more coefficients than
-    there are lengths at which the bladder is strained.
+    Each length provides two numbers, the slope and the intercept of the force over pressure. A family with
+    as many unknowns cannot be tested and is left out. So is a law with more coefficients than there are
+    lengths at which the bladder is strained.
 
     Args:
         data: the map.
-        parameters: the user's parameters; the ladder does not vary them, and leaves out a law without
+        parameters: the user's parameters. The ladder does not vary them, and leaves out laws that lack
             one of them.
-        bounds: the user's bounds; the same applies.
+        bounds: the user's bounds, treated in the same way.
 
     Returns:
-        (the candidates, in the order of the ladder; one sentence for each kind of family left out).
+        The candidates in the order of the ladder, and a sentence for each kind of family left out.
     """
     check_maps(data)
     check_mapping("bounds", bounds, "from names to (low, high) in SI")
@@ -150,12 +150,12 @@ def ladder(
 
 
 def as_cylinder(one: Candidate, data: ForceData, said: Collection[str] = frozenset()) -> Candidate:
-    """The family with the geometry of a cylinder of stiff threads, which transfers to other lengths.
+    """Return the family with a cylinder of rigid threads, which can be cut to other lengths.
 
     Args:
         one: the family.
         data: the map.
-        said: parameters of which a user says something; they stay.
+        said: parameters set by the user, which do not change.
     """
     held = {
         "end_factor": Parameter(value=1.0, vary=False),
@@ -177,7 +177,7 @@ _PULLS_LATE = {"deadband_pressure", *_RIG_UNKNOWNS}
 
 
 def _geometry(data: ForceData) -> dict[str, Parameter]:
-    """What is believed of every muscle, whatever its law."""
+    """Return the priors of the geometry, for any muscle and law."""
     return {
         "end_factor": Parameter(prior=END_FACTOR_PRIOR),
         "braid_compliance": Parameter(prior=BRAID_COMPLIANCE_PRIOR, unit="1/N"),
@@ -186,17 +186,17 @@ def _geometry(data: ForceData) -> dict[str, Parameter]:
 
 
 def rest_length_prior(data: ForceData) -> Parameter:
-    """The rest length within the rounding to which it was given."""
+    """Return the prior of the rest length: the specimen's, within its rounding."""
     rest = data.specimen.rest_length
     rounding = rest_length_rounding(rest)
     return Parameter(min=rest - rounding, max=rest + rounding, prior=(rest, rounding / 2), unit="m")
 
 
 def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
-    """A cylinder of stiff threads, whose diameter and angle stand for ends and wall as well.
+    """Return the bounds of a cylinder of rigid threads whose diameter and angle include ends and wall.
 
-    The law of Mooney and Rivlin is fitted so, as by Klute & Hannaford (2000); with the muscle's own
-    dimensions it misses more.
+    The Mooney-Rivlin law is fitted in this way by Klute & Hannaford (2000). With the muscle's own
+    dimensions its error is larger.
     """
     bore = data.specimen.nominal_diameter
     angle = {"braid_angle": Parameter(min=57.0, max=72.0, unit="deg")}
@@ -206,27 +206,27 @@ def _equivalent_cylinder(data: ForceData) -> dict[str, Parameter]:
 
 
 def options_of(law: LawGiven) -> dict[str, Any]:
-    """Law and order, as `identify` takes them: a name of the ladder, or whatever a law may be given as."""
+    """Return law and order as in `identify`, for a law of the ladder or any other."""
     return LAWS.get(law, {"law": law}) if isinstance(law, str) else {"law": law}
 
 
 def law_of(law: LawGiven) -> Law:
-    """The family of a law.
+    """Return the family of a law.
 
     Raises:
-        InputError: no such law, or nothing that can be identified by what is given.
+        InputError: there is no such law, or it cannot be identified.
     """
     options = options_of(law)
     return law_named(options["law"], options.get("order"))
 
 
 def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Parameter]:
-    """Prior knowledge about the law's parameters, for any muscle.
+    """Return priors and bounds of the law's parameters, for any muscle.
 
     Args:
-        law: as `identify` takes it.
-        data: the map; features of a law narrower than half the widest gap between its lengths cannot be
-            identified.
+        law: the law, as in `identify`.
+        data: the map. Features of a law that are narrower than half the widest gap between lengths cannot
+            be identified.
     """
     known = {"ogden_exponent": Parameter(prior=EXPONENT_PRIOR)}
     if data is not None:
@@ -238,9 +238,9 @@ def believed(law: LawGiven, data: ForceData | None = None) -> dict[str, Paramete
 
 
 def numbers_of(law: LawGiven) -> int:
-    """How many numbers of law and geometry the readings have to determine.
+    """Count the parameters of law and geometry that the readings must determine.
 
-    A shape parameter of the law is one, unless it has a prior, which is as good as a reading.
+    Shape parameters of the law count unless they have a prior, which is equivalent to a reading.
     """
     made = law_of(law)
     of_prior = {name for name, one in believed(law).items() if one.prior is not None}
@@ -254,7 +254,7 @@ def _rows(law: str) -> set[str]:
 
 
 def rest_length_rounding(rest_length: float) -> float:
-    """Half a unit of the last digit to which a rest length [m] is given, from 0.05 to 0.5 mm."""
+    """Return half a unit of the last digit of a rest length [m], from 0.05 to 0.5 mm."""
     millimetres = rest_length * 1e3
     return 0.5e-3 if abs(millimetres - round(millimetres)) < 1e-6 else 0.05e-3
 
@@ -263,12 +263,12 @@ _NEUTRAL: Mapping[str, float] = {
     "deadband_pressure": 0.0, "end_factor": 1.0, "braid_compliance": 0.0,
     "series_compliance": 0.0, "series_exponent": 1.0, "ogden_exponent": 2.0, "strain_scale": 0.1,
 }  # fmt: skip
-"""Of parameters that a family has not, values that change nothing; the rest length is the specimen's."""
+"""Values without effect of the parameters that a family lacks; the rest length is the specimen's."""
 _NONLINEAR = ("braid_diameter", "braid_angle", "rest_length", *_NEUTRAL)
 
 
 class LawSum(AbstractMaterial):
-    """The sum of the stresses of several laws, none with a parameter of another's."""
+    """Sum of several laws that share no parameter."""
 
     laws: tuple[AbstractMaterial, ...]
 
@@ -277,7 +277,7 @@ class LawSum(AbstractMaterial):
     def stresses(
         self, axial_strain: Real, hoop_strain: Real, pressure: Real
     ) -> tuple[RealArray, RealArray]:
-        """True stresses (sigma_z, sigma_c) [Pa], the sums of those of the laws."""
+        """True stresses (sigma_z, sigma_c) [Pa], summed over the laws."""
         each = [law.stresses(axial_strain, hoop_strain, pressure) for law in self.laws]
         axial, hoop = zip(*each, strict=True)
         return sum(axial, jnp.zeros(())), sum(hoop, jnp.zeros(()))
@@ -285,13 +285,13 @@ class LawSum(AbstractMaterial):
 
 @functools.cache
 def _sum_of_laws() -> Law:
-    """The sum of the laws of the ladder."""
+    """Return the sum of the ladder's laws."""
     laws = ("ogden", "mooney-rivlin", "saturating", "cubic")
     return Law(LawSum(tuple(law_of(law).material for law in laws)))
 
 
 def sharing_one_program(problem: Problem) -> Problem:
-    """The same problem, its parts computed by the shared program where they are faces of it."""
+    """Return the problem with its parts computed by the shared program if they are special cases of it."""
     return dataclasses.replace(problem, parts=tuple(_within(part) for part in problem.parts))
 
 

@@ -1,12 +1,11 @@
-"""The compiled programs of the engine: a linear model, and the convex fit with its Jacobian.
+"""Compiled programs of the engine: the linear model, and the convex fit with its Jacobian.
 
-The linear model is one program for each structure of a family, the convex fit one for each size,
-whatever the model. Readings, weights, bounds, specimens and priors are their arguments, padded to
-sizes that many maps share.
+There is one linear model for each structure of a family, and one convex fit for each size. Readings,
+weights, bounds, specimens and priors are arguments, padded to sizes that many maps share.
 
-JAX's own cache spares compiling, never tracing. So the traces of the programs that all families share
-are kept beside it, where that cache is on, and found again by the sources of famjax and fitting, the
-version of JAX, the name and the shapes. One that cannot be read is made anew.
+JAX's cache stores compiled programs but not traces. If that cache is on, traces of the programs that all
+families share are stored beside it. Their key contains the sources of famjax and fitting, the version of
+JAX, the name and the shapes. An unreadable trace is made again.
 """
 
 import contextlib
@@ -32,16 +31,16 @@ from .response import Constraint, Linear, MapInputs, Report, linear_response, re
 
 
 def kept(function: Callable[..., Any], name: str, like: Any) -> Callable[..., Any]:
-    """The compiled function, traced once for all processes.
+    """Compile a function whose trace is shared by all processes.
 
     Args:
-        function: of pytrees of arrays, which returns one.
-        name: by which its trace is found again; functions that differ have different names, and none
-            runs code from outside famjax and fitting.
-        like: a pytree of the structure that it returns.
+        function: function from pytrees of arrays to a pytree of arrays.
+        name: key of its trace. Different functions need different names, and none may run code from
+            outside famjax and fitting.
+        like: pytree with the structure of the result.
 
     Returns:
-        What `jax.jit(function)` returns, but for derivatives: a kept trace has none.
+        The same as `jax.jit(function)`, but without derivatives.
     """
     structure = jax.tree.structure(like)
     known: dict[Any, Callable[..., Any]] = {}
@@ -62,7 +61,7 @@ def kept(function: Callable[..., Any], name: str, like: Any) -> Callable[..., An
 
 
 def _traced(flat: Callable[..., Any], name: str, shapes: list) -> Callable[..., Any]:
-    """The trace of a function of leaves, as it was kept; the function where nothing is kept."""
+    """Return the stored trace of a function of leaves, or the function if there is no cache."""
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if not folder:
         return flat
@@ -83,7 +82,7 @@ def _traced(flat: Callable[..., Any], name: str, shapes: list) -> Callable[..., 
 
 @functools.cache
 def _sources() -> str:
-    """Digest of the version of JAX and of all code that may be traced."""
+    """Digest of the JAX version and of all code that may be traced."""
     import famjax  # noqa: PLC0415
     import fitting  # noqa: PLC0415
 
@@ -95,11 +94,11 @@ def _sources() -> str:
 
 
 MEMBERS = 16
-"""Fits that a compiled program takes at once."""
+"""Number of fits in one call of a compiled program."""
 
 
 class Sizes(NamedTuple):
-    """Sizes to which a problem is padded: readings, rows along paths, coefficients, parameters, others."""
+    """Padded sizes of a problem: readings, rows along paths, coefficients, parameters and other rows."""
 
     readings: int
     rows: int
@@ -109,13 +108,15 @@ class Sizes(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Parts of one structure, with a leading axis of parts; of several fits but `arrays` one more.
+    """Parts of one structure, with a leading axis of parts.
+
+    If there are several fits, all arrays but `arrays` have one more leading axis.
 
     Attributes:
-        arrays: of families and inputs.
-        to_p: 1 where a parameter of the problem is one of the part, shape (parts, q, parameters).
-        held: parameters of the part that are none of the problem, shape (parts, q).
-        to_x: as `to_p` of the coefficients, shape (parts, n, coefficients).
+        arrays: arrays of families and inputs.
+        to_p: 1 where a parameter of the problem belongs to the part, shape (parts, q, parameters).
+        held: values of the part's other parameters, shape (parts, q).
+        to_x: the same as `to_p` for the coefficients, shape (parts, n, coefficients).
     """
 
     arrays: tuple[Any, ...]
@@ -125,12 +126,12 @@ class Group(NamedTuple):
 
 
 class Form(NamedTuple):
-    """What is static in a group: how its family and inputs are made of arrays.
+    """Static description of a group: how its family and inputs are built from arrays.
 
     Attributes:
-        treedef: of (family, inputs).
-        static: leaves that are no arrays, each in a tuple; None in the place of an array.
-        shapes: of the arrays of one part.
+        treedef: structure of (family, inputs).
+        static: leaves that are not arrays, each in a tuple; None in place of an array.
+        shapes: shapes and types of the arrays of one part.
     """
 
     treedef: Any
@@ -139,18 +140,18 @@ class Form(NamedTuple):
 
     @property
     def points(self) -> int:
-        """Number of readings, padded ones included; the arrays of `MapInputs` come last."""
+        """Number of readings including padding; the arrays of `MapInputs` come last."""
         return self.shapes[-len(dataclasses.fields(MapInputs))][0][0]
 
     def filled(self, arrays: Sequence[Array]) -> tuple[Any, MapInputs]:
-        """Family and inputs of some arrays."""
+        """Build family and inputs from arrays."""
         given = iter(arrays)
         leaves = [next(given) if kept is None else kept[0] for kept in self.static]
         return jax.tree.unflatten(self.treedef, leaves)
 
 
 def form_of(part: Part, size: int) -> tuple[Form, list[np.ndarray]]:
-    """The form of a part, within a larger family if it is, padded to a number of readings; its arrays."""
+    """Return the form and arrays of a part, in its larger family if any, padded to a number of readings."""
     family = part.family if part.within is None else part.within.family
     leaves, treedef = jax.tree.flatten((family, _padded(part.inputs, size)))
     arrays = [np.asarray(leaf) for leaf in leaves if eqx.is_array_like(leaf)]
@@ -159,7 +160,7 @@ def form_of(part: Part, size: int) -> tuple[Form, list[np.ndarray]]:
 
 
 def _padded(at: MapInputs, size: int) -> MapInputs:
-    """The same inputs, the last reading and path repeated up to a size that many maps share."""
+    """Repeat the last reading and path up to a size that many maps share."""
     extra, paths = size - at.length.size, at.path_end.size
     more = 0 if paths <= 2 else bucket(paths, 4) - paths
 
@@ -174,13 +175,13 @@ def _padded(at: MapInputs, size: int) -> MapInputs:
 
 
 def joined(groups: Sequence[Group]) -> Group:
-    """The groups of several fits, which share their arrays."""
+    """Join the groups of several fits that share their arrays."""
     each = (np.stack([getattr(one, name) for one in groups]) for name in Group._fields[1:])
     return Group(groups[0].arrays, *each)
 
 
 class Layout:
-    """Where the parts of a problem are among padded readings and rows; the groups of its parts."""
+    """Places of a problem's parts among the padded readings and rows, and their groups."""
 
     def __init__(self, problem: Problem) -> None:
         size = bucket(max(part.force.size for part in problem.parts), 64)
@@ -221,7 +222,7 @@ class Layout:
     def spread(
         self, values: Shaped[np.ndarray, "*b points"], missing: float | None = None
     ) -> Shaped[np.ndarray, "*b readings"]:
-        """Numbers of all readings at their padded places; the others are missing, or as the last before."""
+        """Put values at the padded places of the readings; fill with `missing` or the last value."""
         known = np.zeros(self.sizes.readings, bool)
         known[self.readings] = True
         last = np.maximum.accumulate(np.where(known, np.arange(known.size), 0))
@@ -238,14 +239,14 @@ def linear_of(
     x0: Float[Array, " coefficients"],
     readings: tuple[Array, Array, Array],
 ) -> tuple[Linear, Linear]:
-    """The linear model of a problem, and its derivatives along each parameter.
+    """Return the linear model of a problem, and its derivatives in each parameter.
 
     Args:
-        forms: of the groups.
-        groups: of the parts.
-        constraint: on the coefficients.
+        forms: forms of the groups.
+        groups: groups of parts.
+        constraint: constraint on the coefficients.
         p: parameters of the problem.
-        x0: its coefficients.
+        x0: coefficients of the problem.
         readings: length [m], pressure [Pa] and force reached [N], each of shape (readings,).
     """
     values, slopes, first = [], [], 0
@@ -282,7 +283,7 @@ def _of_part(
     to_x: Float[Array, "n coefficients"],
     readings: tuple[Array, Array, Array],
 ) -> tuple[Linear, Linear]:
-    """The linear model of a part in the parameters and coefficients of the problem, and its slopes."""
+    """Return the linear model of a part, and its derivatives in each parameter of the problem."""
     family, at = form.filled(arrays)
     length, pressure, reached = readings
     at = dataclasses.replace(at, length=length, pressure=pressure)
@@ -302,14 +303,14 @@ def linear_program(
     *,
     shared: bool = False,
 ) -> Any:
-    """The compiled linear model of a structure, for several fits at once.
+    """Compile the linear model of a structure for several fits at once.
 
     Args:
-        forms: of the groups of parts.
-        constraint: on the coefficients.
-        sizes: of the padded problem.
-        shared: whether it is the program that families share. Its trace is kept: all in it is of famjax,
-            where the name of a class tells its code; that of a user's own class does not.
+        forms: forms of the groups of parts.
+        constraint: constraint on the coefficients.
+        sizes: sizes of the padded problem.
+        shared: true for the program that famjax's families share, whose trace is stored. A program with
+            a user's class is not stored, because the name of a class does not identify its code.
     """
 
     def one(
@@ -338,14 +339,14 @@ def linear_program(
 
 
 class Weighing(NamedTuple):
-    """Facts about a fit beyond its model.
+    """Measured forces, weights, bounds and priors of a fit.
 
     Attributes:
-        force: measured [N], shape (readings,).
-        weight: of the readings, 0 for none, shape (readings,).
-        low, high: bounds of the coefficients, infinite where there is none, shape (coefficients,).
-        rows, targets: further rows of the least squares, priors among them.
-        d_targets: derivative of the targets in the parameters, shape (parameters, others).
+        force: measured force [N], shape (readings,).
+        weight: weights of the readings; 0 for padding, shape (readings,).
+        low, high: bounds of the coefficients; infinite if there is none, shape (coefficients,).
+        rows, targets: further rows of the least squares, such as priors.
+        d_targets: derivatives of the targets in the parameters, shape (parameters, others).
         ridge: see `Problem`.
     """
 
@@ -360,7 +361,7 @@ class Weighing(NamedTuple):
 
 
 def programme(linear: Linear, of: Weighing) -> tuple[Array, Array, Array, Array]:
-    """A, b, G and h of the convex programme of a linear model."""
+    """Return A, b, G and h of the convex programme of a linear model."""
     A = jnp.concatenate([of.weight[:, None] * linear.columns, of.rows])
     b = jnp.concatenate([of.weight * (of.force - linear.force), of.targets])
     size = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(A**2, axis=0)))
@@ -372,7 +373,7 @@ def programme(linear: Linear, of: Weighing) -> tuple[Array, Array, Array, Array]
 
 
 class Projected(NamedTuple):
-    """The convex fit at given parameters, and its residual A x - b with the derivative in these."""
+    """The convex fit at given parameters, with its residual A x - b and the residual's derivatives."""
 
     optimum: Optimum
     residual: Float[AnyArray, " rows"]
@@ -384,7 +385,7 @@ class Projected(NamedTuple):
 
 
 def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
-    """The convex fit of a linear model, and the derivative of its residual through the optimum."""
+    """Solve the convex fit of a linear model; differentiate its residual through the optimum."""
 
     def residual(linear: Linear, targets: Array) -> tuple[Array, tuple]:
         given = programme(linear, of._replace(targets=targets))
@@ -400,7 +401,7 @@ def projected(linear: Linear, slopes: Linear, of: Weighing) -> Projected:
 
 @functools.cache
 def projected_program() -> Any:
-    """The compiled convex fit with its Jacobian, for several at once; all structures share it."""
+    """Compile the convex fit with its Jacobian for several fits; all structures share it."""
     one, number = np.zeros(1), np.zeros(())
     optimum = Optimum(one, one, one > 0, number, number, number, number, np.zeros((), int))
     like = Projected(optimum, *range(len(Projected._fields) - 1))
@@ -409,7 +410,7 @@ def projected_program() -> Any:
 
 @functools.lru_cache(maxsize=128)
 def report_program(form: Form) -> Any:
-    """The compiled report of a part."""
+    """Compile the report of a part."""
 
     def one(arrays: list[Array], p: Array, x: Array, reached: Array) -> Report:
         return report(*form.filled(arrays), p, x, reached)

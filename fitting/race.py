@@ -1,4 +1,4 @@
-"""Comparison of candidate families: fit each to the whole map, rank them by held-out error."""
+"""Comparison of candidate families: fit each to the map, and rank them by held-out error."""
 
 import dataclasses
 import math
@@ -60,12 +60,12 @@ def _descents(
 
 @dataclasses.dataclass(frozen=True)
 class Fitted:
-    """A family fitted to all readings, or to a part of a long map.
+    """A family fitted to a map; to part of the readings if the map is long.
 
     Attributes:
         candidate: the family.
         posed: the fit to all readings.
-        problem: what was fitted.
+        problem: the fit that was solved.
         ends: end points of its descents in the unit box, best first.
         mounted: the muscle in its rig.
         residuals: model minus reading [N], in sample.
@@ -164,7 +164,7 @@ def left_out_of(
 
 
 def _rig_of_the_bounds(problem: Problem, end: End) -> bool:
-    """Whether bounds, not readings, determine a rig that deflects by a power of the force."""
+    """Return True if bounds, not readings, determine a rig that deflects by a power of the force."""
     at = {problem.names[place]: u for place, u in zip(problem.free, end.u, strict=True)}
     exponent, compliance = at.get("series_exponent", 1.0), at.get("series_compliance", 1.0)
     return bool("series_exponent" in at and (exponent == 0 or compliance in (0.0, 1.0)))

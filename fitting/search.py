@@ -1,15 +1,15 @@
 """Bounded nonlinear least squares for many problems at once.
 
-Damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2 with u + d
-inside the unit box, so that a bound is met exactly. The damping mu follows Nielsen. Many descents go in
-step: every round evaluates all of them together. Each goes as it would alone.
+The method is damped Gauss-Newton with exact steps in the box: every step minimises |J d + r|^2 + mu |d|^2
+with u + d inside the unit box, so bounds are met exactly. The damping mu follows Nielsen. Many descents are
+evaluated together in each round, with the same results as alone.
 
-Where along a path a law is weakest is found by samples that close in on each of their minima. A constraint
-that is violated between its stations is posed there as well, until it is not (exchange).
+The weakest point of a law along a path is found by sampling and refining each minimum. If a constraint is
+violated between its stations, that point becomes a station, and the fit is repeated (exchange).
 
-Huber's objective is the sum of rho(r), rho = r^2/2 where |r| <= d, else d |r| - d^2/2. At its optimum
-the weighted least squares with weights min(1, d/|r|) are stationary too, and every step towards it
-lowers it (Huber 1981, section 7.8). So descent, bounds and certified convex fit stay what they are.
+Huber's objective is the sum of rho(r), with rho = r^2/2 for |r| <= d, else d |r| - d^2/2. Its optimum is
+also stationary for least squares with the weights min(1, d/|r|), and each such step lowers the objective
+(Huber 1981, section 7.8). The certified convex fit is therefore used unchanged.
 
 References:
     Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05.
@@ -32,15 +32,15 @@ from .problem import Part, Problem
 from .programs import Layout
 from .response import Constraint
 
-_ROUNDED_OFF = 1e-8  # parts of the first residual below which a residual is rounding
+_ROUNDED_OFF = 1e-8  # relative to the first residual; smaller residuals are rounding
 _EPS = float(np.finfo(float).eps)
 _TINY = float(np.finfo(float).tiny)
-_TOGETHER = 128  # descents in step: more, and their arrays leave the cache
-_SNAP = 1e-12  # a step that ends this near to a face was meant to end on it
-_BLOCKS = 5  # rounds of pivots on all bounds at once, before one at a time
-_SIGN = 1e-13  # of the largest: the sign of a smaller step or multiplier is rounding
+_TOGETHER = 128  # descents per batch, so that their arrays fit in the cache
+_SNAP = 1e-12  # a step that ends this close to a face ends on it
+_BLOCKS = 5  # rounds of pivots on all bounds at once; then one at a time
+_SIGN = 1e-13  # relative; the sign of a smaller step or multiplier is rounding
 ROUNDED = 4 * _EPS
-"""Part of the cost: a step that promises less cannot be seen to descend."""
+"""Relative decrease of the cost below which a step makes no measurable difference."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,15 +69,15 @@ class End:
 
 
 def descend(problem: Problem, start: Float[np.ndarray, " p"], *, tolerance: float = 1e-10) -> End:
-    """A local minimiser over the box of the nonlinear parameters, from one start.
+    """Descend from one start to a local minimum in the box of the nonlinear parameters.
 
     Args:
-        problem: what is fitted.
+        problem: the problem.
         start: point in the unit box of the free parameters, shape (p,).
-        tolerance: on the gradient residual, and on the step.
+        tolerance: tolerance of the gradient residual and of the step.
 
     Returns:
-        The end; its cost is nan where the start has no fit.
+        The end point; its cost is nan if there is no fit at the start.
     """
     return descend_many([problem], [start], tolerance=tolerance)[0]
 
@@ -91,19 +91,19 @@ def descend_many(
     promise: float = ROUNDED,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[End]:
-    """Local minimisers, each over the box of a problem and from a start of its own.
+    """Descend to local minima, each in the box of its own problem and from its own start.
 
     Args:
-        problems: one for each descent; those that differ in numbers of readings only go in step.
-        starts: of each, in the unit box of its own free parameters.
-        max_steps: limit on the steps of each, refused ones included.
+        problems: one for each descent. Problems of the same structure are evaluated together.
+        starts: starting points, each in the unit box of its problem's free parameters.
+        max_steps: largest number of steps of a descent, including refused ones.
         tolerance: as in `descend`.
-        promise: part of the cost; where the last step was accepted and the next promises less,
-            a descent ends.
-        progress: called with (descents done, descents) as they end.
+        promise: relative decrease of the cost. A descent ends if its last step was accepted and the next
+            one predicts less.
+        progress: called with (descents done, descents).
 
     Returns:
-        The ends, in the order of the problems.
+        The end points, in the order of the problems.
     """
     layouts = {id(problem): Layout(problem) for problem in problems}
     alike: dict[tuple, list[int]] = {}
@@ -144,10 +144,10 @@ def gradient_residual(
     J: Float[np.ndarray, "b k p"],
     scale: Float[np.ndarray, " b"],
 ) -> Float[np.ndarray, " b"]:
-    """Largest cosine between r and a column of J along which u may still move, see `End`."""
+    """Return the largest cosine between r and a column of J along which u can still move; see `End`."""
     gradient = (r[:, None] @ J)[:, 0]
     stopped = ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
-    # A residual that has all but vanished has no direction left: it is measured against the start.
+    # A residual that has nearly vanished has no direction; it is measured relative to the start.
     length = np.linalg.norm(r, axis=1) + _ROUNDED_OFF * scale
     size = np.linalg.norm(J, axis=1) * length[:, None]
     cosine = np.where(stopped, 0.0, np.abs(gradient)) / np.maximum(size, _TINY)
@@ -161,11 +161,11 @@ def step_in_box(
     low: Float[np.ndarray, "b p"],
     high: Float[np.ndarray, "b p"],
 ) -> Float[np.ndarray, "b p"]:
-    """The minimisers d of |J d + r|^2 + damping |d|^2 with low <= d <= high.
+    """Minimise |J d + r|^2 + damping |d|^2 with low <= d <= high.
 
-    Principal pivoting: steps at their bounds are guessed, the others solved for, and those that
-    break a bound, or a bound whose multiplier has the wrong sign, change sides; all of them at
-    first, later the last one alone, which ends for every positive definite problem.
+    Principal pivoting guesses which steps are at their bounds and solves for the others. Steps that
+    violate a bound, and bounds whose multiplier has the wrong sign, change sides: all at first, later
+    only the last one, which terminates for every positive definite problem.
     """
     count, p = low.shape
     eye = np.broadcast_to(np.eye(p), (count, p, p))
@@ -209,7 +209,7 @@ def _descents(
     tolerance: float,
     promise: float,
 ) -> Iterator[tuple[int, End]]:
-    """Number and end of each descent, as they end."""
+    """Yield number and end point of each descent when it ends."""
     count, p = starts.shape
     u, trial, at = starts.copy(), starts.copy(), np.full(count, None, object)
     r, J = np.zeros((count, batch.residuals)), np.zeros((count, batch.residuals, p))
@@ -242,7 +242,7 @@ def _descents(
         moved = going[better]
         u[moved], r[moved], J[moved] = trial[moved], value[better], slope[better]
         scale[going[first]] = np.sqrt(new[first])
-        # Nielsen's damping: smooth in the quality of the step, growing faster after refusals.
+        # Nielsen's damping is smooth in the quality of the step and grows faster after refusals.
         growth[going] = np.where(better, 1.0, 2 * growth[going])
         factor = np.where(better, np.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3), growth[going])
         begin = 1e-3 * np.max(np.sum(J[going] ** 2, axis=1), axis=1, initial=0.0)
@@ -261,7 +261,7 @@ def _descents(
         trial[going] = np.where(then < _SNAP, 0.0, np.where(then > 1 - _SNAP, 1.0, then))
         cost = _squares(r[going])
         predicted[going] = cost - _squares(r[going] + (J[going] @ move[:, :, None])[:, :, 0])
-        # A step that is damped after refusals promises little, however far the end is.
+        # After refusals a damped step predicts little, even far from the end.
         least = np.where(growth[going] == 1.0, promise, ROUNDED) * cost
         done = (predicted[going] <= least) | (np.abs(move).max(axis=1) <= tolerance)
         yield from ended(done, done)
@@ -270,11 +270,11 @@ def _descents(
 
 _ALIKE = 1e-4  # relative difference of the costs of two descents to the same point
 NEAR = 1e-9
-"""Part of the cost that a step promises at the end of a descent that is only compared with others."""
+"""Smallest predicted decrease of the cost for descents that are only compared with others."""
 
 
 def latin_hypercube(n_free: int, count: int, seed: int) -> Float[np.ndarray, "k p"]:
-    """Latin hypercube in the unit box, away from its faces."""
+    """Return a Latin hypercube in the unit box, away from its faces."""
     rng = np.random.default_rng(check_seed(seed))
     cells = rng.permuted(np.tile(np.arange(count), (n_free, 1)), axis=1).T
     return (cells + rng.uniform(0.05, 0.95, (count, n_free))) / count
@@ -319,7 +319,7 @@ def descend_from(
 
 
 def best_of(ends: Sequence[End]) -> End:
-    """The end point with the lowest cost; nan costs are ignored.
+    """Return the end point with the lowest cost; nan costs are ignored.
 
     Raises:
         InputError: none has a cost.
@@ -410,19 +410,18 @@ def rounding_of(point: Point) -> float:
 
 
 def refine(problem: Problem, best: End, spare: int) -> tuple[End, Problem]:
-    """The best of the descents, with the constraint made to hold between the stations.
+    """Make the constraint hold between the stations as well.
 
-    Where the law is weakest on a path and violates the constraint, a station is placed, in the place of
-    the one that was placed longest ago, and the descent goes on.
+    If the weakest point of a path violates the constraint, it replaces the station that was added longest
+    ago, and the descent continues.
 
     Args:
-        problem: of the descents.
-        best: their best end.
-        spare: number of stations at the end of each path that are free to be placed.
+        problem: the problem of the descents.
+        best: their best end point.
+        spare: number of stations at the end of each path that may be replaced.
 
     Returns:
-        The end of the last descent with everything known of its fit, and the problem with the
-        stations placed.
+        The end point of the last descent with its complete fit, and the problem with its stations.
     """
     kind = problem.constraint
     for done in range(_EXCHANGED if kind in ("drucker", "slope") else 0):

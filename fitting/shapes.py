@@ -1,7 +1,7 @@
 """Shape of a muscle over length and pressure, from photographs.
 
-`shape_surface(path)` fits D(z; L, P) to the pictures, tests it on pictures held out, and gives the
-measured geometry of a muscle with `surface.geometry(specimen)`.
+`shape_surface(path)` fits D(z; L, P) to the pictures and tests it on held-out pictures.
+`surface.geometry(specimen)` returns the measured geometry of a muscle.
 """
 
 import dataclasses
@@ -21,31 +21,31 @@ from .data import Specimen
 Array = NDArray[np.floating]
 
 DEGREES = range(1, 11)
-"""Of the polynomials in length that are tried."""
+"""Degrees of the polynomials in length that are tried."""
 MORE = 2
-"""Degrees in length above those that predict best."""
+"""Degrees in length added to those that predict best."""
 KNOTS = 17
-"""Lengths at which the surface is handed on; a spline through them repeats it to 1e-5 of itself."""
+"""Number of lengths at which the surface is sampled; a spline through them is within 1e-5 of it."""
 HELD_OUT = 5
-"""Every fifth picture, in the order of the lengths, is held out of the test's fit."""
+"""Every fifth picture, in order of length, is held out in the test."""
 OUTLIER = 6.0
-"""Robust standard deviations by which a picture may lie off the surface."""
+"""Largest distance of a picture from the surface, in robust standard deviations."""
 MOST_OUTLIERS = 0.1
-"""Share of the pictures that may lie off it before there is no surface."""
+"""Largest fraction of pictures that may lie off the surface."""
 MOST_SCATTER = 0.01
-"""Of the pictures about the surface, as part of the diameter, beyond which there is none."""
+"""Largest scatter of the pictures about the surface, relative to the diameter."""
 WITHIN = 0.15
-"""Part by which the true turns may differ from the triangle's, which neglects the narrower ends."""
+"""Largest relative error of the turns from the triangle relation, which neglects the narrower ends."""
 
 _SCALE_STDERR = "scale_relative_stderr"
 _COLUMNS = {
     "length": "length_m", "diameter": "diameter_m", "diameter_stderr": "diameter_stderr_m",
     "pressure": "pressure_Pa", "mean_diameter_stderr": "mean_diameter_stderr_m",
 }  # fmt: skip
-_LEAST = 6  # pictures that make a table worth reading as a shape
-_SPREAD = 0.02  # of the largest pressure, from which on the shape may depend on the pressure
-_CORRELATED = 0.02  # of the length, over which neighbouring diameters of a picture err alike
-_FINEST = 1e-5  # of the diameter, below any photograph's error
+_LEAST = 6  # smallest number of pictures
+_SPREAD = 0.02  # smallest range of pressures, relative to the largest, that can change the shape
+_CORRELATED = 0.02  # correlation length of the diameter errors, relative to the length
+_FINEST = 1e-5  # relative to the diameter; smaller than the error of any photograph
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,15 +53,15 @@ class Pictures:
     """Profiles of n pictures at m common positions.
 
     Attributes:
-        names: of the pictures, n of them.
+        names: names of the pictures.
         length: active length L [m], shape (n,).
-        diameter: outside of the braid [m] at evenly spaced z/L from 0 to 1, shape (n, m).
-        pressure: gauge [Pa], shape (n,); nan where it is not known.
+        diameter: outer diameter of the braid [m] at evenly spaced z/L from 0 to 1, shape (n, m).
+        pressure: gauge pressure [Pa], shape (n,); nan if unknown.
         scale_std: relative standard error of the scale, common to all lengths and diameters.
-        mean_std: standard error of a picture's average diameter [m], which is taken as common to all:
-            light, lens and weave are.
-        local_std: that of its diameters at the positions [m], shape (m,), or None.
-        source: where they are from.
+        mean_std: standard error of a picture's average diameter [m]. It is assumed to be the same error in
+            all pictures, because light, lens and weave are the same.
+        local_std: standard error of the diameters at each position [m], shape (m,), or None.
+        source: origin of the pictures.
 
     Raises:
         InputError: values that are not positive, or fewer than six pictures.
@@ -113,7 +113,7 @@ class Pictures:
             return pictures
         if not isinstance(pictures, str | Path):
             raise InputError(
-                f"the pictures must be a measurements.nc, by its path, got {shown(pictures)}"
+                f"pictures must be the path of a measurements.nc, got {shown(pictures)}"
             )
         names, ok, columns, scale = _read(pictures)
         held = {name: np.asarray(values, float) for name, values in columns.items()}
@@ -136,7 +136,7 @@ class Pictures:
 
 
 def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.ndarray], float]:
-    """Names, whether they were measured, columns, and the scale's relative error, of a NetCDF file."""
+    """Read names, success, columns and the relative error of the scale from a NetCDF file."""
     from scipy.io import netcdf_file  # noqa: PLC0415 -- 0.1 s, for these files alone
 
     check_size(path)
@@ -161,11 +161,11 @@ def _read(path: str | Path) -> tuple[tuple[str, ...], np.ndarray, dict[str, np.n
 
 
 class SurfaceForm(NamedTuple):
-    """Polynomials of a surface: in length, and times pressure.
+    """Degrees of a surface's polynomials.
 
     Attributes:
-        degree: of the polynomial in length.
-        with_pressure: of the one in length that is multiplied by the pressure; -1 for none.
+        degree: degree of the polynomial in length.
+        with_pressure: degree of the polynomial in length that multiplies the pressure; -1 for none.
     """
 
     degree: int
@@ -173,12 +173,12 @@ class SurfaceForm(NamedTuple):
 
 
 class _Polynomials:
-    """Least squares of a form through pictures at every position with one matrix, each counting alike.
+    """Least-squares fit of a form at every position, with equal weights of the pictures.
 
     Attributes:
-        coefficients: shape (terms, m) [m].
-        residuals: of each picture [m], shape (n, m).
-        leverage: of each picture, shape (n,).
+        coefficients: coefficients [m], shape (terms, m).
+        residuals: residuals of each picture [m], shape (n, m).
+        leverage: leverage of each picture, shape (n,).
         left_out: residual of each picture from the surface without it [m], shape (n, m).
     """
 
@@ -205,7 +205,7 @@ class _Polynomials:
         return np.hstack([terms, share[:, None] * terms[:, : self.form.with_pressure + 1]])
 
     def varied(self, rng: np.random.Generator) -> Array:
-        """Coefficients as probable as these: every picture's residual with a random sign and size."""
+        """Draw coefficients that are as probable: each picture's residual gets a random sign and size."""
         sizes = rng.standard_normal(len(self.leverage))[:, None]
         return self.coefficients + self.solve @ (sizes * self.left_out)
 
@@ -221,8 +221,8 @@ class Threads:
     """Fit of the triangle relation B^2 = L^2 + (pi N D)^2 to pictures.
 
     Attributes:
-        length: B [m], without pressure where it depends on it.
-        turns: N.
+        length: thread length B [m]; at zero pressure if it depends on the pressure.
+        turns: N [-].
         length_std, turns_std: standard errors.
     """
 
@@ -237,10 +237,9 @@ class Threads:
 
 
 def _fit_threads(pictures: Pictures) -> Threads:
-    """The threads whose triangle goes through all pictures, neglecting the shape of the ends.
+    """Fit the triangle relation to lengths and average diameters, neglecting the shape of the ends.
 
-    Least squares of L^2 = B^2 (1 + c P) - (pi N)^2 D^2 over lengths and average diameters; c = 0 where
-    the pressure is not known or alike in all.
+    Least squares of L^2 = B^2 (1 + c P) - (pi N)^2 D^2; c = 0 if the pressure is unknown or constant.
 
     References:
         Gaylord 1958; Chambers 2021, section 5.1.
@@ -274,9 +273,9 @@ class HeldOut:
     """Errors of a surface on held-out pictures.
 
     Attributes:
-        pictures: that were held out.
-        rms: root mean square of D measured less D predicted, all positions [m].
-        standardised: rms of the same over its predicted standard deviation: 1 where that is right.
+        pictures: number of held-out pictures.
+        rms: root mean square of measured minus predicted diameters at all positions [m].
+        standardised: the same relative to the predicted standard deviation; 1 if that is right.
     """
 
     pictures: int
@@ -286,21 +285,21 @@ class HeldOut:
 
 @dataclasses.dataclass(frozen=True)
 class ShapeSurface:
-    """The diameter over position, length and pressure, with its uncertainty.
+    """Diameter over position, length and pressure, with its uncertainty.
 
     Attributes:
-        form: polynomials that were chosen, by leaving out each picture.
-        lengths: at which the surface is handed on [m], falling, shape (k,).
-        pressures: lowest and highest of the pictures [Pa]; nan where the shape does not depend on them.
-        diameters: D [m] at both pressures, shape (2, k, m); equal where it does not.
-        draws: as `diameters`, of surfaces as probable as this one, shape (d, 2, k, m): from the
-            scatter of the pictures, the errors that they have in common, and that of the scale.
-        draw_scales: factor of the lengths of each draw, shape (d,).
-        held_out: the test.
-        threads: turns and length of the braid's threads that the pictures show.
-        used: names of the pictures that it goes through.
-        left_out: names of those that lie off it.
-        notes: what a reader must know.
+        form: degrees of the polynomials, chosen by cross-validation.
+        lengths: lengths at which the surface is sampled [m], decreasing, shape (k,).
+        pressures: lowest and highest pressure of the pictures [Pa]; nan if the shape does not depend on it.
+        diameters: D [m] at both pressures, shape (2, k, m); equal if it does not.
+        draws: diameters of equally probable surfaces, shape (d, 2, k, m). They vary by the scatter of the
+            pictures, by errors common to all pictures, and by the error of the scale.
+        draw_scales: factor on the lengths of each draw, shape (d,).
+        held_out: errors on held-out pictures.
+        threads: turns and length of the threads by the pictures.
+        used: names of the pictures that determine the surface.
+        left_out: names of the pictures that lie off it.
+        notes: remarks for the report.
     """
 
     form: SurfaceForm
@@ -328,7 +327,7 @@ class ShapeSurface:
     def family(
         self, braid: famjax.braids.AbstractBraid, *, draw: int | None = None
     ) -> famjax.surfaces.SampledSurface:
-        """The surface in a braid; for one draw, if its number is given."""
+        """Return the surface with a braid; that of a draw if its number is given."""
         both = self.diameters if draw is None else self.draws[draw]
         lengths = self.lengths * (1.0 if draw is None else self.draw_scales[draw])
         known = np.isfinite(self.pressures).all()
@@ -344,15 +343,15 @@ class ShapeSurface:
         braid: famjax.braids.AbstractBraid | None = None,
         draw: int | None = None,
     ) -> famjax.MeasuredGeometry:
-        """The measured geometry of a muscle.
+        """Return the measured geometry of a muscle.
 
-        The pictures' triangle neglects the ends, whose diameters are smaller: its turns are some
-        percent off, as far as the force. Count them, or identify them with the fit.
+        The triangle relation neglects the ends, where the diameter is smaller. Its turns are a few percent
+        off, and so is the force. Count the turns, or identify them with the fit.
 
         Args:
-            specimen: rest length, wall, braid thickness, and the bladder's diameter, or None where it
-                fills the braid at rest.
-            braid: braid with the turns of the threads; from the triangle of the pictures if omitted.
+            specimen: rest length, wall, braid thickness, and the bladder's diameter, which is None if the
+                bladder fills the braid at rest.
+            braid: braid with the turns of the threads; by the triangle relation if omitted.
             draw: number of a draw, for the uncertainty of the shape.
 
         Raises:
@@ -360,8 +359,8 @@ class ShapeSurface:
         """
         if specimen.embedded:
             raise InputError(
-                "photographs show the outside of a wall, and not the threads inside it: a measured "
-                "shape is for a bladder under its braid, specimen embedded = false"
+                "photographs do not show threads inside the wall: a measured shape requires a bladder "
+                "under its braid, specimen embedded = false"
             )
         braid = braid or famjax.Braid(
             self.threads.length, self.threads.turns, specimen.braid_thickness
@@ -385,27 +384,27 @@ class ShapeSurface:
 def shape_surface(
     pictures: str | Path | Pictures, *, draws: int = 64, seed: int = 0
 ) -> ShapeSurface:
-    """The shape of a muscle over length and pressure, from the pictures of a campaign.
+    """Fit the shape of a muscle over length and pressure to the pictures of a campaign.
 
-    At every position z/L the diameter is a polynomial in the length, the same degree everywhere,
-    with or without terms times the pressure; least squares over the pictures. The degrees are
-    those that predict each picture best from the others, and two more in the length, lest the band
-    miss a bias. Pictures far off the surface are left out and named.
+    At each position z/L the diameter is a polynomial in length, with or without terms times the pressure,
+    fitted by least squares. The degrees are the same everywhere. Cross-validation chooses them; the degree
+    in length is then raised by two, so that the band covers the bias. Pictures far off the surface are left
+    out and named.
 
     Args:
-        pictures: `measurements.nc` of `famjax measure`; pressures are used where it has them.
-        draws: of the uncertainty.
-        seed: of the draws.
+        pictures: `measurements.nc` of `famjax measure`, with or without pressures.
+        draws: number of draws for the uncertainty.
+        seed: seed of the draws.
 
     Returns:
-        The surface, with a test on pictures held out.
+        The surface, tested on held-out pictures.
 
     Raises:
         InputError: too few pictures or lengths, or pictures that lie on no smooth surface.
 
     References:
-        Chambers 2021, section 4.3, fits each profile by itself; Wu 1986 for the draws, with
-        the residuals of each picture left out.
+        Chambers 2021, section 4.3, fits each profile separately. Wu 1986 for the draws, with held-out
+        residuals.
     """
     pictures = Pictures.of(pictures)
     pictures = pictures.part(np.argsort(-pictures.length, kind="stable"))
@@ -446,8 +445,8 @@ def shape_surface(
 def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
     """Diameter errors [m] shared by all pictures, shape (draws, m).
 
-    That of the average diameter, and along the axis what the positions' own errors exceed it by,
-    correlated as the outline is smoothed.
+    They are the error of the average diameter plus, along the axis, the excess of the errors at the
+    positions over it, correlated over the smoothing length of the outline.
     """
     x = np.linspace(0, 1, pictures.diameter.shape[1])
     whole = pictures.mean_std * rng.standard_normal((draws, 1))
@@ -459,7 +458,7 @@ def _common(pictures: Pictures, draws: int, rng: np.random.Generator) -> Array:
 
 
 def _forms(pictures: Pictures) -> list[SurfaceForm]:
-    """Forms that the pictures can determine, the simplest first."""
+    """List the forms that the pictures can determine, simplest first."""
     span = float(np.ptp(pictures.length))
     lengths = 1 + int(np.sum(np.diff(np.sort(pictures.length)) > 1e-3 * span)) if span else 1
     if lengths < 4:
@@ -478,10 +477,10 @@ def _forms(pictures: Pictures) -> list[SurfaceForm]:
 
 
 def _choose(pictures: Pictures) -> SurfaceForm:
-    """The form with the smallest held-out error, and two more degrees in length.
+    """Choose the form with the smallest held-out error, and add two degrees in length.
 
-    The form that predicts best has as much bias as scatter, and no band covers a bias. Terms with the
-    pressure must lower the error by more than its standard error (Breiman et al. 1984).
+    The form that predicts best has as much bias as scatter, and a band does not cover bias. Terms with the
+    pressure must reduce the error by more than its standard error (Breiman et al. 1984).
     """
     forms = _forms(pictures)
     errors = {form: np.mean(_Polynomials(pictures, form).left_out ** 2, axis=1) for form in forms}
@@ -499,7 +498,7 @@ def _choose(pictures: Pictures) -> SurfaceForm:
 
 
 def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
-    """Which pictures lie on one surface, and a sentence on those that do not."""
+    """Find the pictures that lie on one surface, and describe the others in a sentence."""
     keep = np.ones(len(pictures), bool)
     while True:
         used = pictures.part(keep)
@@ -514,15 +513,15 @@ def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
         if np.mean(~keep) > MOST_OUTLIERS:
             names = ", ".join(np.array(pictures.names)[~keep][:5])
             raise InputError(
-                f"{pictures.source}: more than a tenth of the pictures lie on no smooth surface with "
-                f"the others ({names}): look at their overlays, and that all show one muscle"
+                f"{pictures.source}: more than a tenth of the pictures lie off the smooth surface through "
+                f"the others ({names}): check their overlays, and that all show the same muscle"
             )
     scatter = float(np.sqrt(np.mean(size**2)) / used.diameter.mean())
     if scatter > MOST_SCATTER:
         raise InputError(
             f"{pictures.source}: the pictures scatter by {scatter:.1%} of the diameter about any smooth "
-            "surface, photographs of one muscle by 0.1 %: check that lengths, pressures and pictures "
-            "belong together"
+            "surface; photographs of one muscle scatter by 0.1 %: check that lengths, pressures and "
+            "pictures belong together"
         )
     if keep.all():
         return keep, []
@@ -532,7 +531,7 @@ def _on_a_surface(pictures: Pictures) -> tuple[NDArray[np.bool_], list[str]]:
 
 
 def _held_out(pictures: Pictures, form: SurfaceForm) -> HeldOut:
-    """Every fifth picture predicted from the others, the longest and the shortest kept."""
+    """Predict every fifth picture from the others; the longest and the shortest are never held out."""
     place = np.arange(len(pictures))
     out = (place % HELD_OUT == HELD_OUT // 2) & (place > 0) & (place < len(pictures) - 1)
     kept, tested = pictures.part(~out), place[out]

@@ -1,4 +1,4 @@
-"""Run and record tests under an attendant, and step the pump to measure its feed-forward."""
+"""Run and record attended tests, and step the pump to measure its feed-forward."""
 
 import contextlib
 import datetime

@@ -642,7 +642,7 @@ def audit(record: Record) -> Audit:
 
 
 def _recomputed(record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which rows came out as recorded, and which could be recomputed at all."""
+    """Rows whose recomputed output equals the recorded one, and rows that could be recomputed."""
     right, known = np.zeros(len(record.rows), bool), np.ones(len(record.rows), bool)
     last = (-1, -1, 0, -1)  # epoch, seq, integral, state
     laws = [settings for _, settings in record.settings]

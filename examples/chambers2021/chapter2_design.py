@@ -185,9 +185,9 @@ def stepped_column_gain(inserted: float, stiffening: float) -> float:
 
 
 def support_stiffness(gain: float, inserted: float, stiffening: float) -> float:
-    """Lateral stiffness at the support's inner end that multiplies Euler's load by a gain.
+    """Return the lateral stiffness at the support's inner end that multiplies Euler's load by a gain.
 
-    The column of `stepped_column_gain`, held at the end of the support by a spring k:
+    The column is that of `stepped_column_gain`, held at the end of the support by a spring k:
 
         k = P g / (a b g - 1),  g = alpha cot(alpha a) + beta cot(beta b)
 

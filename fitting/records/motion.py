@@ -275,7 +275,7 @@ def _checked(fit: _Fit, seen: _Motion, length_stderr: float) -> Synchronisation:
             f"{fit.offset:.4g} s it explains {max(explained, 0):.0%} of their variance in {len(t)} "
             f"pictures, and must explain {_EXPLAINED:.0%} in at least {_FEWEST}. The lengths change by "
             f"{np.ptp(y) if len(y) else 0:.4g} m, the displacement by {np.ptp(log.displacement):.4g} m: "
-            "is this the log of these pictures, and its unit right?",
+            "check that this is the log of these pictures, and the unit of the displacement",
             max(explained, 0.0),
         )
     # The speed is averaged over the spacing of the pictures.
