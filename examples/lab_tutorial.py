@@ -21,7 +21,7 @@ print("".join(Path("map.csv").read_text().splitlines(keepends=True)[:3]))
 
 # %% [markdown]
 # Say what the file does not: the specimen, in SI. Then compare the ranges with those of your test.
-# A mistake of units shows here first.
+# Unit errors show up here first.
 
 # %%
 size = {"rest_length": 0.296, "nominal_diameter": 0.02, "wall_thickness": 0.0018}  # m

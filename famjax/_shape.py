@@ -419,11 +419,11 @@ class GuardedNewton(optx.AbstractRootFinder):
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> Point:
         del fn, options, f_struct, aux_struct, tags
-        far = jnp.full((), jnp.inf, y[0].dtype)
-        one = jnp.ones_like(far)
-        rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3), far.dtype)
-        matrix = jnp.zeros((y[0].size, y[0].size), far.dtype)
-        return Point(far, one, one, matrix, rooms, jnp.asarray(True), y)
+        # All depend on y, so that a batch of muscles is batched in one pass over the loop.
+        zero = 0 * y[0]
+        rooms = jnp.zeros((sum(rule.x.size for rule in args.rules), 3)) + zero[0]
+        far, one = zero[0] + jnp.inf, zero[0] + 1
+        return Point(far, one, one, zero[:, None] * zero, rooms.astype(far.dtype), one > 0, y)
 
     def step(self, fn, y, args, options, state, tags):
         del fn, options, tags

@@ -287,8 +287,8 @@ def descend_all(
 ) -> list[End]:
     """End points of the descents from all starts; the best one is refined to full precision.
 
-    From several starts, a long map is searched with a part of its readings. What differs among the ends
-    then descends with all of them.
+    From several starts, a long map is searched with part of its readings. Distinct end points are then
+    refined with all readings.
     """
     part = problem if len(starts) == 1 else problem.thinned()
     (ends,) = descend_from([part], [starts], promise=NEAR, progress=progress)
