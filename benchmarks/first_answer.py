@@ -150,14 +150,9 @@ class Machine:
         """This tree first, and a cache of its own; a user's is not touched."""
         ours = {"FAMJAX_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"}
         given = {key: value for key, value in os.environ.items() if key not in ours}
-        path = [
-            str(HERE.parent),
-            str(HERE),
-            str(HERE.parent / "tests"),
-            *filter(None, [given.get("PYTHONPATH")]),
-        ]
+        path = [HERE.parent, HERE, HERE.parent / "tests", given.get("PYTHONPATH", "")]
         return given | {
-            "PYTHONPATH": os.pathsep.join(path),
+            "PYTHONPATH": os.pathsep.join(map(str, path)),
             "FAMJAX_CACHE_DIR": str(cache or tempfile.mkdtemp(dir=self.folder)),
         }
 

@@ -303,9 +303,8 @@ def attacks(_: Case) -> dict[str, float]:
             photo.save(picture)
             render_ruler(ruler, k).save(scale)
             options = [word for key, value in said.items() if value for word in (f"--{key}", value)]
-            _code, out, _err = command(
-                "measure", picture, "--ruler", scale, *options, "--output", f"{place}/{k}", "--json"
-            )
+            options += ["--units", "us", "--output", f"{place}/{k}", "--json"]
+            _code, out, _err = command("measure", picture, "--ruler", scale, *options)
             sound += is_sound(faults)
             row = json.loads(out)["rows"][0] if out else {"ok": False}  # where the ruler is refused
             if not row["ok"] or row["warnings"]:

@@ -61,6 +61,10 @@ class Within(eqx.Module):
     to_x: Float[np.ndarray, "all n"]
 
 
+LONG, SPREAD = 256, 128
+"""Readings above which a map counts as long, and those that represent it in searches."""
+
+
 class Part(eqx.Module):
     """One force map of a fit.
 
@@ -103,12 +107,12 @@ class Part(eqx.Module):
         """Return the part with other stations of the constraint; nothing is compiled."""
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, stations=stations))
 
-    def thinned(self, most: int) -> "Part":
-        """Return the part with one reading, at random, of each block of neighbours in length."""
-        if self.force.size <= most:
+    def thinned(self) -> "Part":
+        """Return a long part with one reading, at random, of each block of neighbours in length."""
+        if self.force.size <= LONG:
             return self
         order = np.lexsort((self.levels["pressure"], self.levels["length"]))
-        borders = np.linspace(0, order.size, most + 1).astype(int)
+        borders = np.linspace(0, order.size, SPREAD + 1).astype(int)
         rows = np.sort(order[np.random.default_rng(0).integers(borders[:-1], borders[1:])])
         at = self.inputs
         own = {name: getattr(at, name)[rows] for name in ("length", "pressure", "force")}
@@ -216,14 +220,14 @@ class Problem:
         )
         return dataclasses.replace(self, parts=parts)
 
-    def thinned(self, most: int = 128) -> "Problem":
-        """Return the problem with at most `most` readings per part, spread evenly over the map.
+    def thinned(self) -> "Problem":
+        """Return the problem with `SPREAD` readings of each long part, spread evenly over the map.
 
         Bounds and paths stay the same, so a point of the unit box means the same muscle.
         """
-        if all(part.force.size <= most for part in self.parts):
-            return self
-        return dataclasses.replace(self, parts=tuple(part.thinned(most) for part in self.parts))
+        parts = tuple(part.thinned() for part in self.parts)
+        same = all(one is part for one, part in zip(parts, self.parts, strict=True))
+        return self if same else dataclasses.replace(self, parts=parts)
 
     def parameters(self, u: Float[np.ndarray, " p"]) -> Float[np.ndarray, " q"]:
         """The parameters [SI] at a point of the unit box."""
