@@ -119,7 +119,10 @@ def _run(arguments: list[str]) -> int:
         )
     except CycloptsError as error:
         ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
-        print(f"famjax: {error}\nTry '{ask}'.", file=sys.stderr)
+        what = str(error)
+        if unused := getattr(error, "unused_tokens", None):
+            what = f"unexpected argument {' '.join(unused)}: repeat an option for each of its values"
+        print(f"famjax: {what}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
         print(f"famjax: {error}", file=sys.stderr)
