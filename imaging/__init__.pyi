@@ -19,7 +19,6 @@ from .photograph import (
 from .recipe import (
     Quality as Quality,
     Recipe as Recipe,
-    read_recipe as read_recipe,
     recipe_text as recipe_text,
     write_recipe as write_recipe,
 )

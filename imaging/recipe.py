@@ -1,14 +1,11 @@
 """Recipes: measurement settings, their TOML file, and the quality limits."""
 
 import dataclasses
-import functools
 import math
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from famjax.boundary.toml_file import Form, from_entries, read_toml, to_entries, toml_text
+from famjax.boundary.toml_file import Form, to_entries, toml_text
 
 from . import errors
 from .camera import Camera, Scale, Tone
@@ -205,18 +202,9 @@ class Recipe:
         return max(8.0, _RESOLUTION * self.scale.px_per_m)
 
 
-_FORMAT = "famjax recipe 1"
-
-
 _FORM = Form(
     kinds=dict.fromkeys(("distance", "tape_diameter", "pitch", "placement_stderr"), "length"),
     keys={"stderr": "stderr_px_per_m"},
-    codecs={
-        Tone: (
-            lambda tone: "srgb" if tone == Tone.srgb() else tone.table.tolist(),
-            lambda entry: Tone.srgb() if entry == "srgb" else Tone(np.array(entry, float)),
-        )
-    },
 )
 
 
@@ -225,24 +213,14 @@ def recipe_text(recipe: Recipe) -> str:
 
     A field that is None is omitted if None is its default, and written as "none" otherwise.
     """
-    return toml_text({"format": _FORMAT, **to_entries(recipe, _FORM)})
+    tone = recipe.tone
+    entries = to_entries(dataclasses.replace(recipe, tone=None), _FORM)
+    if tone is not None:
+        entries["tone"] = "srgb" if tone == Tone.srgb() else tone.table.tolist()
+    return toml_text({"format": "famjax recipe 1", **entries})
 
 
 def write_recipe(recipe: Recipe, path: str | Path) -> Path:
-    """Write a recipe that `read_recipe` restores exactly."""
+    """Write a recipe to a TOML file."""
     Path(path).write_text(recipe_text(recipe), encoding="utf-8")
     return Path(path)
-
-
-def read_recipe(path: str | Path) -> Recipe:
-    """Read a recipe from a TOML file; lengths may use any known unit, `distance_in = 60`.
-
-    Raises:
-        ImagingError: the file is missing or not TOML, or has an unknown key, unit or format, no scale, or
-            an invalid value.
-    """
-    error = functools.partial(errors.ImagingError, path=path)
-    given = dict(read_toml(path, "recipe", error, where=""))
-    if (found := given.pop("format", _FORMAT)) != _FORMAT:
-        raise error(f"a recipe must have the format {_FORMAT!r}, got {found!r}")
-    return from_entries(Recipe, given, _FORM, error=error)

@@ -121,7 +121,9 @@ def _run(arguments: list[str]) -> int:
         ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
         what = str(error)
         if unused := getattr(error, "unused_tokens", None):
-            what = f"unexpected argument {' '.join(unused)}: repeat an option for each of its values"
+            what = (
+                f"unexpected argument {' '.join(unused)}: repeat an option for each of its values"
+            )
         print(f"famjax: {what}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:

@@ -40,12 +40,10 @@ class Form:
         kinds: kind of unit for each quantity. Its key is the field's name and a unit, such as
             `stroke_in`: every unit of `UNITS[kind]` is read, and the SI unit is written.
         keys: key of each other field, if it is not the field's name.
-        codecs: for each class stored as a single value, functions that encode and decode it.
     """
 
     kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
     keys: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    codecs: Mapping[type, tuple[Callable, Callable]] = dataclasses.field(default_factory=dict)
 
     def key(self, name: str) -> str:
         """Return the key under which a field is written."""
@@ -198,11 +196,6 @@ def _value(key: str, value: Any, hint: Any, form: Form) -> Any:
     kinds = typing.get_args(hint)
     if value == "none" and NoneType in kinds and str not in kinds:
         return None
-    for coded in (one for one in (hint, *kinds) if one in form.codecs):
-        try:
-            return form.codecs[coded][1](value)
-        except (ValueError, TypeError) as problem:
-            raise InputError(f"{key}: {problem}") from None
     if dataclasses.is_dataclass(hint) and isinstance(value, dict):
         return from_entries(typing.cast("Any", hint), value, form, where=f"[{key}]: ")
     listed = kinds[0] if typing.get_origin(hint) is Annotated else hint
@@ -242,8 +235,6 @@ def _is_empty(value: Any) -> bool:
 def _encoded(value: Any, form: Form) -> Any:
     if value is None:
         return "none"
-    if type(value) in form.codecs:
-        return form.codecs[type(value)][0](value)
     if dataclasses.is_dataclass(value):
         return to_entries(value, form)
     if isinstance(value, tuple | list):
