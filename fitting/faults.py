@@ -6,6 +6,7 @@ readings, such as a saturated load cell or outliers, are found by fitting the ot
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -44,6 +45,7 @@ _RESTS = {1.0: 0.0, 0.98: 0.3, 1.03: 0.3}
 """Candidate rest lengths, relative to the longest loaded length, and their penalty [decades]."""
 _SHARED = 2e-3  # fraction of the largest force within which readings share one limit
 _MOST_OUTLIERS = 0.25  # fraction of the readings
+_DIVISIONS = 4  # divisions of the lengths between two muscles that are tried
 _FEWEST_LENGTHS = 3  # needed to characterise a muscle
 _BORES = {
     2.0: "the nominal diameter is a radius, or that of a smaller muscle",
@@ -428,9 +430,10 @@ def thick_wall(data: ForceData) -> list[Suspicion]:
 
 def _of_some(data: ForceData, least: float) -> list[Suspicion]:
     """Faults that affect some readings: the first whose misfit is close to the smallest."""
+    tries = (_at_a_limit, _outliers, _two_muscles, _two_by_length)
     good = [
         _named(cause, least, better)
-        for cause, better in filter(None, (_at_a_limit(data), _outliers(data), _two_muscles(data)))
+        for cause, better in filter(None, (one(data) for one in tries))
         if better < GOOD and better * _FAR_BETTER < least
     ]
     best = min((one.misfit for one in good), default=np.inf)
@@ -512,4 +515,37 @@ def _two_muscles(data: ForceData) -> tuple[str, float] | None:
         trial = attempt(_kept_only(data, ~other))
         if trial is not None and np.unique(lengths[~other]).size >= _FEWEST_LENGTHS:
             found.append((f"there are two muscles in the file, one of them {where}", trial.misfit))
+    return min(found, key=lambda one: one[1], default=None)
+
+
+def _two_by_length(data: ForceData) -> tuple[str, float] | None:
+    """Readings of a second muscle at some lengths, with forces proportional to those of the first.
+
+    For one muscle, dF/dP = (3 L^2 - B^2)/(4 pi N^2) is linear in L^2. The divisions that fit this best are
+    tried.
+    """
+    lengths, place = np.unique(data.lengths.level[data.loaded], return_inverse=True)
+    pressure, force = data.pressure[data.loaded], data.force[data.loaded]
+    rows, divisions, found = [place == k for k in range(lengths.size)], [], []
+    if min(np.unique(pressure[mine]).size for mine in rows) < 2:
+        return None
+    slope = np.array([np.polyfit(pressure[mine], force[mine], 1)[0] for mine in rows])
+    for count in range(2, min(lengths.size // 2, lengths.size - _FEWEST_LENGTHS) + 1):
+        for some in itertools.islice(itertools.combinations(range(lengths.size), count), 400):
+            rest = np.setdiff1d(np.arange(lengths.size), some)
+            line = np.polyval(np.polyfit(lengths[rest] ** 2, slope[rest], 1), lengths**2)
+            own, here = line[[*some]], slope[[*some]]
+            line[[*some]] *= (own @ here) / (own @ own)
+            divisions.append((float(np.sum((line - slope) ** 2)), some))
+    for _, some in sorted(divisions)[:_DIVISIONS]:
+        other = np.isin(place, some)
+        trial = attempt(_kept_only(data, ~other))
+        if trial is None:
+            continue
+        errors = trial.errors(data)
+        pull, there = (errors + force)[other], force[other]
+        errors[other] = pull * float(pull @ there) / float(pull @ pull) - there
+        at = ", ".join(f"{one * 1e3:.5g}" for one in lengths[[*some]])
+        cause = f"there are two muscles in the file, one of them at {at} mm"
+        found.append((cause, float(np.sqrt(np.mean(errors**2))) / data.max_force))
     return min(found, key=lambda one: one[1], default=None)
