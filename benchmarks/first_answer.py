@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -183,7 +183,7 @@ def command_wait(case: "Case", name: str) -> dict[str, float]:
         return waited(_machine(case, folder), WAITS[name], case.repeat)
 
 
-def _scattered(count: int, rng: "np.random.Generator") -> tuple["np.ndarray", ...]:
+def _scattered(count: int, rng: "np.random.Generator") -> list[Any]:
     """Forces, pressures and lengths of the DMSP-20 with 1 N of noise, each at a state of its own."""
     import jax  # noqa: PLC0415
 
@@ -193,7 +193,7 @@ def _scattered(count: int, rng: "np.random.Generator") -> tuple["np.ndarray", ..
     muscle = muscles.dmsp_20()
     length = float(muscle.rest_length) * rng.uniform(0.84, 1, count)
     pressure = rng.uniform(3e5, 6.5e5, count)
-    return muscle.force(length, pressure) + rng.normal(size=count), pressure, length
+    return [muscle.force(length, pressure) + rng.normal(size=count), pressure, length]
 
 
 def make_inputs(folder: Path, name: str) -> None:
@@ -209,7 +209,9 @@ def make_inputs(folder: Path, name: str) -> None:
     others = [fitting.load_bundled(one) for one in fitting.bundled_names()]
     maps = {
         "smaller": data.part(data.pressure != levels[len(levels) // 2]),
-        "long": fitting.ForceData(*_scattered(3000, rng), fitting.load_bundled("DMSP-20").specimen),
+        "long": fitting.ForceData(
+            *_scattered(3000, rng), specimen=fitting.load_bundled("DMSP-20").specimen
+        ),
         "specimen": next(one for one in others if one.sha256 != data.sha256),
     }
     for stem, one in maps.items():

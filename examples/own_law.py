@@ -1,4 +1,4 @@
-"""Define a bladder law, Gent's, which stiffens towards a limit; identify it and save the fit.
+"""Define a bladder law, Gent's, which stiffens towards a limit; and identify it.
 
 python examples/own_law.py            # or: famjax fit --law own_law:Gent  in this folder
 """

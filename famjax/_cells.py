@@ -190,8 +190,8 @@ def sheet_of(
     for line, row in body if delimiter == "," and named else ():
         if len(row) > named and all(map(looks_number, row)):
             raise InputError(
-                f"line {line} has {len(row)} numbers under {named} names: some commas may be decimal or "
-                "thousands separators. Export with semicolons between the columns, or name every column"
+                f"line {line} has {len(row)} numbers under {named} names: commas may separate decimals or "
+                "thousands. Export with semicolons between the columns, or name every column"
             )
     sign, grouped = _decimal(inside, asked.columns.get("decimal"), delimiter)
     return Sheet(body, names, below, beside, sign, grouped, comments)

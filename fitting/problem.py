@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import famjax
+from famjax.boundary.errors import InputError
 
 from .convex import AnyArray, solve_qp
 from .response import (
@@ -294,13 +295,26 @@ class PureProblem(eqx.Module):
     def coefficients(
         self, p: Float[Array, " q"], force: Float[Array, " points"]
     ) -> Float[Array, " n"]:
-        """Coefficients of the certified convex fit at given parameters [SI], for a rigid rig."""
+        """Coefficients of the certified convex fit at given parameters [SI], for a rigid rig.
+
+        Args:
+            p: nonlinear parameters [SI], in the order of `Problem.names`.
+            force: force [N] of each reading of the fit: the loaded ones, `data.force[data.loaded]`.
+
+        Raises:
+            InputError: there is not one force for each reading of the fit.
+        """
         none = jnp.zeros(self.limits[0].shape[1])
         return solve_qp(*self.programme(p, none, force, force)).x
 
-    def _each(self) -> Iterator[tuple[Part, slice]]:
+    def _each(self, force: Float[Array, " points"]) -> Iterator[tuple[Part, slice]]:
         """Iterate over the parts with the slices of their readings."""
-        first = 0
+        first, count = 0, sum(part.weight.shape[0] for part in self.parts)
+        if force.shape != (count,):
+            raise InputError(
+                f"the fit has {count} readings, so force must have the shape ({count},), got "
+                f"{force.shape}: give the loaded readings, data.force[data.loaded]"
+            )
         for part in self.parts:
             yield part, slice(first, first := first + part.weight.shape[0])
 
@@ -321,7 +335,7 @@ class PureProblem(eqx.Module):
         """
         (rows, targets), (bounds, ends) = self.prior_rows, self.limits
         blocks: list[tuple[Array, ...]] = []
-        for part, here in self._each():
+        for part, here in self._each(force):
             found = linear_response(
                 part.family, self.constraint, part.inputs, p[part.at], x0, reached[here]
             )
@@ -341,7 +355,7 @@ class PureProblem(eqx.Module):
     ) -> tuple[Float[Array, " k"], Float[Array, " m"]]:
         """Weighted residual, and slack of every constraint row, without linearisation."""
         residuals, values = [], []
-        for part, here in self._each():
+        for part, here in self._each(force):
             at = part.inputs
             if self.compliant:
                 at = dataclasses.replace(at, force=reached[here])
@@ -363,7 +377,7 @@ class PureProblem(eqx.Module):
         held. At the forces of the fit, its derivative is the derivative of the optimum.
 
         Args:
-            force: forces [N] of the readings.
+            force: forces [N] of the readings of the fit, `data.force[data.loaded]`.
             near: optimum of the fit, an `engine.Point` such as `result.end.point`.
 
         Returns:

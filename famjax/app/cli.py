@@ -100,7 +100,7 @@ def clashes() -> list[str]:
 def _run(arguments: list[str]) -> int:
     try:
         import rich  # noqa: F401
-        from cyclopts import CycloptsError
+        from cyclopts import CycloptsError, UnusedCliTokensError
     except ImportError as missing:
         sys.exit(
             f"the famjax command needs its extra 'app' ({missing}); install it with\n"
@@ -120,10 +120,9 @@ def _run(arguments: list[str]) -> int:
     except CycloptsError as error:
         ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
         what = str(error)
-        if unused := getattr(error, "unused_tokens", None):
-            what = (
-                f"unexpected argument {' '.join(unused)}: repeat an option for each of its values"
-            )
+        if isinstance(error, UnusedCliTokensError):
+            words = " ".join(error.unused_tokens or ())
+            what = f"unexpected argument {words}: repeat an option for each of its values"
         print(f"famjax: {what}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:

@@ -220,14 +220,24 @@ def mjx_step(
 
     Returns:
         The state after the step.
+
+    Raises:
+        ValueError: a `fixed` tendon has no offset, so the muscle would have no length.
     """
+    mujoco: Any = import_module("mujoco")
     from mujoco import mjx  # noqa: PLC0415 -- an optional package
 
     placed = mjx.tendon(model, mjx.com_pos(model, mjx.kinematics(model, data)))
     control = jnp.asarray(data.ctrl)
     for number, (muscle, pressure) in muscles.items():
-        tendon = placed.ten_length[int(model.actuator_trnid[number, 0])]
-        length = tendon + (offsets or {}).get(number, 0.0)
+        which = int(model.actuator_trnid[number, 0])
+        fixed = model.wrap_type[model.tendon_adr[which]] == mujoco.mjtWrap.mjWRAP_JOINT
+        if fixed and number not in (offsets or {}):
+            raise ValueError(
+                f"the tendon of actuator {number} is fixed, so its length is 0 at zero joint angle: give "
+                f"the length of the muscle there as an offset, offsets={{{number}: 0.27}}"
+            )
+        length = placed.ten_length[which] + (offsets or {}).get(number, 0.0)
         control = control.at[number].set(-muscle.force(length, pressure))
     after = mjx.step(model, data.replace(ctrl=control))
     # In float64, MJX widens the integers of tendons, which a scan rejects.

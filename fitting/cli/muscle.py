@@ -221,7 +221,12 @@ def _notes(saved: "Identification", *, other: bool, forces: bool) -> list[str]:
         error = saved.outlook.error
         if error is not None:
             notes.append(f"the 95 % bands cover {error.covers}")
-        elif not document["spread"]["directions"]:
+        elif document["spread"]["directions"]:
+            notes.append(
+                "the bands follow from the standard errors alone, which leave out the model error, and are "
+                "too narrow: famjax fit writes fits with held-out errors"
+            )
+        else:
             notes.append("there is no error band, since the fit has no standard errors")
     return notes
 

@@ -14,6 +14,7 @@ from scipy import optimize
 from slow_cases import slow_after
 
 import famjax
+from famjax.boundary.errors import InputError
 from famjax.compile_options import quick_jit
 from fitting import ForceData, Parameter, identify, validate
 from fitting.engine import Batch, muscle_at, partial, predict, solve
@@ -143,6 +144,8 @@ def test_the_convex_fit_is_the_engine_s_and_its_gradient_that_of_differences(dms
 
     for p, x in zip(parameters, np.asarray(several(jnp.asarray(parameters))), strict=True):
         np.testing.assert_allclose(x, solve(problem, p).x, rtol=1e-9)
+    with pytest.raises(InputError, match="give the loaded readings"):
+        pure.coefficients(jnp.asarray(parameters[0]), jnp.asarray(dmsp20.force))
 
     def first(u: jax.Array) -> jax.Array:
         return pure.coefficients(pure.parameters(u), force)[0]
