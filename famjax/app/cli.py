@@ -121,8 +121,8 @@ def _run(arguments: list[str]) -> int:
         ask = " ".join(("famjax", *(error.command_chain or ()), "--help"))
         what = str(error)
         if isinstance(error, UnusedCliTokensError):
-            words = " ".join(error.unused_tokens or ())
-            what = f"unexpected argument {words}: repeat an option for each of its values"
+            unused = " ".join(error.unused_tokens or ())
+            what = f"unexpected argument {unused}: repeat an option for each of its values"
         print(f"famjax: {what}\nTry '{ask}'.", file=sys.stderr)
         return 2
     except InputError as error:
