@@ -18,9 +18,10 @@ _USUAL = 0.5  # default of the longest rest length [m]
 
 _FORM = Form(
     kinds={
-        **dict.fromkeys(("largest_diameter", "stroke", "longest_length", "rest_length"), "length"),
         "pressure": "pressure",
         "force": "force",
+        **dict.fromkeys(("largest_diameter", "longest_length", "rest_length"), "length"),
+        **dict.fromkeys(("stroke", "force_stroke"), "length"),
     }
 )
 
@@ -47,7 +48,7 @@ def design(
     ----------
     require
         Requirement as key_unit=value, repeatable: pressure_psi=100 (supply pressure, required),
-        force_lbf=900 (blocked force unless force_contraction is given), force_contraction=0.1,
+        force_lbf=900 (blocked force, or the force at force_stroke_mm=40 or force_contraction=0.1),
         contraction=0.3, stroke_mm=50, largest_diameter_in=2.2, longest_length_mm=400 (between the
         end-fittings), thread_factor=3.
     catalogue

@@ -210,11 +210,12 @@ class Requirement:
 
     Attributes:
         pressure: supply gauge pressure P [Pa], > 0.
-        force: least pull [N] at `force_contraction`, >= 0.
+        force: least pull [N], >= 0, at `force_contraction` and at `force_stroke`.
         contraction: least contraction [-], a fraction in [0, 1).
         largest_diameter: largest diameter [m] outside the braid at the required contraction and
             stroke.
         force_contraction: contraction [-] at which `force` is required; 0 for blocked force.
+        force_stroke: travel [m] from the rest length at which `force` is required, >= 0.
         stroke: least travel [m], >= 0.
         longest_length: largest rest length [m] between the end-fittings.
         thread_factor: least ratio [-] of a thread's breaking load to its tension at zero contraction.
@@ -225,6 +226,7 @@ class Requirement:
     contraction: float = 0.0
     largest_diameter: float = math.inf
     force_contraction: float = 0.0
+    force_stroke: float = 0.0
     stroke: float = 0.0
     longest_length: float = math.inf
     thread_factor: float = 0.0
@@ -235,6 +237,8 @@ class Requirement:
         for name in ("contraction", "force_contraction"):
             if not 0 <= (value := getattr(self, name)) < 1:
                 raise InputError(f"{name} must be a fraction in [0, 1), got {value}; 0.35 is 35 %")
+        if not 0 <= self.force_stroke < math.inf:
+            raise InputError(f"force_stroke must be >= 0 and finite, got {self.force_stroke} m")
         for name, (_, side) in CONSTRAINTS.items():
             value = getattr(self, name)
             if side == "most" and not value > 0:
@@ -264,7 +268,7 @@ class Search:
 
     Columns have the shape (candidates,) and SI units: `pair`, an index into `pairs`; `rest_length`
     L0 [m]; `pressure` P [Pa]; `braid_angle` theta0 [rad] from the circumference; `blocked_force` [N];
-    `force` [N] at `force_contraction`; usable `contraction` [-], to zero force or jamming; `stroke`
+    `force` [N] where it is required; usable `contraction` [-], to zero force or jamming; `stroke`
     [m]; `outer_diameter` [m] and `air` [m3] at the required contraction; `thread_factor` [-], nan if
     unknown.
 
@@ -444,6 +448,7 @@ def _performance(
     """
     muscle, rest = pair.muscle, pair.rest_length
     at = jnp.minimum(jnp.maximum(asked["contraction"], asked["stroke"] / rest), usable)
+    loaded = jnp.maximum(asked["force_contraction"], asked["force_stroke"] / rest)
     blocked = pair.force(0.0, pressure)
     tension = thread_tension(
         blocked, pressure, pair.bladder_diameter / 2, pair.braid_angle, pair.n_threads
@@ -454,7 +459,7 @@ def _performance(
         "pressure": pressure,
         "braid_angle": pair.braid_angle,
         "blocked_force": blocked,
-        "force": pair.force(asked["force_contraction"], pressure),
+        "force": pair.force(loaded, pressure),
         "contraction": usable,
         "stroke": usable * rest,
         "outer_diameter": pair.outer_diameter(at),

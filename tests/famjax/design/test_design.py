@@ -300,6 +300,7 @@ def test_the_refined_design_keeps_to_everything_and_is_better(of_all):
         ({"force": -1.0}, "force must be >= 0"),
         ({"contraction": 35.0}, r"fraction in \[0, 1\), got 35\.0; 0\.35 is 35 %"),
         ({"force_contraction": math.nan}, "force_contraction must be a fraction"),
+        ({"force_stroke": -0.01}, "force_stroke must be >= 0"),
         ({"largest_diameter": 0.0}, "largest_diameter must be > 0"),
         ({"stroke": -1.0}, "stroke must be >= 0"),
         ({"longest_length": 0.0}, "longest_length must be > 0"),
@@ -316,6 +317,17 @@ def test_an_impossible_requirement_or_search_is_refused(change, message):
     required = all(isinstance(value, float) for value in change.values())
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(ASKED, **change) if required else found_with(**change)
+
+
+def test_a_load_over_a_stroke_is_the_force_at_its_end():
+    required = Requirement(PRESSURES[1], force=200.0, force_stroke=0.03, force_contraction=0.01)
+    found = search(two_pairs(), required, rest_length=LENGTHS, about=8)
+    for row in range(8):
+        at = {name: column[row] for name, column in found.columns.items()}
+        pair = found.pairs[int(at["pair"])]
+        muscle = Combination.of(pair.bladder, pair.braid, LATEX)
+        expected = float(muscle.force(0.03 / at["rest_length"], at["pressure"]))
+        assert at["force"] == pytest.approx(expected, rel=SOLVED)
 
 
 # ---- the front
