@@ -66,7 +66,7 @@ def switch_on() -> str:
     if given := jax.config.values.get("jax_compilation_cache_dir"):
         return str(given)
     root = cache_root()
-    if root is None or not _private_folder(folder := root / _machine()):
+    if root is None or not _private_folder(folder := root / machine()):
         return ""
     _bound(root)
     for name, value in {"jax_compilation_cache_dir": str(folder), **_SETTINGS}.items():
@@ -92,7 +92,7 @@ def cache_root() -> Path | None:
     return caches / "famjax" / "programs" if caches.is_absolute() else None
 
 
-def _machine() -> str:
+def machine() -> str:
     """Host, processor and jaxlib: a program made for another processor can crash this one.
 
     JAX's key of a program lacks the processor's features, and machines may share a home.

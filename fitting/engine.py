@@ -10,7 +10,7 @@ References:
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import numpy as np
@@ -35,6 +35,7 @@ from .response import Linear, MuscleFamily, Report
 
 REACHED = 1e-13  # relative change of a compliant rig's forces at which the iteration ends
 _REACHES = 25  # largest number of iterations of a compliant rig
+_FEWEST = 3  # iterations after which each must at least halve the change
 _READINGS = 512  # readings of a fit up to which a call takes `MEMBERS` fits
 _ROUNDS = 60  # largest number of rounds in which the active censored readings settle
 _FULL_STEPS = 8  # of these rounds
@@ -138,6 +139,10 @@ class Chunk(NamedTuple):
         )
 
 
+Near: TypeAlias = tuple[tuple[Chunk, int], Float[np.ndarray, " k"]]
+"""A fit, as chunk and row, and a residual that is expected elsewhere."""
+
+
 class Batch:
     """Problems that differ only in readings, weights and bounds, and are fitted as one batch.
 
@@ -154,8 +159,7 @@ class Batch:
         self.layout = at = layouts[0]
         self.size = max(1, min(MEMBERS, MEMBERS * _READINGS // at.sizes.readings))
         self._groups = tuple(map(joined, zip(*(one.groups for one in layouts), strict=True)))
-        shared = all(part.within is not None for part in self.like.parts)
-        self._program = linear_program(at.forms, self.like.constraint, at.sizes, shared=shared)
+        self._program = linear_program(at.forms, self.like.constraint, at.sizes)
         inputs = [part.inputs for part in self.like.parts]
         self._length, self._pressure = (
             at.spread(np.concatenate([getattr(one, name) for one in inputs]))
@@ -185,7 +189,7 @@ class Batch:
         self,
         members: Int[np.ndarray, " b"],
         parameters: Float[np.ndarray, "b q"],
-        near: Sequence[tuple[Chunk, int] | None] | None = None,
+        near: Sequence[Near | None] | None = None,
         tolerance: float = REACHED,
     ) -> list[tuple[Chunk, int]]:
         """Certified convex fits with their Jacobians.
@@ -193,7 +197,8 @@ class Batch:
         Args:
             members: indices of the problems; an index may be repeated.
             parameters: parameters of each member [SI].
-            near: fits of the same problems at other parameters, as initial guess for a compliant rig.
+            near: initial guess for a compliant rig: a fit of the same problem at other parameters, and
+                its residual extrapolated to these.
             tolerance: relative change in the forces of a compliant rig at which its iteration stops.
 
         Returns:
@@ -211,7 +216,7 @@ class Batch:
         self,
         members: Int[np.ndarray, " b"],
         parameters: Float[np.ndarray, "b q"],
-        near: Sequence[tuple[Chunk, int] | None] | None,
+        near: Sequence[Near | None] | None,
         tolerance: float,
     ) -> Chunk:
         count = len(members)
@@ -221,20 +226,32 @@ class Batch:
         if self._rig[members].any():
             for k, one in enumerate(near or ()):
                 if one is not None:
-                    chunk, row = one
-                    about[k], reached[k] = chunk.projected.optimum.x[row], chunk.reached[row]
+                    about[k], reached[k] = self._expected(members[k], *one)
             about, reached = about[every], reached[every]
-            for _ in range(_REACHES - 1):
+            before = np.full(self.size, np.inf)
+            for done in range(_REACHES - 1):
                 chunk = self._once(which, parameters[every], about, reached)
                 x = chunk.projected.optimum.x
                 after = _force_of(chunk.linear, x)
                 solved = np.isfinite(x).all(axis=1) & np.isfinite(after).all(axis=1)
                 change = np.abs(after - reached).max(axis=1)
                 going = solved & ~(change <= tolerance * np.abs(after).max(axis=1))
+                going &= (done < _FEWEST) | (change < before / 2)  # far off, it may run in a circle
+                before = change
                 about[solved], reached[solved] = x[solved], after[solved]
                 if not going.any():
                     return chunk  # the error is the square of the tolerance
         return self._once(which, parameters[every], about, reached)
+
+    def _expected(
+        self, member: int, fit: tuple[Chunk, int], residual: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, " coefficients"], Float[np.ndarray, " readings"]]:
+        """Coefficients of a near fit, and the forces that belong to an expected residual."""
+        chunk, row = fit
+        weight = self._of.weight[member] * chunk.keep[row]
+        off = residual[: weight.size] / np.where(weight > 0, weight, 1.0)
+        force = np.where(weight > 0, self._of.force[member] + off, chunk.reached[row])
+        return chunk.projected.optimum.x[row], self.layout.spread(force[self.layout.readings])
 
     def _once(
         self,

@@ -3,9 +3,9 @@
 There is one linear model for each structure of a family, and one convex fit for each size. Readings,
 weights, bounds, specimens and priors are arguments, padded to sizes that many maps share.
 
-JAX's cache stores compiled programs but not traces. If that cache is on, traces of the programs that all
-families share are stored beside it. Their key contains the sources of famjax and fitting, the version of
-JAX, the name and the shapes. An unreadable trace is made again.
+JAX's cache stores compiled programs but not traces, and tracing takes longer than a fit. So if that cache
+is on, whole executables are stored beside it. Their key contains the sources of famjax and fitting, the
+machine, the version of JAX, the name and the shapes. An unreadable file is compiled again.
 """
 
 import contextlib
@@ -13,6 +13,7 @@ import dataclasses
 import functools
 import hashlib
 import os
+import pickle
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -23,21 +24,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from famjax.compile_options import bulk_options, quick_options
+from famjax.compilation_cache import machine
+from famjax.compile_options import Options, bulk_options, quick_options
 
 from .convex import AnyArray, Optimum, bucket, solve_qp
 from .problem import Part, Problem
 from .response import Constraint, Linear, MapInputs, Report, linear_response, report
 
 
-def kept(function: Callable[..., Any], name: str, like: Any) -> Callable[..., Any]:
-    """Compile a function whose trace is shared by all processes.
+def kept(
+    function: Callable[..., Any], name: str, like: Any, options: Options | None = None
+) -> Callable[..., Any]:
+    """Compile a function; processes share the executable.
 
     Args:
         function: function from pytrees of arrays to a pytree of arrays.
-        name: key of its trace. Different functions need different names, and none may run code from
-            outside famjax and fitting.
+        name: key of its executable. Different functions need different names, and none may run code
+            from outside famjax and fitting.
         like: pytree with the structure of the result.
+        options: compiler options; those of a program that runs often if omitted.
 
     Returns:
         The same as `jax.jit(function)`, but without derivatives.
@@ -47,37 +52,59 @@ def kept(function: Callable[..., Any], name: str, like: Any) -> Callable[..., An
 
     def called(*args: Any) -> Any:
         leaves, treedef = jax.tree.flatten(args)
-        shapes = [(leaf.shape, leaf.dtype) for leaf in leaves]
-        key = treedef, *shapes
+        given = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
+        key = treedef, *given
         if key not in known:
 
             def flat(*leaves: Any) -> list[Any]:
                 return jax.tree.leaves(function(*jax.tree.unflatten(treedef, leaves)))
 
-            known[key] = jax.jit(_traced(flat, name, shapes), compiler_options=bulk_options())
+            known[key] = _executable(flat, name, given, options or bulk_options())
         return jax.tree.unflatten(structure, known[key](*leaves))
 
     return called
 
 
-def _traced(flat: Callable[..., Any], name: str, shapes: list) -> Callable[..., Any]:
-    """Return the stored trace of a function of leaves, or the function if there is no cache."""
+def _executable(
+    flat: Callable[..., list[Any]],
+    name: str,
+    given: Sequence[jax.ShapeDtypeStruct],
+    options: Options,
+) -> Callable[..., Any]:
+    """Return the stored executable of a function of leaves, or compile it and store it."""
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if not folder:
-        return flat
-    from jax import export  # noqa: PLC0415 -- imported only if traces are kept
+        return jax.jit(flat, compiler_options=options)
+    from jax.experimental import serialize_executable as stored  # noqa: PLC0415
 
-    digest = hashlib.sha256(f"{_sources()} {name} {shapes}".encode()).hexdigest()[:32]
-    file = Path(folder) / f"trace-{digest}-cache"
+    text = f"{_sources()} {machine()} {jax.default_backend()} {options} {name} {given}"
+    key = hashlib.sha256(text.encode()).hexdigest()[:32]
+    file = Path(folder) / f"executable-{key}-cache"
     with contextlib.suppress(Exception):  # of another version of JAX, or torn
-        return export.deserialize(bytearray(file.read_bytes())).call
-    given = [jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes]
-    trace = export.export(jax.jit(flat))(*given)
-    with contextlib.suppress(OSError, ImportError):  # a full disk keeps nothing
+        _register_linear_algebra()
+        return stored.deserialize_and_load(*pickle.loads(file.read_bytes()))
+    # JAX cannot serialize what it has loaded from its own cache, so nothing is left there: a name
+    # that no other process has, and no file.
+    flat.__name__ = f"executable_{key}_{os.getpid()}"
+    compiled = jax.jit(flat, compiler_options=options).lower(*given).compile()
+    with contextlib.suppress(
+        Exception
+    ):  # a full disk, or a device that cannot store, keeps nothing
+        for own in Path(folder).glob(f"jit_{flat.__name__}*"):
+            own.unlink()
+        whole = stored.serialize(compiled)
+        loaded = stored.deserialize_and_load(*whole)
+        jax.block_until_ready(loaded(*(np.zeros(one.shape, one.dtype) for one in given)))
         torn = file.with_suffix(f".{os.getpid()}")
-        torn.write_bytes(trace.serialize())
+        torn.write_bytes(pickle.dumps(whole))
         torn.replace(file)
-    return trace.call
+    return compiled
+
+
+@functools.cache
+def _register_linear_algebra() -> None:
+    """Let JAX register LAPACK, which it does when it lowers a program; executables call it directly."""
+    jax.jit(jnp.linalg.qr).lower(np.eye(1))
 
 
 @functools.cache
@@ -143,6 +170,20 @@ class Form(NamedTuple):
         """Number of readings including padding; the arrays of `MapInputs` come last."""
         return self.shapes[-len(dataclasses.fields(MapInputs))][0][0]
 
+    @property
+    def own_code(self) -> bool:
+        """False if a user's class takes part: its name does not identify its code."""
+        nodes, kinds = [self.treedef], set()
+        while nodes:
+            node = nodes.pop()
+            nodes += node.children()
+            kinds |= {data[0] for data in (node.node_data(),) if data is not None}
+        named = {value for leaf in self.static for value in leaf or () if callable(value)}
+        return all(
+            one.__module__.partition(".")[0] in ("famjax", "fitting", "builtins")
+            for one in kinds | named
+        )
+
     def filled(self, arrays: Sequence[Array]) -> tuple[Any, MapInputs]:
         """Build family and inputs from arrays."""
         given = iter(arrays)
@@ -162,7 +203,7 @@ def form_of(part: Part, size: int) -> tuple[Form, list[np.ndarray]]:
 def _padded(at: MapInputs, size: int) -> MapInputs:
     """Repeat the last reading and path up to a size that many maps share."""
     extra, paths = size - at.length.size, at.path_end.size
-    more = 0 if paths <= 2 else bucket(paths, 4) - paths
+    more = bucket(paths, 2 if paths <= 2 else 4) - paths
 
     def longer(values: np.ndarray, by: int) -> np.ndarray:
         return np.concatenate([values, np.repeat(values[-1:], by, axis=0)]) if by else values
@@ -300,8 +341,6 @@ def linear_program(
     forms: tuple[Form, ...],
     constraint: Constraint,
     sizes: Sizes,
-    *,
-    shared: bool = False,
 ) -> Any:
     """Compile the linear model of a structure for several fits at once.
 
@@ -309,8 +348,6 @@ def linear_program(
         forms: forms of the groups of parts.
         constraint: constraint on the coefficients.
         sizes: sizes of the padded problem.
-        shared: true for the program that famjax's families share, whose trace is stored. A program with
-            a user's class is not stored, because the name of a class does not identify its code.
     """
 
     def one(
@@ -332,7 +369,7 @@ def linear_program(
 
     axes: Any = tuple(Group(cast(Any, None), *cast(Any, (0, 0, 0))) for _ in forms)
     many = jax.vmap(one, in_axes=(axes, 0, 0, 0))
-    if not shared:
+    if not all(form.own_code for form in forms):
         return jax.jit(many, compiler_options=bulk_options())
     like = Linear(*range(4)), Linear(*range(4))
     return kept(many, f"linear {forms} {constraint} {sizes}", like)
@@ -415,4 +452,6 @@ def report_program(form: Form) -> Any:
     def one(arrays: list[Array], p: Array, x: Array, reached: Array) -> Report:
         return report(*form.filled(arrays), p, x, reached)
 
-    return jax.jit(one, compiler_options=quick_options())
+    if not form.own_code:
+        return jax.jit(one, compiler_options=quick_options())
+    return kept(one, f"report {form}", Report(*range(len(Report._fields))), quick_options())

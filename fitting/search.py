@@ -230,8 +230,9 @@ def _descents(
 
     while going.size:
         mine = members[going]
+        near = [None if at[k] is None else (at[k], r[k] + J[k] @ (trial[k] - u[k])) for k in going]
         found: list[tuple[Chunk, int]] = batch.evaluate(
-            mine, batch.parameters(mine, trial[going]), at[going].tolist(), tolerance**0.5
+            mine, batch.parameters(mine, trial[going]), near, tolerance**0.5
         )
         value, slope = batch.residual_and_jacobian(mine, found)
         first, new = steps[going] == 0, _squares(value)
